@@ -19,7 +19,7 @@ from observer.effects.catalogue import Effect, effect_class
 from observer.errors import ConfigError, raise_all
 from observer.tables import quantities
 from observer.tables.candidates import MOST_PLACES, SensorCandidate, candidate_problems
-from observer.tables.estimator import EstimatorSettings, ForecastSettings, Integrity, Tolerance
+from observer.tables.estimator import EstimatorSettings, ForecastSettings, Integrity, Probing, Tolerance
 from observer.tables.logs import Logs
 from observer.tables.mounting import Compensation
 from observer.tables.quantities import Section
@@ -114,7 +114,9 @@ class ChannelLimits(Section):
         return self
 
 
-_BESIDE_THE_MODEL = {"machine", "candidate", "calibrate", "discover", "compensation", "forecast", "log"}
+_BESIDE_THE_MODEL = {
+    "machine", "candidate", "calibrate", "discover", "compensation", "forecast", "log", "probing",
+}  # fmt: skip
 
 
 class Config(Description):
@@ -126,6 +128,7 @@ class Config(Description):
     model: Model = Model()
     tolerance: Tolerance = Tolerance()
     integrity: Integrity = Integrity()
+    probing: Probing = Probing()
     estimator: EstimatorSettings = EstimatorSettings()
     calibrate: Calibrate = Calibrate()
     discover: Discover = Discover()
@@ -146,6 +149,7 @@ class Config(Description):
             *_beyond_the_screw(self),
             *_too_much_work(self),
             *_growth_unknown(self),
+            *_displacements(self),
             *_names_twice(self),
             *_heats_unknown(self),
             *_limits_unknown(self),
@@ -171,6 +175,11 @@ class Config(Description):
         names.append(self.surface.speed_channel)  # type: ignore[arg-type]
         names += [channel for effect in self.effect for channel in effect.channels]
         return tuple(dict.fromkeys(n for n in names if n is not None))
+
+    @property
+    def needs_um(self) -> float | None:
+        """How well the part needs the thermal error to be known; None where nothing is said."""
+        return self.probing.needs_um or self.integrity.limit_um
 
     @property
     def sample_s(self) -> dict[str, float]:
@@ -244,10 +253,12 @@ def _too_much_work(config: Config) -> Iterator[str]:
 
 
 def _growth_unknown(config: Config) -> Iterator[str]:
+    moved = [s.name for s in config.sensor if s.kind == "displacement"]
     wanted = (
         ("supports", config.supports is not None),
         ("bed", config.bed is not None),
         ("compensation", config.compensation.enabled),
+        *((f"sensor {name}: a displacement", True) for name in moved),
     )
     for name, there in wanted:
         if there and config.screw.expansion_1_K is None:
@@ -262,6 +273,22 @@ def _growth_unknown(config: Config) -> Iterator[str]:
     positions_m = config.output.positions_m or ()
     if any(b <= a for a, b in itertools.pairwise(positions_m)):
         yield "output: positions_m must increase; sort them"
+
+
+def _displacements(config: Config) -> Iterator[str]:
+    moved = [s.name for s in config.sensor if s.kind == "displacement"]
+    if not moved:
+        return
+    if len(moved) == len(config.sensor):
+        yield (
+            f"sensor {moved[0]}: no sensor measures a temperature, from which an estimate starts; add a "
+            "thermocouple, on a node if none fits on the screw"
+        )
+    if not config.estimator.screens:
+        yield (
+            f'sensor {moved[0]}: a displacement needs estimator.kind = "kalman" with engine = "compiled"; '
+            "choose these, or remove the sensor"
+        )
 
 
 def _names_twice(config: Config) -> Iterator[str]:

@@ -30,6 +30,7 @@ from observer.live.forecasting import Forecaster, is_wanted
 from observer.live.loop import Service
 from observer.live.loop import serve as serve_parts
 from observer.live.observers import AlarmObserver, CompensationObserver, Keeper, StepObserver, carried, stored
+from observer.live.probing import ProbingAdvisor, is_advised
 from observer.live.renewal import Renewal, Renewals, carried_over
 from observer.live.trial import AdoptionTrial
 from observer.live.wires import take_short_turns
@@ -142,7 +143,9 @@ def _service(
     if pipeline.gap is not None and gap is not None:
         pipeline.gap.restore(gap)
     publisher = _publisher(ready, instance, path)
-    publish = {key: partial(publisher.document, key) for key in ("alarms", "compensation", "forecast")}
+    publish = {
+        key: partial(publisher.document, key) for key in ("alarms", "compensation", "forecast", "probing")
+    }
     observers: list[StepObserver] = []
     if config.compensation.enabled:
         held = None if start is None else start.compensation
@@ -168,6 +171,8 @@ def _service(
         observers.append(AlarmObserver(desk, publish["alarms"], air, instance))
     if is_wanted(machine):
         observers.append(Forecaster(machine, instance, publish["forecast"]))
+    if is_advised(config):
+        observers.append(ProbingAdvisor(config, machine.plant, instance, publish["probing"]))
     return Service(
         drivers=tuple(settings.open(key) for key, settings in config.drivers.items()),
         plan=machine.plan,
@@ -217,6 +222,7 @@ def _publisher(ready: _Ready, instance: str, path: Path | None) -> ZenohPublishe
         instance,
         compensates=config.compensation.enabled,
         forecasts=forecasts,
+        probes=is_advised(config),
         outlet=None if start is None else Feed(start, in_force.encode()),
         past=None if folder is None else Archivist(in_force.encode(), folder),
     )

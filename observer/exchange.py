@@ -75,7 +75,7 @@ class Key:
     encoding: str = JSON_ENCODING
     asked: str | None = None
     retained: bool = False
-    needs: Literal["expansion", "learned", "compensation", "forecast"] | None = None
+    needs: Literal["expansion", "learned", "compensation", "forecast", "probing"] | None = None
     rated: bool = False
     page_every_s: float = 0.0
     panel: bool = False
@@ -214,6 +214,26 @@ KEYS = {
             KeyFigure(
                 "settled_at_s", "When it will have settled.", "forecast_settled_timestamp_seconds",
                 "Forecast/SettledAt_s",
+            ),
+        ),
+    ),
+    "probing": Key(
+        "JSON: whether to [probe now](../how-to/probe.md#probe-now), `probe_now`, for the thermal error is "
+        "known to `within_um` at worst where the part needs `needs_um`; a probing would leave `after_um`",
+        "every 10 s, with a displacement sensor and what the part needs",
+        asked=_LAST,
+        retained=True,
+        needs="probing",
+        rated=True,
+        figures=(
+            KeyFigure("probe_now", "Whether to probe now.", node="Probing/ProbeNow"),
+            KeyFigure(
+                "within_um", "What the error is known to.", "error_within_meters", "Probing/Within_um",
+                factor=1e-6,
+            ),
+            KeyFigure(
+                "after_um", "And after a probing.", "error_after_probing_meters", "Probing/After_um",
+                factor=1e-6,
             ),
         ),
     ),

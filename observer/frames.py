@@ -214,13 +214,21 @@ _KINDS = [_SMALL.get(name, np.float64) for name in Inputs._fields]
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What the columns of an estimate are: names of the estimated sources, grid, sensors, what is learnt."""
+    """What the columns of an estimate are: names of the estimated sources, grid, sensors, what is learnt;
+    which sensors measure `displacements`: their innovations are in µm.
+    """
 
     sources: tuple[str, ...]
     position_m: FloatArray
     sensors: tuple[str, ...]
     has_error: bool
     learned: tuple[str, ...] = ()
+    displacements: tuple[str, ...] = ()
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The unit of each sensor's innovation, K or um."""
+        return tuple("um" if name in self.displacements else "K" for name in self.sensors)
 
     def along(self, **tables: FloatArray) -> dict[str, FloatArray]:
         """Return values (K, g) along the screw as columns, place by place: of `field__degC`, those called
@@ -239,12 +247,13 @@ class EstimateBlock(_Cut):
 
     Shapes, with m_e estimated sources, g grid points, s sensors: `heat_W`, `heat_sigma_W` (K, m_e);
     `field_degC`, `field_sigma_K` (K, g); `error_um`, `error_sigma_um` (K, g), or (K, 0) without an
-    expansion coefficient; `innovation_K` (K, s) and its standard deviation `innovation_sigma_K`, NaN where no
-    value arrived; `sensor_quality` (K, s); `quality` (K,), of type `EstimateQuality`; `law_W` (K, m_e), each
-    heat by its law at the temperature of the moment; `learned`, `learned_sigma` (K, l), what has been learnt
-    of the machine, in the units of its names; `heat_bound_W` (K, m_e), `field_bound_K` (K, g) and
-    `error_bound_um` like the error, what each is not off by more than (see `observer.estimators.bank`), NaN
-    where no bound is known, as everywhere in a block that is made without them.
+    expansion coefficient; `innovation_K` (K, s), of a displacement in µm, and its standard deviation
+    `innovation_sigma_K`, NaN where no value arrived; `sensor_quality` (K, s); `quality` (K,), of type
+    `EstimateQuality`; `law_W` (K, m_e), each heat by its law at the temperature of the moment; `learned`,
+    `learned_sigma` (K, l), what has been learnt of the machine, in the units of its names; `heat_bound_W`
+    (K, m_e), `field_bound_K` (K, g) and `error_bound_um` like the error, what each is not off by more than
+    (see `observer.estimators.bank`), NaN where no bound is known, as everywhere in a block that is made
+    without them.
     """
 
     time_s: FloatArray

@@ -47,9 +47,10 @@ class Position:
 class AlignPlan:
     """What is expected of the channels.
 
-    `period_s` is the tick's; `expected_s` (c,) each channel's own, NaN where it is learned from what comes;
-    `noise_K` (c,) that of thermocouples, NaN elsewhere; `positions` those whose path is kept; `limits` what
-    is believed. `log_s` (c,) the channels' own periods in logs that others wrote, NaN where learnt.
+    `period_s` is the tick's; `expected_s` (c,) each channel's own, NaN where it is learned from what comes,
+    infinite where it comes only now and then; `noise_K` (c,) that of thermocouples, NaN elsewhere;
+    `positions` those whose path is kept; `limits` what is believed. `log_s` (c,) the channels' own periods in
+    logs that others wrote, NaN where learnt.
     """
 
     channels: tuple[str, ...]
@@ -64,8 +65,9 @@ class AlignPlan:
     def of(cls, config: Config) -> AlignPlan:
         """The plan of a configuration."""
         channels = config.channels
-        periods = config.sample_s
-        noise_K = {sensor.channel: sensor.noise_K for sensor in config.sensor}
+        never = {s.channel: math.inf for s in config.sensor if s.occasional}
+        periods = config.sample_s | never
+        noise_K = {s.channel: s.noise_K for s in config.sensor if s.kind == "temperature"}
         return cls(
             channels,
             tuple(_positions(config).values()),

@@ -73,13 +73,17 @@ def expected_cells(time_s: FloatArray, there: BoolArray, interval_s: float) -> B
 
 
 def given_intervals_s(config: Config) -> FloatArray:
-    """What `[log] sensor_period_s` says of each channel (c,), NaN where it says nothing."""
-    given, of_sensor = config.log.sensor_period_s, {s.channel: s.name for s in config.sensor}
-    if given is None:
-        return np.full(len(config.channels), np.nan)
-    if isinstance(given, float):
-        return np.array([given if name in of_sensor else np.nan for name in config.channels])
-    return np.array([given.get(of_sensor.get(name, ""), np.nan) for name in config.channels])
+    """What `[log] sensor_period_s` says of each channel (c,), NaN where it says nothing; infinite of an
+    occasional one.
+    """
+    given, of_channel = config.log.sensor_period_s, {s.channel: s for s in config.sensor}
+    found_s = np.full(len(config.channels), np.nan)
+    for j, name in enumerate(config.channels):
+        if (sensor := of_channel.get(name)) is not None and sensor.occasional:
+            found_s[j] = np.inf
+        elif sensor is not None and given is not None:
+            found_s[j] = given if isinstance(given, float) else given.get(sensor.name, np.nan)
+    return found_s
 
 
 def doubt_of_times(log: Log, config: Config) -> str | None:
@@ -92,7 +96,7 @@ def doubt_of_times(log: Log, config: Config) -> str | None:
     taken = [
         _scale_s(log, log.values[:, log.channels.index(s.channel)], MOVED * s.noise_K)
         for s in config.sensor
-        if s.channel in log.channels
+        if s.channel in log.channels and s.kind == "temperature"
     ]
     known = [each for each in taken if np.isfinite(each)]
     if not known or min(known) < SLOWEST_S:

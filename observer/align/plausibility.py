@@ -39,6 +39,7 @@ class ChannelKind(Enum):
     END = "temperature of an end"
     AMBIENT = "ambient temperature"
     POSITION = "position of a nut"
+    DISPLACEMENT = "displacement"
     SPEED = "speed"
     OTHER = "other"
 
@@ -80,14 +81,14 @@ class Limits:
         """The limits of a configuration's channels, in their order."""
         kinds = kinds_of(config)
         rows = [_limits(config, channel, kinds[channel]) for channel in config.channels]
-        noise_K = {s.channel: s.noise_K for s in config.sensor}
+        noise = {s.channel: s.noise / s.channel_scale for s in config.sensor}
         strokes = {s.position_channel: s.stroke_m for s in config.source if s.stroke_m}
         low, high, rate, above, below = np.array(rows, dtype=float).T
         ambient = config.ambient.channel
         return cls(
             tuple(kinds[channel] for channel in config.channels),
             low, high, rate, above, below,
-            np.array([10.0 * noise_K.get(channel, 0.0) for channel in config.channels]),
+            np.array([10.0 * noise.get(channel, 0.0) for channel in config.channels]),
             np.array([strokes.get(c, row[:2]) for c, row in zip(config.channels, rows, strict=True)]),
             -1 if ambient is None else config.channels.index(ambient),
             math.nan if config.ambient.temperature_degC is None else config.ambient.temperature_degC,
@@ -139,7 +140,10 @@ def kinds_of(config: Config) -> Mapping[str, ChannelKind]:
         kinds[config.ambient.channel] = ChannelKind.AMBIENT
     if config.bed is not None and config.bed.channel is not None:
         kinds[config.bed.channel] = ChannelKind.NODE
-    return kinds | {s.channel: ChannelKind.NODE if s.on else ChannelKind.SCREW for s in config.sensor}
+    for sensor in config.sensor:
+        of_node = ChannelKind.NODE if sensor.on else ChannelKind.SCREW
+        kinds[sensor.channel] = ChannelKind.DISPLACEMENT if sensor.kind == "displacement" else of_node
+    return kinds
 
 
 def _limits(config: Config, channel: str, kind: ChannelKind) -> tuple[float, ...]:
@@ -149,6 +153,7 @@ def _limits(config: Config, channel: str, kind: ChannelKind) -> tuple[float, ...
         ChannelKind.AMBIENT: AMBIENT_RANGE_DEGC,
         ChannelKind.POSITION: (-BEYOND_ENDS * length_m, (1.0 + BEYOND_ENDS) * length_m),
         ChannelKind.SPEED: (-most_rpm, most_rpm),
+        ChannelKind.DISPLACEMENT: _grown(config, channel),
         ChannelKind.OTHER: (-math.inf, math.inf),
     }.get(kind, SCREW_RANGE_DEGC)
     rate = RATE_K_S if kind in {ChannelKind.SCREW, ChannelKind.NODE} else math.inf
@@ -160,6 +165,14 @@ def _limits(config: Config, channel: str, kind: ChannelKind) -> tuple[float, ...
         return default
     stated = (own.low, own.high, own.rate_per_s, own.above_ambient_K, own.below_ambient_K)
     return tuple(d if s is None else s for s, d in zip(stated, default, strict=True))
+
+
+def _grown(config: Config, channel: str) -> tuple[float, float]:
+    """How far a screw grows or shrinks between the limits of its temperature, in a displacement's unit."""
+    own = [1e-6 * s.channel_scale for s in config.sensor if s.channel == channel and s.kind == "displacement"]
+    least_degC, most_degC = SCREW_RANGE_DEGC
+    most_m = (config.screw.expansion_1_K or 0.0) * config.screw.length_m * (most_degC - least_degC)
+    return (-most_m / own[0], most_m / own[0]) if own else (-math.inf, math.inf)
 
 
 Unit = tuple[str, Callable[[float], float]]

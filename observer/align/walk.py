@@ -78,7 +78,8 @@ def nothing_yet(plan: Expected, last_tick_s: float = math.nan) -> Memory:
         value=unknown(),
         seen_s=unknown(),
         gap_s=unknown(),
-        newest=np.full(c, Quality.MISSING, np.int8),
+        # what comes only now and then is not missing before it came first
+        newest=np.where(np.isinf(plan.expected_s), Quality.GOOD, Quality.MISSING).astype(np.int8),
         arrived=np.zeros(c, np.bool_),
         stuck=np.zeros(c, np.bool_),
         breach=np.zeros(c, np.int8),

@@ -25,7 +25,7 @@ from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.discovery.worth import Worth, worth_of
 from observer.errors import ConfigError, LogError
 from observer.fit.hypothesis import Fit
-from observer.fit.parameters import free_keys, lawless
+from observer.fit.parameters import free_keys, lawless, thermal_only
 from observer.fit.problem import Problem
 from observer.fit.runs import LEAST_S, prepare_all
 from observer.frames import FrameBlock
@@ -64,8 +64,10 @@ def discover(
 
     `progress(what, part done)` is called as the work goes on; the `pool` does not change the result.
     `corrected` are log faults that have been corrected in the runs.
+    Displacement sensors are left out: no effect here is theirs.
     Raises `ConfigError` where nothing may be calibrated, `LogError` where the logs hold nothing to compare.
     """
+    config = thermal_only(config)
     keys = free_keys(config)
     if all(source.law is None for source in config.source):
         raise ConfigError(f"source: {lawless(config)}")

@@ -129,7 +129,7 @@ def missing_excitation(config: Config, runs: Sequence[Run], courses: Sequence[Co
     if longest_s < TELLING_S:
         out.append(f"the longest log lasts {longest_s / 60:.0f} min, and {TELLING_S / 60:.0f} min are needed")
     rise = max(float(np.nanmax(np.abs(r.measured_degC - r.start_degC), initial=0.0)) for r in runs)
-    least_K = WARM_SIGMA * max(s.noise_K for s in config.sensor)
+    least_K = WARM_SIGMA * max(s.noise for s in config.sensor)
     if rise < least_K:
         out.append(f"no sensor moves by more than {rise:.2f} K, and {least_K:.1f} K are needed")
     turning = any(s.speed_channel is not None for s in config.source)

@@ -58,9 +58,12 @@ def _interval(value: float, low: float, high: float, unit: str) -> dict[str, Any
 
 
 def _error(error: ErrorRms | SensorError) -> dict[str, Any]:
-    """Root mean squares of the error, in K."""
+    """Root mean squares of the error, in K, or in µm of a displacement."""
+    unit = error.unit if isinstance(error, ErrorRms) else "K"
     out: dict[str, Any] = {
-        key: rounded(value) for key, value in asdict(error).items() if key.endswith("_rms_K")
+        f"{key.removesuffix('K')}{unit}": rounded(value)
+        for key, value in asdict(error).items()
+        if key.endswith("_rms_K")
     }
     if isinstance(error, SensorError):
         before_K, after_K = map(rounded, error.beyond_tolerances_K)

@@ -48,7 +48,7 @@ class OpenLoop:
 
     def _begin(self, inputs: Inputs) -> FloatArray:
         plant, law_W, z = self._plant, inputs.law_W[0], inputs.z_end[0]
-        y = np.where(inputs.usable[0], inputs.y_degC[0], np.nan)
+        y = np.where(inputs.usable[0] & plant.thermal, inputs.y_degC[0], np.nan)
         if self._start_degC is None and np.isfinite(y).any():
             return start_from_sensors(plant, y, plant.noise_R_K2, law_W, z)
         temperature_degC = float(z[plant.known.ambient]) if self._start_degC is None else self._start_degC
@@ -57,7 +57,7 @@ class OpenLoop:
 
 
 def gap_K(plant: Plant, inputs: Inputs, rows: FloatArray) -> FloatArray:
-    """How far each usable reading (K, s) is from its prediction, NaN where there is none."""
+    """How far each usable reading (K, s) is from its prediction, in K or µm, NaN where there is none."""
     return np.where(inputs.usable, inputs.y_degC - rows[:, plant.rows.sensor_slice], np.nan)
 
 
@@ -78,6 +78,15 @@ class OpenLoopGap:
 
     @property
     def rms_K(self) -> dict[str, float | None]:
-        """The gap by sensor so far, None where there is none."""
-        sums = zip(self._plant.layout.sensors, self._squares_K2, self._count, strict=True)
-        return {name: math.sqrt(s / n) if n else None for name, s, n in sums}
+        """The gap by thermocouple so far, None where there is none."""
+        return self._rms("K")
+
+    @property
+    def rms_um(self) -> dict[str, float | None]:
+        """The gap by displacement sensor so far, None where there is none."""
+        return self._rms("um")
+
+    def _rms(self, unit: str) -> dict[str, float | None]:
+        layout = self._plant.layout
+        sums = zip(layout.sensors, layout.units, self._squares_K2, self._count, strict=True)
+        return {name: math.sqrt(s / n) if n else None for name, own, s, n in sums if own == unit}

@@ -9,6 +9,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 from observer.align.aligner import AlignPlan
 from observer.align.walk import OfFrame
 from observer.config import Config
+from observer.errors import ConfigError
 from observer.estimators import build_estimator
 from observer.estimators.by_block import BlockEstimator
 from observer.estimators.live import LiveEstimator, LiveSelfTest
@@ -286,5 +287,14 @@ class MachineModel:
         return None if self._tolerant is None else GapWatch(self._tolerant, self.plant.layout.sensors)
 
     def pipeline(self, estimator: Estimator | None = None) -> Pipeline[Any]:
-        """Frames in, estimates out, of the quality that they earn; by another estimator if one is given."""
+        """Frames in, estimates out, of the quality that they earn; by another estimator if one is given.
+
+        Raises `ConfigError` where a displacement is no linear function of the state.
+        """
+        restraint, moved = self.plant.rows.restraint, self.plant.layout.displacements
+        if moved and restraint is not None and not restraint.linear:
+            raise ConfigError(
+                f"sensor {moved[0]}: with supports.gap_m a displacement bends where the play closes, "
+                "which no estimator here follows; calibrate with it; to estimate, remove sensor or play"
+            )
         return Pipeline(self.drive, estimator or self.estimator(), self.self_test(), self.gap())

@@ -87,7 +87,7 @@ def _summary(layout: Layout, counts: list[tuple[Any, ...]], duration_s: float) -
     totals: list[Any] = [sum(column) for column in zip(*counts, strict=True)]
     rows, quality, sensor_quality, heats, heat_W, values, sum_K, squares_K2 = totals
     bias_K, squares_K2 = _mean(sum_K, values), _mean(squares_K2, values)
-    sensors = zip(layout.sensors, squares_K2, bias_K, sensor_quality, strict=True)
+    sensors = zip(layout.sensors, layout.units, squares_K2, bias_K, sensor_quality, strict=True)
     return {
         "rows": rows,
         "duration_s": duration_s,
@@ -95,11 +95,11 @@ def _summary(layout: Layout, counts: list[tuple[Any, ...]], duration_s: float) -
         "heat_mean_W": dict(zip(layout.sources, _mean(heat_W, heats), strict=True)),
         "sensors": {
             name: {
-                "innovation_rms_K": None if square is None else square**0.5,
-                "innovation_bias_K": bias,
+                f"innovation_rms_{unit}": None if square is None else square**0.5,
+                f"innovation_bias_{unit}": bias,
                 "quality": {q.label: int(n) for q, n in zip(Quality, codes, strict=True)},
             }
-            for name, square, bias, codes in sensors
+            for name, unit, square, bias, codes in sensors
         },
     }
 
@@ -131,8 +131,8 @@ def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
             error__sigma_um=block.error_sigma_um,
             error__bound_um=block.error_bound_um,
         )
-    for j, name in enumerate(layout.sensors):
-        columns[f"innovation_{name}_K"] = block.innovation_K[:, j]
+    for j, (name, unit) in enumerate(zip(layout.sensors, layout.units, strict=True)):
+        columns[f"innovation_{name}_{unit}"] = block.innovation_K[:, j]
         columns[f"quality_{name}"] = _SENSOR_LABELS[block.sensor_quality[:, j]]
     for j, name in enumerate(layout.learned):
         columns[f"learned_{name}"] = block.learned[:, j]
@@ -264,9 +264,23 @@ def simulated_columns(
     """Return the columns of a simulated log: sensors, inputs, heats, field, thermal error."""
     meaning, layout = plant.rows, plant.layout
     sensors = {s.channel for s in config.sensor}
-    columns = {s.channel: rows[:, i] for i, s in enumerate(config.sensor)}
+    columns = {s.channel: rows[:, i] / s.channel_scale for i, s in enumerate(config.sensor)}
     at = np.searchsorted(log.time_s, time_s)
+    columns |= _displacements(config, plant, rows)
     columns |= {c: log.values[at, i] for i, c in enumerate(log.channels) if c not in sensors}
     columns |= {f"heat_{name}_W": law_W[:, j] for j, name in enumerate(plant.source_names)}
     columns |= layout.along(field__degC=rows[:, meaning.field_slice])
     return columns | (layout.along(error__um=meaning.error_um(rows)) if layout.has_error else {})
+
+
+def _displacements(config: Config, plant: Plant, rows: FloatArray) -> dict[str, FloatArray]:
+    """What displacement sensors read where a support has play: their own rows are those of a held screw."""
+    restraint = plant.rows.restraint
+    if restraint is None or restraint.linear:
+        return {}
+    error_um, grid_m = plant.rows.error_um(rows), plant.layout.position_m
+    moved = {s.channel: s for s in config.sensor if s.kind == "displacement"}
+    return {
+        name: np.array([np.interp(s.position_m or 0.0, grid_m, row) for row in error_um]) / s.channel_scale
+        for name, s in moved.items()
+    }

@@ -97,8 +97,13 @@ class Design:
     walk_K2_s: float
 
     @classmethod
-    def of(cls, sensors: int, settings: Integrity) -> Design:
-        """The bank of so many sensors."""
+    def of(cls, thermal: BoolArray, settings: Integrity) -> Design:
+        """The bank of sensors (s,), of which `thermal` are thermocouples.
+
+        The others are used by every filter but the last: a probing cycle checks itself, and the bounds do not
+        reckon with its faults.
+        """
+        sensors = len(thermal)
         pairs = list(combinations(range(sensors), 2)) if sensors * (sensors - 1) // 2 <= _MOST_PAIRS else []
         uses = np.ones((3 + sensors + len(pairs), sensors), np.uint8)
         uses[-1] = 0
@@ -108,6 +113,7 @@ class Design:
         for at, (i, j) in enumerate(pairs, 2 + sensors):
             uses[at, [i, j]] = 0
             pair[i, j] = pair[j, i] = at
+        uses[:-1, ~thermal] = 1
         sigmas = [_sigmas(sensors * settings.fault_per_hour)] * sensors
         clean = alone
         if settings.common_fault_per_hour > RISK_PER_H:
@@ -132,7 +138,7 @@ class Bank:
         """Allocate it for a plant."""
         self._plant_record, self._steps = plant_record, steps
         s, wide = plant.rows.sensors, len(plant.rows.C) - plant.rows.sensors
-        self.design = Design.of(s, settings)
+        self.design = Design.of(plant.thermal, settings)
         self._allows = plant.learnt > 0  # else the model is taken as exact, and no difference is trusted
         initial = packing.initial_state(plant)
         F = len(self.design.uses)

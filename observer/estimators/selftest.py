@@ -62,7 +62,7 @@ class Finding:
     `value` is in the unit of the fault: a mean in σ, a correlation, a ratio to the expected noise, the
     innovation in K, a heat in W, a ratio of ways, a leap in m, what a sensor reads too much in K;
     `expected` is what it is held against, or the σ of the last. `other` is the sensor with which this one was
-    exchanged.
+    exchanged. `unit` is that of a reading, um where it is a displacement.
     """
 
     fault: Fault
@@ -71,6 +71,7 @@ class Finding:
     value: float
     expected: float
     other: str = ""
+    unit: str = "K"
 
 
 class SelfTestState(NamedTuple):
@@ -140,6 +141,7 @@ class SelfTest:
         )
         self.trust_record = record(packed(trust))
         self._sensors, self._sources = plant.layout.sensors, plant.layout.sources
+        self._unit = dict(zip(self._sensors, plant.layout.units, strict=True))
         self.strokes_m = {s.channel: s.table.stroke_m for s in plant.moving}
 
     def initial(self) -> SelfTestState:
@@ -209,8 +211,9 @@ class SelfTest:
     def _finding(self, state: SelfTestState, test: int, since_s: FloatArray) -> Finding:
         fault, subject = self._meaning(test)
         return Finding(
-            fault, subject, float(since_s[test]), float(state.value[test]), float(state.expected[test])
-        )
+            fault, subject, float(since_s[test]), float(state.value[test]), float(state.expected[test]),
+            unit=self._unit.get(subject, "K") if fault is Fault.REFUSED else "K",
+        )  # fmt: skip
 
     def _meaning(self, test: int) -> tuple[Fault, str]:
         s, m_e = len(self._sensors), len(self._sources)
@@ -247,15 +250,14 @@ def screening_history(layout: Layout, state: EstimatorState) -> tuple[tuple[Find
 
 def _of_all(layout: Layout, state: EstimatorState, *, now: bool) -> list[tuple[Finding, int]]:
     found = []
-    for name, own in zip(layout.sensors, state.guard, strict=False):
+    for name, unit, own in zip(layout.sensors, layout.units, state.guard, strict=False):
         if own[of.CAUSE] if now else own[of.STEPS]:
             fault, other = Fault.EXCLUDED, ""
             if own[of.CAUSE] == of.SWAPPED:
                 fault, other = Fault.SWAPPED, layout.sensors[int(own[of.OTHER])]
-            excess_K, sigma_K = float(own[of.EXCESS_K]), float(own[of.EXCESS_SIGMA_K])
-            found.append(
-                (Finding(fault, name, float(own[of.FIRST_S]), excess_K, sigma_K, other), int(own[of.STEPS]))
-            )
+            excess, sigma = float(own[of.EXCESS_K]), float(own[of.EXCESS_SIGMA_K])
+            finding = Finding(fault, name, float(own[of.FIRST_S]), excess, sigma, other, unit)
+            found.append((finding, int(own[of.STEPS])))
     verdict = state.verdict
     if verdict[of.COMMON_K]:
         finding = Finding(

@@ -109,7 +109,7 @@ class Tolerant:
         A machine that stands, and is as warm as the air as far as is known, has one temperature.
         """
         plant, n_x, s = self._plant, len(state.x), self._plant.rows.sensors
-        seen = u.usable[0] & np.isfinite(u.y_degC[0])
+        seen = u.usable[0] & np.isfinite(u.y_degC[0]) & plant.thermal
         y_degC, air_degC = u.y_degC[0][seen], float(u.z_end[0, plant.known.ambient])
         P = np.zeros_like(state.P)
         P[n_x:, n_x:] = state.P[n_x:, n_x:]
@@ -137,7 +137,7 @@ class Tolerant:
         """
         theta, P = self._theta, state.P[len(state.x) :, len(state.x) :]
         air = self.parameters(Nuisance.AMBIENT)
-        seen = np.flatnonzero(u.usable[0])
+        seen = np.flatnonzero(u.usable[0] & self._plant.thermal)
         if not self._theta.rests or u.law_W.any() or not len(air) or not len(seen):
             return False
         offset_K = (
@@ -177,7 +177,7 @@ class Tolerant:
         H = self._seen(u, x)
         shift = rows[0] + C @ (x - after)
         gap_K = self._gap(u, before, shift, x, now.theta)
-        rise_K = shift[: plant.rows.sensors] - u.z_end[0, plant.known.ambient]
+        rise_K = shift[: plant.rows.sensors] - np.where(plant.thermal, u.z_end[0, plant.known.ambient], 0.0)
         R = plant.noise_R_K2 + MODEL_K**2 + (MODEL_SHARE * rise_K) ** 2
         allowed_K = np.sqrt(np.einsum("ia,ab,ib->i", H, now.P, H) + R)
         gap = ModelGap(gap_K, allowed_K, rise_K)
@@ -188,7 +188,7 @@ class Tolerant:
     ) -> FloatArray:
         s = self._plant.rows.sensors
         said = 0.5 * (before[:s] + after[:s]) + self._of_sensors(x) @ theta
-        return np.where(u.usable[0], u.y_degC[0] - said, np.nan)
+        return np.where(u.usable[0] & self._plant.thermal, u.y_degC[0] - said, np.nan)
 
     def _of_sensors(self, x: FloatArray) -> FloatArray:
         """What the parameters of sensors add to readings, (s, t)."""

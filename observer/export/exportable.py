@@ -33,6 +33,11 @@ def refuse_unexportable(config: Config, plant: Plant | None = None, drive: Drive
                         f'effect "{effect.kind}" {why}, and the export has constant matrices; remove it, or '
                         "replace it by its mean, such as surface.convection_W_m2K at the usual speed"
                     )
+    if any(sensor.kind == "displacement" for sensor in config.sensor):
+        raise ConfigError(
+            "a displacement comes now and then, and the export has constant gains for thermocouples; remove "
+            'the sensors of kind = "displacement"'
+        )
     if config.surface.speed_channel is not None:
         raise ConfigError(
             "surface.speed_channel changes the loss with the speed, and the export has constant matrices; "

@@ -132,10 +132,13 @@ class FittedParameter(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ErrorRms:
-    """Root mean square of measurement minus open-loop prediction, 30 s means, in K."""
+    """Root mean square of measurement minus open-loop prediction, 30 s means, in K, and in µm of a
+    displacement sensor.
+    """
 
     before_rms_K: float
     after_rms_K: float
+    unit: str = "K"
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +182,7 @@ def calibrate(
         progress(evaluations, _rms(np.vstack(_missed(prepared, predicted))))
 
     forward = Forward(config, prepared, watch, by_row=True)
-    noise_K = np.array([s.noise_K for s in config.sensor])
+    noise_K = np.array([s.noise for s in config.sensor])
     evidence = gather(forward.runs, noise_K, proves=False)
     whole = Problem(config, keys, forward, evidence, within=calibration_tolerances)
     white = replace(whole, evidence=replace(evidence, groups=()))
@@ -229,11 +232,12 @@ def _errors(
 ) -> tuple[ErrorRms, dict[str, ErrorRms]]:
     before, after = np.vstack(before_K), np.vstack(after_K)
     per_sensor = {
-        s.name: ErrorRms(_rms(before[:, i]), _rms(after[:, i]))
+        s.name: ErrorRms(_rms(before[:, i]), _rms(after[:, i]), s.unit)
         for i, s in enumerate(config.sensor)
         if np.isfinite(before[:, i]).any()
     }
-    return ErrorRms(_rms(before), _rms(after)), per_sensor
+    thermal = [s.kind == "temperature" for s in config.sensor]
+    return ErrorRms(_rms(before[:, thermal]), _rms(after[:, thermal])), per_sensor
 
 
 def _rms(residual_K: FloatArray) -> float:

@@ -161,9 +161,12 @@ def resolution(runs: Sequence[SteppedRun], sensors: int) -> FloatArray:
 
 
 def _full(count: FloatArray) -> NDArray[np.bool_]:
-    """Which means have at least half of the median number of values."""
+    """Which means (b, s) have at least half of the median number of values, or of the most that a sensor has
+    which comes rarely.
+    """
     usual = np.median(count[count > 0]) if (count > 0).any() else 1.0
-    return np.asarray(count >= 0.5 * usual)
+    most = np.maximum(count.max(axis=0, initial=0.0), 1.0)
+    return np.asarray(count >= 0.5 * np.minimum(usual, most))
 
 
 def _folds(time_s: FloatArray, end_s: float, run: int, runs: int) -> NDArray[np.int64]:

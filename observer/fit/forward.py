@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.effects.terms import Body
+from observer.fit.bend import Bend, unbent
 from observer.fit.runs import Run, mean_over
 from observer.fit.steps import Cache, SteppedRun, driving
 from observer.frames import FloatArray, Inputs
@@ -36,7 +37,7 @@ WANDERS = 0.7
 MOST_KEPT = 8
 PREDICTS = {
     "screw", "surface", "ambient", "boundary", "source", "node", "link", "sensor", "model", "estimator",
-    "output",
+    "output", "supports", "bed",
 }  # fmt: skip
 """The sections of a configuration that a prediction depends on, beside the effects."""
 
@@ -85,7 +86,9 @@ class Forward:
         """What the runs are predicted with at a configuration."""
         unit, strength = unit_laws(lean_config(config, self._modes))
         key = unit.model_dump_json(include=PREDICTS) + repr(unit.effect)
-        return Setting(unit, key, strength, self._plants.get(key, lambda: self._plant(unit)), driving(unit))
+        unit, bend = unbent(unit)
+        plant = self._plants.get(key, lambda: self._plant(unit))
+        return Setting(unit, key, strength, plant, driving(unit), bend)
 
     def _plant(self, config: Config) -> Plant:
         if self._by_row:
@@ -201,7 +204,14 @@ class Forward:
         return inputs._replace(law_W=inputs.law_W * np.concatenate([setting.strength, added]))
 
     def _predict(self, setting: Setting, run: SteppedRun, more_W: FloatArray | None = None) -> FloatArray:
-        return run.means(setting.plant, *self._rows(setting, run, more_W))
+        inputs, values = self._rows(setting, run, more_W)
+        if setting.bend is None:
+            return run.means(setting.plant, inputs, values)
+        rows = setting.plant.rows
+        plant = replace(
+            setting.plant, rows=replace(rows, C=rows.C[:-1], F=rows.F[:-1], sensors=rows.sensors - 1)
+        )
+        return run.means(plant, inputs, setting.bend.of(values))
 
     def _rows(
         self, setting: Setting, run: SteppedRun, more_W: FloatArray | None = None
@@ -257,8 +267,8 @@ def _undetermined(
 
 
 class Setting(NamedTuple):
-    """A configuration ready for predictions: laws at strength 1, their strengths (m,), a key, the plant, and
-    the key of what drives it.
+    """A configuration ready for predictions: laws at strength 1, their strengths (m,), a key, the plant, the
+    key of what drives it, and how displacements bend.
     """
 
     config: Config
@@ -266,6 +276,7 @@ class Setting(NamedTuple):
     strength: FloatArray
     plant: Plant
     driving: str
+    bend: Bend | None = None
 
 
 def _without_sweeps(plant: Plant) -> Plant:
@@ -283,12 +294,14 @@ def lean_config(config: Config, modes: int) -> Config:
     model = config.model
     if model.criterion == "tail" and model.modes is None:
         model = model.model_copy(update={"modes": modes})
-    output = config.output.model_copy(
-        update={"positions_m": (0.0, config.screw.length_m), "reference_degC": 0.0}
-    )
+    output = config.output.model_copy(update={"positions_m": (0.0, config.screw.length_m)})
+    lean = config.model_copy(update={"output": output, "model": model})
+    if any(sensor.kind == "displacement" for sensor in config.sensor):
+        return lean
     screw = config.screw.model_copy(update={"expansion_1_K": None})
+    output = output.model_copy(update={"reference_degC": 0.0})
     beside = {"supports": None, "bed": None}
-    return config.model_copy(update={"output": output, "screw": screw, "model": model, **beside})
+    return lean.model_copy(update={"output": output, "screw": screw, **beside})
 
 
 def _stretches(config: Config) -> list[Source]:

@@ -36,6 +36,13 @@ PARAMETERS: dict[str, dict[str, ParameterInfo]] = {
         "conductivity_W_mK": ParameterInfo("W/mK", 10.0, 1.0, 1000.0),
         "density_kg_m3": ParameterInfo("kg/m3", 1000.0, 500.0, 25_000.0),
         "specific_heat_J_kgK": ParameterInfo("J/kgK", 100.0, 50.0, 5000.0),
+        "expansion_1_K": ParameterInfo("1/K", 2e-6, 1e-7, 1e-4),
+    },
+    "supports": {
+        "stiffness_first_N_m": ParameterInfo("N/m", 5e7, 1e5, 1e12),
+        "stiffness_second_N_m": ParameterInfo("N/m", 5e7, 1e5, 1e12),
+        "preload_N": ParameterInfo("N", 500.0, 0.0, 1e6),
+        "gap_m": ParameterInfo("m", 5e-6, 0.0, 1e-2),
     },
     "source": {
         "torque_Nm": ParameterInfo("Nm", 0.1, 0.0, 1000.0),
@@ -53,10 +60,30 @@ def candidates(config: Config) -> tuple[str, ...]:
     for side in ("left", "right"):
         if getattr(config.boundary, side).kind == "convective":
             keys += [f"boundary.{side}.{key}" for key in PARAMETERS["boundary"]]
-    keys += [f"screw.{key}" for key in PARAMETERS["screw"]]
+    moved = any(sensor.kind == "displacement" for sensor in config.sensor)
+    keys += [f"screw.{key}" for key in PARAMETERS["screw"] if moved or key != "expansion_1_K"]
+    if moved and config.supports is not None and config.supports.mounting == "L-III":
+        keys += [
+            f"supports.{key}" for key in PARAMETERS["supports"] if getattr(config.supports, key) is not None
+        ]
     for source in config.source:
         keys += [f"source.{source.name}.{key}" for key in _law_keys(source)]
     return tuple(keys)
+
+
+def thermal_only(config: Config) -> Config:
+    """Return the configuration without its displacement sensors, and without free parameters that only these
+    show.
+    """
+    thermal = tuple(sensor for sensor in config.sensor if sensor.kind == "temperature")
+    if len(thermal) == len(config.sensor):
+        return config
+    config = config.model_copy(update={"sensor": thermal})
+    if (free := config.calibrate.free) is None:
+        return config
+    told = set(candidates(config))
+    kept = tuple(key for key in free if key in told) or None
+    return config.model_copy(update={"calibrate": config.calibrate.model_copy(update={"free": kept})})
 
 
 def free_keys(config: Config) -> tuple[str, ...]:

@@ -76,7 +76,7 @@ class Problem:
     def of(cls, config: Config, keys: tuple[str, ...], runs: Sequence[Run]) -> Problem:
         """Return the problem of runs that were prepared with a configuration, and its free parameters."""
         forward = Forward(config, runs)
-        return cls(config, keys, forward, gather(forward.runs, np.array([s.noise_K for s in config.sensor])))
+        return cls(config, keys, forward, gather(forward.runs, np.array([s.noise for s in config.sensor])))
 
     @cached_property
     def scale(self) -> FloatArray:
@@ -167,7 +167,8 @@ class Problem:
         gain = config.tolerance.gain
         if gain == 0.0:
             return []
-        return self.by_sensor(gain * (self.evidence.rows(self.forward.airs(config)) - here))
+        changes = self.by_sensor(gain * (self.evidence.rows(self.forward.airs(config)) - here))
+        return [c for c, s in zip(changes, config.sensor, strict=True) if s.kind == "temperature"]
 
     def by_timing(self, here: FloatArray) -> list[FloatArray]:
         """The change (n,) of each coarsely sampled run with a delay of half a row: only the recorder knows

@@ -18,6 +18,7 @@ import numpy as np
 from observer.config import Config
 from observer.estimators import packing
 from observer.estimators.steps import StepCache, chunks
+from observer.fit.parameters import thermal_only
 from observer.fit.runs import prepare_all
 from observer.frames import FloatArray, FrameBlock, Inputs
 from observer.kernels import record, run_kalman
@@ -36,9 +37,10 @@ def fit_noise(config: Config, runs: Sequence[Sequence[FrameBlock]]) -> dict[str,
     """Return the most likely `estimator.field_noise_K_sqrt_s` and `source.<name>.random_walk_W_sqrt_s`.
 
     Call it with the calibrated configuration. Of a long run only the part around the largest change of
-    heat is used. First the field's noise is fitted, then the heats', then the field's again. Raises
-    `LogError` as `prepare` does.
+    heat is used, of its thermocouples only. First the field's noise is fitted, then the heats', then the
+    field's again. Raises `LogError` as `prepare` does.
     """
+    config = thermal_only(config)
     plant, unit_Q = build_plant(config), _unit_field_noise(config)
     drive = Drive(config, plant)
     prepared = prepare_all(config, runs)

@@ -104,7 +104,7 @@ def _prepared(config: Config, drive: Drive, blocks: Sequence[FrameBlock], name: 
     total = np.add.reduceat(np.where(usable, y_degC, 0.0), first, axis=0)
     early = frames.time_s <= frames.time_s[0] + START_S
     at_start = np.sum(usable[early], axis=0).astype(float)
-    noise_R_K2 = np.array([s.noise_K**2 for s in config.sensor])
+    noise_R_K2 = np.array([s.noise**2 for s in config.sensor])
     with np.errstate(invalid="ignore", divide="ignore"):
         return Run(
             frames=filled(frames, config),

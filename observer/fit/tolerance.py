@@ -73,13 +73,14 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
         for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             yield _with(config, StretchFilm(a, b, UNEVEN * film)), "whole"
     for sensor in config.sensor:
-        offset_K = known.offset_of_K(sensor.offset_K)
+        offset_K = sensor.offset(known.offset_K)
         if offset_K > 0.0:
             yield _with(config, SensorOffset(sensor.name, offset_K, 0.0)), "whole"
     if known.ambient_K > 0.0:
         yield _with(config, AmbientShift(0.0, known.ambient_K)), "run"
     if known.lag_s > 0.0:
-        yield _with(config, *(Lag(s.name, known.lag_s) for s in config.sensor)), "lag"
+        thermal = [s for s in config.sensor if s.kind == "temperature"]
+        yield _with(config, *(Lag(s.name, known.lag_s) for s in thermal)), "lag"
     own = [s for s in config.source if s.law not in (None, "heat_of")]  # part of another goes with that
     for source in own if known.heat_per_log > 0.0 and runs > 1 else []:
         more = source.model_copy(update={"scale": source.scale * (1 + known.heat_per_log)})
@@ -135,8 +136,8 @@ def _with(config: Config, *terms: Term) -> Config:
 
 
 def _moved_inward(sensor: Sensor, length_m: float, by_m: float) -> Sensor:
-    """The sensor a little nearer to the middle of the screw; one beside the screw stays."""
-    if sensor.position_m is None:
+    """The sensor a little nearer to the middle of the screw; one beside the screw stays, and a probe."""
+    if sensor.position_m is None or sensor.kind == "displacement":
         return sensor
     signed_m = by_m if sensor.position_m < length_m / 2 else -by_m
     return sensor.model_copy(update={"position_m": sensor.position_m + signed_m})
@@ -171,5 +172,5 @@ def learnt_changes(config: Config, learnt: Mapping[str, tuple[float, float]]) ->
         value_K, sigma_K = learnt.get(key := f"sensor.{sensor.name}.offset_K", (0.0, 0.0))
         if abs(value_K) > CLEAR_SIGMA * sigma_K and sensor.name not in modelled:
             biases.append(offset_of(sensor.name, value_K))
-            left[key] = min(sigma_K, config.tolerance.offset_of_K(sensor.offset_K))
+            left[key] = min(sigma_K, sensor.offset(config.tolerance.offset_K))
     return LearntChanges(values, left, tuple(biases))

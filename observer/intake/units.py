@@ -54,6 +54,7 @@ _AFTER_MARK = re.compile(
 )
 EXPECTED = dict.fromkeys(ChannelKind, "degC") | {
     ChannelKind.POSITION: "m",
+    ChannelKind.DISPLACEMENT: "m",
     ChannelKind.SPEED: "rpm",
     ChannelKind.OTHER: "",
 }

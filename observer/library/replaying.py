@@ -58,6 +58,7 @@ def replayed(
         "nut_path": nut_paths(config, log),
         "speed_mean_rpm": speeds(config, log),
         "open_loop_rms_K": open_loop.rms_K,
+        **({"open_loop_rms_um": moved} if (moved := open_loop.rms_um) else {}),
         "doubts": doubts(log, paths, config),
         "start": kind_of_start,
     }, kept

@@ -70,7 +70,7 @@ def full_model(config: Config, terms: Sequence[Term]) -> FullModel:
         known=_known_inputs(modes, config, terms),
         places=_places(config),
         sensors=tuple(s.name for s in config.sensor),
-        noise_K=np.array([s.noise_K for s in config.sensor]),
+        noise_K=np.array([s.noise for s in config.sensor]),
         initial_sigma_K=config.estimator.initial_sigma_K,
         field_noise_K_sqrt_s=config.estimator.field_noise_K_sqrt_s,
         static_correction=config.model.static_correction,
@@ -140,7 +140,11 @@ def _places(config: Config) -> Places:
     # one beside the screw gets its row with the node it sits on
     sensor_m = np.array([s.position_m or 0.0 for s in config.sensor])
     bed_1_K = 0.0 if config.bed is None else config.bed.expansion_1_K
-    return Places(sensor_m, grid_m, screw.expansion_1_K, screw.length_m, restraint, bed_1_K)
+    moved = tuple(i for i, s in enumerate(config.sensor) if s.kind == "displacement")
+    there = None
+    if held is not None:
+        there = restraint_of(held, screw.length_m, screw.area_m2, sensor_m[list(moved)])
+    return Places(sensor_m, grid_m, screw.expansion_1_K, screw.length_m, restraint, bed_1_K, moved, there)
 
 
 def _known_inputs(modes: Modes, config: Config, terms: Sequence[Term]) -> tuple[KnownInput, ...]:

@@ -74,6 +74,10 @@ class Drive:
         self.losses = [t for t in machine.terms if isinstance(t, SpeedLoss)]
         self._surface_rate = surface_rate(config.screw)
         self._sensor_channels = [s.channel for s in config.sensor]
+        self._scale, self.displaces = (
+            np.array([s.channel_scale for s in config.sensor]),
+            not plant.thermal.all(),
+        )
         self._every = range(len(config.source))
         self._laws: list[tuple[tuple[str, ...], Law]] = [
             (law_channels(s, config.source), heat_law(s, config.source, config.screw.length_m))
@@ -145,7 +149,18 @@ class Drive:
         running_s = self.heats(desk.law, frames.values, frames.dt_s, state.running_s, self._every)
         begin_s = float(frames.time_s[0]) if math.isnan(state.begin_s) else state.begin_s
         fill_inputs(self.read, record(desk), begin_s, state.last_s)
+        self.displace(desk.time_s, desk.y_degC, desk.usable, begin_s)
         return desk, begin_s, running_s
+
+    def displace(self, time_s: FloatArray, y_degC: FloatArray, usable: BoolArray, begin_s: float) -> None:
+        """Bring the readings (K, s) of displacements to µm, in place, and use none before a thermocouple has
+        had a value, nor in the first frame: an estimate starts from temperatures.
+        """
+        if self.displaces:
+            thermal = self._plant.thermal
+            y_degC *= self._scale
+            started = np.isfinite(y_degC[:, thermal]).any(axis=1) & (time_s > begin_s)
+            usable[:, ~thermal] &= started[:, None]
 
     def look_at(self, channels: tuple[str, ...]) -> None:
         """Find where frames of these channels hold what is read."""

@@ -234,7 +234,11 @@ def _of_sensors(plant: Plant, config: Config, modes: Modes) -> Iterator[Paramete
     n_x, tolerance = len(plant.decay_1_s), config.tolerance
     none = no_change(n_x, len(plant.known_names))
     for i, sensor in enumerate(config.sensor):
-        name, offset_K = f"sensor.{sensor.name}", tolerance.offset_of_K(sensor.offset_K)
+        name, offset_K = f"sensor.{sensor.name}", sensor.offset(tolerance.offset_K)
+        if sensor.kind == "displacement":  # its place and lag matter little: growth is a mean over the screw
+            more = none._replace(shift_K=1.0)
+            yield Parameter(Nuisance.OFFSET, i, offset_K, more, f"{name}.zero_um")
+            continue
         yield Parameter(Nuisance.OFFSET, i, offset_K, none._replace(shift_K=1.0), f"{name}.offset_K")
         if (place_m := sensor.position_m) is not None:  # one beside the screw has no place there
             slope = none._replace(row=padded(modes.slope(place_m), n_x))

@@ -103,7 +103,7 @@ class LiveDrive:
             record(LiveNut(record(source.table), record(nut), frame.paths[source.channel]))
             for source, nut in zip(plant.moving, self._nuts, strict=True)
         )
-        after = bool(drive.losses) or any(source.ends_fraction for source in plant.moving)
+        after = bool(drive.losses) or any(source.ends_fraction for source in plant.moving) or drive.displaces
         self.record = record(
             DriveTick(
                 given.octets, drive.read, laws, desk, given["dt_s"], own["moment"], nuts, self.inputs_record,
@@ -125,9 +125,11 @@ class LiveDrive:
         )
 
     def _put_rest(self) -> None:
-        """Fill in losses, and what enters where nuts turn."""
+        """Fill in losses, what enters where nuts turn, and displacements."""
+        u = self.inputs
+        self._drive.displace(u.time_s, u.y_degC, u.usable, float(self._bundle["moment"][0]))
         if self._drive.losses:
-            u, values = self.inputs, self._frame.bundle["values"]
+            values = self._frame.bundle["values"]
             u.loss_1_s[:], u.loss_degC[:] = self._drive.loss(values, u.z_end[:, self._plant.known.ambient])
         for i, source in enumerate(self._plant.moving):
             if source.ends_fraction:

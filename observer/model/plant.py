@@ -121,7 +121,8 @@ class Plant:
 
     Shapes: `decay_1_s` (n_x,); `B` (n_x, m); `E` (n_x, p); `uniform` (n_x,) the state of a screw at 1 °C
     everywhere; `prior_P` (n_x, n_x), K², the covariance of the unknown field at the start, and `smooth_P`
-    that of its smooth part alone; `noise_R_K2` (s,) the sensors' variances; `estimated` (m,) which heats
+    that of its smooth part alone; `noise_R_K2` (s,) the sensors' variances, `thermal` (s,)
+    which of them read a temperature, the others a displacement in µm; `estimated` (m,) which heats
     are estimated; `random_walk_W2_s` (m_e,), `heat_decay_1_s` (m_e,), `law_uncertainty` (m_e,),
     `initial_sigma_W` (m_e,) the estimated heats' deviation from their laws: dδ = -heat_decay δ dt + random
     walk, and a step of law_uncertainty × the law's own jump; `field_noise_Q` (n_x, n_x), K²/s, optional
@@ -143,6 +144,7 @@ class Plant:
     prior_P: FloatArray
     smooth_P: FloatArray
     noise_R_K2: FloatArray
+    thermal: BoolArray
     estimated: BoolArray
     random_walk_W2_s: FloatArray
     heat_decay_1_s: FloatArray

@@ -39,6 +39,9 @@ class Places(NamedTuple):
     """Where the output rows stand: sensors (s,), grid (g,), the expansion coefficient of the error's rows,
     what holds the screw (nothing: it grows freely from x = 0), and the expansion coefficient of the bed from
     which the error is measured (0: of one that does not grow).
+
+    Those sensors that are `moved` (d,) read the thermal error at their places, as what holds the screw there
+    leaves it, in µm.
     """
 
     sensor_m: FloatArray
@@ -47,6 +50,8 @@ class Places(NamedTuple):
     length_m: float
     restraint: Restraint | None = None
     bed_1_K: float = 0.0
+    moved: tuple[int, ...] = ()
+    moved_restraint: Restraint | None = None
 
     @property
     def temperature_m(self) -> FloatArray:
@@ -59,6 +64,21 @@ class Places(NamedTuple):
         return np.append(self.grid_m, self.length_m)
 
     @property
+    def moved_m(self) -> FloatArray:
+        """Places to which growth is counted that sensors read: theirs, then the screw's end."""
+        return np.append(self.sensor_m[list(self.moved)], self.length_m)
+
+    def with_displacement(self, rows: FloatArray, growth: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """Return the rows (s + g, …) of temperatures with those of displacement sensors put in; `growth` is
+        that of the free screw up to places, µm.
+        """
+        if not self.moved:
+            return rows
+        out = rows.copy()
+        out[list(self.moved)] = restrained_rows(self.moved_restraint, growth(self.moved_m))[: len(self.moved)]
+        return out
+
+    @property
     def um_per_K_m(self) -> float:
         """Micrometres of growth per kelvin and metre."""
         return (self.expansion_1_K or 0.0) * UM_PER_M
@@ -68,7 +88,10 @@ def modal_rows(modes: Modes, places: Places) -> FloatArray:
     """Rows of the modal amplitudes, (R, N): θ_n(x), then α_T ∫_0^x θ_n dx of the free screw (Li 2022: E =
     α_T ∫(T − T_A)), less what the supports hold back.
     """
-    temperature = modes.theta(places.temperature_m)
+    temperature = places.with_displacement(
+        modes.theta(places.temperature_m),
+        lambda x_m: places.um_per_K_m * modes.integral(np.zeros_like(x_m), x_m),
+    )
     if places.expansion_1_K is None:
         return temperature
     growth = places.um_per_K_m * modes.integral(np.zeros_like(places.growth_m), places.growth_m)
@@ -89,7 +112,10 @@ def remainder_rows(
     b_n/Λ_n, `rows` (R, N) those of the amplitudes where they are known already.
     """
     kept = (modal_rows(modes, places) if rows is None else rows) @ amplitude
-    whole = steady(places.temperature_m)
+    whole = places.with_displacement(
+        steady(places.temperature_m),
+        lambda x_m: places.um_per_K_m * _running_integral(modes, x_m, steady, kinks),
+    )
     if places.expansion_1_K is not None:
         growth = places.um_per_K_m * _running_integral(modes, places.growth_m, steady, kinks)
         whole = np.concatenate([whole, restrained_rows(places.restraint, growth)])
@@ -112,7 +138,7 @@ def bed_rows(places: Places) -> FloatArray:
 
 def _uniform_rows(places: Places, um_per_K_m: float) -> FloatArray:
     """The column (R,) of a temperature that has all of a body grow alike."""
-    temperature = np.zeros(len(places.temperature_m))
+    temperature = places.with_displacement(np.zeros(len(places.temperature_m)), lambda x_m: um_per_K_m * x_m)
     if places.expansion_1_K is None:
         return temperature
     return np.concatenate([temperature, restrained_rows(places.restraint, um_per_K_m * places.growth_m)])
@@ -216,6 +242,7 @@ def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS)
             position_m=places.grid_m,
             sensors=full.sensors,
             has_error=places.expansion_1_K is not None,
+            displacements=tuple(full.sensors[i] for i in places.moved),
         ),
         decay_1_s=np.concatenate([modes.decay_1_s, np.full(m, lag_decay_1_s)]),
         B=B,
@@ -232,6 +259,7 @@ def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS)
         prior_P=full.initial_sigma_K**2 * smooth + np.pad(past, (0, m)) + lags,
         smooth_P=full.initial_sigma_K**2 * smooth,
         noise_R_K2=full.noise_K**2,
+        thermal=~np.isin(np.arange(len(places.sensor_m)), places.moved),
         estimated=np.array([h.estimated for h in heats]),
         random_walk_W2_s=np.array([h.random_walk_W2_s for h in free]),
         heat_decay_1_s=np.array([h.decay_1_s for h in free]),

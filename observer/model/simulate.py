@@ -77,12 +77,12 @@ def start_from_sensors(
 
     x = x̄ + P Cᵀ (C P Cᵀ + R)⁻¹ (y − C x̄ − F z), with x̄ the screw at the sensors' mean and P the prior of a
     smooth unknown field, widened where the sensors spread further than the prior expects (Rasmussen &
-    Williams 2006, eq. 2.25).
+    Williams 2006, eq. 2.25). Displacements, whose zero is not known yet, say nothing here.
 
     Takes `y_degC`, `noise_R_K2` (s,), a sensor without a value as NaN; `law_W` (m,); `z` (p,). Raises
-    `ValueError` where no sensor has a value.
+    `ValueError` where no thermocouple has a value.
     """
-    seen = np.flatnonzero(np.isfinite(y_degC))
+    seen = np.flatnonzero(np.isfinite(y_degC) & plant.thermal)
     if len(seen) == 0:
         raise ValueError("no sensor has a value to start from")
     C, y = plant.rows.C[seen], y_degC[seen]

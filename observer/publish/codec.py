@@ -97,14 +97,17 @@ class EstimateEncoder:
         self._learned = list(layout.learned)
         m, g, s = len(self._sources), len(layout.position_m), len(sensors)
         error = g if layout.has_error else 0
+        moved = _pair("displacements", list(layout.displacements)) if layout.displacements else b""
         before = {
             "heat_W": _pair("sources", self._sources),
             "field_degC": _pair("position_m", _typed(layout.position_m)),
-            "innovation_K": _pair("sensors", sensors),
+            "innovation_K": _pair("sensors", sensors) + moved,
         }
         self._widths = dict(zip(_ARRAYS, (m, m, m, m, g, g, g, error, error, error, s, s), strict=True))
         self._pieces = [
-            cbor2.dumps(dict.fromkeys(range(_ENTRIES)))[:1] + cbor2.dumps("time_s") + _FLOAT64_MARK,
+            cbor2.dumps(dict.fromkeys(range(_ENTRIES + len(moved[:1]))))[:1]
+            + cbor2.dumps("time_s")
+            + _FLOAT64_MARK,
             cbor2.dumps("sequence"),
             _pair("instance", instance) + cbor2.dumps("quality"),
             *map(cbor2.dumps, _QUALITY),

@@ -261,17 +261,18 @@ def _profile(document: Mapping[str, Any], name: str, key: str, sigma: str, unit:
 
 
 def _sensors(estimate: Mapping[str, Any]) -> Table:
-    """One row per thermocouple: its quality and how far it was from what the model expected."""
-    table = Table("sensor", "quality", "innovation, K")
+    """One row per sensor: its quality and how far it was from what the model expected."""
+    moved = _items(estimate.get("displacements"))
+    table = Table("sensor", "quality", "innovation, K or µm" if moved else "innovation, K")
     rows = zip(
         _items(estimate.get("sensors")),
         _items(estimate.get("sensor_quality")),
         _items(estimate.get("innovation_K")),
         strict=False,
     )
-    for name, quality, innovation_K in rows:
+    for name, quality, innovation in rows:
         shown = Text(_word(quality), style=_style(_word(quality)))
-        table.add_row(Text(_word(name)), shown, _number(_float(innovation_K), 3))
+        table.add_row(Text(_word(name)), shown, _number(_float(innovation), 3))
     return table
 
 

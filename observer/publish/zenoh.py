@@ -96,10 +96,12 @@ class ZenohPublisher:
         *,
         compensates: bool = False,
         forecasts: bool = False,
+        probes: bool = False,
         outlet: Outlet | None = None,
         past: Past | None = None,
     ) -> None:
-        """Take what is published, by which instance, and whether a compensation and a forecast are.
+        """Take what is published, by which instance, and whether a compensation, a forecast and the advice
+        to probe are.
 
         Raises `ConfigError` where a file of keys or passwords cannot be used.
         """
@@ -110,7 +112,7 @@ class ZenohPublisher:
         self._encoder = EstimateEncoder(layout, instance)
         there = {
             "expansion": layout.has_error, "learned": bool(layout.learned), "compensation": compensates,
-            "forecast": forecasts,
+            "forecast": forecasts, "probing": probes,
         }  # fmt: skip
         self._keys = {n: key for n, key in KEYS.items() if key.needs is None or there[key.needs]}
         self._answers = Responder(self._prefix, config_json.encode(), settings.history, instance, past)

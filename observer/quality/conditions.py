@@ -45,7 +45,7 @@ class Condition:
     """One thing that is not as it should be.
 
     `about` is the sensor, channel, source or driver, and `other` one that shares it; `detail` a fault or a
-    phase in one word, or the words of whoever reports it; `value` and `expected` as in `Finding`, NaN
+    phase in one word, or the words of whoever reports it; `value`, `expected` and `unit` as in `Finding`, NaN
     without; `quality` that of a channel or of the estimate.
     """
 
@@ -57,6 +57,7 @@ class Condition:
     expected: float = math.nan
     other: str = ""
     quality: Quality | EstimateQuality | None = None
+    unit: str = "K"
 
     @property
     def identity(self) -> tuple[Any, ...]:
@@ -104,7 +105,10 @@ class Facts:
 
 def of_finding(found: Finding) -> Condition:
     """The condition that the self-test or the screening has found."""
-    return Condition(found.fault, found.subject, "", found.since_s, found.value, found.expected, found.other)
+    return Condition(
+        found.fault, found.subject, "", found.since_s, found.value, found.expected, found.other,
+        unit=found.unit,
+    )  # fmt: skip
 
 
 def of_departure(found: Departure) -> Condition:

@@ -14,7 +14,7 @@ from observer.quality.reasons import sentence
 from observer.record.recorder import RecordStatus
 
 HEALTH_PERIOD_S = 5.0
-_DIGITS = 4
+_DIGITS, _DIGITS_OF_DISPLACEMENT = 4, 9
 _LEFT_OUT = {Fault.EXCLUDED: "K", Fault.SWAPPED: "K", Fault.LEAPT: "m"}
 """What has a channel left out, and the unit of what that reads too much."""
 
@@ -127,7 +127,10 @@ def _excess(facts: Facts) -> dict[str, dict[str, Any]]:
     for finding in facts.findings:
         if (unit := _LEFT_OUT.get(finding.fault)) is not None:
             name = finding.subject if finding.fault is Fault.LEAPT else channels.get(finding.subject, "")
-            value = round(finding.value, _DIGITS) if math.isfinite(finding.value) else None
-            sigma = round(finding.expected, _DIGITS) if finding.expected > 0.0 else None
-            found[name] = {"excess": {"value": value, "sigma": sigma, "unit": unit}}
+            # a displacement's excess is in m, as a position's
+            moved = finding.unit == "um"
+            size, digits = (1e-6, _DIGITS_OF_DISPLACEMENT) if moved else (1.0, _DIGITS)
+            value = round(size * finding.value, digits) if math.isfinite(finding.value) else None
+            sigma = round(size * finding.expected, digits) if finding.expected > 0.0 else None
+            found[name] = {"excess": {"value": value, "sigma": sigma, "unit": "m" if moved else unit}}
     return found

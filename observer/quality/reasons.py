@@ -23,7 +23,8 @@ def sentence(condition: Condition) -> str:
     if kind is Fault.MOTION:
         return f"{motion_sentence(about, 'the speed', value)}, since {clock(condition.since_s)}"
     high = kind in (Fault.EXCLUDED, Fault.SHARED_OFFSET)
-    text = _SENTENCES[kind].format(
+    sentences = _OF_DISPLACEMENTS if condition.unit == "um" and kind in _OF_DISPLACEMENTS else _SENTENCES
+    text = sentences[kind].format(
         about=", ".join(sorted(filter(None, (about, condition.other)))),
         value=abs(value) if high else value,
         way="high" if value > 0.0 else "low",
@@ -86,7 +87,7 @@ _SENTENCES: dict[Trouble | Fault, str] = {
     "film and ambient",
     Fault.COLOURED: "what {about} shows beyond the model is no noise: one sample deviates as the last did "
     "(mean product {value:+.2g} σ², that of noise is 0)",
-    Fault.NOISY: "{about} is {value:.1f} times as restless as its noise_K and the model say",
+    Fault.NOISY: "{about} is {value:.1f} times as restless as its noise and the model say",
     Fault.REFUSED: "{about} is refused: {value:+.2f} K from what the model and the other sensors expect",
     Fault.UNKNOWN: "the heat of {about} is not known yet (σ {value:.3g} W, {expected:.3g} W at the start)",
     Fault.OFF_LAW: "the heat of {about} is {value:.3g} W where its law says {expected:.3g} W: a unit, a "
@@ -110,6 +111,11 @@ _SENTENCES: dict[Trouble | Fault, str] = {
     "sensor, then reset",
     Fault.SETTLING: "the estimate settles, after readings that stepped, came back, or do not agree",
 }
+_OF_DISPLACEMENTS: dict[Trouble | Fault, str] = {
+    Fault.REFUSED: "{about} is refused: {value:+.1f} µm from what the model and the other sensors expect",
+    Fault.EXCLUDED: "{about} reads {value:.1f} ± {expected:.1f} µm too {way} and is left out; look at it",
+}
+"""What is said otherwise of a sensor that measures a displacement."""
 
 
 class NotGood:

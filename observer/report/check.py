@@ -218,7 +218,8 @@ def _numbers(at: Any, path: tuple[int | str, ...]) -> Iterator[tuple[tuple[int |
 
 def _same_places(config: Installation) -> Iterator[str]:
     near_m = NEAR * config.screw.length_m
-    sensors = [(s.name, s.position_m) for s in config.sensor if s.position_m is not None]
+    thermal = [s for s in config.sensor if s.kind == "temperature"]
+    sensors = [(s.name, s.position_m) for s in thermal if s.position_m is not None]
     points = [(s.name, s.position_m) for s in config.source if s.estimate and s.position_m is not None]
     for kind, places, harm in (
         ("sensors", sensors, "the second adds no information; correct one position_m, or keep it as a spare"),
@@ -260,7 +261,7 @@ def _finer_than_the_device(config: Installation) -> Iterator[str]:
     steps = {channel: step for driver in config.drivers.values() for channel, step in driver.steps().items()}
     for sensor in config.sensor:
         step_K = steps.get(sensor.channel, 0.0)
-        if sensor.noise_K < _DEVIATION_OF_STEPS * step_K:
+        if sensor.kind == "temperature" and sensor.noise_K < _DEVIATION_OF_STEPS * step_K:
             yield (
                 f"sensor {sensor.name}: noise_K = {sensor.noise_K:g} is finer than its device, whose steps "
                 f"of {step_K:g} K alone make {_DEVIATION_OF_STEPS * step_K:.2g} K; raise it to that at least"

@@ -154,7 +154,7 @@ def _maps(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequence
     event, box = found.event, None
     if event is not None:
         box = panels.Box(event.run, sensors.index(event.sensor), event.from_s, event.to_s)
-    least_K = LEAST_SIGMA * float(np.median([s.noise_K for s in config.sensor]))
+    least_K = LEAST_SIGMA * float(np.median([s.noise for s in config.sensor]))
     headings = {"before": f"Before: {shown.before}", "after": f"After: {shown.after}"}
     drawn, narrow = (
         panels.residual_maps(tracks, sensors, headings, least_K, box, width)

@@ -45,9 +45,12 @@ def draw_overview(figure: Figure, config: Config, samples: ReplaySamples, title:
     panels.at_positions(
         error, layout.position_m, last(values), last(sigma), *_error_or_field(layout.has_error, config)
     )
+    thermal = [unit == "K" for unit in layout.units]  # a displacement's are of another unit
     panels.innovations(
-        innovations, layout.sensors, (samples.low("innovation_K"), samples.high("innovation_K")),
-        samples.high("sensor_quality"), max(s.noise_K for s in config.sensor),
+        innovations, [n for n, own in zip(layout.sensors, thermal, strict=True) if own],
+        (samples.low("innovation_K")[:, thermal], samples.high("innovation_K")[:, thermal]),
+        samples.high("sensor_quality")[:, thermal],
+        max(s.noise_K for s in config.sensor if s.kind == "temperature"),
     )  # fmt: skip
     panels.quality_strip(quality, samples.high("quality"))
     return page

@@ -40,10 +40,6 @@ class Tolerance(Section):
     #: of each source's heat from one of several logs to the next, relative; in `discover`
     heat_per_log: Relative = 0.03
 
-    def offset_of_K(self, own_K: float | None) -> float:
-        """Return the tolerance of a sensor's offset: its own where it says one."""
-        return self.offset_K if own_K is None else own_K
-
 
 _KINDS = ("kalman", "luenberger")
 
@@ -112,6 +108,13 @@ class ForecastSettings(Section):
     #: distance from the settled state within which every point of the travel counts as settled
     within_um: Annotated[Positive, Field(ge=0.01, le=1000)] = 2.0
     period_s: Annotated[Positive, Field(ge=5, le=3600)] = 60.0  #: how often, in seconds
+
+
+class Probing(Section):
+    """When to [probe now](../how-to/probe.md#probe-now)."""
+
+    #: how well the part needs the thermal error to be known; – is `integrity.limit_um`
+    needs_um: Positive | None = None
 
 
 class Integrity(Section):

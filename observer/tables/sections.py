@@ -273,18 +273,71 @@ def owner(source: Source, sources: Sequence[Source]) -> Source:
     return next(other for other in sources if other.name == source.heat_of)
 
 
+MICROMETRES = {"_um": 1.0, "_mm": 1e3, "_m": 1e6}
+"""How the channel of a displacement may end, and what its unit is in µm, in which displacements count."""
+
+
 class Sensor(Section):
-    """A thermocouple on the screw, or on a node beside it."""
+    """A thermocouple on the screw, or on a node beside it; or what measures the thermal error: a probe, a
+    laser, a dial gauge.
+    """
 
     name: quantities.Name  #: names the columns of its innovation and quality
-    channel: quantities.Channel  #: the channel that measures it
+    #: `"temperature"`, or `"displacement"`: the thermal error at its position, positive away from x = 0,
+    #: [as a probe measures it](../how-to/probe.md)
+    kind: Literal["temperature", "displacement"] = "temperature"
+    #: the channel that measures it; of a displacement its name ends in its unit: `_um`, `_mm` or `_m`
+    channel: quantities.Channel
     position_m: quantities.Position | None = None  #: its position on the screw
     on: quantities.Name | None = None  #: the node it sits on
     noise_K: quantities.Noise = 0.1  #: standard deviation of its noise
     #: standard deviation of its offset; – is `tolerance.offset_K`
     offset_K: Annotated[quantities.NonNegative, Field(le=50)] | None = None
+    #: displacement: standard deviation of its noise
+    noise_um: Annotated[quantities.Positive, Field(ge=1e-4, le=1000)] = 1.0
+    #: displacement: standard deviation of its zero, from where the screw has its reference temperature
+    zero_um: Annotated[quantities.NonNegative, Field(le=10_000)] = 5.0
+    #: displacement: it comes only now and then, as when a probing cycle runs, and nothing is missing between
+    occasional: quantities.Flag = False
 
     _one = quantities.exactly_one("position_m", "on")
+
+    @model_validator(mode="after")
+    def _keys_of_its_kind(self) -> Sensor:
+        moved = self.kind == "displacement"
+        foreign = ("noise_K", "offset_K", "on") if moved else ("noise_um", "zero_um", "occasional")
+        for key in foreign:
+            if key in self.model_fields_set and getattr(self, key) is not None:
+                raise ValueError(f'{key} has no meaning with kind = "{self.kind}"; remove it')
+        if moved and not self.channel.endswith(tuple(MICROMETRES)):
+            raise ValueError(
+                f'channel "{self.channel}" of a displacement is to end in its unit, _um, _mm or _m; '
+                "rename it, or read it by [log.columns]"
+            )
+        return self
+
+    @property
+    def channel_scale(self) -> float:
+        """What one unit of the channel is in K, or of a displacement in µm."""
+        return MICROMETRES["_" + self.channel.rpartition("_")[2]] if self.kind == "displacement" else 1.0
+
+    @property
+    def noise(self) -> float:
+        """The standard deviation of its noise in K, or of a displacement in µm."""
+        return self.noise_um if self.kind == "displacement" else self.noise_K
+
+    def offset(self, usual_K: float) -> float:
+        """The standard deviation of its offset in K, or of a displacement in µm; `usual_K` is that of
+        thermocouples.
+        """
+        if self.kind == "displacement":
+            return self.zero_um
+        return usual_K if self.offset_K is None else self.offset_K
+
+    @property
+    def unit(self) -> str:
+        """The unit of what its readings miss, as results have it."""
+        return "um" if self.kind == "displacement" else "K"
 
 
 class Description(Section):

@@ -116,6 +116,7 @@ def test_masking_a_sensor_is_deleting_its_row():
         plant,
         rows=OutputRows(plant.rows.C[rows], plant.rows.F[rows], 3, plant.rows.grid),
         noise_R_K2=plant.noise_R_K2[keep],
+        thermal=plant.thermal[keep],
         layout=replace(plant.layout, sensors=("t0", "t1", "t3")),
     )
     short = u._replace(y_degC=u.y_degC[:, keep], usable=u.usable[:, keep], quality=u.quality[:, keep])

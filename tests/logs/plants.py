@@ -114,6 +114,7 @@ def rod(
         prior_P=initial_sigma_K**2 * smooth,
         smooth_P=initial_sigma_K**2 * smooth,
         noise_R_K2=np.full(s, noise_K**2),
+        thermal=np.ones(s, dtype=np.bool_),
         estimated=estimated,
         random_walk_W2_s=np.full(m_e, walk_W_sqrt_s**2),
         heat_decay_1_s=np.full(m_e, heat_rate_1_s),

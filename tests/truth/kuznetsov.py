@@ -107,3 +107,32 @@ def share_past_a_support(
     D = (K * math.exp(2 * length2_m * m2_1_m) + 1) / (K * math.exp(2 * length2_m * m2_1_m) - 1)
     inner = m1_1_m / m2_1_m * D * math.tanh(m1_1_m * length1_m)
     return inner / (1.0 + inner)
+
+
+def displacement_um(
+    bar: Bar,
+    heats_W: tuple[float, float],
+    stiffness_N_m: tuple[float, float],
+    modulus_Pa: float,
+    preload_N: float,
+    gap_m: float,
+    position_m: FloatArray,
+    time_s: float,
+) -> FloatArray:
+    """U(x), µm, (P,), at a time after both heats were switched on, between supports of which the second has
+    play, by the force that closes each of the three stages: while the pre-tension P lasts both hold; then the
+    screw grows across the gap; then both hold what grows on (12), (13).
+    """
+    EF = modulus_Pa * bar.area_m2
+    j1, j2 = stiffness_N_m
+    compliance = 1.0 / j1 + 1.0 / j2 + bar.length_m / EF
+    free_m = bar.expansion_1_K * growth(bar, *heats_W, position_m, time_s)
+    whole_m = float(bar.expansion_1_K * growth(bar, *heats_W, np.array([bar.length_m]), time_s)[0])
+    slack_m = preload_N * compliance
+    if whole_m <= slack_m:
+        less_N = whole_m / compliance
+    elif whole_m <= slack_m + gap_m:
+        less_N = preload_N
+    else:
+        less_N = preload_N + (whole_m - slack_m - gap_m) / compliance
+    return 1e6 * (free_m - less_N * (1.0 / j1 + position_m / EF))

@@ -21,7 +21,7 @@ function drawSensors() {
   const body = byId("sensors"), rows = [];
   estimate.sensors.forEach((name, i) => {
     const sensor = store.config?.sensor?.find((s) => s.name === name), channel = sensor?.channel;
-    const reading = readings.channels[channel], unit = sensor?.kind === "displacement" ? "µm" : "°C", small = sensor?.kind === "displacement" ? "µm" : "K";
+    const reading = readings.channels[channel], unit = sensor?.kind === "displacement" ? channel.split("_").pop().replace("um", "µm") : "°C", small = sensor?.kind === "displacement" ? "µm" : "K";
     const quality = estimate.sensor_quality[i], why = (health?.conditions ?? []).filter(({ about }) => about.includes(channel) || about.includes(name)).map(({ reason }) => reason);
     // what came last, unless the service says that nothing comes: not every step has a reading
     const last = ["missing", "stale"].includes(quality) ? undefined : estimate.innovations?.[name];
@@ -79,7 +79,7 @@ export function watchSilence() {
 function sensorTable() {
   const { estimate, readings } = store.documents;
   return { columns: ["sensor", "channel", "position_mm", "reading", "unit", "residual", "residual_sigma", "quality"], rows: (estimate?.sensors ?? []).map((name, i) => {
-    const sensor = store.config?.sensor?.find((s) => s.name === name), last = estimate.innovations?.[name], unit = sensor?.kind === "displacement" ? "um" : "degC";
+    const sensor = store.config?.sensor?.find((s) => s.name === name), last = estimate.innovations?.[name], unit = sensor?.kind === "displacement" ? sensor.channel.split("_").pop() : "degC";
     return [name, sensor?.channel, known(sensor?.position_m) ? mm(sensor.position_m) : null, readings?.channels[sensor?.channel]?.value, unit, last?.value, last?.sigma, estimate.sensor_quality[i]];
   }) };
 }

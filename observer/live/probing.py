@@ -1,0 +1,71 @@
+"""The advice to probe now: when the thermal error is no longer known as well as the part needs it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from observer.config import Config
+from observer.estimators.design.probing import probing_worth
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray
+from observer.live.observers import Step, StepObserver
+from observer.model.plant import Plant
+
+PERIOD_S = 10.0
+
+
+def is_advised(config: Config) -> bool:
+    """Whether probing is advised: there is something to probe with, and it is said what the part needs."""
+    moved = any(sensor.kind == "displacement" for sensor in config.sensor)
+    return moved and config.needs_um is not None
+
+
+class ProbingAdvisor(StepObserver):
+    """Publishes every ten seconds whether to probe now, and what that would bring."""
+
+    def __init__(
+        self, config: Config, plant: Plant, instance: str, publish: Callable[[Mapping[str, Any]], None]
+    ) -> None:
+        self._plant, self._instance, self._publish = plant, instance, publish
+        self._needs_um = config.needs_um or math.inf
+        self._sensor = next(i for i, s in enumerate(config.sensor) if s.kind == "displacement")
+        self._looked_s = -math.inf
+
+    def follow(self, step: Step) -> None:
+        """Take a step of the loop."""
+        if step.now_s - self._looked_s < PERIOD_S:
+            return
+        snapshot = step.snapshot()
+        if snapshot is None or not snapshot.estimator.started:
+            return
+        self._looked_s = step.now_s
+        found = advice(self._plant, snapshot.estimator.P, self._sensor, step.estimate, self._needs_um)
+        self._publish(found | {"sequence": step.sequence, "instance": self._instance})
+
+
+def advice(
+    plant: Plant, P: FloatArray, sensor: int, estimate: EstimateBlock, needs_um: float
+) -> dict[str, Any]:
+    """Return the document of `probing` for the last step of an estimate, with its covariance P (n, n).
+
+    The thermal error is known to within its bound, or to 2 σ where no bound is known; a probing takes as
+    large a part off that as off σ.
+    """
+    sigma_um, bound_um = estimate.error_sigma_um[-1], estimate.error_bound_um[-1]
+    within_um = np.where(np.isfinite(bound_um), bound_um, 2.0 * sigma_um)
+    worth = probing_worth(plant, P, sensor)
+    after_um = within_um * worth.after_um / np.maximum(worth.before_um, 1e-12)
+    worst = int(np.argmax(within_um))
+    return {
+        "time_s": float(estimate.time_s[-1]),
+        "probe_now": bool(within_um[worst] > needs_um),
+        "sensor": plant.layout.sensors[sensor],
+        "needs_um": needs_um,
+        "position_m": float(plant.layout.position_m[worst]),
+        "within_um": round(float(within_um[worst]), 3),
+        "after_um": round(float(after_um.max()), 3),
+        "quality": EstimateQuality(int(estimate.quality[-1])).label,
+    }
