@@ -17,12 +17,13 @@ from observer.installation.problems import key_of
 from observer.installation.typical_ranges import doubt
 from observer.kernels.path import SAMPLES_PER_TRAVERSE
 from observer.model.build import build_plant, transient_error_K_W
+from observer.model.cycle import SPEED_RPM
 from observer.model.generator import settled_rows
 from observer.model.network import attached
 from observer.model.plant import Plant
 from observer.model.realise import realise
 from observer.model.rod.modes import footprints, solve_modes, tail_left
-from observer.model.rod.screw import rod_of
+from observer.model.rod.screw import biot_number, rod_of
 from observer.model.rod.supports import force_N
 from observer.report.sensitivity import detectable, tolerances
 from observer.tables.sections import Source
@@ -30,6 +31,8 @@ from observer.tables.sections import Source
 TRANSIENT_S = (0.5, 10.0)
 MOST_DESIGNED = 200
 """A design costs the cube of the modes: seconds here, minutes at twice as many."""
+MOST_BIOT = 0.1
+"""Above it a screw is noticeably warmer at its axis than at its surface."""
 NEAR = 1e-3
 """Positions closer than this part of the screw's length count as one."""
 _DEVIATION_OF_STEPS = 1.0 / math.sqrt(12.0)  # what rounding to whole steps of 1 adds
@@ -55,6 +58,7 @@ def findings(config: Installation) -> dict[str, Any]:
         "steady_part_left_out": _left_out(config, plant),
         "dropped_modes_settle_s": 1.0 / plant.dropped_rate_1_s,
         "transient_error_K_W": dict(zip((f"{t:g} s" for t in TRANSIENT_S), errors.tolist(), strict=True)),
+        "biot": _biot(config),
         "estimator": design.kind,
         "bandwidth_1_s": design.bandwidth_1_s,
         "eigenvalues_1_s": design.eigenvalues_1_s.tolist(),
@@ -111,10 +115,26 @@ def _path_limit_rpm(config: Installation, source: Source) -> float:
     return 60.0 * (high_m - low_m) / ((source.lead_m or 1.0) * SAMPLES_PER_TRAVERSE * sample_s)
 
 
+def _biot(config: Installation) -> dict[str, float]:
+    """The largest film along the screw, turning at `SPEED_RPM` where that adds to it, and its Biot number."""
+    machine = realise(config)
+    film_W_m2K = machine.config.surface.convection_W_m2K
+    film_W_m2K += max((t.extra_W_m2K for t in machine.terms if isinstance(t, StretchFilm)), default=0.0)
+    speed_rpm = np.array([SPEED_RPM])
+    film_W_m2K += sum(float(t.film_W_m2K(speed_rpm)[0]) for t in machine.terms if isinstance(t, SpeedLoss))
+    return {"film_W_m2K": film_W_m2K, "number": biot_number(config.screw, film_W_m2K)}
+
+
 def _model_warnings(config: Installation, design: DesignReport) -> list[str]:
     machine = realise(config)
     there, rod = machine.config, rod_of(machine.config)
-    warnings = []
+    warnings, biot = [], _biot(config)
+    if biot["number"] > MOST_BIOT:
+        warnings.append(
+            f"the Biot number is {biot['number']:.2g}, above {MOST_BIOT:g}: under a film of "
+            f"{biot['film_W_m2K']:.3g} W/m²K the screw is not of one temperature across, as the model has it; "
+            "check surface.convection_W_m2K, or expect the core to differ from what the sensors read"
+        )
     if rod.floating and not any(isinstance(t, SpeedLoss | StretchFilm | Radiation) for t in machine.terms):
         warnings.append(
             "no heat can leave the screw (insulated ends, no film): its mean temperature can only rise; set "

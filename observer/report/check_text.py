@@ -23,6 +23,8 @@ def as_text(found: dict[str, Any]) -> RenderableType:
     table.add_row("", f"alone they leave out {left_out:.1e} of a steady field; the static correction adds it")
     table.add_row("", f"dropped modes settle within {found['dropped_modes_settle_s']:.3g} s")
     table.add_row("transient error", f"of a heat step: at most {steps}")
+    biot = found["biot"]
+    table.add_row("Biot number", f"{biot['number']:.2g}, under a film of {biot['film_W_m2K']:.3g} W/m²K")
     table.add_row("weakest mode", _weakest(found))
     table.add_row("estimator", found["estimator"] + _bandwidth(found["bandwidth_1_s"]))
     table.add_row("slowest poles, 1/s", "plant    " + _poles(found["eigenvalues_1_s"]))

@@ -79,3 +79,16 @@ def test_the_picture_is_drawn_and_its_name_checked_first(tmp_path: Path) -> None
     assert drawn.count("<path") > 50
     refused = CliRunner().invoke(app, [*command, str(tmp_path / "poles.txt")])
     assert "ending in .png" in str(refused.exception)
+
+
+@pytest.mark.parametrize(
+    ("film_W_m2K", "bore_m", "number"),
+    [(10.0, 0.0, 0.1 / 60.5), (1000.0, 0.0, 10.0 / 60.5), (1000.0, 0.02, 7.5 / 60.5)],
+)
+def test_a_screw_that_is_not_of_one_temperature_across_is_doubted(film_W_m2K, bore_m, number) -> None:
+    """h (V/S)/k of Kim's screw, of 40 mm: V/S is a quarter of that, and less with a bore."""
+    table = tomllib.loads((CONFIG / "kim-screw.toml").read_text(encoding="utf-8"))
+    table["surface"]["convection_W_m2K"], table["screw"]["bore_m"] = film_W_m2K, bore_m
+    found = findings(parse(table))
+    assert found["biot"] == {"film_W_m2K": film_W_m2K, "number": pytest.approx(number)}
+    assert any("Biot" in warning for warning in found["warnings"]) == (number > 0.1)

@@ -157,6 +157,15 @@ def _end(boundary: Boundary, k_W_mK: float) -> End:
     return End((boundary.coefficient_W_m2K or 0.0) / k_W_mK)
 
 
+def biot_number(screw: Screw, film_W_m2K: float) -> float:
+    """Return h (V/S)/k, what a film loses over what the section conducts to it; V/S is d/4 of a solid screw.
+
+    Below 0.1 a body is nearly of one temperature across (Incropera & DeWitt 2007, eq. 5.10).
+    """
+    volume_m = 0.25 * screw.diameter_m * (1.0 - (screw.bore_m / screw.diameter_m) ** 2)
+    return film_W_m2K * volume_m / screw.conductivity_W_mK
+
+
 def surface_rate(screw: Screw) -> float:
     """P/(ρ c A): the rate of loss per film coefficient, 1/s per W/m²K; 4/(ρ c d) of a solid screw."""
     solid = 4 / (screw.density_kg_m3 * screw.specific_heat_J_kgK * screw.diameter_m)
