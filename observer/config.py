@@ -310,8 +310,30 @@ def _heats_unknown(config: Config) -> Iterator[str]:
             yield (
                 f"source {source.name}: heat_of names no source with a heat law of its own; name one of {own}"
             )
+    yield from _following_what(config)
     if not any(s.estimate for s in config.source):
         yield "every source has estimate = false; leave at least one to be estimated"
+
+
+def _following_what(config: Config) -> Iterator[str]:
+    """What heats that follow another cannot go with."""
+    estimated = {s.name for s in config.source if s.estimate}
+    for source in (s for s in config.source if s.follows):
+        place = f"source {source.name}: follows"
+        if source.name not in estimated or source.heat_of not in estimated:
+            yield f"{place} an estimated heat; leave estimate = true for both, or remove follows"
+        if source.position_channel is not None:
+            yield f"{place}: a nut whose position is measured follows no other heat; remove follows"
+        if config.node:
+            yield f"{place}: only on a screw by itself, not with [[node]]; remove one of them"
+
+
+def untied(config: Config) -> Config:
+    """Return the configuration with every heat by itself; by their laws alone, all remains as it was."""
+    if not any(s.follows for s in config.source):
+        return config
+    apart = tuple(s.model_copy(update={"follows": False}) for s in config.source)
+    return config.model_copy(update={"source": apart})
 
 
 def effect_problems(config: Config) -> list[str]:

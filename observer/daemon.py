@@ -166,7 +166,7 @@ def _service(
     if trial is not None:
         observers.append(trial)
     if config.alarms.enabled:
-        desk = AlarmDesk(config, machine.plant.layout, config.alarms, config.alarms_file)
+        desk = AlarmDesk(config, machine.layout, config.alarms, config.alarms_file)
         air = machine.plant.known.ambient
         observers.append(AlarmObserver(desk, publish["alarms"], air, instance))
     if is_wanted(machine):
@@ -218,7 +218,7 @@ def _publisher(ready: _Ready, instance: str, path: Path | None) -> ZenohPublishe
         name.axis,
         config.publish,
         in_force,
-        ready.machine.estimator().layout,
+        ready.machine.shown.layout(ready.machine.estimator().layout),
         instance,
         compensates=config.compensation.enabled,
         forecasts=forecasts,

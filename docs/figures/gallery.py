@@ -31,6 +31,7 @@ MACHINES = {
     "rig": ("tests/data/rig/config.toml", 1500.0),
     "kim-screw": ("config/kim-screw.toml", 500.0),
     "kim-rod": ("config/kim-rod.toml", 0.0),
+    "kim-screw-one": ("config/kim-screw-one.toml", 500.0),
     "li-lathe-axis": ("config/li-lathe-axis.toml", 1000.0),
     "li-network": ("config/li-network.toml", 1000.0),
     "yu-dual-drive": ("config/yu-dual-drive.toml", 600.0),

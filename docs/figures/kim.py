@@ -10,14 +10,18 @@ import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
+import mpmath
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parents[1]))
+ROOT = HERE.parents[1]
+sys.path.insert(0, str(ROOT))
 
+import observer  # noqa: E402
 from observer import installation  # noqa: E402
 from observer.estimators import build_estimator  # noqa: E402
 from observer.estimators.design.gains import kim_poles  # noqa: E402
@@ -38,6 +42,10 @@ from observer.model.rod.modes import (  # noqa: E402  # noqa: E402
 )
 from observer.model.rod.screw import End, Rod  # noqa: E402
 from tests.reference.printed import kim_gains, kim_gains_printed  # noqa: E402
+from tests.truth.bar import Bar, Mesh  # noqa: E402
+from tests.truth.closed_forms import prescribed_rod  # noqa: E402
+from tests.truth.rod import Heat  # noqa: E402
+from tests.truth.rod import simulate as simulate_truth  # noqa: E402
 
 BETA = 0.9995
 SOURCE, SENSOR = 0.1, 0.43
@@ -211,11 +219,157 @@ def draw_ball_screw() -> None:
     save(figure, "kim-ball-screw.png")
 
 
+def printed_rule(tau: list[float], digits: int = 60) -> list[float]:
+    """The heat that Kim's observer estimates at times τ after a heat of 1 was switched on, by poles (27),
+    with so many digits: 1 and what the error's equation (24) makes of e(0) = (0, −1).
+    """
+    with mpmath.workdps(digits):
+        decay = [(i * mpmath.pi) ** 2 for i in range(1, 8)]
+        B, C = (
+            [mpmath.sqrt(2) * mpmath.sin(i * mpmath.pi * x) for i in range(1, 8)]
+            for x in (mpmath.mpf(SOURCE), mpmath.mpf(SENSOR))
+        )
+        rates = [*(-d for d in decay), mpmath.mpf(0)]
+        poles = [-(3 * decay[-1] + i) for i in range(8)]
+        seen = [*C, mpmath.fsum(b * c / d for b, c, d in zip(B, C, decay, strict=True))]
+        g = [
+            mpmath.fprod(own - p for p in poles)
+            / (c * mpmath.fprod(own - other for other in rates if other != own))
+            for own, c in zip(rates, seen, strict=True)
+        ]
+        k, error = g[7], mpmath.matrix(8, 8)
+        for i in range(7):
+            L = g[i] + B[i] / decay[i] * k
+            for j in range(7):
+                error[i, j] = -L * C[j]
+            error[i, i] -= decay[i]
+            error[i, 7], error[7, i] = B[i], -k * C[i]
+        begin = mpmath.matrix([0] * 7 + [-1])
+        return [1.0 + float((mpmath.expm(error * mpmath.mpf(t)) * begin)[7]) for t in tau]
+
+
+HEAT_W = 50.0
+
+
+class RodRun(NamedTuple):
+    """The rod of figure 5, 50 W from the start: at each step (K,) the true temperature at the thermocouple
+    and the true field (K, g), in closed form, and what was estimated.
+    """
+
+    sensor_degC: FloatArray
+    field_degC: FloatArray
+    estimates: observer.Estimates
+
+
+def rod_run(steps: int = 41) -> RodRun:
+    """`config/kim-rod.toml` on readings by the rod's Fourier series; the log says nothing of the heat."""
+    machine = observer.load(ROOT / "config" / "kim-rod.toml")
+    screw, config = machine.config.screw, machine.config
+    bar = Bar(
+        screw.length_m, screw.diameter_m, screw.conductivity_W_mK, screw.density_kg_m3,
+        screw.specific_heat_J_kgK, 0.0,
+    )  # fmt: skip
+    time_s = config.estimator.period_s * np.arange(steps)
+    x_m = np.append(SENSOR, np.linspace(0.0, 1.0, 21))
+    rise = [np.zeros(22), *(prescribed_rod(bar, SOURCE, HEAT_W, x_m, t) for t in time_s[1:].tolist())]
+    true_degC = 20.0 + np.array(rise)
+    still = np.full(steps, 20.0)
+    log = {"time_s": time_s, "t1_degC": true_degC[:, 0], "left_degC": still, "right_degC": still}
+    estimates = machine.replay(log | {"heater_W": np.zeros(steps)})
+    return RodRun(true_degC[:, 0], true_degC[:, 1:], estimates)
+
+
+def draw_figure_5() -> None:
+    """Kim's figure 5: heat, temperatures and their estimates, by his poles and by the default."""
+    run = rod_run()
+    figure, (printed, heat, field) = new_figure(3)
+    tau = np.concatenate([[0.0], np.geomspace(1e-5, 0.03, 120)])
+    printed.plot(tau, printed_rule(tau.tolist()), lw=1)
+    printed.axhline(1.0, color="k", ls=":", lw=1)
+    printed.set_yscale("symlog", linthresh=2.0)
+    printed.set(xlabel="τ = α t/L²", ylabel="heat over the true heat", title="poles (27), in 60 digits")
+    step = np.arange(len(run.sensor_degC))
+    heat.plot(step, run.estimates["heat_heater_W"], "o", ms=3, mfc="none", label="estimated")
+    heat.axhline(HEAT_W, color="k", lw=1, label="true")
+    heat.set(xlabel="step of 300 s", ylabel="heat, W", title="heat, config/kim-rod.toml")
+    heat.legend(fontsize=8)
+    x_mm = np.linspace(0.0, 1000.0, 21)
+    for k in (5, 10, 20, 40):
+        line = field.plot(x_mm, run.field_degC[k], lw=1, label=f"step {k}")[0]
+        field.plot(x_mm, field_at(run.estimates, k), "o", ms=3, mfc="none", color=line.get_color())
+    field.set(xlabel="position, mm", ylabel="temperature, °C", title="lines exact series, dots estimated")
+    field.legend(fontsize=8)
+    save(figure, "kim-figure-5.png")
+
+
+def field_at(estimates: observer.Estimates, k: int) -> FloatArray:
+    """The field (g,) estimated at a step."""
+    names = [n for n in estimates.signals if n.startswith("field_") and n.endswith("_degC")]
+    return np.array([estimates[n][k] for n in names])
+
+
+SPEEDS_RPM, STAGE_STEPS = (500.0, 1000.0, 250.0), 50
+TRUE_TORQUE_NM = 0.45
+
+
+class SpeedsRun(NamedTuple):
+    """The ball screw at several speeds: the nut's true heat (K,), the true field (K, g), the estimates."""
+
+    heat_W: FloatArray
+    field_degC: FloatArray
+    estimates: observer.Estimates
+
+
+def speeds_run() -> SpeedsRun:
+    """`config/kim-screw-one.toml` on readings of a finite-volume screw that rubs half as much again."""
+    machine = observer.load(ROOT / "config" / "kim-screw-one.toml")
+    config, screw = machine.config, machine.config.screw
+    period_s = config.estimator.period_s
+    speed_rpm = np.repeat(SPEEDS_RPM, STAGE_STEPS)
+    time_s = period_s * np.arange(len(speed_rpm) + 1)
+    heat_W = math.pi / 30.0 * speed_rpm * TRUE_TORQUE_NM * 0.3 / screw.length_m
+    bar = Bar(
+        screw.length_m, screw.diameter_m, screw.conductivity_W_mK, screw.density_kg_m3,
+        screw.specific_heat_J_kgK, config.surface.convection_W_m2K,
+    )  # fmt: skip
+    mesh = Mesh(screw.length_m, 500)
+    inside = (mesh.centres_m > 0.1) & (mesh.centres_m < 0.4)
+    ends = [np.eye(len(inside))[i] for i in (0, -1)]
+    heats = [Heat(inside / inside.sum(), heat_W), *(Heat(end, heat_W / 3.0) for end in ends)]
+    x_m = np.append(0.215, np.linspace(0.0, screw.length_m, 21))
+    true = simulate_truth(bar, mesh, time_s, heats, x_m).temperature_degC[..., 0]
+    log = {"time_s": time_s, "t1_degC": true[:, 0], "screw_speed_rpm": np.append(speed_rpm[0], speed_rpm)}
+    return SpeedsRun(np.append(heat_W[0], heat_W), true[:, 1:], machine.replay(log))
+
+
+def draw_speeds() -> None:
+    """One unknown and one thermocouple, at three speeds."""
+    run = speeds_run()
+    figure, (heats, field) = new_figure(2)
+    step = np.arange(len(run.heat_W))
+    for name, part in (("nut", 1.0), ("left_bearing", 1 / 3)):
+        line = heats.plot(step, part * run.heat_W, lw=1)[0]
+        ink = {"mfc": "none", "color": line.get_color()}
+        heats.plot(step, run.estimates[f"heat_{name}_W"], "o", ms=3, label=name.replace("_", " "), **ink)
+    heats.set(xlabel="step of 60 s", ylabel="heat, W", title="500, 1000, 250 rpm; lines true, dots estimated")
+    heats.legend(fontsize=8)
+    x_mm = np.linspace(0.0, 500.0, 21)
+    for stage, speed_rpm in enumerate(SPEEDS_RPM, 1):
+        k = stage * STAGE_STEPS
+        line = field.plot(x_mm, run.field_degC[k], lw=1, label=f"{speed_rpm:.0f} rpm, step {k}")[0]
+        field.plot(x_mm, field_at(run.estimates, k), "o", ms=3, mfc="none", color=line.get_color())
+    field.set(xlabel="position, mm", ylabel="temperature, °C", title="lines finite volumes, dots estimated")
+    field.legend(fontsize=8)
+    save(figure, "kim-speeds.png")
+
+
 def main() -> None:
     """Draw all figures."""
     draw_truncation()
     draw_gains()
+    draw_figure_5()
     draw_ball_screw()
+    draw_speeds()
 
 
 if __name__ == "__main__":

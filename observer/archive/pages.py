@@ -195,6 +195,6 @@ class Pages:
         about = origin.used, origin.instance
         if about not in self._encoders:
             self._encoders = {
-                about: EstimateEncoder(self._archive.setup(origin.used).plant.layout, origin.instance)
+                about: EstimateEncoder(self._archive.setup(origin.used).layout, origin.instance)
             }
         return self._encoders[about]

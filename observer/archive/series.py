@@ -117,7 +117,7 @@ def _taken(
     values: list[Any] = []
     quality: list[str] = []
     for chapter in archive.read(begin_s, end_s, [], until_s=until_s):
-        column = _column(node, archive.setup(chapter.origin.used).plant.layout)
+        column = _column(node, archive.setup(chapter.origin.used).layout)
         if column is None:
             continue
         found, own = _values(column, chapter)

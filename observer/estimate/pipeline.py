@@ -10,6 +10,7 @@ from observer.align.aligner import AlignPlan
 from observer.align.walk import OfFrame
 from observer.config import Config
 from observer.errors import ConfigError
+from observer.estimate.shown import Shown
 from observer.estimators import build_estimator
 from observer.estimators.by_block import BlockEstimator
 from observer.estimators.live import LiveEstimator, LiveSelfTest
@@ -96,9 +97,11 @@ class Pipeline(Generic[State]):
         estimator: Estimator,
         self_test: SelfTest | None = None,
         gap: GapWatch | None = None,
+        shown: Shown | None = None,
     ) -> None:
         """Begin before the first frame; without a self-test every quality is the estimator's own."""
         self._drive, self._estimator, self._test, self.gap = drive, estimator, self_test, gap
+        self._shown = shown
         self._states: list[Any] = [drive.initial(), *self._begin()]
         self._past: tuple[tuple[Finding, int], ...] = ()
         self._live: Live | None = None
@@ -110,7 +113,8 @@ class Pipeline(Generic[State]):
     @property
     def layout(self) -> Layout:
         """What the columns of the estimates are."""
-        return self._estimator.layout
+        own = self._estimator.layout
+        return own if self._shown is None else self._shown.layout(own)
 
     def _begin(self) -> list[Any]:
         """The states of estimator and self-test before the first step."""
@@ -118,6 +122,11 @@ class Pipeline(Generic[State]):
 
     def step(self, frames: FrameBlock) -> EstimateBlock:
         """The estimates of the next frames; an exception leaves the states as they were."""
+        estimates = self._estimates(frames)
+        return estimates if self._shown is None else self._shown.block(estimates)
+
+    def _estimates(self, frames: FrameBlock) -> EstimateBlock:
+        """The same as the estimator gives them."""
         self._finish()
         live, data = self._live_of(frames)
         if live is None:
@@ -192,14 +201,14 @@ class Pipeline(Generic[State]):
         """What self-test and screening find wrong now."""
         self._settle()
         found = () if self._test is None else self._test.findings(self._states[2])
-        return (*found, *screening_findings(self.layout, self._states[1]))
+        return (*found, *screening_findings(self._estimator.layout, self._states[1]))
 
     @property
     def history(self) -> tuple[tuple[Finding, int], ...]:
         """What self-test and screening have ever found wrong, and in how many steps."""
         self._settle()
         found = () if self._test is None else self._test.history(self._states[2])
-        return (*self._past, *found, *screening_history(self.layout, self._states[1]))
+        return (*self._past, *found, *screening_history(self._estimator.layout, self._states[1]))
 
     def reset(self) -> None:
         """Have the estimator start afresh; what the drive remembers of the nut's path stays true."""
@@ -254,6 +263,16 @@ class MachineModel:
         return cls(config, plant, Drive(config, plant), AlignPlan.of(config))
 
     @cached_property
+    def shown(self) -> Shown:
+        """Which heats are shown of those that are estimated."""
+        return Shown.of(self.plant)
+
+    @property
+    def layout(self) -> Layout:
+        """What the columns of the estimates shown are."""
+        return self.shown.layout(self.plant.layout)
+
+    @cached_property
     def with_law(self) -> frozenset[str]:
         """The names of the sources whose heat has a law."""
         return frozenset(s.name for s in realise(self.config).config.source if s.law is not None)
@@ -297,4 +316,4 @@ class MachineModel:
                 f"sensor {moved[0]}: with supports.gap_m a displacement bends where the play closes, "
                 "which no estimator here follows; calibrate with it; to estimate, remove sensor or play"
             )
-        return Pipeline(self.drive, estimator or self.estimator(), self.self_test(), self.gap())
+        return Pipeline(self.drive, estimator or self.estimator(), self.self_test(), self.gap(), self.shown)

@@ -25,6 +25,11 @@ def refuse_unexportable(config: Config, plant: Plant | None = None, drive: Drive
             f'estimator.kind = "{config.estimator.kind}" is a class from outside, which no controller '
             'can run; export with kind = "kalman" or "luenberger"'
         )
+    if following := [s.name for s in config.source if s.follows]:
+        raise ConfigError(
+            f"source {following[0]}: follows another heat, which an export does not know; remove follows, "
+            "and give each heat a sensor of its own"
+        )
     for effect in config.effect:
         for term in effect.terms(config):
             for kind, why in _WHY:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.config import Config
+from observer.config import Config, untied
 from observer.effects.terms import Body
 from observer.fit.bend import Bend, unbent
 from observer.fit.runs import Run, mean_over
@@ -59,6 +59,7 @@ class Forward:
         by_row: bool = False,
     ) -> None:
         self._watch, self._by_row = watch, by_row
+        config = untied(config)
         plant = build_plant(config).sensors_only()
         self._modes = len(plant.mode_index)
         self._tables = [m.table for m in plant.moving]
@@ -314,7 +315,10 @@ def _stretches(config: Config) -> list[Source]:
 
 
 def unit_laws(config: Config) -> tuple[Config, FloatArray]:
-    """Return the configuration with heat laws of strength 1, and the strengths (m,) it had."""
+    """Return the configuration with heat laws of strength 1, none of which follows another, and the strengths
+    (m,) it had.
+    """
+    config = untied(config)
     divided = {t.source for t in terms_of(config) if isinstance(t, Body) and t.heated > 0.0}
     sources = [s.model_copy(update=dict.fromkeys(_linear_in(s, divided), 1.0)) for s in config.source]
     strength = [_strength(source, config, divided) for source in config.source]

@@ -54,7 +54,7 @@ def fit_noise(config: Config, runs: Sequence[Sequence[FrameBlock]]) -> dict[str,
     plant, _ = with_field_noise(plant)
     walks = fit_process_noise(plant, logs)
     _, noise = with_field_noise(replace(plant, random_walk_W2_s=walks**2))
-    names = [f"source.{s.name}.random_walk_W_sqrt_s" for s in config.source if s.estimate]
+    names = [f"source.{s.name}.random_walk_W_sqrt_s" for s in config.source if s.estimate and not s.follows]
     return {FIELD: noise} | dict(zip(names, walks.tolist(), strict=True))
 
 

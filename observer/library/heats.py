@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -77,7 +77,8 @@ def identified_heats(
         )
     except UserError as error:
         raise LogError(f"{log.path}: {error}") from None
-    layout = machine.plant.layout
+    layout, shown = machine.layout, machine.shown.heats
+    history = replace(history, heat_W=shown(history.heat_W), heat_sigma_W=shown(history.heat_sigma_W))
     more: dict[str, Any] = {
         "config": config.digest,
         "method": options.method,

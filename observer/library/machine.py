@@ -206,10 +206,11 @@ class Machine:
         spread over its stroke; losses that change with speed or temperature are left out. Raises
         `ConfigError` for supports with play, of which the error is no linear output.
         """
+        from observer.config import untied
         from observer.model.build import build_plant
         from observer.model.generator import state_space
 
-        return state_space(build_plant(self.config))
+        return state_space(build_plant(untied(self.config)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -33,12 +33,12 @@ class Learner:
     """Gathers what drove a plant, and the heats, in bins."""
 
     def __init__(self, machine: MachineModel) -> None:
-        self._moving = [m.index for m in machine.plant.moving]
+        self._moving, self._shown = [m.index for m in machine.plant.moving], machine.shown
         self._parts: Bins | None = None
 
     def take(self, inputs: Inputs, block: EstimateBlock) -> None:
         """Take consecutive steps."""
-        found = binned(inputs, block, self._moving)
+        found = binned(inputs, self._shown.estimated(block), self._moving)
         self._parts = found if self._parts is None else joined([self._parts, found])
 
     @property

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from observer.config import Config
-from observer.effects.terms import COUPLING_TERMS, SensorOffset, StrokeEnds, Term
+from observer.effects.terms import COUPLING_TERMS, LawFactor, SensorOffset, StrokeEnds, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray
 from observer.model.couple import with_coupling
@@ -33,7 +33,7 @@ from observer.model.rod.modes import (
 from observer.model.rod.moving import TABLE_POINTS
 from observer.model.rod.screw import rod_of
 from observer.model.rod.supports import restraint_of
-from observer.tables.sections import Source
+from observer.tables.sections import Source, following, part_of_heat
 
 MOST_MODES = 400
 MOST_ASKED = 150
@@ -63,6 +63,7 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool 
 def full_model(config: Config, terms: Sequence[Term]) -> FullModel:
     """The full model of a configuration with its effects in place, without what couples its states."""
     modes = solve_modes(rod_of(config), (config.model.modes or MOST_MODES) + 1)
+    _refuse_on_followed(config, terms)
     ends = {t.source: t.fraction for t in terms if isinstance(t, StrokeEnds)}
     return FullModel(
         modes=modes,
@@ -82,19 +83,37 @@ def _heat(config: Config, source: Source, ends_fraction: float) -> HeatInput:
     low_m, high_m = source.stroke_m or (0.0, L)
     if source.shape == "nut" and source.position_channel is not None:
         nut = Nut(source.position_channel, source.length_m or 0.0, high_m - low_m)
+    also = following(config.source).get(source.name, ())
     return HeatInput(
         name=source.name,
         stretch=mean_stretch(source, config.screw),
-        share=source.screw_share,
+        share=0.0 if source.follows else source.screw_share,
         ends=tuple(nut_stretch(x, source.length_m or 0.0, L) for x in (low_m, high_m)),
         ends_fraction=ends_fraction,
         nut=nut,
         initial_sigma_W=source.initial_sigma_W,
-        estimated=source.estimate,
+        estimated=source.estimate and not source.follows,
         random_walk_W2_s=source.random_walk_W_sqrt_s**2,
         decay_1_s=1 / source.time_constant_s if source.time_constant_s else 0.0,
         law_uncertainty=source.law_uncertainty,
+        also=tuple((part, mean_stretch(other, config.screw)) for part, other in also),
+        follows=(source.own_or_followed, part_of_heat(source)) if source.follows else None,
     )
+
+
+def _refuse_on_followed(config: Config, terms: Sequence[Term]) -> None:
+    """Raise `ConfigError` for what acts on one of several sources that have one heat."""
+    owners = following(config.source)
+    followers = {s.name for s in config.source if s.follows}
+    for term in terms:
+        name = getattr(term, "source", None)
+        if not isinstance(name, str):
+            continue
+        if name in followers or (name in owners and not isinstance(term, LawFactor | StrokeEnds)):
+            raise ConfigError(
+                f"source {name}: an effect acts on it alone, but its heat is one with that of others; remove "
+                "follows, or the effect"
+            )
 
 
 def keep_modes(config: Config, candidates: Modes) -> list[int]:

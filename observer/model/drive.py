@@ -68,8 +68,8 @@ class Drive:
         config = machine.config
         self._plant = plant
         self._factors = [
-            [t.factor for t in machine.terms if isinstance(t, LawFactor) and t.source == name]
-            for name in plant.source_names
+            [t.factor for t in machine.terms if isinstance(t, LawFactor) and t.source == s.own_or_followed]
+            for s in config.source
         ]
         self.losses = [t for t in machine.terms if isinstance(t, SpeedLoss)]
         self._surface_rate = surface_rate(config.screw)

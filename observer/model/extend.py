@@ -92,7 +92,10 @@ def extended(plant: Plant, more: States) -> Plant:
         E=np.vstack([plant.E, more.E]),
         rows=replace(plant.rows, C=wide(plant.rows.C, n_x)),
         moving=tuple(  # they heat the new states too, wherever they are
-            s.with_table(mean_B=np.concatenate([s.table.mean_B, more.B[:, s.index]])) for s in plant.moving
+            s.with_table(
+                mean_B=np.concatenate([s.table.mean_B, more.B[:, s.index]]), turn=_wider(s.table.turn, n_x)
+            )
+            for s in plant.moving
         ),
         uniform=np.concatenate([plant.uniform, more.uniform]),
         prior_P=prior,
@@ -123,6 +126,15 @@ def lagging(plant: Plant, sensors: Sequence[int]) -> Plant:
     for i, sensor in enumerate(sensors):
         plant.rows.C[sensor, plant.rows.C.shape[1] - len(sensors) + i] = 1.0
     return plant
+
+
+def _wider(turn: FloatArray, n_x: int) -> FloatArray:
+    """A nut's `turn`, if it has one, for more states, which it leaves as they are."""
+    if not len(turn):
+        return turn
+    out = np.eye(n_x)
+    out[: len(turn), : len(turn)] = turn
+    return out
 
 
 def padded(vector: FloatArray, size: int) -> FloatArray:

@@ -210,8 +210,9 @@ def turned(plant: Plant, V: FloatArray, decay_1_s: FloatArray) -> Plant:
     for s in plant.moving:
         lag = plant.modes + s.index
         beside = rows.C[:, lag] - plant.rows.C[:, lag] * V[lag, lag]
+        turn = inverse @ s.table.turn if len(s.table.turn) else inverse
         moving.append(
-            s.with_table(turn=inverse, table_C=s.table.table_C + beside, mean_C=s.table.mean_C + beside)
+            s.with_table(turn=turn, table_C=s.table.table_C + beside, mean_C=s.table.mean_C + beside)
         )
     return replace(
         plant,

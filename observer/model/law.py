@@ -12,7 +12,7 @@ from observer.kernels.codes import OF_CHANNEL, OF_NOTHING, OF_SPEED
 from observer.physics import friction
 from observer.physics.constants import RAD_S_PER_RPM
 from observer.tables.laws import SPEED_LAWS, BearingFriction
-from observer.tables.sections import Source, owner
+from observer.tables.sections import Source, owner, part_of_heat
 
 Law = Callable[..., FloatArray]
 """Heat in W from the law's channels, one array (k,) each, in the order of `law_channels`."""
@@ -53,8 +53,7 @@ def heat_law(source: Source, sources: Sequence[Source], screw_m: float) -> Law:
     """
     if source.law == "heat_of":
         other = heat_law(owner(source, sources), sources, screw_m)
-        part = source.scale / (source.heat_ratio or 1.0)
-        return _times(other, part)
+        return _times(other, part_of_heat(source))
     if source.law == "power_channel":
         return Product(OF_CHANNEL, (source.scale,))
     if source.law not in SPEED_LAWS:

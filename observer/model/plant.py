@@ -51,6 +51,14 @@ class KnownColumns(NamedTuple):
         return cls(at[AMBIENT], at.get(LEFT), at.get(RIGHT), at.get(REFERENCE), offset)
 
 
+class Following(NamedTuple):
+    """A source without an unknown of its own: the number of the `owner` whose heat it is a `part` of."""
+
+    index: int
+    owner: int
+    part: float
+
+
 class Basis(NamedTuple):
     """The states ξ of a plant in its own modes: x = `V` ξ, ξ = `inverse` x, both (n_x, n_x), with x its
     modes, lags, nodes and lagging sensors, which by themselves decay at `decay_1_s` (n_x,).
@@ -131,7 +139,8 @@ class Plant:
     slowest mode that was dropped;
     `coupling` holds the time-varying couplings of the states, `learning` what is only roughly known,
     None where all is taken as the configuration says, and `basis` whose own modes the states are, None where
-    they are the screw's and each lag and node by itself.
+    they are the screw's and each lag and node by itself. The columns of sources `following` another are zero:
+    theirs are in the other's, whose heat drives them all.
     """
 
     layout: Layout
@@ -159,6 +168,7 @@ class Plant:
     coupling: Coupling
     learning: Learning | None = None
     basis: Basis | None = None
+    following: tuple[Following, ...] = ()
 
     def of_screw(self, columns: FloatArray) -> FloatArray:
         """Return modal columns (…, N) of the screw as states (…, n_x)."""

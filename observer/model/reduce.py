@@ -19,7 +19,7 @@ import numpy as np
 from observer.frames import FloatArray, Layout
 from observer.model.coupling import no_coupling
 from observer.model.network import past_heat_covariance, smooth_field_covariance
-from observer.model.plant import BED, OFFSET, REFERENCE, MovingSource, OutputRows, Plant
+from observer.model.plant import BED, OFFSET, REFERENCE, Following, MovingSource, OutputRows, Plant
 from observer.model.rod.modes import (
     Modes,
     Stretch,
@@ -178,6 +178,9 @@ class HeatInput:
     """A source of heat: the `share` of it that enters the screw does so over `stretch`, averaged over its
     motion, but for `ends_fraction`, which enters over the two stretches `ends` at the ends of a stroke.
 
+    `also` are further stretches, where as much more enters as these parts of it; a heat that `follows` is the
+    part of the one of that name, and is left to that.
+
     The rest is what an estimator takes from it: the σ it begins with, whether it is `estimated`, its random
     walk in W²/s, the rate at which it comes back to its law, and how far that is trusted.
     """
@@ -193,6 +196,8 @@ class HeatInput:
     random_walk_W2_s: float
     decay_1_s: float
     law_uncertainty: float
+    also: tuple[tuple[float, Stretch], ...] = ()
+    follows: tuple[str, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,8 +277,15 @@ def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS)
         diffusion_rate_1_s=rod.diffusivity_m2_s / rod.length_m**2,
         dropped_rate_1_s=lag_decay_1_s,
         coupling=no_coupling(N + m, m, len(known)),
+        following=_following(heats),
     )
     return plant, modes
+
+
+def _following(heats: Sequence[HeatInput]) -> tuple[Following, ...]:
+    """Which heats are parts of which."""
+    at = {h.name: i for i, h in enumerate(heats)}
+    return tuple(Following(i, at[h.follows[0]], h.follows[1]) for i, h in enumerate(heats) if h.follows)
 
 
 def _first_dropped(candidates: Modes, kept: Sequence[int]) -> float:
@@ -286,6 +298,24 @@ def _footprint(
     full: FullModel, modes: Modes, heat: HeatInput, ends_fraction: float
 ) -> tuple[FloatArray, FloatArray]:
     """A heat's modal column (N,) and its lag's output column (R,), averaged over its motion."""
+    b, c = _own_footprint(full, modes, heat, ends_fraction)
+    more_b, more_c = _further(full, modes, heat)
+    return b + more_b, c + more_c
+
+
+def _further(full: FullModel, modes: Modes, heat: HeatInput) -> tuple[FloatArray, FloatArray]:
+    """What further stretches add to a heat's columns (N,) and (R,)."""
+    b, c = np.zeros(len(modes)), np.zeros(len(modal_rows(modes, full.places)))
+    for part, stretch in heat.also:
+        b += part * modal_input(modes, stretch)
+        c += part * _lag_row(full, modes, stretch)
+    return b, c
+
+
+def _own_footprint(
+    full: FullModel, modes: Modes, heat: HeatInput, ends_fraction: float
+) -> tuple[FloatArray, FloatArray]:
+    """The same without further stretches."""
     b, c = heat.share * modal_input(modes, heat.stretch), heat.share * _lag_row(full, modes, heat.stretch)
     if ends_fraction == 0.0:
         return b, c
@@ -329,7 +359,8 @@ def _moving_sources(
         if heat.nut is None:
             continue
         mean_B = B[:, index].copy()
-        mean_B[: len(modes)], mean_C = _footprint(full, modes, heat, 0.0)
+        mean_B[: len(modes)], mean_C = _own_footprint(full, modes, heat, 0.0)
+        more_b, more_c = _further(full, modes, heat)
         table = NutTable(
             mu_1_m=modes.mu_1_m,
             phase=modes.phase,
@@ -340,12 +371,25 @@ def _moving_sources(
             stroke_m=heat.nut.stroke_m,
             lag=len(modes) + index,
             lag_decay_1_s=lag_decay_1_s,
-            table_C=_nut_rows(full, modes, heat.share, heat.nut, nut_places),
+            table_C=_nut_rows(full, modes, heat.share, heat.nut, nut_places) + more_c,
             mean_B=mean_B,
-            mean_C=mean_C,
+            mean_C=mean_C + more_c,
+            turn=_adding(more_b, lag_decay_1_s, len(modes) + index, len(B)) if heat.also else _NO_TURN,
         )
         found.append(MovingSource(index, heat.nut.channel, table, heat.ends_fraction))
     return tuple(found)
+
+
+_NO_TURN = np.zeros((0, 0))
+
+
+def _adding(more_b: FloatArray, lag_decay_1_s: float, lag: int, n_x: int) -> FloatArray:
+    """The matrix (n_x, n_x) that adds a constant to a nut's input columns: by their entry for its lag, which
+    is the same wherever the nut is.
+    """
+    turn = np.eye(n_x)
+    turn[: len(more_b), lag] = more_b / lag_decay_1_s
+    return turn
 
 
 def _nut_rows(full: FullModel, modes: Modes, share: float, nut: Nut, nut_places: int) -> FloatArray:

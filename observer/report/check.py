@@ -132,7 +132,7 @@ def _model_warnings(config: Installation, design: DesignReport) -> list[str]:
     if biot["number"] > MOST_BIOT:
         warnings.append(
             f"the Biot number is {biot['number']:.2g}, above {MOST_BIOT:g}: under a film of "
-            f"{biot['film_W_m2K']:.3g} W/m²K the screw is not of one temperature across, as the model has it; "
+            f"{biot['film_W_m2K']:.3g} W/m²K the screw is not of one temperature across, as in the model; "
             "check surface.convection_W_m2K, or expect the core to differ from what the sensors read"
         )
     if rod.floating and not any(isinstance(t, SpeedLoss | StretchFilm | Radiation) for t in machine.terms):

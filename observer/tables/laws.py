@@ -95,6 +95,8 @@ class HeatLaw(Section):
     #: law: heat = scale · the heat by the law of the source of this name / `heat_ratio`
     heat_of: quantities.Name | None = None
     heat_ratio: Annotated[quantities.Factor, Field(gt=0)] | None = None  #: for `heat_of`
+    #: `heat_of`: no unknown of its own: as the other source's heat is estimated, this is its part of that
+    follows: quantities.Flag = False
     share: quantities.Share = 1.0  #: share of the friction heat that enters the screw, 0 to 1
     #: fraction of time the drive runs, 0 to 1, where the speed channel only holds a set speed
     duty: quantities.Share = 1.0
@@ -111,6 +113,8 @@ class HeatLaw(Section):
             raise ValueError(f"only one heat law per source, here {' and '.join(laws)}")
         if laws and laws[0] in SPEED_LAWS and self.speed_channel is None:
             raise ValueError(f"{laws[0]} needs speed_channel")
+        if self.follows and self.heat_of is None:
+            raise ValueError("follows needs to know which heat; give heat_of and heat_ratio, or remove it")
         if self.drive_channel is not None and self.heat_W is None:
             raise ValueError("drive_channel says when heat_W flows; give heat_W or remove it")
         return self

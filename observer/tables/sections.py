@@ -245,6 +245,11 @@ class Source(HeatLaw):
         return self
 
     @property
+    def own_or_followed(self) -> str:
+        """The name of the source whose heat drives this one: its own, or that of the one it follows."""
+        return self.heat_of if self.follows and self.heat_of is not None else self.name
+
+    @property
     def screw_share(self) -> float:
         """The part of the heat that enters the screw itself, the rest going into nodes."""
         left = 1.0 - sum(self.nodes.values())
@@ -259,6 +264,20 @@ class Source(HeatLaw):
         if self.nut_friction is not None and (self.nut_friction.lead_m is None) == (self.lead_m is None):
             raise ValueError("nut_friction needs the lead once; give lead_m in one of the two tables")
         return self
+
+
+def following(sources: Sequence[Source]) -> dict[str, list[tuple[float, Source]]]:
+    """Return the sources that follow each, by its name, and which part of its heat theirs is."""
+    found: dict[str, list[tuple[float, Source]]] = {}
+    for source in sources:
+        if source.follows and source.heat_of is not None:
+            found.setdefault(source.heat_of, []).append((part_of_heat(source), source))
+    return found
+
+
+def part_of_heat(source: Source) -> float:
+    """Return which part of the other's heat a source with a `heat_of` law has."""
+    return source.scale / (source.heat_ratio or 1.0)
 
 
 def law_channels(source: Source, sources: Sequence[Source]) -> tuple[str, ...]:

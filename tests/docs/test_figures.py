@@ -65,6 +65,34 @@ def test_the_ball_screw_settles_within_about_twenty_steps(kim: ModuleType) -> No
     assert np.abs(run.estimate.field_degC[20:] - run.field_degC[20:]).max() < 0.05
 
 
+def test_the_rod_with_one_unknown_heat(kim: ModuleType) -> None:
+    run = kim.rod_run()
+    off = np.abs(run.estimates["heat_heater_W"] / kim.HEAT_W - 1.0)
+    assert off[10:18].max() > 0.05
+    assert off[18:].max() < 0.05  # what a printed plot could show
+    for step, within_K in ((20, 2.3), (40, 0.03)):
+        assert np.abs(kim.field_at(run.estimates, step) - run.field_degC[step]).max() < within_K
+
+
+def test_the_printed_poles_hold_with_sixty_digits_and_after_a_great_swing(kim: ModuleType) -> None:
+    swing, *settled = kim.printed_rule([0.0005, 0.02, 0.03])
+    assert swing == pytest.approx(21_855, rel=0.01)
+    np.testing.assert_allclose(settled, 1.0, atol=0.05)
+    reached = kim.example_gains().reached
+    assert reached.real.min() < -4000
+
+
+def test_one_thermocouple_finds_the_heat_of_nut_and_bearings_at_each_speed(kim: ModuleType) -> None:
+    run, steps = kim.speeds_run(), kim.STAGE_STEPS
+    off = np.abs(run.estimates["heat_nut_W"] / run.heat_W - 1.0)[1:].reshape(-1, steps)
+    assert (off[:, :10].max(axis=1) > 0.05).all(), "nothing was to be found"
+    assert off[:, 15:].max() < 0.05
+    np.testing.assert_allclose(run.estimates["heat_left_bearing_W"], run.estimates["heat_nut_W"] / 3.0)
+    for stage in range(1, 4):
+        field = kim.field_at(run.estimates, stage * steps)
+        assert np.abs(field - run.field_degC[stage * steps]).max() < 0.05
+
+
 def test_the_table_of_the_heat_histories(heat_history: ModuleType) -> None:
     page = (DOCS / "explanation" / "heat-history.md").read_text(encoding="utf-8")
     table = dict(re.findall(r"^\| ([^|]+) \| ([\d./ ]+) \| \d+ \| \d+ \|$", page, flags=re.M))
