@@ -324,8 +324,8 @@ def _following_what(config: Config) -> Iterator[str]:
             yield f"{place} an estimated heat; leave estimate = true for both, or remove follows"
         if source.position_channel is not None:
             yield f"{place}: a nut whose position is measured follows no other heat; remove follows"
-        if config.node:
-            yield f"{place}: only on a screw by itself, not with [[node]]; remove one of them"
+        if config.node or any(s.covers_film for s in config.source):
+            yield f"{place}: not with [[node]] or covers_film, which go by each source; remove one of them"
 
 
 def untied(config: Config) -> Config:

@@ -10,7 +10,7 @@ from observer.align.aligner import AlignPlan
 from observer.align.walk import OfFrame
 from observer.config import Config
 from observer.errors import ConfigError
-from observer.estimate.shown import Shown
+from observer.estimate.shown import ShownHeats
 from observer.estimators import build_estimator
 from observer.estimators.by_block import BlockEstimator
 from observer.estimators.live import LiveEstimator, LiveSelfTest
@@ -97,7 +97,7 @@ class Pipeline(Generic[State]):
         estimator: Estimator,
         self_test: SelfTest | None = None,
         gap: GapWatch | None = None,
-        shown: Shown | None = None,
+        shown: ShownHeats | None = None,
     ) -> None:
         """Begin before the first frame; without a self-test every quality is the estimator's own."""
         self._drive, self._estimator, self._test, self.gap = drive, estimator, self_test, gap
@@ -263,9 +263,9 @@ class MachineModel:
         return cls(config, plant, Drive(config, plant), AlignPlan.of(config))
 
     @cached_property
-    def shown(self) -> Shown:
+    def shown(self) -> ShownHeats:
         """Which heats are shown of those that are estimated."""
-        return Shown.of(self.plant)
+        return ShownHeats.of(self.plant)
 
     @property
     def layout(self) -> Layout:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from observer.frames import EstimateBlock, FloatArray, Layout
 from observer.model.plant import Plant
 
 
-class Shown(NamedTuple):
+class ShownHeats(NamedTuple):
     """The heats shown, in the order of the configuration: their `names`, the column of the estimate that each
     is a `part` of, and which of the columns shown are the estimate's `own`.
     """
@@ -23,11 +24,11 @@ class Shown(NamedTuple):
     own: NDArray[np.int64]
 
     @classmethod
-    def of(cls, plant: Plant) -> Shown:
+    def of(cls, plant: Plant) -> ShownHeats:
         """Those of a plant."""
         estimated = np.flatnonzero(plant.estimated).tolist()
         parts = {index: (index, 1.0) for index in estimated}
-        parts |= {f.index: (f.owner, f.part) for f in plant.following}
+        parts |= {f.source: (f.owner, f.part) for f in plant.following}
         shown = sorted(parts)
         return cls(
             tuple(plant.source_names[i] for i in shown),
@@ -53,13 +54,21 @@ class Shown(NamedTuple):
         """Estimates as they are shown."""
         if not self.changes:
             return block
-        return replace(block, **{name: self.heats(getattr(block, name)) for name in _HEATS})
+        return _with_heats(block, self.heats)
 
     def estimated(self, block: EstimateBlock) -> EstimateBlock:
         """Estimates that are shown as the estimator gave them."""
         if not self.changes:
             return block
-        return replace(block, **{name: getattr(block, name)[:, self.own] for name in _HEATS})
+        return _with_heats(block, lambda heats: heats[:, self.own])
 
 
-_HEATS = ("heat_W", "heat_sigma_W", "law_W", "heat_bound_W")
+def _with_heats(block: EstimateBlock, of: Callable[[FloatArray], FloatArray]) -> EstimateBlock:
+    """Estimates with all that belongs to heats made anew."""
+    return replace(
+        block,
+        heat_W=of(block.heat_W),
+        heat_sigma_W=of(block.heat_sigma_W),
+        law_W=of(block.law_W),
+        heat_bound_W=of(block.heat_bound_W),
+    )

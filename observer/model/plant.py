@@ -52,9 +52,9 @@ class KnownColumns(NamedTuple):
 
 
 class Following(NamedTuple):
-    """A source without an unknown of its own: the number of the `owner` whose heat it is a `part` of."""
+    """The number of a `source` without an unknown of its own, and of the `owner` whose heat it is part of."""
 
-    index: int
+    source: int
     owner: int
     part: float
 
