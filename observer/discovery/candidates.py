@@ -78,12 +78,9 @@ def library(
     free: Collection[str],
     without: Sequence[str] = (),
     also: Sequence[str] = (),
-    *,
-    coarse: bool = False,
 ) -> tuple[Candidate, ...]:
     """Return the candidates of a machine whose free parameters are `free`: of the library `without` some
-    kinds, and of the kinds from outside that are tried `also`; none of a nut's path where the rows of some
-    log are too `coarse` to show it.
+    kinds, and of the kinds from outside that are tried `also`.
     """
     length_m = machine.screw.length_m
     return tuple(
@@ -92,7 +89,7 @@ def library(
             {key: effect.parameters[key].on(length_m) for key in form},
         )
         for effect in (*LIBRARY, *map(effect_class, also))
-        if effect.named() not in without and not (coarse and effect.on_the_way)
+        if effect.named() not in without
         for target in effect.places(machine, free)
         for form in effect.forms(machine, target, free)
     )  # fmt: skip

@@ -80,17 +80,18 @@ def discover(
             "the last log, or the end of a single one, is kept as proof and holds no usable reading; "
             "make the last log one with readings within [limits]"
         )
-    coarse = any(run.coarse for run in problem.forward.runs)
-    known = library(config, keys, config.discover.without, config.discover.also, coarse=coarse)
+    sparse = sparse_paths(config, prepared)
+    known = library(config, keys, config.discover.without, config.discover.also)
+    if sparse or any(run.coarse for run in problem.forward.runs):
+        known = tuple(candidate for candidate in known if not needs_path(candidate, config))
     found = search(problem, known, progress, pool)
     progress("suspects among the logs", 0.91)
-    sparse = sparse_paths(config, prepared)
-    wrong = (*sparse, *suspects(found.null, found.ranking, found.signatures))
+    wrong = sparse or suspects(found.null, found.ranking, found.signatures)
     progress("opening the proof", 0.94)
     less = _with_one_less(found, pool)
     proof = prove(found.null, found.fit, less)
     verdict = decide(found, proof, missing_excitation(config, prepared, courses_of(problem)))
-    verdict = under_suspicion(verdict, [s.text for s in wrong if _counts(s, verdict, config)])
+    verdict = under_suspicion(verdict, [s.text for s in wrong if _counts(s, verdict)])
     where = localised(found.null, problem.evidence.used)
     before = found.null.config if found.chosen else config
     missing = verdict.kind == "unknown" and not verdict.suspected  # otherwise the logs are at fault
@@ -110,13 +111,12 @@ def discover(
     )
 
 
-def _counts(suspect: Suspect, verdict: Verdict, config: Config) -> bool:
+def _counts(suspect: Suspect, verdict: Verdict) -> bool:
     """Whether a suspect stands against a verdict: the air not against an effect of the air, and a nut's way
-    that no log shows not against effects for which it does not matter.
+    that no log shows not against what is named without it.
     """
     if suspect.what == NUTS_WAY:
-        named = [candidate for each in verdict.sets for candidate in each]
-        return not named or any(needs_path(candidate, config) for candidate in named)
+        return not verdict.sets
     return suspect.what != "ambient" or not about_the_air(verdict.fit)
 
 

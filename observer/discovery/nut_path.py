@@ -2,7 +2,7 @@
 
 Three positions a traverse are the least that shows a nut's way: with two, as under a stroboscope, the same
 rows fit a nut that stands still at either end, creeps, or runs any number of times to and fro in between.
-What its heat does from place to place is then a guess, and no effect of the nut is named by it.
+What its heat does from place to place is then a guess, and no effect of the nut is looked for by it.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ def sparse_paths(config: Config, runs: Sequence[Run]) -> tuple[Suspect, ...]:
 
 
 def needs_path(candidate: Candidate, config: Config) -> bool:
-    """Whether an effect can only be named where the ways of nuts are known: one of a moving source, or one
+    """Whether an effect can only be found where the ways of nuts are known: one of a moving source, or one
     that is found by its place under them.
     """
     moving = {s.name for s in config.source if s.position_channel is not None}
     placed = bool({"position_m", "from_m"} & set(candidate.fitted))
-    return candidate.of.on_the_way or candidate.target in moving or placed
+    return bool(moving) and (candidate.of.on_the_way or candidate.target in moving or placed)
 
 
 def _sparse(config: Config, number: int, run: Run) -> Iterator[Sparse]:
@@ -61,10 +61,10 @@ def _sparse(config: Config, number: int, run: Run) -> Iterator[Sparse]:
             continue
         place_m = frames.values[:, frames.channels.index(source.position_channel)]
         speed_rpm = np.abs(np.nan_to_num(frames.values[:, frames.channels.index(source.speed_channel)]))
-        row_s = float(np.median(frames.dt_s[1:]))
+        row_s, stroke_m = float(np.median(frames.dt_s[1:])), float(np.nanmax(place_m) - np.nanmin(place_m))
         per_row_m = speed_rpm / 60.0 * (source.lead_m or LEAST_LEAD_M) * row_s
         shown = [
-            positions_a_traverse(place_m[part], float(np.median(per_row_m[part])))
+            positions_a_traverse(place_m[part], float(np.median(per_row_m[part])), stroke_m)
             for part in stretches_of_a_speed(speed_rpm)
             if len(part) * row_s >= LASTS_S
         ]
@@ -72,11 +72,12 @@ def _sparse(config: Config, number: int, run: Run) -> Iterator[Sparse]:
             yield Sparse(number, source, min(shown), row_s)
 
 
-def positions_a_traverse(place_m: FloatArray, per_row_m: float) -> float:
+def positions_a_traverse(place_m: FloatArray, per_row_m: float, stroke_m: float) -> float:
     """Return how many rows a traverse has by a nut's places (K,) at one speed, infinite where it rests.
 
-    `per_row_m`: how far it runs from row to row at least. It is also judged by how often it turns: where it
-    runs further than to the other end from one row to the next, it seems to turn at almost every row.
+    `per_row_m`: how far it runs from row to row at least, over a stroke of `stroke_m` at most. It is also
+    judged by how often it turns: where it runs further than to the other end from one row to the next, it
+    seems to turn at almost every row.
     """
     place_m = place_m[np.isfinite(place_m)]
     if len(place_m) <= FEWEST or np.ptp(place_m) == 0.0:
@@ -85,7 +86,7 @@ def positions_a_traverse(place_m: FloatArray, per_row_m: float) -> float:
     senses = np.sign(steps_m[steps_m != 0.0])
     turns = np.count_nonzero(np.diff(senses))
     by_turns = len(senses) / turns if turns >= FEWEST else np.inf
-    by_way = float(np.ptp(place_m)) / per_row_m if per_row_m > 0.0 else np.inf
+    by_way = stroke_m / per_row_m if per_row_m > 0.0 else np.inf
     return min(by_turns, by_way)
 
 
@@ -93,7 +94,7 @@ def _described(sparse: Sparse) -> Suspect:
     source, least_s = sparse.source, sparse.row_s * sparse.positions / ENOUGH
     text = (
         f"Log {sparse.run + 1} shows {sparse.positions:.1f} positions of {source.name} a traverse, and "
-        f"{ENOUGH:.0f} are needed to show its way, so no effect of it, or under it, is named; log "
+        f"{ENOUGH:.0f} are needed to show its way, so no effect of it, or under it, is looked for; log "
         f"{source.position_channel} every {least_s:.2g} s or more often"
     )
     return Suspect(NUTS_WAY, source.position_channel, float(f"{sparse.positions:.3g}"), text)

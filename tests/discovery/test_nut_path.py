@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from observer.app import discover
 from observer.config import Config
 from observer.discovery.candidates import Candidate
 from observer.discovery.nut_path import needs_path, positions_a_traverse, sparse_paths
@@ -15,6 +17,9 @@ from observer.fit.runs import prepare
 from observer.frames import FloatArray, FrameBlock
 from tests.logs.machines import config_of
 from tests.logs.simulated import frames
+from tests.truth.machine.effects import Effect
+from tests.truth.machine.generate import Case, runs_of, write_case
+from tests.truth.machine.logs import write_log
 
 STROKE_M = 0.6
 
@@ -27,7 +32,7 @@ def shuttled(positions: float, rows: int = 200) -> FloatArray:
 
 @pytest.mark.parametrize("positions", [1.3, 1.7, 2.3, 2.7, 3.4, 5.2, 9.6])
 def test_positions_are_counted_by_turns_where_the_lead_is_not_known(positions: float) -> None:
-    found = positions_a_traverse(shuttled(positions), 0.0)
+    found = positions_a_traverse(shuttled(positions), 0.0, STROKE_M)
     print(f"{positions:.1f}: {found:.2f}")
     assert (found < 3.0) == (positions < 3.0)
     if positions > 2.0:
@@ -37,13 +42,13 @@ def test_positions_are_counted_by_turns_where_the_lead_is_not_known(positions: f
 def test_a_stroboscope_shows_a_creeping_nut_and_the_way_tells() -> None:
     """One row for each run to and fro: the nut seems to creep; by its lead it runs 1.2 m from row to row."""
     creeping = shuttled(0.5 + 1e-4)
-    assert positions_a_traverse(creeping, 0.0) > 3.0
-    assert positions_a_traverse(creeping, 2 * STROKE_M) < 0.5
+    assert positions_a_traverse(creeping, 0.0, STROKE_M) > 3.0
+    assert positions_a_traverse(creeping, 2 * STROKE_M, STROKE_M) == pytest.approx(0.5)
 
 
 def test_a_nut_at_rest_is_seen() -> None:
-    assert positions_a_traverse(np.full(50, 0.3), 0.1) == np.inf
-    assert positions_a_traverse(np.array([0.1, 0.5, 0.1]), 0.1) == np.inf  # too few to tell
+    assert positions_a_traverse(np.full(50, 0.3), 0.1, STROKE_M) == np.inf
+    assert positions_a_traverse(np.array([0.1, 0.5, 0.1]), 0.1, STROKE_M) == np.inf  # too few to tell
 
 
 def log_of(config: Config, row_s: float) -> FrameBlock:
@@ -66,7 +71,7 @@ def test_a_log_with_few_positions_is_doubted_with_a_remedy(row_s: float, positio
         assert (suspect.what, suspect.channel) == ("nut's way", "nut_position_m")
         assert float(suspect.by) == pytest.approx(positions, rel=0.2)
         assert "Log 2 shows" in suspect.text
-        assert "no effect of it, or under it, is named" in suspect.text
+        assert "no effect of it, or under it, is looked for" in suspect.text
 
 
 @pytest.mark.parametrize(
@@ -90,3 +95,31 @@ def test_effects_of_the_nut_or_under_it_need_its_way(
     moving = SimpleNamespace(source=sources)
     candidate = Candidate(effect_class(kind), target, (), dict.fromkeys(fitted))  # type: ignore[arg-type]
     assert needs_path(candidate, moving) == needs  # type: ignore[arg-type]
+    assert not needs_path(candidate, SimpleNamespace(source=sources[1:]))  # type: ignore[arg-type]
+
+
+RUN_IN = Effect("run_in", "nut", {"fraction": 0.5, "time_s": 1200.0})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("every", "logs", "hidden"), [(120, 3, ()), (16, 2, (RUN_IN,))], ids=["null", "run_in"]
+)
+def test_a_search_of_logs_with_few_positions_doubts_them_and_names_nothing_of_the_nut(
+    every: int, logs: int, hidden: tuple[Effect, ...], tmp_path: Path
+) -> None:
+    """Rows 1 min apart with nothing hidden are none; 8 s apart, the nut's friction that settles is not named,
+    though nothing else explains it.
+    """
+    case = Case("sparse", hidden, 901, typical=True, logs=logs)
+    write_case(case, tmp_path)
+    paths = []
+    for i, run in enumerate(runs_of(case)):
+        paths.append(tmp_path / f"sparse_{i}.csv.gz")
+        write_log(paths[-1], run.time_s[every - 1 :: every], run.values[every - 1 :: every])
+    config = tmp_path / "config.toml"
+    found, result = discover(config, paths, tmp_path / "found", lambda *_: None, report=False)
+    print(result["reason"], [t.candidate.name for t in found.search.ranking])
+    assert result["verdict"] == ("unknown" if hidden else "none")
+    assert [s["what"] for s in result["suspects"]] == ["nut's way"]
+    assert "positions of nut a traverse" in result["reason"]

@@ -20,7 +20,6 @@ from observer.errors import LogError
 from observer.fit.hypothesis import EffectParameter, Fit
 from observer.fit.parameters import free_keys
 from observer.frames import FloatArray
-from tests.learning.machines import config_of
 from tests.logs.machines import machine
 from tests.logs.simulated import made_log
 
@@ -75,13 +74,6 @@ def test_without_leaves_out_its_kind_and_no_other(kind: str) -> None:
     whole, less = library(config, keys), library(config, keys, (kind,))
     assert [c for c in whole if c.kind != kind] == list(less)
     assert kind not in {c.kind for c in less}
-
-
-def test_rows_too_coarse_for_a_nuts_way_leave_out_what_is_told_by_it_and_no_other() -> None:
-    config = config_of()
-    fine, coarse = (library(config, free_keys(config), coarse=coarse) for coarse in (False, True))
-    assert {c.kind for c in fine} - {c.kind for c in coarse} == {"dwell"}
-    assert [c for c in fine if c.kind != "dwell"] == list(coarse)
 
 
 def trial(candidate: tuple[str, str | None] | None = None, effect: Any = None) -> Any:
