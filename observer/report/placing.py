@@ -85,14 +85,17 @@ def write_costs(path: Path, found: dict[str, Any]) -> None:
 
 def _lines(axes: Axes, found: dict[str, Any], title: str, keys: dict[str, tuple[str, ...]]) -> None:
     """σ against cost, dashed what the configured sensors leave."""
+    from matplotlib.ticker import LogLocator, NullFormatter  # noqa: PLC0415
+
     costs = [one["cost"] for one in found["sets"]]
     for i, (name, path) in enumerate(keys.items()):
         values = [_at(one, path) for one in found["sets"]]
         axes.plot(costs, values, "o-", ms=5, color=colour(i), label=name)
         axes.axhline(_at(found["configured"], path), color=colour(i), ls="--", lw=1.0)
     axes.set_yscale("log")
-    for axis in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
-        axis(lambda value, _: f"{value:g}")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set(title=f"σ of {title}", xlabel="cost (dashed: the configured sensors)")
     axes.legend()
 
