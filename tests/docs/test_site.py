@@ -58,7 +58,8 @@ def test_the_gallery_shows_every_configuration_that_is_shipped() -> None:
     linked = set(re.findall(r"\(\.\./([\w/.-]+\.toml)\)", page))
     assert {f"config/{p.name}" for p in (ROOT / "config").glob("*.toml")} <= linked
     drawn = script("gallery").MACHINES
-    assert {place for place, _ in drawn.values()} == linked
+    without_laws = {"config/lathe-spindle.toml"}  # nothing to predict: a picture of its sensors instead
+    assert {place for place, _ in drawn.values()} == linked - without_laws
     assert set(re.findall(r"figures/gallery-([\w-]+)\.png", page)) == set(drawn)
 
 
