@@ -36,7 +36,15 @@ class Growth(NamedTuple):
 
 
 def survey_of(config: Config) -> Survey:
-    """Return the survey of a configuration. Raises `ConfigError`."""
+    """Return the survey of a configuration, without its probes, which read the thermal error.
+
+    Raises `ConfigError`.
+    """
+    warm = tuple(s for s in config.sensor if s.kind == "temperature")
+    moved = {s.name for s in config.sensor} - {s.name for s in warm}
+    effects = tuple(
+        e for e in config.effect if e.targets != "sensor" or getattr(e, "target", None) not in moved
+    )
     grid_m, length_m = grid_of(config), config.screw.length_m
     taken = {s.channel for s in config.sensor}
     nodes = tuple(
@@ -47,7 +55,9 @@ def survey_of(config: Config) -> Survey:
     )
     places = (*grid_m.tolist(), length_m) if grid_m[-1] < length_m else tuple(grid_m.tolist())
     output = config.output.model_copy(update={"positions_m": places})
-    seen = config.model_copy(update={"sensor": (*config.sensor, *nodes), "supports": None, "output": output})
+    seen = config.model_copy(
+        update={"sensor": (*warm, *nodes), "effect": effects, "supports": None, "output": output}
+    )
     return Survey(seen, build_plant(seen), grid_m)
 
 

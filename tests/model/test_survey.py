@@ -55,3 +55,12 @@ def test_every_node_is_read_beside_the_sensors() -> None:
     assert [s.name for s in survey.config.sensor] == ["t1", "node.house"]
     screw_W = 0.4 * (rows[survey.plant.rows.field_slice][0] - rows[1])
     assert screw_W == pytest.approx(0.2 * (rows[1] - 22.0), rel=1e-9)
+
+
+def test_a_probe_is_no_temperature_of_a_survey() -> None:
+    probe = {"name": "p", "kind": "displacement", "channel": "p_um", "position_m": 0.5}
+    thermocouple = {"name": "t1", "channel": "t1_degC", "position_m": 0.2}
+    survey = survey_of(described(supports=STIFF, sensor=[probe, thermocouple]))
+    assert [s.name for s in survey.config.sensor] == ["t1", "node.house"]
+    rows = settled(survey.plant, point_of(survey.config, survey.plant, VALUES)).rows
+    assert rows[0] == pytest.approx(rows[survey.plant.rows.field_slice][1], abs=1e-9)
