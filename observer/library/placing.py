@@ -220,7 +220,7 @@ def candidates_of(
             )
         every = [(sensor, one.cost) for one in given for sensor in one.sensors]
         return [sensor for sensor, _ in every], [cost for _, cost in every]
-    like = config.sensor[0]
+    like = next(s for s in config.sensor if s.kind == "temperature")
     found = []
     for node in _in_the_air(config):
         found.append(like.model_copy(update={"name": node, "channel": node, "position_m": None, "on": node}))

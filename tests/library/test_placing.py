@@ -15,6 +15,7 @@ from observer.cli import app
 from observer.estimators.design.spread import spread
 from observer.model.build import build_plant
 from observer.model.cycle import standard_shift
+from observer.tables.sections import Sensor
 
 CONFIG = Path(__file__).parents[2] / "config"
 HOUSINGS = """
@@ -50,6 +51,9 @@ def test_a_machine_with_housings_is_offered_those_and_no_turning_screw(housings)
     assert found.tried == 6  # housings, covers, nut and table; rings and balls no screwdriver reaches
     everything = housings.place(1, spacing_m=0.3)
     assert everything.tried == 6 + 3
+    probe = Sensor(name="probe", kind="displacement", channel="probe_um", position_m=0.5)
+    probed = housings.config.model_copy(update={"sensor": (probe, *housings.config.sensor)})
+    assert replace(housings, config=probed).place(1).tried == 6  # thermocouples, whatever comes first
     rod = observer.load(CONFIG / "kim-screw.toml").place(1, spacing_m=0.1)
     assert rod.tried == 6
     assert rod.sets[0].positions_m != (None,)
