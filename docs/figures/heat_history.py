@@ -33,12 +33,15 @@ from observer.history.tikhonov import (  # noqa: E402
     by_l_curve,
     trials,
 )
+from observer.library.heats import identified_heats  # noqa: E402
+from observer.library.profiles import Report, profiles  # noqa: E402
 from observer.model.build import build_plant  # noqa: E402
 from observer.report.panels import (  # noqa: E402
     CATEGORIES,
     QUIET,
     Z95,
 )
+from observer.report.profiles import draw_profiles  # noqa: E402
 from tests.reference.heat_cases import FAR_M, NEAR_M, HeatCase, lathe_case, li_experiment, standing_case  # noqa: E402
 from tests.reference.service_path import inputs_of  # noqa: E402
 
@@ -190,6 +193,17 @@ def draw_li() -> None:
     _save(figure, "heat-history-li.png")
 
 
+def draw_report() -> None:
+    """What `observer identify --every-m 0.042` draws of an hour at 15 m/min."""
+    settings = installation.load(LI)
+    log = li_experiment(settings, 15.0 / 60.0, seed=105, end_s=3600.0).log
+    heats = identified_heats(log, settings, MethodOptions(), lambda _text: None)
+    figure = Figure(figsize=(9.8, 7.0))
+    FigureCanvasAgg(figure)
+    draw_profiles(figure, profiles(log, settings, heats, Report(0.042)))
+    _save(figure, "heat-history-report.png")
+
+
 def _with_band(ax: Axes, x: FloatArray, history: HeatHistory, j: int, colour: str, label: str) -> None:
     heat, reach = history.heat_W[:, j], Z95 * history.heat_sigma_W[:, j]
     ax.fill_between(x, heat - reach, heat + reach, color=colour, alpha=0.18, lw=0)
@@ -240,5 +254,6 @@ if __name__ == "__main__":
     draw_methods()
     draw_lathe()
     draw_li()
+    draw_report()
     print_table()
     print_moving()

@@ -14,6 +14,7 @@ from observer.frames import FloatArray
 from observer.history.history import MethodOptions
 from observer.installation import Installation, load
 from observer.library.given import read_program, recorded
+from observer.library.profiles import Report
 
 if TYPE_CHECKING:
     from observer.library.comparing import Comparison
@@ -86,20 +87,33 @@ def identify(
     progress: Callable[[str], None],
     suffix: str = ".csv",
     picture: bool = True,
+    report: Report | None = None,
     **accept: bool,
 ) -> dict[str, Any]:
     """Estimate the heats over a whole log at once; write `heat.csv`, `summary.json` and `heat.png`.
 
-    `suffix` is that of the heats' file; `picture` says whether there is to be one. `accept` is handed to
-    `read_log`. Returns the summary. Raises `LogError`, `ConfigError` or `UserError`.
+    `suffix` is that of the heats' file; `picture` says whether there is to be one; a
+    `report` is `report.csv` and `report.png`. `accept` is handed to `read_log`. Returns the summary. Raises
+    `LogError`, `ConfigError` or `UserError`.
     """
     from observer.library.heats import identified_heats
 
     options.check()
     progress("reading the log")
-    found = identified_heats(recorded(log_path, config, **accept), config, options, progress)
+    log = recorded(log_path, config, **accept)
+    found = identified_heats(log, config, options, progress)
+    along = None
+    if report is not None:
+        from observer.library.profiles import profiles
+
+        progress("temperatures and thermal error")
+        along = profiles(log, config, found, report)
     progress("writing and drawing")
     found.write(output, suffix.removeprefix("."), picture=picture)
+    if along is not None:
+        from observer.library.profiles import write_report
+
+        write_report(along, output)
     return dict(found.summary)
 
 

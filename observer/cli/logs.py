@@ -123,12 +123,20 @@ def identify(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of what is drawn at random.")] = 0,
+    report: Annotated[
+        bool, typer.Option("--report", help="Also temperatures, heats and errors along the screw.")
+    ] = False,
+    every_m: Annotated[
+        float | None, typer.Option(help="Spacing of the report over the stroke; else as in [output].")
+    ] = None,
+    every_min: Annotated[float, typer.Option(help="Minutes between the report's times.")] = 10.0,
     **accept: Any,
 ) -> None:
     """Find the heats over a whole log at once: heat.csv, summary.json, heat.png."""
     from observer import app as parts
     from observer.history.history import MethodOptions
     from observer.installation import load
+    from observer.library.profiles import Report
 
     options = MethodOptions(method, regularisation, parameter_choice, order, gradient, seed)
     with advancing("identify") as progress:
@@ -138,6 +146,7 @@ def identify(
             output,
             options,
             progress=progress,
+            report=Report(every_m, 60.0 * every_min) if report or every_m is not None else None,
             **accept,
         )
     typer.echo(f"{summary['rows']} rows over {summary['duration_s']:.6g} s by {method}")

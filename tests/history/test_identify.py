@@ -1,5 +1,7 @@
 """The heat history's files: every column of the contract, complete or not there."""
 
+import csv
+import itertools
 import json
 
 import numpy as np
@@ -10,6 +12,7 @@ from observer.errors import LogError, UserError
 from observer.files.logs import read_log
 from observer.files.writer import write_log
 from observer.history.history import MethodOptions
+from observer.library.profiles import Report
 from tests.reference.cases import config_of, point
 from tests.truth.bar import Bar, End
 
@@ -126,3 +129,39 @@ def test_a_log_that_a_method_cannot_take_is_named(tmp_path):
 def test_options_that_contradict_each_other_are_refused(options, sentence):
     with pytest.raises(UserError, match=sentence):
         MethodOptions(**options).check()
+
+
+def test_a_report_has_temperatures_heats_and_errors_by_time_and_place(tmp_path):
+    """Four times five minutes apart, 21 places 50 mm apart, with what estimates and heats say there."""
+    log = _log(tmp_path / "log.csv", rows=250)
+    summary = app.identify(
+        log, _config(), tmp_path / "out", MethodOptions(), progress=lambda _text: None,
+        report=Report(0.05, 300.0),
+    )  # fmt: skip
+    assert (tmp_path / "out" / "report.png").read_bytes()[:4] == b"\x89PNG"
+    with (tmp_path / "out" / "report.csv").open(newline="") as file:
+        rows = [{key: float(value or "nan") for key, value in row.items()} for row in csv.DictReader(file)]
+    assert [row["time_s"] for row in rows[::21]] == [300.0, 600.0, 900.0, 1200.0]
+    assert [row["position_m"] for row in rows[:21]] == pytest.approx(np.linspace(0.0, 1.0, 21))
+    heats = read_log(tmp_path / "out" / "heat.csv")
+    left = heats.values[60, heats.channels.index("heat_left_W")]
+    assert rows[0]["heat_left_W"] == left
+    assert all(row["field_sigma_K"] > 0.0 for row in rows)
+    late = rows[-21:]
+    assert late[2]["field_degC"] == pytest.approx(20.0 + 4.0 * 1200.0 / 1245.0, abs=0.2), "where t1 sits"
+    growth_um = [
+        1e6 * Bar().expansion_1_K * 0.05 * (0.5 * (a["field_degC"] + b["field_degC"]) - 20.0)
+        for a, b in itertools.pairwise(late)
+    ]
+    assert late[-1]["error_um"] == pytest.approx(sum(growth_um), rel=0.05)
+    assert summary["rows"] == 250
+
+
+def test_a_report_that_cannot_be_is_refused_in_one_sentence(tmp_path):
+    log = _log(tmp_path / "log.csv")
+    for report, sentence in ((Report(2.0), "--every-m 2: give between"), (Report(0.2, 0.0), "--every-min 0")):
+        with pytest.raises(UserError, match=sentence):
+            app.identify(
+                log, _config(), tmp_path / "out", MethodOptions(), progress=lambda _text: None, report=report
+            )
+    assert not (tmp_path / "out").exists()

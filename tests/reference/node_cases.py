@@ -13,7 +13,16 @@ from observer.files.logs import Log
 from tests.reference.cases import config_of
 from tests.reference.service_path import log_of
 from tests.truth import nodes
-from tests.truth.bar import Bar, FloatArray, Mesh, band_share, nut_share, shuttle_m, substep_times
+from tests.truth.bar import (
+    Bar,
+    FloatArray,
+    Mesh,
+    band_share,
+    nut_share,
+    shuttle_m,
+    substep_times,
+    waiting_shuttle_m,
+)
 
 BAR, MESH = Bar(length_m=0.6, diameter_m=0.032, convection_W_m2K=12.0), Mesh(0.6, 120)
 LOW_M, HIGH_M, NUT_M = 0.12, 0.48, 0.08
@@ -65,19 +74,30 @@ def heats(time_s: FloatArray) -> FloatArray:
 
 @cache
 def case(
-    speed_m_s: float | None, end_s: float = 3600.0, step_s: float = 1.0, *, covers: bool = False
+    speed_m_s: float | None,
+    end_s: float = 3600.0,
+    step_s: float = 1.0,
+    *,
+    covers: bool = False,
+    waits: bool = False,
 ) -> tuple[Case, FloatArray | None]:
     """The truth, and the nut's position (K + 1,); without a speed the nut is spread over its stroke.
 
-    If it `covers`, no air cools the screw where it is.
+    If it `covers`, no air cools the screw where it is; if it `waits`, it stands at one end four times as long
+    as at the other, and takes half a minute in between.
     """
     time_s = step_s * np.arange(round(end_s / step_s) + 1)
     heat_W = heats(time_s)
     if speed_m_s is None:
         under, position_m = band_share(MESH, LOW_M, HIGH_M), None
     else:
-        path_m = shuttle_m(substep_times(time_s, 10), LOW_M, HIGH_M, speed_m_s)
-        under, position_m = nut_share(MESH, NUT_M, path_m), shuttle_m(time_s, LOW_M, HIGH_M, speed_m_s)
+
+        def nut_at(t_s: FloatArray) -> FloatArray:
+            if waits:
+                return waiting_shuttle_m(t_s, LOW_M, HIGH_M, 30.0, 15.0, 60.0)
+            return shuttle_m(t_s, LOW_M, HIGH_M, speed_m_s)
+
+        under, position_m = nut_share(MESH, NUT_M, nut_at(substep_times(time_s, 10))), nut_at(time_s)
     index = NAMES.index
     ends: dict[str, Any] = {"left": {"end": "left"}, "right": {"end": "right"}, "nut": {"share": under}}
     bodies = nodes.Bodies(

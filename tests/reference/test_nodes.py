@@ -57,6 +57,21 @@ def test_screw_and_bodies_warm_each_other_as_in_finite_volumes(
     np.testing.assert_allclose(rows[settled, plant.rows.sensor_slice], truth.body_degC[settled], atol=node_K)
 
 
+def test_a_nut_that_stays_longer_here_than_there_exchanges_place_by_place() -> None:
+    """Three fifths of the time at one end: heat, cover and exchange with the nut's body by its dwell."""
+    truth, position_m = case(0.012, covers=True, waits=True)
+    log = truth.log({f"{n}_degC": truth.body_degC[:, i] for i, n in enumerate(NAMES)}, 0.0, position_m)
+    plant, rows = open_loop(config(True, on_nodes(0.05), measured_power(), covers=True), log, AMBIENT_DEGC)
+    error_K = rows[:, plant.rows.field_slice] - truth.field_degC
+    late = truth.time_s > 3000.0
+    spread_K = np.ptp(truth.field_degC[late].mean(axis=0))
+    assert spread_K > 2.0, "the places differ"
+    # a step of 1 s under 40 W that stand still, and the mesh of 5 mm
+    assert np.abs(error_K[late]).max() < 0.15
+    assert np.abs(error_K[late].mean(axis=0)).max() < 0.05
+    np.testing.assert_allclose(rows[late, plant.rows.sensor_slice], truth.body_degC[late], atol=0.02)
+
+
 def test_all_heat_is_in_the_screw_in_the_bodies_or_in_the_air() -> None:
     """Energy of the product's own run: what came in, less what left, is what is stored."""
     truth, _ = case(None)

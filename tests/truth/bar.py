@@ -116,6 +116,16 @@ def shuttle_m(time_s: FloatArray, low_m: float, high_m: float, speed_m_s: float)
     return low_m + span_m - np.abs(np.mod(speed_m_s * time_s, 2.0 * span_m) - span_m)
 
 
+def waiting_shuttle_m(
+    time_s: FloatArray, low_m: float, high_m: float, traverse_s: float, low_s: float, high_s: float
+) -> FloatArray:
+    """Position of a nut that stands for `low_s` and `high_s` at the ends, and takes `traverse_s` between."""
+    period_s = 2.0 * traverse_s + low_s + high_s
+    turns_s = np.cumsum([0.0, low_s, traverse_s, high_s, traverse_s])
+    ends_m = np.array([low_m, low_m, high_m, high_m, low_m])
+    return np.interp(np.mod(time_s, period_s), turns_s, ends_m)
+
+
 def substep_times(time_s: FloatArray, substeps: int) -> FloatArray:
     """Midpoints of `substeps` equal parts of each step, (K, substeps), for K + 1 times."""
     part = (np.arange(substeps) + 0.5) / substeps

@@ -1,0 +1,109 @@
+"""Temperature and thermal error along the screw at some times of a log, beside its heats: a report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.errors import UserError
+from observer.estimate.pipeline import MachineModel
+from observer.estimators.packing import IntArray
+from observer.files.logs import Log
+from observer.files.writer import write_log
+from observer.frames import FloatArray
+from observer.installation import Installation
+from observer.library.replaying import Estimates, estimates_of_log
+from observer.library.signals import SignalTable
+from observer.report.profiles import Profiles, draw_profiles
+
+MOST_PLACES = 400
+
+
+class Report(NamedTuple):
+    """What is asked: places every `every_m`, m, or where `[output]` has them; times every `every_s`, s."""
+
+    every_m: float | None = None
+    every_s: float = 600.0
+
+
+def write_report(found: Profiles, folder: Path) -> None:
+    """Write `report.csv`, a row for each time and place, and `report.png` into a folder."""
+    from observer.report.pictures import written
+
+    g = len(found.position_m)
+    columns = {
+        "position_m": np.tile(found.position_m, len(found.time_s)),
+        "field_degC": found.field_degC.ravel(),
+        "field_sigma_K": found.field_sigma_K.ravel(),
+        "error_um": found.error_um.ravel(),
+        "error_sigma_um": found.error_sigma_um.ravel(),
+    }
+    for j, name in enumerate(found.names):
+        columns[f"heat_{name}_W"] = np.repeat(found.heat_W[:, j], g)
+        columns[f"heat_{name}_sigma_W"] = np.repeat(found.heat_sigma_W[:, j], g)
+    write_log(folder / "report.csv", np.repeat(found.time_s, g), columns)
+    with written(folder / "report.png") as figure:
+        draw_profiles(figure, found)
+
+
+def profiles(log: Log, config: Installation, heats: SignalTable, asked: Report) -> Profiles:
+    """Return the profiles of a log: heats from all of it, `heats`; field and error as its replay knows them.
+
+    Raises `UserError` where the places or times asked for make no sense, `LogError` as a replay does.
+    """
+    places_m = places(config, asked.every_m)
+    if not asked.every_s > 0.0:
+        raise UserError(f"--every-min {asked.every_s / 60.0:g}: give a number above 0")
+    if places_m is not None:
+        output = config.output.model_copy(update={"positions_m": places_m})
+        config = config.model_copy(update={"output": output})
+    machine = MachineModel.of(config, learns=True)
+    found = estimates_of_log(log, config, machine)
+    times_s = found.time_s
+    since_s = times_s - times_s[0]
+    rows = np.unique(np.searchsorted(since_s, np.arange(0.0, since_s[-1] + 1e-6, asked.every_s)))[1:]
+    rows = rows[rows < len(times_s)] if len(rows) else np.array([len(times_s) - 1])
+    layout = machine.plant.layout
+    mm = [f"{1000 * x:.10g}" for x in layout.position_m]
+    heat_W, heat_sigma_W = (
+        np.column_stack([heats[f"heat_{name}_{unit}"][rows] for name in layout.sources])
+        for unit in ("W", "sigma_W")
+    )
+    return Profiles(
+        time_s=times_s[rows],
+        position_m=layout.position_m,
+        field_degC=_along(found, mm, rows, "field", "degC"),
+        field_sigma_K=_along(found, mm, rows, "field", "sigma_K"),
+        error_um=_along(found, mm, rows, "error", "um"),
+        error_sigma_um=_along(found, mm, rows, "error", "sigma_um"),
+        names=layout.sources,
+        heat_W=heat_W,
+        heat_sigma_W=heat_sigma_W,
+    )
+
+
+def _along(found: Estimates, mm: list[str], rows: IntArray, kind: str, unit: str) -> FloatArray:
+    """One kind of column at all places, (t, g)."""
+    names = [f"{kind}_{at}_{unit}" for at in mm]
+    if names[0] not in found.signals:
+        return np.full((len(rows), len(mm)), np.nan)
+    return np.column_stack([found[name][rows] for name in names])
+
+
+def places(config: Installation, every_m: float | None) -> tuple[float, ...] | None:
+    """Return places every so many metres over the first nut's stroke, or over the screw; None as configured.
+
+    Raises `UserError` where they would be none, or more than 400.
+    """
+    if every_m is None:
+        return None
+    low_m, high_m = next((s.stroke_m for s in config.source if s.stroke_m), (0.0, config.screw.length_m))
+    if not 0.0 < every_m <= high_m - low_m or (high_m - low_m) / every_m > MOST_PLACES:
+        raise UserError(
+            f"--every-m {every_m:g}: give between {(high_m - low_m) / MOST_PLACES:.2g} and "
+            f"{high_m - low_m:g} m, the stretch that is reported"
+        )
+    count = int((high_m - low_m) / every_m + 1e-6)
+    return tuple(round(low_m + i * every_m, 6) for i in range(count + 1))
