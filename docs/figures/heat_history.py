@@ -196,7 +196,7 @@ def draw_li() -> None:
 def draw_report() -> None:
     """What `observer identify --every-m 0.042` draws of an hour at 15 m/min."""
     settings = installation.load(LI)
-    log = li_experiment(settings, 15.0 / 60.0, seed=105, end_s=3600.0).log
+    log = li_experiment(settings, 15.0 / 60.0, seed=105, run_s=3700.0, end_s=3600.0).log
     heats = identified_heats(log, settings, MethodOptions(), lambda _text: None)
     figure = Figure(figsize=(9.8, 7.0))
     FigureCanvasAgg(figure)
