@@ -13,7 +13,7 @@ import tempfile
 import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from observer.errors import UserError, has_extra
 from observer.installation import Installation, load
@@ -29,13 +29,23 @@ SYNC_S = 1.0
 SHOW_CURSOR = "\x1b[?25h"
 
 
+_FILES = {"screw": "demo.toml", "housings": "demo-housings.toml"}
+_MACHINE: dict[str, tuple[str, ...]] = {"screw": (), "housings": ("--housings",)}
+"""By where the thermocouples sit: the configuration, and options of the simulated machine."""
+
+
 def run_demo(
-    seconds: float | None, listen: str, plain: bool, page: Page | None, record: Path | None = None
+    seconds: float | None,
+    listen: str,
+    plain: bool,
+    page: Page | None,
+    record: Path | None = None,
+    sensors: Literal["screw", "housings"] = "screw",
 ) -> int:
     """Run the demo until Ctrl-C or for `seconds`; returns the exit code. Raises `UserError`.
 
     `page` is where its page listens, by its default on the first free port; None is without. It records into
-    the folder `record`, or into one that is removed at the end.
+    the folder `record`, or into one that is removed at the end. `sensors` is where its thermocouples sit.
     """
     import logging
 
@@ -44,7 +54,7 @@ def run_demo(
     from observer.daemon import serve
 
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.ERROR))
-    config = load(demo_file())
+    config = load(demo_file(sensors))
     refuse_taken((listen,), "--listen")
     name, axis = config.machine.name, config.machine.axis
     key = f"ballscrew/{name}/{axis}/truth/heat"
@@ -53,7 +63,7 @@ def run_demo(
         refuse_taken((f"tcp/{page.listen}",), "--page")
     with (
         recordings(record) as folder,
-        simulated_machine("--zenoh", listen, "--key", key, "--can-stamps") as wires,
+        simulated_machine("--zenoh", listen, "--key", key, "--can-stamps", *_MACHINE[sensors]) as wires,
     ):
         config = connected(config, wires, listen).model_copy(
             update={
@@ -163,10 +173,13 @@ def _restore_cursor() -> None:
         print(SHOW_CURSOR, end="", flush=True)
 
 
-def demo_file() -> Path:
-    """Return the demo's configuration: beside the source, or where an installed package keeps it."""
-    beside = Path(__file__).parent.parent / "config" / "demo.toml"
-    shared = Path(sysconfig.get_path("data")) / "share" / "ballscrew-observer" / "demo.toml"
+def demo_file(sensors: str) -> Path:
+    """Return the configuration of the demo with its thermocouples on screw or housings: beside the source, or
+    where an installed package keeps it.
+    """
+    name = _FILES[sensors]
+    beside = Path(__file__).parent.parent / "config" / name
+    shared = Path(sysconfig.get_path("data")) / "share" / "ballscrew-observer" / name
     return beside if beside.exists() else shared
 
 

@@ -28,6 +28,7 @@ ROOT = HERE.parents[1]
 # Where each configuration is, and the speed that its machine runs at, rpm; 0 is a rod with a heater.
 MACHINES = {
     "demo": ("config/demo.toml", 2000.0),
+    "demo-housings": ("config/demo-housings.toml", 2000.0),
     "rig": ("tests/data/rig/config.toml", 1500.0),
     "kim-screw": ("config/kim-screw.toml", 500.0),
     "kim-rod": ("config/kim-rod.toml", 0.0),

@@ -17,7 +17,8 @@ import threading
 from pydantic import ValidationError
 
 from drivers.simulated.faults import FaultCommand, Faults
-from drivers.simulated.machine import SimulatedMachine, heats, speed_rpm
+from drivers.simulated.housings import HousedMachine
+from drivers.simulated.machine import SimulatedMachine, speed_rpm
 from drivers.simulated.wires import (
     AxisBus,
     ThermocoupleServer,
@@ -36,6 +37,9 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m drivers.simulated", description="A simulated machine.")
     parser.add_argument("--port", type=int, default=0, help="Modbus TCP port on loopback; 0 takes a free one")
     parser.add_argument("--map", choices=sorted(MAPS), default="wago_750_458", help="thermocouple module")
+    parser.add_argument(
+        "--housings", action="store_true", help="thermocouples on nut and housings, none on the screw"
+    )
     parser.add_argument("--seed", type=int, default=1, help="of the thermocouples' noise")
     parser.add_argument("--period", type=float, default=0.1, help="s between new thermocouple values")
     parser.add_argument("--can-stamps", action="store_true", help="have the CAN adapter stamp its frames")
@@ -49,7 +53,7 @@ class MachineProcess:
     """The machine and its wires."""
 
     def __init__(self, args: argparse.Namespace) -> None:
-        self._machine = SimulatedMachine(args.seed)
+        self._machine = HousedMachine(args.seed) if args.housings else SimulatedMachine(args.seed)
         self._args = args
         self._encode = MAPS[args.map]
         self._steps_per_period = max(1, round(args.period / STEP_S))
@@ -107,7 +111,7 @@ class MachineProcess:
                 self._sample()
                 if self._truth:
                     self._sequence += 1
-                    self._truth.put(heats(self._machine.time_s), self._sequence)
+                    self._truth.put(self._machine.heats(), self._sequence)
 
     def _sample(self) -> None:
         """Read the thermocouples into the registers."""

@@ -121,15 +121,16 @@ class SimulatedMachine:
         self._random = np.random.default_rng(seed)
         self._positions_m = np.array(list(SENSORS.values()))
 
+    def heats(self) -> TrueHeats:
+        """The true heats of this moment."""
+        return heats(self.time_s)
+
     def advance(self, dt_s: float) -> None:
         """Move and heat for one step; the nut's heat goes where the nut was at its start and its end."""
-        true = heats(self.time_s)
-        q_W = 0.5 * true.nut_W * self._under_nut()
+        true, under = self.heats(), 0.5 * self._under_nut()
         self._travel_m += LEAD_M * speed_rpm(self.time_s) / 60 * dt_s
-        q_W += 0.5 * true.nut_W * self._under_nut()
-        q_W[0] += true.left_bearing_W
-        q_W[-1] += true.right_bearing_W
-        self._screw.step(dt_s, q_W)
+        under += 0.5 * self._under_nut()
+        self._screw.step(dt_s, self._entering_W(true, under, dt_s))
         self.time_s += dt_s
 
     def nut_position_m(self, ahead_s: float = 0.0) -> float:
@@ -144,6 +145,13 @@ class SimulatedMachine:
         """What the thermocouples say now, each reading with its own noise."""
         noisy = self._screw.at(self._positions_m) + NOISE_K * self._random.standard_normal(len(SENSORS))
         return dict(zip(SENSORS, noisy.tolist(), strict=True))
+
+    def _entering_W(self, true: TrueHeats, under: FloatArray, _dt_s: float) -> FloatArray:
+        """What enters each cell (cells,) in a step in which the nut stood over the shares `under` of them."""
+        q_W = true.nut_W * under
+        q_W[0] += true.left_bearing_W
+        q_W[-1] += true.right_bearing_W
+        return q_W
 
     def _under_nut(self) -> FloatArray:
         centre_m = self.nut_position_m()

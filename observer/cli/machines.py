@@ -47,6 +47,10 @@ def demo(
         Path | None,
         typer.Option(help="Keep the recordings in this folder; without, they are not kept."),
     ] = None,
+    sensors: Annotated[
+        Literal["screw", "housings"],
+        typer.Option(help="Thermocouples along the screw, or on nut and housings only."),
+    ] = "screw",
 ) -> None:
     """Run the main job on a simulated machine: real Modbus and CAN, estimates beside the truth."""
     from pydantic import ValidationError
@@ -60,7 +64,7 @@ def demo(
         raise typer.BadParameter(
             str(error.errors()[0]["msg"]).removeprefix("Value error, "), param_hint="--page"
         ) from None
-    shutdown.leave(run_demo(seconds, listen, plain or not sys.stdout.isatty(), shown, record))
+    shutdown.leave(run_demo(seconds, listen, plain or not sys.stdout.isatty(), shown, record, sensors))
 
 
 @verbs.command()

@@ -1,12 +1,13 @@
 """The parameters of a configuration that a log may fit: their names, units, bounds and natural scales.
 
-A key is a dotted path, a source going by its name: `source.nut.torque_Nm`, `surface.convection_W_m2K`.
+A key is a dotted path, a source or node going by its name and a link by those of its ends:
+`source.nut.torque_Nm`, `surface.convection_W_m2K`, `node.nut_body.capacity_J_K`, `link.nut-nut_body.factor`.
 """
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from observer.config import Config
@@ -50,8 +51,16 @@ PARAMETERS: dict[str, dict[str, ParameterInfo]] = {
         "heat_W_rpm": ParameterInfo("W/rpm", 0.005, 0.0, 100.0),
         "scale": ParameterInfo("1", 0.5, 0.0, 100.0),
     },
+    "node": {"capacity_J_K": ParameterInfo("J/K", 500.0, 1e-3, 1e9)},
+    "link": {"factor": ParameterInfo("1", 0.5, 1e-2, 100.0)},
 }
 """By the first part of the key, then by its last."""
+NAMED: dict[str, Callable[[Any], str]] = {
+    "source": lambda source: source.name,
+    "node": lambda node: node.name,
+    "link": lambda link: "-".join(link.between),
+}
+"""Tables of which there are several, and what each of them goes by."""
 
 
 def candidates(config: Config) -> tuple[str, ...]:
@@ -68,6 +77,9 @@ def candidates(config: Config) -> tuple[str, ...]:
         ]
     for source in config.source:
         keys += [f"source.{source.name}.{key}" for key in _law_keys(source)]
+    keys += [f"node.{node.name}.capacity_J_K" for node in config.node]
+    links = [link.key for link in config.link]
+    keys += [f"{key}.factor" for key in links if links.count(key) == 1]
     return tuple(keys)
 
 
@@ -137,8 +149,8 @@ def get(config: Config, key: str) -> float:
     _refuse_unknown(config, (key,))
     head, *middle, last = key.split(".")
     owner: Any = getattr(config, head)
-    if head == "source":
-        owner = next(s for s in config.source if s.name == ".".join(middle))
+    if head in NAMED:
+        owner = next(item for item in owner if NAMED[head](item) == ".".join(middle))
     elif head == "boundary":
         owner = getattr(owner, middle[0])
     return float(getattr(owner, last))
@@ -158,10 +170,11 @@ def put(config: Config, values: Mapping[str, float]) -> Config:
     """Return the configuration with other values of parameters that may be free, without validation."""
     for key, value in values.items():
         head, *middle, last = key.split(".")
-        if head == "source":
-            name = ".".join(middle)
+        if head in NAMED:
+            name, named = ".".join(middle), NAMED[head]
             section: Any = tuple(
-                s.model_copy(update={last: value}) if s.name == name else s for s in config.source
+                item.model_copy(update={last: value}) if named(item) == name else item
+                for item in getattr(config, head)
             )
         elif head == "boundary":
             end = getattr(config.boundary, middle[0]).model_copy(update={last: value})

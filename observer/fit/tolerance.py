@@ -31,7 +31,7 @@ from observer.effects.terms import (
     StretchFilm,
     Term,
 )
-from observer.fit.parameters import candidates
+from observer.fit.parameters import candidates, get, put
 from observer.frames import FloatArray
 from observer.tables.laws import SPEED_LAWS
 from observer.tables.sections import Sensor
@@ -64,6 +64,7 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
         if share > 0.0 and f"screw.{key}" not in (config.calibrate.free or ()):
             other = screw.model_copy(update={key: getattr(screw, key) * (1 + share)})
             yield config.model_copy(update={"screw": other}), "whole"
+    yield from _of_network(config)
     if known.position_m > 0.0:
         moved = (_moved_inward(s, screw.length_m, known.position_m) for s in config.sensor)
         yield config.model_copy(update={"sensor": tuple(moved)}), "position"
@@ -88,6 +89,23 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
         yield config.model_copy(update={"source": changed}), "run"
 
 
+def _of_network(config: Config) -> Iterator[tuple[Config, Scope]]:
+    """The configuration with one link or one node's capacity larger; those that are fitted are left out."""
+    known = candidates(config)
+    for key, _, share in _beside(config):
+        if share > 0.0 and key in known and key not in (config.calibrate.free or ()):
+            yield put(config, {key: (1.0 + share) * get(config, key)}), "whole"
+
+
+def _beside(config: Config) -> Iterator[tuple[str, str, float]]:
+    """Of each link and node: its parameter, the key of its tolerance, and that tolerance, relative."""
+    for link in config.link:
+        yield f"{link.key}.factor", f"{link.key}.tolerance", config.tolerance.of_link(link.tolerance)
+    for node in config.node:
+        share = config.tolerance.of_capacity(node.tolerance)
+        yield f"node.{node.name}.capacity_J_K", f"node.{node.name}.tolerance", share
+
+
 def calibration_tolerances(config: Config, runs: int) -> Iterator[tuple[Config, Scope]]:
     """Yield the tolerances, and those that in a search would be missing effects: a loss at each end, and
     friction that settles with use.
@@ -110,7 +128,7 @@ def remaining_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str
     `sigma` is the relative standard deviation of each fitted parameter, by its key. A tolerance never grows.
     Heats keep their `law_uncertainty`: friction varies from day to day, even with a known scale.
     """
-    left = {}
+    left = {own: min(sigma[key], share) for key, own, share in _beside(config) if key in sigma}
     for name, keys in TOLERANCE_OF.items():
         found = [sigma[key] for key in keys if key in sigma]
         if found:

@@ -138,8 +138,9 @@ def _checked(model: type[Model], table: dict[str, Any], place: str) -> Model:
 def write_back(text: str, values: Mapping[str, float]) -> str:
     """Return the text with the values of the given keys replaced or added.
 
-    Keys are dotted, a source going by its name. Comments, order and spacing stay. Values are rounded to five
-    digits, far below any interval. Raises `ConfigError` for a source that the text does not have.
+    Keys are dotted, a source going by its name and a link by those of its ends. Comments, order and spacing
+    stay. Values are rounded to five digits, far below any interval. Raises `ConfigError` for one that the
+    text does not have.
     """
     document = tomlkit.parse(text)
     for key, value in values.items():
@@ -169,7 +170,7 @@ def _owner(document: Any, key: str) -> tuple[Any, str]:
     if isinstance(section, AoT | Array):
         name = ".".join(middle)
         for entry in section:
-            if entry["name"] == name:
+            if (entry["name"] if "name" in entry else "-".join(entry["between"])) == name:
                 return entry, last
         raise ConfigError(f'{key}: the configuration has no {head} called "{name}"')
     for part in middle:

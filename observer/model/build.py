@@ -33,6 +33,7 @@ from observer.model.rod.modes import (
 from observer.model.rod.moving import TABLE_POINTS
 from observer.model.rod.screw import rod_of
 from observer.model.rod.supports import restraint_of
+from observer.model.rough_network import with_rough_network
 from observer.tables.sections import Source, following, part_of_heat
 
 MOST_MODES = 400
@@ -55,7 +56,9 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool 
         sigma_W = np.array([s.initial_sigma_W for s in machine.config.source])
         rows = bed_rows(full.places)
         plant, constant = with_coupling(plant, modes, machine.config, machine.terms, sigma_W, rows)
-    if learns:
+    if learns and constant is not None:
+        plant = with_rough_network(plant, machine.config, config.link, machine.terms, constant, modes)
+    elif learns:
         plant = with_learning(plant, machine.config, modes)
     return plant if constant is None else diagonalised(plant, constant)
 

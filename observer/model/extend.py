@@ -4,7 +4,7 @@ the machine is only roughly known.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -166,9 +166,11 @@ def _without(columns: FloatArray, sensors: Sequence[int]) -> FloatArray:
     return out
 
 
-def with_learning(plant: Plant, config: Config, modes: Modes) -> Plant:
-    """Return the plant with what its estimator learns or allows for; as it is where that is nothing."""
-    known = [*_of_machine(plant, config, modes), *_of_sensors(plant, config, modes)]
+def with_learning(plant: Plant, config: Config, modes: Modes, beside: Iterable[Parameter] = ()) -> Plant:
+    """Return the plant with what its estimator learns or allows for, with what is so of the bodies `beside`
+    its screw; as it is where that is nothing.
+    """
+    known = [*_of_machine(plant, config, modes), *beside, *_of_sensors(plant, config, modes)]
     settings = config.estimator
     return with_parameters(plant, known, settings.learnt, REST_K**2 / settings.initial_sigma_K**2)
 

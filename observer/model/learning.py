@@ -29,7 +29,7 @@ REST_K = 0.1
 
 
 class Nuisance(IntEnum):
-    """What a state is of: the machine (up to `LAW`), or one of its sensors; in the order of `Learnable`."""
+    """What a state is of: the machine, or one of its sensors; in the order of `Learnable`."""
 
     CONVECTION = 0
     CONDUCTIVITY = 1
@@ -40,11 +40,18 @@ class Nuisance(IntEnum):
     OFFSET = 6
     PLACE = 7
     LAG = 8
+    LINK = 9
+    CAPACITY = 10
 
     @property
     def key(self) -> str:
         """What `[tolerance]` and `[estimator] learn` call it."""
         return str(get_args(Learnable)[self])
+
+    @property
+    def of_a_sensor(self) -> bool:
+        """Whether it is one of the sensors', and not of the machine."""
+        return self in (Nuisance.OFFSET, Nuisance.PLACE, Nuisance.LAG)
 
 
 class Change(NamedTuple):
@@ -138,7 +145,23 @@ class LearningArrays(NamedTuple):
 
     def seen_from(self, V: FloatArray, inverse: FloatArray) -> LearningArrays:
         """Return the same for the states ξ, x = V ξ (n_x, n_x), of a plant that has others than these."""
-        return self._replace(V=V, inverse=inverse, row=self.row @ V)
+        row = self.row @ V
+        if len(self.V):
+            V, inverse = self.V @ V, inverse @ self.inverse
+        return self._replace(V=V, inverse=inverse, row=row)
+
+    def described_on(self, V: FloatArray, inverse: FloatArray) -> LearningArrays:
+        """Return the same, described on the states V x (n_x, n_x) of a plant whose x these are; what acts on
+        each state by itself, `rate_1_s` and `heats`, is taken as described on V x already.
+        """
+        return self._replace(
+            into=self.into @ V.T,
+            seen=self.seen @ inverse,
+            known=self.known @ V.T,
+            steady=self.steady @ V.T,
+            V=V,
+            inverse=inverse,
+        )
 
     def entries(self, x: FloatArray) -> FloatArray:
         """Return C x + d (L,) at a state; lags do not follow from a state alone, and are 0 here."""
@@ -202,7 +225,7 @@ def learning_of(
     """Return the states of parameters, of a plant of n_x states with so many known inputs, of which those are
     `learnt` whose kind's key is among these; `rest_P` as in `LearningArrays`, None where no screw rests.
     """
-    parameters = sorted(parameters, key=lambda p: p.kind > Nuisance.LAW)
+    parameters = sorted(parameters, key=lambda p: p.kind.of_a_sensor)
     none = no_change(n_x, known)
     change: dict[str, Any] = {
         name: np.array([getattr(p.change, name) for p in parameters], np.asarray(own).dtype).reshape(
@@ -212,7 +235,7 @@ def learning_of(
     }
     learnt_states = [i for i, p in enumerate(parameters) if p.kind.key in learnt]
     arrays = LearningArrays(
-        machine=sum(p.kind <= Nuisance.LAW for p in parameters),
+        machine=sum(not p.kind.of_a_sensor for p in parameters),
         kind=np.array([p.kind for p in parameters], np.int64),
         of=np.array([p.of for p in parameters], np.int64),
         sigma=np.array([p.sigma for p in parameters], np.float64),

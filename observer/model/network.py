@@ -31,7 +31,11 @@ from observer.tables.sections import AMBIENT, Description, Link, Source
 
 
 def conductance_W_K(link: Link) -> float:
-    """Return the conductance of a link of the configuration, whichever way it is given."""
+    """Return the conductance of a link of the configuration, whichever way it is given, with its factor."""
+    return link.factor * _described_W_K(link)
+
+
+def _described_W_K(link: Link) -> float:
     given_W_K = link.conductance_W_K or 1.0 / (link.resistance_K_W or math.inf)
     if given_W_K:
         return given_W_K

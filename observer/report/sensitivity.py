@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -38,8 +39,12 @@ KEYS = {
     "position_m": "measure where the sensors sit",
     "offset_K": "compare the sensors in a bath, or on the machine after a night at rest",
     "lag_s": "set the sensors into the metal with paste, or measure how late they are",
+    "link": "free the links in [calibrate], on a log of one warm-up, or put one sensor on the screw",
+    "capacity": "weigh nut and housings, or take their masses from the drawing",
 }
 """The keys of `[tolerance]`, and how to reduce each."""
+OF_NODES = ("link", "capacity")
+"""Those of the bodies beside the screw."""
 SHIFT_SAID = f"σ below: means over two hours at {SPEED_RPM:g} rpm and an hour at rest, from ten minutes on"
 """The standard shift in words."""
 _SAID = {"heat": "heats", "field": "field", "error": "error"}
@@ -54,18 +59,19 @@ def tolerances(config: Config) -> dict[str, Any]:
     config = few_modes(config)
     plant = build_plant(config, learns=True)
     keys = np.array([Nuisance(kind).key for kind in plant.parameters.kind], np.str_)
+    asked = [key for key in KEYS if config.node or key not in OF_NODES]
     cases = [np.ones(len(keys))]
-    cases += [np.where(keys == key, AS_KNOWN, 1.0) for key in KEYS]
+    cases += [np.where(keys == key, AS_KNOWN, 1.0) for key in asked]
     cases.append(np.where(keys == Nuisance.LAW.key, 1.0, AS_KNOWN))
     found = spread(plant, config.estimator, standard_shift(config, plant), np.array(cases))
     if isinstance(found, NotDefined):
         return {"tolerances": [], "improve_first": {}, "tolerances_left_out": f"not computed: {found.reason}"}
-    values: list[float | None] = [None, *(getattr(config.tolerance, key) for key in KEYS), None]
+    values: list[float | None] = [None, *(getattr(config.tolerance, key) for key in asked), None]
     rows = [
         _row(plant, found, i, key, value)
-        for i, (key, value) in enumerate(zip((CONFIGURED, *KEYS, ALL), values, strict=True))
+        for i, (key, value) in enumerate(zip((CONFIGURED, *asked, ALL), values, strict=True))
     ]
-    return {"tolerances": rows, "improve_first": _first(found), "tolerances_left_out": None}
+    return {"tolerances": rows, "improve_first": _first(found, asked), "tolerances_left_out": None}
 
 
 def few_modes(config: Config) -> Config:
@@ -85,19 +91,19 @@ def _row(plant: Plant, found: Spread, i: int, key: str, value: float | None) -> 
     }
 
 
-def _first(found: Spread) -> dict[str, dict[str, Any] | None]:
+def _first(found: Spread, asked: Sequence[str]) -> dict[str, dict[str, Any] | None]:
     """By quantity the key that helps most, and by what part it makes σ smaller."""
     quantities = {"heat": np.sqrt(np.mean(found.heat_W**2, axis=1)), "field": found.field_K}
     if found.error_um is not None:
         quantities["error"] = found.error_um
-    return {name: _best(sigma) for name, sigma in quantities.items()}
+    return {name: _best(sigma, asked) for name, sigma in quantities.items()}
 
 
-def _best(sigma: FloatArray) -> dict[str, Any] | None:
-    """The best of the cases (v,) between the first, which is as configured, and the last, of all."""
+def _best(sigma: FloatArray, asked: Sequence[str]) -> dict[str, Any] | None:
+    """The best of the cases `asked` between the first, which is as configured, and the last, of all, (v,)."""
     fall = 1.0 - sigma[1:-1] / sigma[0]
     best = int(np.argmax(fall))
-    return {"key": list(KEYS)[best], "fall": float(fall[best])} if fall[best] >= WORTH_A_WORD else None
+    return {"key": asked[best], "fall": float(fall[best])} if fall[best] >= WORTH_A_WORD else None
 
 
 def advice(improve_first: dict[str, dict[str, Any] | None]) -> str:

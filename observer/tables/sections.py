@@ -18,6 +18,7 @@ from observer.tables.quantities import Section
 
 AMBIENT = "ambient"
 """What a link names as its end where it leads into the air."""
+Tolerated = Annotated[quantities.NonNegative, Field(le=1)]
 
 
 class Node(Section):
@@ -25,6 +26,8 @@ class Node(Section):
 
     name: quantities.Name  #: the name that sources, links and sensors use
     capacity_J_K: quantities.Capacity  #: heat capacity: mass times specific heat
+    #: standard deviation of its capacity, relative; – is `tolerance.capacity`
+    tolerance: Tolerated | None = None
 
 
 WAYS: tuple[tuple[str, ...], ...] = (
@@ -37,8 +40,8 @@ WAYS: tuple[tuple[str, ...], ...] = (
     ("balls", "conductivities_W_mK", "semi_axes_m"),
 )
 """The ways in which a link can be described: the keys that belong together."""
-OPTIONAL = ("filling_W_mK",)
-"""Belongs to a gap."""
+OPTIONAL = ("filling_W_mK", "factor", "tolerance")
+"""Keys that any description may have; the filling belongs to a gap."""
 
 
 class Link(Section):
@@ -65,6 +68,16 @@ class Link(Section):
     balls: Annotated[quantities.Count, Field(ge=1, le=1000)] | None = None  #: how many balls, in all rows
     #: both semi-axes of the contact ellipse of one ball
     semi_axes_m: tuple[quantities.Length, quantities.Length] | None = None
+
+    #: multiplies the conductance described, as fitted by `observer calibrate`
+    factor: Annotated[quantities.Positive, Field(ge=1e-3, le=1e3)] = 1.0
+    #: standard deviation of its conductance, relative; – is `tolerance.link`
+    tolerance: Tolerated | None = None
+
+    @property
+    def key(self) -> str:
+        """What its parameters' keys begin with: its two ends in the order of the configuration."""
+        return f"link.{self.between[0]}-{self.between[1]}"
 
     @model_validator(mode="after")
     def _described_in_one_way(self) -> Link:

@@ -5,6 +5,7 @@ import pytest
 
 from drivers.simulated import machine as simulated
 from drivers.simulated.faults import Faults
+from drivers.simulated.housings import SENSORS, HousedMachine
 from drivers.simulated.machine import (
     PROGRAMME,
     STROKE_M,
@@ -86,3 +87,19 @@ def test_modules_show_faults_as_the_real_ones_do():
     faults = Faults(open="t2_degC", over_range=("t3_degC",))
     assert wago_750_458(values, faults) == [0, 0xFFFF, 0x60, 0x7FFF, 0x42, 13000]
     assert icpdas_m7018(values, faults) == [0xFFFF, 0x7FFF, 300]
+
+
+def test_what_bodies_beside_the_screw_take_and_lose_is_all_the_heat(monkeypatch):
+    """Without films and losses, what friction makes is in screw and bodies."""
+    monkeypatch.setattr(simulated, "ScrewData", lambda: ScrewData(film_W_m2K=0.0))
+    machine, made_J = HousedMachine(seed=1), 0.0
+    machine._air_W_K = np.zeros(3)
+    for _ in range(600):
+        true = machine.heats()
+        made_J += 0.1 * (true.nut_W + true.left_bearing_W + true.right_bearing_W)
+        machine.advance(0.1)
+    screw_J = machine._screw._capacity_J_K * float(np.sum(machine._screw.temperature_degC - 22.0))
+    bodies_J = float(machine._capacity_J_K @ (machine._body_degC - 22.0))
+    assert screw_J + bodies_J == pytest.approx(made_J, rel=1e-9)  # a linear solve and sums
+    assert 0.1 * made_J < bodies_J < 0.9 * made_J
+    assert tuple(machine.thermocouples_degC()) == SENSORS

@@ -69,4 +69,4 @@ def test_heats_of_machines_with_housings_are_covered(kind):
         found = judged(config_of(f"{HOUSED_CONFIG}[estimator]\n{kind}\n"), one)
         for quantity, (_, covered, sigma) in found.items():
             assert covered > 0.9, (number, quantity)
-            assert sigma < {"heats": 6.0, "nut": 9.0, "field": 1.5, "error": 8.0}[quantity]
+            assert sigma < {"heats": 9.0, "nut": 13.5, "field": 2.3, "error": 12.0}[quantity]

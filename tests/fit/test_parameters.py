@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import tomllib
+
 import pytest
+import tomlkit
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,7 +22,9 @@ from observer.fit.parameters import (
     rounded,
     scale_of,
 )
-from observer.installation import Installation
+from observer.fit.tolerance import remaining_tolerances, tolerances
+from observer.installation import Installation, parse, write_back
+from observer.model.network import conductance_W_K
 from tests.logs.machines import machine, table
 
 FRICTION = {"name": "nut", "shape": "point", "position_m": 0.2, "speed_channel": "n_rpm", "torque_Nm": 0.4}
@@ -144,3 +149,62 @@ def test_every_kind_of_parameter_is_positive_and_has_a_size() -> None:
 )  # fmt: skip
 def test_five_digits_are_kept(value: float, shown: float) -> None:
     assert rounded(value) == shown
+
+
+NODES = """
+[[node]]
+name = "block.1"
+capacity_J_K = 500.0
+tolerance = 0.05
+[[link]]
+between = ["block.1", "heater"]  # its seat
+film_W_m2K = 100.0
+area_m2 = 0.02
+[[link]]
+between = ["block.1", "ambient"]
+conductance_W_K = 0.4
+tolerance = 0.0
+"""
+SEAT, BLOCK = "link.block.1-heater.factor", "node.block.1.capacity_J_K"
+
+
+def with_nodes() -> tuple[str, Installation]:
+    """A machine with a block beside its screw, as text and as it is checked."""
+    text = tomlkit.dumps(table()) + NODES
+    return text, parse(tomllib.loads(text))
+
+
+def test_links_and_nodes_may_be_free_however_they_are_described() -> None:
+    text, config = with_nodes()
+    assert {SEAT, "link.block.1-ambient.factor", BLOCK} <= set(candidates(config))
+    other = replaced(config, {SEAT: 1.5, BLOCK: 450.0})
+    assert conductance_W_K(other.link[0]) == pytest.approx(3.0)  # 1.5 · 100 W/m²K · 0.02 m²
+    assert other.node[0].capacity_J_K == 450.0
+    assert (other.link[1], other.node[0].tolerance) == (config.link[1], 0.05)
+    written = write_back(text, {SEAT: 1.5, BLOCK: 450.0, "link.block.1-heater.tolerance": 0.03})
+    again = parse(tomllib.loads(written))
+    assert (again.link[0].factor, again.link[0].tolerance) == (1.5, 0.03)
+    assert again.node == other.node
+    assert "# its seat" in written
+
+
+def test_two_links_between_the_same_places_are_fitted_by_neither() -> None:
+    text, _ = with_nodes()
+    config = parse(tomllib.loads(text + NODES[NODES.rindex("[[link]]") :]))
+    assert "link.block.1-ambient.factor" not in candidates(config)
+
+
+def test_links_and_nodes_are_allowed_for_within_their_tolerances_unless_they_are_fitted() -> None:
+    _, config = with_nodes()
+    factors = {changed.link[0].factor for changed, _ in tolerances(config)}
+    assert factors == {1.0, 1.2}
+    assert {changed.link[1].factor for changed, _ in tolerances(config)} == {1.0}  # taken as exact
+    assert 525.0 in {changed.node[0].capacity_J_K for changed, _ in tolerances(config)}
+    free = config.model_copy(update={"calibrate": config.calibrate.model_copy(update={"free": (SEAT,)})})
+    assert {changed.link[0].factor for changed, _ in tolerances(free)} == {1.0}
+
+
+def test_a_fitted_link_keeps_no_more_tolerance_than_it_had() -> None:
+    _, config = with_nodes()
+    left = remaining_tolerances(config, {SEAT: 0.07, BLOCK: 0.5})
+    assert left == {"link.block.1-heater.tolerance": 0.07, "node.block.1.tolerance": 0.05}

@@ -1,0 +1,60 @@
+"""The same axis with thermocouples where most machines have them: on the nut and on both bearings' housings.
+
+Each is a body of one temperature on the screw's seat: C dT/dt = q + G (T_screw − T) + G_air (T_air − T). Half
+of the nut's friction heats its body. The nut passes heat to each place under it separately. Seats and losses
+are a tenth or two off what the demo's configuration says, as dimensions are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivers.simulated.machine import NOISE_K, FloatArray, ScrewData, SimulatedMachine, TrueHeats
+
+SENSORS = ("nut_body_degC", "left_housing_degC", "right_housing_degC")
+SHARE_OF_BODY = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Bodies:
+    """Nut, left and right housing: what they store, pass to the screw and lose to the air, (3,) each."""
+
+    capacity_J_K: tuple[float, ...] = (600.0, 1500.0, 1500.0)
+    seat_W_K: tuple[float, ...] = (9.2, 8.6, 11.3)
+    air_W_K: tuple[float, ...] = (0.55, 0.9, 1.1)
+
+
+class HousedMachine(SimulatedMachine):
+    """The axis with three bodies beside its screw, and no thermocouple on it."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        own = Bodies()
+        self._capacity_J_K, self._seat_W_K = np.array(own.capacity_J_K), np.array(own.seat_W_K)
+        self._air_W_K, self._air_degC = np.array(own.air_W_K), ScrewData().ambient_degC
+        self._body_degC = np.full(3, self._air_degC)
+
+    def heats(self) -> TrueHeats:
+        """The true heats of this moment, the nut's with what its body takes."""
+        true = super().heats()
+        return replace(true, nut_W=true.nut_W / (1.0 - SHARE_OF_BODY))
+
+    def thermocouples_degC(self) -> dict[str, float]:
+        """What the thermocouples say now, each reading with its own noise."""
+        noisy = self._body_degC + NOISE_K * self._random.standard_normal(len(SENSORS))
+        return dict(zip(SENSORS, noisy.tolist(), strict=True))
+
+    def _entering_W(self, true: TrueHeats, under: FloatArray, dt_s: float) -> FloatArray:
+        """What enters each cell (cells,), with what the bodies pass; the bodies are a step on then."""
+        q_W = super()._entering_W(replace(true, nut_W=(1.0 - SHARE_OF_BODY) * true.nut_W), under, dt_s)
+        screw_degC, (nut_degC, *housings_degC) = self._screw.temperature_degC, self._body_degC
+        passed_W = self._seat_W_K[0] * under * (nut_degC - screw_degC)
+        ends_W = self._seat_W_K[1:] * (housings_degC - screw_degC[[0, -1]])
+        q_W += passed_W
+        q_W[[0, -1]] += ends_W
+        gained_W = np.array([SHARE_OF_BODY * true.nut_W - passed_W.sum(), *-ends_W])
+        gained_W += self._air_W_K * (self._air_degC - self._body_degC)
+        self._body_degC = self._body_degC + dt_s * gained_W / self._capacity_J_K
+        return q_W

@@ -1,0 +1,116 @@
+"""What of the bodies beside the screw is only roughly known: the conductance of each link, and the heat
+capacity of each node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from observer.config import Config
+from observer.effects.terms import Term
+from observer.frames import FloatArray
+from observer.model.extend import with_learning
+from observer.model.generator import Constant, generator
+from observer.model.learning import Change, Nuisance, Parameter, no_change
+from observer.model.network import NodeModes, attached, conductance_W_K, node_modes
+from observer.model.plant import Plant
+from observer.model.rod.modes import Modes
+from observer.tables.sections import AMBIENT, Link
+
+
+def with_rough_network(
+    plant: Plant,
+    config: Config,
+    described: Sequence[Link],
+    terms: Sequence[Term],
+    constant: Constant,
+    modes: Modes,
+) -> Plant:
+    """Return a plant with nodes, with what its estimator learns or allows for of them and of the rest.
+
+    The links of `config` lead to places on the screw, those `described` to the sources that stand there;
+    `constant` is what is to be added to the plant's generator.
+    """
+    own = node_modes(attached(config, terms).network)
+    beside = _Beside(plant, config, own)
+    rough = [*beside.links(config, described), *beside.capacities(config, constant)]
+    plant = with_learning(plant, config, modes, rough)
+    if plant.learning is None or beside.apart:
+        return plant
+    arrays = plant.learning.arrays.described_on(beside.temperatures, beside.inverse)
+    return replace(plant, learning=replace(plant.learning, arrays=arrays))
+
+
+class _Beside:
+    """The nodes among the states of a plant.
+
+    With V = `temperatures` (n_x, n_x) and its `inverse`, V x has the temperature of each node as a state.
+    Where they are `apart`, no node linked to another, each is a state by itself already.
+    """
+
+    def __init__(self, plant: Plant, config: Config, own: NodeModes) -> None:
+        n_x, nodes, first = len(plant.decay_1_s), len(own.shape), plant.lag_slice.stop
+        there = slice(first, first + nodes)
+        self._plant, self._names = plant, [n.name for n in config.node]
+        self._read, self._into = np.zeros((nodes, n_x)), np.zeros((nodes, n_x))
+        self._read[:, there], self._into[:, there] = own.shape, own.input.T
+        self.temperatures, self.inverse = np.eye(n_x), np.eye(n_x)
+        self.temperatures[there, there], self.inverse[there, there] = own.shape, own.inverse
+        self.apart = bool((np.count_nonzero(own.shape, axis=1) == 1).all())
+        self._first = first
+
+    def links(self, config: Config, described: Sequence[Link]) -> Iterator[Parameter]:
+        """Yield a parameter for each link: a part of its conductance."""
+        for link, own in zip(config.link, described, strict=True):
+            sigma, name = config.tolerance.of_link(own.tolerance), f"{own.key}.factor"
+            yield Parameter(Nuisance.LINK, 0, sigma, self._passing(link), name, own.factor, own.factor)
+
+    def capacities(self, config: Config, constant: Constant) -> Iterator[Parameter]:
+        """Yield a parameter for each node: a part of its heat capacity."""
+        A, E = generator(self._plant) + constant.A, self._plant.E + constant.E
+        for i, node in enumerate(config.node):
+            sigma, C_J_K = config.tolerance.of_capacity(node.tolerance), node.capacity_J_K
+            name = f"node.{node.name}.capacity_J_K"
+            yield Parameter(Nuisance.CAPACITY, i, sigma, self._storing(i, C_J_K, A, E), name, C_J_K, C_J_K)
+
+    def _passing(self, link: Link) -> Change:
+        """What a link does that conducts as much again: with the row d of the temperature difference and the
+        column v of 1 J passed, dx/dt grows by G v d x. A nut that moves is spread over its stroke.
+        """
+        plant, G = self._plant, conductance_W_K(link)
+        none = no_change(len(plant.decay_1_s), len(plant.known_names))
+        first, second = sorted(link.between, key=lambda end: end not in self._names)
+        node = self._names.index(first)
+        row, into, known = self._read[node], -self._into[node], none.known.copy()
+        if second in self._names:
+            other = self._names.index(second)
+            row, into = row - self._read[other], into + self._into[other]
+        elif second == AMBIENT:
+            known[plant.known.ambient] = -G * into
+        else:
+            source = plant.source_names.index(second)
+            under, foot = self._under(source)
+            row, into = row - under, into + foot
+            known = -G * np.multiply.outer(plant.coupling.under_F[source], into)
+        return none._replace(into=G * into, seen=row, known=known)
+
+    def _storing(self, node: int, capacity_J_K: float, A: FloatArray, E: FloatArray) -> Change:
+        """What a node does that stores as much again: all that warms or cools it is slower."""
+        plant, row, into = self._plant, self._read[node], -capacity_J_K * self._into[node]
+        state = int(np.argmax(np.abs(row))) if self.apart else self._first + node
+        heats = np.zeros(len(row))
+        heats[state] = -1.0
+        known = np.multiply.outer(row @ E, into)
+        none = no_change(len(plant.decay_1_s), len(plant.known_names))
+        return none._replace(into=into, seen=row @ A, heats=heats, known=known)
+
+    def _under(self, source: int) -> tuple[FloatArray, FloatArray]:
+        """The row (n_x,) that reads the screw under a source, and what 1 J that enters there does (n_x,)."""
+        plant, c = self._plant, self._plant.coupling
+        state = np.arange(len(plant.decay_1_s))
+        foot = c.place_gain[source] * np.where(state < plant.lag_slice.stop, plant.B[:, source], 0.0)
+        under = c.under_C[source] + c.conductance_W_m * np.where(state < plant.modes, foot, 0.0)
+        return under, foot
