@@ -220,11 +220,12 @@ def candidates_of(
             )
         every = [(sensor, one.cost) for one in given for sensor in one.sensors]
         return [sensor for sensor, _ in every], [cost for _, cost in every]
-    like = next(s for s in config.sensor if s.kind == "temperature")
+    thermocouples = [s for s in config.sensor if s.kind == "temperature"]
+    like = thermocouples[0]
     found = []
     for node in _in_the_air(config):
         found.append(like.model_copy(update={"name": node, "channel": node, "position_m": None, "on": node}))
-    if spacing_m is not None or not found or any(s.position_m is not None for s in config.sensor):
+    if spacing_m is not None or not found or any(s.position_m is not None for s in thermocouples):
         length_m = config.screw.length_m
         points = DEFAULT_PLACES if spacing_m is None else max(2, round(length_m / spacing_m) + 1)
         for x_m in np.linspace(0.0, length_m, points).round(6).tolist():
