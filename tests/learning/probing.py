@@ -74,11 +74,12 @@ def estimates(log: Log, text: str) -> EstimateBlock:
 
 class Gain(NamedTuple):
     """Over what comes after the first probing: rms of error in µm and field in K, without and with the probe,
-    and how often 95 % intervals of the error hold.
+    the mean σ of the error in µm, and how often 95 % intervals of it hold.
     """
 
     error_um: tuple[float, float]
     field_K: tuple[float, float]
+    sigma_um: tuple[float, float]
     covered: tuple[float, float]
 
 
@@ -86,11 +87,13 @@ def gain(one: Probed, *, housed: bool) -> Gain:
     """Estimate a day without and with its probe."""
     own = HOUSED_CONFIG if housed else CONFIG
     late = one.day.time_s > one.cycles_s[0] + 60.0
-    error, field, covered = [], [], []
+    error, field, sigma, covered = [], [], [], []
     for text in (own, own + PROBE):
         found = estimates(one.log, text)
         off_um = (found.error_um - one.day.error_um)[late, 1:]
         error.append(float(np.sqrt(np.mean(off_um**2))))
         field.append(float(np.sqrt(np.mean((found.field_degC - one.day.field_degC)[late] ** 2))))
+        sigma.append(float(np.mean(found.error_sigma_um[late, 1:])))
         covered.append(float(np.mean(np.abs(off_um) <= 1.96 * found.error_sigma_um[late, 1:])))
-    return Gain((error[0], error[1]), (field[0], field[1]), (covered[0], covered[1]))
+    pairs = ((each[0], each[1]) for each in (error, field, sigma, covered))
+    return Gain(*pairs)
