@@ -127,7 +127,7 @@ def identify(
         bool, typer.Option("--report", help="Also temperatures, heats and errors along the screw.")
     ] = False,
     every_m: Annotated[
-        float | None, typer.Option(help="Spacing of the report over the stroke; else as in [output].")
+        float | None, typer.Option(help="Spacing of the report over the stroke in m; else as configured.")
     ] = None,
     every_min: Annotated[float, typer.Option(help="Minutes between the report's times.")] = 10.0,
     **accept: Any,

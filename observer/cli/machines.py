@@ -219,11 +219,12 @@ def place(
         int | None, typer.Option(min=1, max=32, help="How many sensors at most; else two more than heats.")
     ] = None,
     budget: Annotated[
-        float | None, typer.Option(min=0.0, help="What they may cost, in the unit of the candidates' costs.")
+        float | None,
+        typer.Option(min=0.0, help="What they may cost, in the unit of their costs; else no limit."),
     ] = None,
     candidates: Annotated[
         Path | None,
-        typer.Option(help="What can be mounted: a file of [[candidate]] tables, else the configuration's."),
+        typer.Option(help="What can be mounted: a file of candidate tables; else the configuration's."),
     ] = None,
     by: Annotated[
         Literal["all", "heat", "field", "error"], typer.Option(help="By whose σ sets are judged.")

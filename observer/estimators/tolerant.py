@@ -193,10 +193,8 @@ class Tolerant:
     def _of_sensors(self, x: FloatArray) -> FloatArray:
         """What the parameters of sensors add to readings, (s, t)."""
         t = self._theta
-        rows, own = (
-            np.zeros((self._plant.rows.sensors, len(t.kind))),
-            np.flatnonzero(t.kind > Nuisance.LAW),
-        )
+        rows = np.zeros((self._plant.rows.sensors, len(t.kind)))
+        own = np.concatenate([self.parameters(kind) for kind in Nuisance if kind.of_a_sensor])
         rows[t.of[own], own] = t.entries(x)[own]
         return rows
 

@@ -2,6 +2,7 @@
 
 from functools import cache
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from observer.estimators.design.spread import spread
 from observer.installation import load
 from observer.model.build import build_plant
 from observer.model.cycle import standard_shift
+from observer.tables.estimator import Learnable
 from observer.tables.sections import Sensor
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -56,7 +58,6 @@ def test_a_set_among_many_is_as_sure_as_a_machine_that_has_only_its_sensors():
 def test_a_further_sensor_makes_nothing_less_sure_of_what_a_filter_learns():
     """Where every tolerance is learnt the filter is the best there is, and more can only help it."""
     config = housings()
-    every = ("convection", "conductivity", "heat_capacity", "ambient_K", "end_W_K", "offset_K", "position_m")
-    learning = config.estimator.model_copy(update={"learn": (*every, "lag_s", "law")})
+    learning = config.estimator.model_copy(update={"learn": get_args(Learnable)})
     found = together(config.model_copy(update={"estimator": learning}), [(0,), (0, 3), (0, 3, 4)])
     assert (np.diff(found, axis=0) < 1e-9).all()

@@ -103,7 +103,11 @@ def test_what_is_considered_keeps_value_and_variance(engine):
 def test_filterpy_learns_the_same(resting):
     """The whole chain with the specification's matrices and filterpy's algebra, everything learnt."""
     _, plant, u = learning(EVERY, resting=resting, steps=40)
-    assert set(Nuisance) == set(plant.learning.arrays.kind.tolist())
+    of_nodes = {
+        Nuisance.LINK,
+        Nuisance.CAPACITY,
+    }  # this screw stands alone; see tests/model/test_rough_network.py
+    assert set(Nuisance) - of_nodes == set(plant.learning.arrays.kind.tolist())
     runs = []
     for engine in ("compiled", "filterpy"):
         estimator = build_estimator(plant, EstimatorSettings(engine=engine, gate_sigma=6.0, period_s=2.0))
