@@ -208,11 +208,6 @@ OTHERS = [
         "identify: option of another method", _identify(text(rows()), "--order", "0"), ("--order", "smoother")
     ),
     Case(
-        "identify: uneven log",
-        _identify(text(rows()[:20] + rows()[25:]), "--method", "tikhonov"),
-        ("log.csv", "uneven", "--method smoother"),
-    ),
-    Case(
         "identify: two weights",
         _identify(text(rows()), "--method", "tikhonov", "--regularisation", "1", "--parameter-choice", "gcv"),
         ("--regularisation", "--parameter-choice", "one of them"),
