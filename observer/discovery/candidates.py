@@ -17,9 +17,11 @@ from observer.discovery.log_faults import deviance
 from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.effects.base import EffectTable, Fitted, Shape
 from observer.effects.catalogue import LIBRARY, effect_class
+from observer.errors import ConfigError
 from observer.fit.hypothesis import EffectParameter, Fit
 from observer.fit.problem import Problem, modelled_lags
 from observer.frames import FloatArray
+from observer.model.build import refuse_on_followed
 from observer.tables.sections import Description
 
 
@@ -83,7 +85,7 @@ def library(
     kinds, and of the kinds from outside that are tried `also`.
     """
     length_m = machine.screw.length_m
-    return tuple(
+    found = (
         Candidate(
             effect, target, tuple({key: shape[key] for key in form} for shape in effect.shapes(machine)),
             {key: effect.parameters[key].on(length_m) for key in form},
@@ -93,6 +95,16 @@ def library(
         for target in effect.places(machine, free)
         for form in effect.forms(machine, target, free)
     )  # fmt: skip
+    return tuple(candidate for candidate in found if _stands(candidate, machine))
+
+
+def _stands(candidate: Candidate, machine: Description) -> bool:
+    """Whether it acts on no heat that is one with that of other sources, for a plant cannot have that."""
+    try:
+        refuse_on_followed(machine, candidate.effect(candidate.shapes[0]).terms(machine))
+    except ConfigError:
+        return False
+    return True
 
 
 class Signature(NamedTuple):

@@ -34,7 +34,7 @@ from observer.model.rod.moving import TABLE_POINTS
 from observer.model.rod.screw import rod_of
 from observer.model.rod.supports import restraint_of
 from observer.model.rough_network import with_rough_network
-from observer.tables.sections import Source, following, part_of_heat
+from observer.tables.sections import Description, Source, following, part_of_heat
 
 MOST_MODES = 400
 MOST_ASKED = 150
@@ -66,7 +66,7 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool 
 def full_model(config: Config, terms: Sequence[Term]) -> FullModel:
     """The full model of a configuration with its effects in place, without what couples its states."""
     modes = solve_modes(rod_of(config), (config.model.modes or MOST_MODES) + 1)
-    _refuse_on_followed(config, terms)
+    refuse_on_followed(config, terms)
     ends = {t.source: t.fraction for t in terms if isinstance(t, StrokeEnds)}
     return FullModel(
         modes=modes,
@@ -104,10 +104,10 @@ def _heat(config: Config, source: Source, ends_fraction: float) -> HeatInput:
     )
 
 
-def _refuse_on_followed(config: Config, terms: Sequence[Term]) -> None:
+def refuse_on_followed(machine: Description, terms: Sequence[Term]) -> None:
     """Raise `ConfigError` for what acts on one of several sources that have one heat."""
-    owners = following(config.source)
-    followers = {s.name for s in config.source if s.follows}
+    owners = following(machine.source)
+    followers = {s.name for s in machine.source if s.follows}
     for term in terms:
         name = getattr(term, "source", None)
         if not isinstance(name, str):

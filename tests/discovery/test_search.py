@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -20,6 +21,8 @@ from observer.errors import LogError
 from observer.fit.hypothesis import EffectParameter, Fit
 from observer.fit.parameters import free_keys
 from observer.frames import FloatArray
+from observer.installation import load
+from observer.model.build import build_plant
 from tests.logs.machines import machine
 from tests.logs.simulated import made_log
 
@@ -74,6 +77,16 @@ def test_without_leaves_out_its_kind_and_no_other(kind: str) -> None:
     whole, less = library(config, keys), library(config, keys, (kind,))
     assert [c for c in whole if c.kind != kind] == list(less)
     assert kind not in {c.kind for c in less}
+
+
+def test_heats_that_are_one_with_others_have_no_effect_of_their_own() -> None:
+    """A plant refuses what acts on one of several sources that have one heat, so none of it is tried."""
+    kim = load(Path(__file__).parents[2] / "config" / "kim-screw-one.toml")
+    tried = library(kim, free_keys(kim))
+    assert {c.target for c in tried if c.of.targets == "source"} == {"nut"}
+    for candidate in tried:
+        effect = candidate.effect(candidate.shapes[0])
+        build_plant(kim.model_copy(update={"effect": (effect,)}))
 
 
 def trial(candidate: tuple[str, str | None] | None = None, effect: Any = None) -> Any:
