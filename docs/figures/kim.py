@@ -270,8 +270,8 @@ def rod_run(steps: int = 41) -> RodRun:
         screw.specific_heat_J_kgK, 0.0,
     )  # fmt: skip
     time_s = config.estimator.period_s * np.arange(steps)
-    x_m = np.append(SENSOR, np.linspace(0.0, 1.0, 21))
-    rise = [np.zeros(22), *(prescribed_rod(bar, SOURCE, HEAT_W, x_m, t) for t in time_s[1:].tolist())]
+    x_m, at_m = screw.length_m * np.append(SENSOR, np.linspace(0.0, 1.0, 21)), screw.length_m * SOURCE
+    rise = [np.zeros(22), *(prescribed_rod(bar, at_m, HEAT_W, x_m, t) for t in time_s[1:].tolist())]
     true_degC = 20.0 + np.array(rise)
     still = np.full(steps, 20.0)
     log = {"time_s": time_s, "t1_degC": true_degC[:, 0], "left_degC": still, "right_degC": still}
@@ -291,9 +291,9 @@ def draw_figure_5() -> None:
     step = np.arange(len(run.sensor_degC))
     heat.plot(step, run.estimates["heat_heater_W"], "o", ms=3, mfc="none", label="estimated")
     heat.axhline(HEAT_W, color="k", lw=1, label="true")
-    heat.set(xlabel="step of 300 s", ylabel="heat, W", title="heat, config/kim-rod.toml")
+    heat.set(xlabel="step of 120 s", ylabel="heat, W", title="heat, config/kim-rod.toml")
     heat.legend(fontsize=8)
-    x_mm = np.linspace(0.0, 1000.0, 21)
+    x_mm = np.linspace(0.0, 600.0, 21)
     for k in (5, 10, 20, 40):
         line = field.plot(x_mm, run.field_degC[k], lw=1, label=f"step {k}")[0]
         field.plot(x_mm, field_at(run.estimates, k), "o", ms=3, mfc="none", color=line.get_color())

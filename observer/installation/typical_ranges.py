@@ -98,7 +98,7 @@ TYPICAL: dict[str, TypicalRange] = {
     "link.conductivity_W_mK": TypicalRange(0.01, 450.0, (Unit("mW/mK", 1e-3),)),
     "sensor.position_m": _PLACE,
     "sensor.noise_K": TypicalRange(1e-4, 5.0, (Unit("mK", 1e-3),)),
-    "estimator.period_s": TypicalRange(0.001, 300.0, (Unit("ms", 1e-3),)),
+    "estimator.period_s": TypicalRange(0.001, 120.0, (Unit("ms", 1e-3),)),
     "supports.stiffness_first_N_m": _STIFFNESS,
     "supports.stiffness_second_N_m": _STIFFNESS,
     "supports.elastic_modulus_Pa": TypicalRange(1e10, 1e12, (Unit("GPa", 1e9), Unit("MPa", 1e6))),

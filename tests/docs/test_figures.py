@@ -68,9 +68,9 @@ def test_the_ball_screw_settles_within_about_twenty_steps(kim: ModuleType) -> No
 def test_the_rod_with_one_unknown_heat(kim: ModuleType) -> None:
     run = kim.rod_run()
     off = np.abs(run.estimates["heat_heater_W"] / kim.HEAT_W - 1.0)
-    assert off[10:19].max() > 0.05
-    assert off[19:].max() < 0.05  # what a printed plot could show
-    for step, within_K in ((20, 2.3), (40, 0.03)):
+    assert off[10:17].max() > 0.05
+    assert off[17:].max() < 0.05  # what a printed plot could show
+    for step, within_K in ((20, 0.8), (40, 0.002)):
         assert np.abs(kim.field_at(run.estimates, step) - run.field_degC[step]).max() < within_K
 
 
