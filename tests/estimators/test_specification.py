@@ -102,12 +102,12 @@ def test_what_is_considered_keeps_value_and_variance(engine):
 @pytest.mark.parametrize("resting", [False, True])
 def test_filterpy_learns_the_same(resting):
     """The whole chain with the specification's matrices and filterpy's algebra, everything learnt."""
-    _, plant, u = learning(EVERY, resting=resting, steps=40)
-    of_nodes = {
-        Nuisance.LINK,
-        Nuisance.CAPACITY,
-    }  # this screw stands alone; see tests/model/test_rough_network.py
-    assert set(Nuisance) - of_nodes == set(plant.learning.arrays.kind.tolist())
+    body = {
+        "node": [{"name": "body", "capacity_J_K": 500.0}],
+        "link": [{"between": ["body", "ambient"], "conductance_W_K": 1.0}],
+    }
+    _, plant, u = learning(EVERY, resting=resting, steps=40, **body)
+    assert set(Nuisance) == set(plant.learning.arrays.kind.tolist())
     runs = []
     for engine in ("compiled", "filterpy"):
         estimator = build_estimator(plant, EstimatorSettings(engine=engine, gate_sigma=6.0, period_s=2.0))

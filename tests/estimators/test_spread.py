@@ -11,7 +11,7 @@ from observer.estimators import build_estimator
 from observer.estimators.design.spread import spread
 from observer.model.build import build_plant
 from observer.model.cycle import standard_shift
-from observer.report.sensitivity import KEYS, advice, tolerances
+from observer.report.sensitivity import KEYS, OF_NODES, advice, tolerances
 from tests.logs.simulated import shift_log
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -61,8 +61,8 @@ def of_demo():
 
 def test_each_key_has_its_row_and_none_makes_surer_by_being_unknown():
     rows = of_demo()["tolerances"]
-    of_nodes = ("link", "capacity")  # the demo's screw stands alone
-    assert [row["key"] for row in rows] == ["as configured", *(k for k in KEYS if k not in of_nodes), "all"]
+    alone = [key for key in KEYS if key not in OF_NODES]  # the demo's screw has no nodes
+    assert [row["key"] for row in rows] == ["as configured", *alone, "all"]
     of_logs = {"gain", "heat_per_log"}  # no estimator uses them
     assert list(KEYS) == [key for key in demo().tolerance.model_dump() if key not in of_logs]
     whole, best = rows[0], rows[-1]
