@@ -6,7 +6,6 @@ Nothing else in the package checks ranges again. What delivers the channels come
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import itertools
 import json
@@ -16,7 +15,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, ValidationError, model_validator
 
 from observer.effects.catalogue import Effect, effect_class
-from observer.errors import ConfigError, raise_all
+from observer.errors import ConfigError, meant, raise_all
 from observer.tables import quantities
 from observer.tables.candidates import MOST_PLACES, SensorCandidate, candidate_problems
 from observer.tables.estimator import EstimatorSettings, ForecastSettings, Integrity, Probing, Tolerance
@@ -234,10 +233,8 @@ def _logs_unknown(config: Config) -> Iterator[str]:
 def _limits_unknown(config: Config) -> Iterator[str]:
     for name in config.limits:
         if name not in config.channels:
-            close = difflib.get_close_matches(name, config.channels, n=1)
-            suggestion = f" (did you mean {close[0]}?)" if close else ""
             yield (
-                f'limits: the model reads no channel "{name}"{suggestion}; it reads '
+                f'limits: the model reads no channel "{name}"{meant(name, config.channels)}; it reads '
                 f"{', '.join(config.channels)}"
             )
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib.util
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 EXTRAS = {
     "analysis": ("control", "filterpy", "matplotlib", "pyarrow"),
@@ -45,6 +46,12 @@ def raise_all(problems: Sequence[str]) -> None:
 
 class LogError(UserError):
     """A log cannot be used; the message names file, row or column, and remedy."""
+
+
+def meant(given: str, known: Iterable[str]) -> str:
+    """Ask for the known name that is closest to one given, in brackets after a blank; nothing if none is."""
+    close = difflib.get_close_matches(given, list(known), n=1)
+    return f" (did you mean {close[0]}?)" if close else ""
 
 
 def has_extra(name: str) -> bool:

@@ -54,7 +54,7 @@ def cases_as_table(cases: Sequence[CaseFigures], unknown: Sequence[LeftUnknown |
         row("  at, mm", [1000.0 * case.largest_at_m for case in cases], ".0f")
         row("error at the right, µm", [_last(case) for case in cases], ".2f")
         row("axial force, N", [round(case.force_N) or 0 for case in cases], ".0f")
-    row("Biot number of the section", [case.biot for case in cases], ".3f")
+    row("Biot number", [case.biot for case in cases], ".3f")
     if any(case.slowest_s is not None for case in cases):
         minutes = [None if case.slowest_s is None else case.slowest_s / 60.0 for case in cases]
         row("time constant, min", minutes, ".0f")

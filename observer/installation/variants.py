@@ -14,13 +14,12 @@ inputs.screw_speed_rpm = [500, 1000, 1500]
 from __future__ import annotations
 
 import copy
-import difflib
 import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from observer.errors import ConfigError
+from observer.errors import ConfigError, meant
 from observer.installation import Installation, parse
 from observer.model.settle import check_inputs
 
@@ -133,11 +132,6 @@ def _variant(
     return Variant(name, config, {c: float(v) for c, v in inputs.items()}, changed)
 
 
-def _meant(given: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(given, known, n=1)
-    return f" (did you mean {close[0]}?)" if close else ""
-
-
 def _put(table: dict[str, Any], overrides: Mapping[str, Any], here: str) -> None:
     """Put overrides into a configuration's table; entries of lists of tables go by their names."""
     for key, value in overrides.items():
@@ -178,7 +172,7 @@ def _entry_of(entries: list[Any], key: str, name: str, own: Mapping[str, Any], h
 
 def _unknown(entries: list[Any], key: str, name: str) -> str:
     known = [_called(key, entry) for entry in entries]
-    return f'no {key} is called "{name}"{_meant(name, known)}; there are {", ".join(known) or "none"}'
+    return f'no {key} is called "{name}"{meant(name, known)}; there are {", ".join(known) or "none"}'
 
 
 def _take_away(table: dict[str, Any], path: str, here: str) -> None:

@@ -16,12 +16,12 @@ from observer.files.logs import Log
 from observer.forecast.document import travel_of
 from observer.frames import BoolArray, FloatArray, Layout
 from observer.installation import Installation
+from observer.model.build import restraint_on
 from observer.model.drive import Drive
 from observer.model.realise import realise
-from observer.model.rod.screw import surface_rate
+from observer.model.rod.screw import biot_number, surface_rate
 from observer.model.settle import mean_point, point_of, refuse_drift, settled
-from observer.model.survey import NODE, Growth, Survey, displaced, growth_of, held, survey_of
-from observer.physics.film import biot
+from observer.model.survey import NODE, Growth, Survey, displaced, growth_of, survey_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class CaseFigures:
     axial force, tension positive; the time constant of what is slowest to settle, None of a cycle.
     Of a cycle: the highest temperature at each place, the mean heats, and error and force where they are
     largest by size. `largest_error_um` is the largest by size within the travel, at `largest_at_m`. `biot` is
-    the Biot number of the screw's diameter in the largest film: below 0.1 a section is even in temperature.
+    the Biot number of the screw in the largest film of the case.
     """
 
     name: str
@@ -140,7 +140,7 @@ def _case(
     growth = growth_of(survey, rows)
     error_um, force_N, largest, at = np.zeros((0,)), 0.0, 0.0, 0
     if growth is not None:
-        errors, forces = displaced(held(config, config.supports, survey.grid_m), growth)
+        errors, forces = displaced(restraint_on(config, survey.grid_m), growth)
         error_um, force_N = largest_of(errors), float(largest_of(forces[:, None])[0])
         at = int(np.argmax(np.where(travel, np.abs(error_um), -1.0)))
         largest = float(error_um[at])
@@ -159,7 +159,7 @@ def _case(
         largest_error_um=largest,
         largest_at_m=float(survey.grid_m[at]),
         slowest_s=slowest_s,
-        biot=biot(film_W_m2K, machine.screw.diameter_m, machine.screw.conductivity_W_mK),
+        biot=biot_number(machine.screw, film_W_m2K),
     )
     return SurveyedCase(figures, growth, travel)
 

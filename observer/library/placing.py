@@ -15,9 +15,10 @@ from observer.config import Config
 from observer.errors import UserError
 from observer.estimators.design.placing import SetLimits, best_sets
 from observer.estimators.design.sensor_sets import SensorSet, SetSigmas, set_sigmas
+from observer.forecast.document import travel_of
 from observer.frames import BoolArray, FloatArray
 from observer.library.packages import in_words
-from observer.model.build import build_plant, grid_of
+from observer.model.build import build_plant
 from observer.model.cycle import Stage, standard_shift
 from observer.model.plant import Plant
 from observer.report.sensitivity import few_modes
@@ -168,7 +169,7 @@ class _Bench:
             standard_shift(config, plant),
             (*candidates, *config.sensor[len(own) :]),
             config.estimator.period_s,
-            _travelled(config),
+            travel_of(config, plant),
         )
 
     def sigmas(self, sets: Sequence[SensorSet], step_s: float) -> SetSigmas:
@@ -263,16 +264,6 @@ def _limits(bench: _Bench, configured: int, costs: Sequence[float], choice: Choi
     return SetLimits(
         wide, tuple(range(n)), most, math.inf if budget is None else budget, kept if choice.keep else ()
     )
-
-
-def _travelled(config: Config) -> BoolArray:
-    """Which reported places (g,) lie within the travel of a nut; all where that is none."""
-    grid_m = grid_of(config)
-    strokes = [s.stroke_m for s in config.source if s.stroke_m is not None]
-    within = np.zeros(len(grid_m), dtype=np.bool_)
-    for low_m, high_m in strokes:
-        within |= (grid_m >= low_m - 1e-9) & (grid_m <= high_m + 1e-9)
-    return within if within.any() else ~within
 
 
 def _rms(sigma: FloatArray) -> FloatArray:

@@ -32,7 +32,7 @@ from observer.model.rod.modes import (
 )
 from observer.model.rod.moving import TABLE_POINTS
 from observer.model.rod.screw import rod_of
-from observer.model.rod.supports import restraint_of
+from observer.model.rod.supports import Restraint, restraint_of
 from observer.model.rough_network import with_rough_network
 from observer.tables.sections import Description, Source, following, part_of_heat
 
@@ -157,16 +157,18 @@ def grid_of(config: Config) -> FloatArray:
 
 def _places(config: Config) -> Places:
     screw, grid_m = config.screw, grid_of(config)
-    held = config.supports
-    restraint = None if held is None else restraint_of(held, screw.length_m, screw.area_m2, grid_m)
     # one beside the screw gets its row with the node it sits on
     sensor_m = np.array([s.position_m or 0.0 for s in config.sensor])
     bed_1_K = 0.0 if config.bed is None else config.bed.expansion_1_K
     moved = tuple(i for i, s in enumerate(config.sensor) if s.kind == "displacement")
-    there = None
-    if held is not None:
-        there = restraint_of(held, screw.length_m, screw.area_m2, sensor_m[list(moved)])
+    restraint, there = (restraint_on(config, x_m) for x_m in (grid_m, sensor_m[list(moved)]))
     return Places(sensor_m, grid_m, screw.expansion_1_K, screw.length_m, restraint, bed_1_K, moved, there)
+
+
+def restraint_on(config: Config, places_m: FloatArray) -> Restraint | None:
+    """Return what holds a configuration's screw at places (g,), None where nothing is said of supports."""
+    held, screw = config.supports, config.screw
+    return None if held is None else restraint_of(held, screw.length_m, screw.area_m2, places_m)
 
 
 def _known_inputs(modes: Modes, config: Config, terms: Sequence[Term]) -> tuple[KnownInput, ...]:

@@ -74,10 +74,8 @@ class Drive:
         self.losses = [t for t in machine.terms if isinstance(t, SpeedLoss)]
         self._surface_rate = surface_rate(config.screw)
         self._sensor_channels = [s.channel for s in config.sensor]
-        self._scale, self.displaces = (
-            np.array([s.channel_scale for s in config.sensor]),
-            not plant.thermal.all(),
-        )
+        self._scale = np.array([s.channel_scale for s in config.sensor])
+        self.displaces = not plant.thermal.all()
         self._every = range(len(config.source))
         self._laws: list[tuple[tuple[str, ...], Law]] = [
             (law_channels(s, config.source), heat_law(s, config.source, config.screw.length_m))

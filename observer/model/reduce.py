@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -299,17 +299,18 @@ def _footprint(
 ) -> tuple[FloatArray, FloatArray]:
     """A heat's modal column (N,) and its lag's output column (R,), averaged over its motion."""
     b, c = _own_footprint(full, modes, heat, ends_fraction)
+    if not heat.also:
+        return b, c
     more_b, more_c = _further(full, modes, heat)
     return b + more_b, c + more_c
 
 
 def _further(full: FullModel, modes: Modes, heat: HeatInput) -> tuple[FloatArray, FloatArray]:
     """What further stretches add to a heat's columns (N,) and (R,)."""
-    b, c = np.zeros(len(modes)), np.zeros(len(modal_rows(modes, full.places)))
-    for part, stretch in heat.also:
-        b += part * modal_input(modes, stretch)
-        c += part * _lag_row(full, modes, stretch)
-    return b, c
+    parts = np.array([part for part, _ in heat.also])
+    b = np.array([modal_input(modes, stretch) for _, stretch in heat.also])
+    c = np.array([_lag_row(full, modes, stretch) for _, stretch in heat.also])
+    return parts @ b, parts @ c
 
 
 def _own_footprint(
@@ -360,7 +361,6 @@ def _moving_sources(
             continue
         mean_B = B[:, index].copy()
         mean_B[: len(modes)], mean_C = _own_footprint(full, modes, heat, 0.0)
-        more_b, more_c = _further(full, modes, heat)
         table = NutTable(
             mu_1_m=modes.mu_1_m,
             phase=modes.phase,
@@ -371,16 +371,16 @@ def _moving_sources(
             stroke_m=heat.nut.stroke_m,
             lag=len(modes) + index,
             lag_decay_1_s=lag_decay_1_s,
-            table_C=_nut_rows(full, modes, heat.share, heat.nut, nut_places) + more_c,
+            table_C=_nut_rows(full, modes, heat.share, heat.nut, nut_places),
             mean_B=mean_B,
-            mean_C=mean_C + more_c,
-            turn=_adding(more_b, lag_decay_1_s, len(modes) + index, len(B)) if heat.also else _NO_TURN,
+            mean_C=mean_C,
         )
+        if heat.also:
+            more_b, more_c = _further(full, modes, heat)
+            turn = _adding(more_b, lag_decay_1_s, table.lag, len(B))
+            table = replace(table, table_C=table.table_C + more_c, mean_C=mean_C + more_c, turn=turn)
         found.append(MovingSource(index, heat.nut.channel, table, heat.ends_fraction))
     return tuple(found)
-
-
-_NO_TURN = np.zeros((0, 0))
 
 
 def _adding(more_b: FloatArray, lag_decay_1_s: float, lag: int, n_x: int) -> FloatArray:

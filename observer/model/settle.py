@@ -7,7 +7,6 @@ and friction that fades with the temperature are iterated until nothing moves.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -16,7 +15,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.effects.terms import AmbientShift
-from observer.errors import ConfigError
+from observer.errors import ConfigError, meant
 from observer.frames import FloatArray, FrameBlock, Inputs, Quality
 from observer.model.coupling import Coupling
 from observer.model.drive import Drive
@@ -76,10 +75,8 @@ def check_inputs(config: Config, values: Mapping[str, Any], place: str) -> None:
     inputs = [c for c in config.channels if c not in sensors]
     for channel, value in values.items():
         if channel not in inputs:
-            close = difflib.get_close_matches(channel, inputs, n=1)
-            meant = f" (did you mean {close[0]}?)" if close else ""
             raise ConfigError(
-                f'{place}: the model reads no input "{channel}"{meant}; it reads '
+                f'{place}: the model reads no input "{channel}"{meant(channel, inputs)}; it reads '
                 f"{', '.join(inputs) or 'none'}"
             )
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _LARGEST:

@@ -12,8 +12,7 @@ from observer.config import Config
 from observer.frames import FloatArray
 from observer.model.build import build_plant, grid_of
 from observer.model.plant import Plant
-from observer.model.rod.supports import Restraint, displacement_um, force_N, restraint_of
-from observer.tables.mounting import Supports
+from observer.model.rod.supports import Restraint, displacement_um, force_N
 from observer.tables.sections import Sensor
 
 NODE = "node."
@@ -71,12 +70,6 @@ def growth_of(survey: Survey, rows: FloatArray) -> Growth | None:
     if not along_um.shape[1]:
         return None
     return Growth(along_um[:, : len(survey.grid_m)], along_um[:, -1])
-
-
-def held(config: Config, supports: Supports | None, grid_m: FloatArray) -> Restraint | None:
-    """Return the restraint of supports on a configuration's screw, none where nothing is said of them."""
-    screw = config.screw
-    return None if supports is None else restraint_of(supports, screw.length_m, screw.area_m2, grid_m)
 
 
 def displaced(restraint: Restraint | None, growth: Growth) -> tuple[FloatArray, FloatArray]:

@@ -162,11 +162,11 @@ def radiation_film_W_m2K(emissivity: float, ambient_degC: float, rise_K: float) 
 
 
 BIOT_LIMIT = 0.1
-"""Below it a body is as warm inside as at its surface."""
+"""Below it a body is nearly as warm inside as at its surface."""
 
 
 def biot(film_W_m2K: float, size_m: float, conductivity_W_mK: float) -> float:
-    """Return h L/k, of a screw with its diameter as the size L.
+    """Return h L/k of a body of the size L: what a film takes over what conduction brings to it.
 
     Source: Kuznetsov (2021), section 2. His table 1 gives the size at which it is 0.1, L = 0.1 k/h; its
     1.36 m at 4 W/m²K and 55 W/mK should be 1.38, and its 0.14 m at 12 and 15 should be 0.13.

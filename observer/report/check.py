@@ -25,14 +25,13 @@ from observer.model.realise import realise
 from observer.model.rod.modes import footprints, solve_modes, tail_left
 from observer.model.rod.screw import biot_number, rod_of
 from observer.model.rod.supports import force_N
+from observer.physics.film import BIOT_LIMIT
 from observer.report.sensitivity import detectable, tolerances
 from observer.tables.sections import Source
 
 TRANSIENT_S = (0.5, 10.0)
 MOST_DESIGNED = 200
 """A design costs the cube of the modes: seconds here, minutes at twice as many."""
-MOST_BIOT = 0.1
-"""Above it a screw is noticeably warmer at its axis than at its surface."""
 NEAR = 1e-3
 """Positions closer than this part of the screw's length count as one."""
 _DEVIATION_OF_STEPS = 1.0 / math.sqrt(12.0)  # what rounding to whole steps of 1 adds
@@ -49,7 +48,8 @@ def findings(config: Installation) -> dict[str, Any]:
     design = design_report(plant, config.estimator)
     reached = sorted(design.poles_reached_1_s.tolist(), key=lambda p: (-p.real, p.imag))
     errors = transient_error_K_W(config, plant, TRANSIENT_S)
-    warnings = [*doubts(config), *design.warnings, *_model_warnings(config, design)]
+    biot = _biot(config)
+    warnings = [*doubts(config), *design.warnings, *_model_warnings(config, design, biot)]
     return {
         "verdict": _verdict(design, warnings),
         "modes": plant.modes,
@@ -58,7 +58,7 @@ def findings(config: Installation) -> dict[str, Any]:
         "steady_part_left_out": _left_out(config, plant),
         "dropped_modes_settle_s": 1.0 / plant.dropped_rate_1_s,
         "transient_error_K_W": dict(zip((f"{t:g} s" for t in TRANSIENT_S), errors.tolist(), strict=True)),
-        "biot": _biot(config),
+        "biot": biot,
         "estimator": design.kind,
         "bandwidth_1_s": design.bandwidth_1_s,
         "eigenvalues_1_s": design.eigenvalues_1_s.tolist(),
@@ -125,13 +125,13 @@ def _biot(config: Installation) -> dict[str, float]:
     return {"film_W_m2K": film_W_m2K, "number": biot_number(config.screw, film_W_m2K)}
 
 
-def _model_warnings(config: Installation, design: DesignReport) -> list[str]:
+def _model_warnings(config: Installation, design: DesignReport, biot: Mapping[str, float]) -> list[str]:
     machine = realise(config)
     there, rod = machine.config, rod_of(machine.config)
-    warnings, biot = [], _biot(config)
-    if biot["number"] > MOST_BIOT:
+    warnings = []
+    if biot["number"] > BIOT_LIMIT:
         warnings.append(
-            f"the Biot number is {biot['number']:.2g}, above {MOST_BIOT:g}: under a film of "
+            f"the Biot number is {biot['number']:.2g}, above {BIOT_LIMIT:g}: under a film of "
             f"{biot['film_W_m2K']:.3g} W/m²K the screw is not of one temperature across, as in the model; "
             "check surface.convection_W_m2K, or expect the core to differ from what the sensors read"
         )

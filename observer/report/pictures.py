@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from observer.config import Config
+from observer.files.folders import results_in
 from observer.forecast.document import Forecast
 from observer.frames import FloatArray, Inputs
 from observer.history.history import HeatHistory
@@ -194,6 +195,23 @@ def written(path: Path) -> Iterator[Figure]:
             os.replace(part, path)
         finally:
             part.unlink(missing_ok=True)
+
+
+@contextmanager
+def drawn(path: Path, width: float, height: float) -> Iterator[Figure]:
+    """Give a figure of so many hundred pixels to draw on, and write it as its name ends once that is done.
+
+    Raises `UserError` where the folder cannot be written.
+    """
+    import matplotlib as mpl  # noqa: PLC0415 - slow to import
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    with mpl.rc_context(RC), results_in(path.absolute().parent) as part:
+        figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+        FigureCanvasAgg(figure)
+        yield figure
+        figure.savefig(part / path.name, format=path.suffix[1:] or "png")
 
 
 @contextmanager

@@ -9,8 +9,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from observer.files.folders import results_in
-from observer.report.panels import INK, QUIET, RC, colour
+from observer.report.panels import INK, QUIET, colour
+from observer.report.pictures import drawn
 from observer.report.sensitivity import SHIFT_SAID
 
 if TYPE_CHECKING:
@@ -63,16 +63,10 @@ def _said(found: dict[str, Any]) -> list[str]:
 
 def write_costs(path: Path, found: dict[str, Any]) -> None:
     """Draw the σ of the sets against their cost, and which sensors they have."""
-    import matplotlib as mpl  # noqa: PLC0415 - slow to import
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
     sets, now = found["sets"], found["configured"]
     shown = [name for name, keys in _SIGMAS.items() if now[keys[0]] is not None]
     names = list(dict.fromkeys(name for one in sets for name in one["names"]))
-    with mpl.rc_context(RC), results_in(path.absolute().parent) as part:
-        figure = Figure(figsize=(14, 6.0 + 0.28 * len(names)), dpi=100, layout="constrained")
-        FigureCanvasAgg(figure)
+    with drawn(path, 14.0, 6.0 + 0.28 * len(names)) as figure:
         parts = figure.subfigures(2, 1, squeeze=False, height_ratios=(4.4, 0.9 + 0.28 * len(names)))[:, 0]
         panels = parts[0].subplots(1, 1 + len(shown), squeeze=False)[0]
         _lines(panels[0], found, "heats, W", {n: ("heat_sigma_W", n) for n in now["heat_sigma_W"]})
@@ -80,7 +74,6 @@ def write_costs(path: Path, found: dict[str, Any]) -> None:
             rms, worst = _SIGMAS[name]
             _lines(axes, found, name, {"rms over the travel": (rms,), "worst place": (worst,)})
         _members(parts[1].subplots(), sets, names)
-        figure.savefig(part / path.name, format=path.suffix[1:] or "png")
 
 
 def _lines(axes: Axes, found: dict[str, Any], title: str, keys: dict[str, tuple[str, ...]]) -> None:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from observer.estimators.design.response import HeatResponse, heat_response
-from observer.files.folders import results_in
 from observer.installation import Installation
 from observer.model.build import build_plant
-from observer.report.panels import QUIET, RC, colour
+from observer.report.panels import QUIET, colour
+from observer.report.pictures import drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,15 +24,9 @@ NEARLY = 0.02
 
 def write_responses(path: Path, config: Installation, found: dict[str, Any]) -> None:
     """Draw what `findings` has of poles, and the responses of the configuration's estimator."""
-    import matplotlib as mpl  # noqa: PLC0415 - slow to import
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
     plant = build_plant(config)
     answer = heat_response(plant, config.estimator)
-    with mpl.rc_context(RC), results_in(path.absolute().parent) as part:
-        figure = Figure(figsize=(14, 9), dpi=100, layout="constrained")
-        FigureCanvasAgg(figure)
+    with drawn(path, 14.0, 9.0) as figure:
         (poles, step), (gain, phase) = figure.subplots(2, 2)
         figure.suptitle(
             f"{config.machine.name}, axis {config.machine.axis}: {found['estimator']} estimator",
@@ -45,7 +39,6 @@ def write_responses(path: Path, config: Installation, found: dict[str, Any]) -> 
             step.text(0.0, 0.9, "No gain serves, so there is no response.", transform=step.transAxes)
         else:
             _responses(step, gain, phase, answer, plant.layout.sources)
-        figure.savefig(part / path.name, format=path.suffix[1:] or "png")
 
 
 def _poles(axes: Axes, found: dict[str, Any]) -> None:

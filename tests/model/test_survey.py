@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from observer.config import Config
-from observer.model.build import build_plant
+from observer.model.build import build_plant, restraint_on
 from observer.model.settle import point_of, settled
-from observer.model.survey import displaced, growth_of, held, survey_of
+from observer.model.survey import displaced, growth_of, survey_of
 from tests.reference.cases import config_of, point
 from tests.truth.bar import Bar
 
@@ -44,7 +44,7 @@ def test_the_error_between_supports_follows_from_the_free_growth(more: dict[str,
     rows = settled(survey.plant, point_of(survey.config, survey.plant, VALUES)).rows[None]
     growth = growth_of(survey, rows)
     assert growth is not None
-    error_um, force_N = displaced(held(config, config.supports, survey.grid_m), growth)
+    error_um, force_N = displaced(restraint_on(config, survey.grid_m), growth)
     np.testing.assert_allclose(error_um[0], whole, rtol=0, atol=1e-9)
     assert force_N[0] < more.get("preload_N", 0.0)
 

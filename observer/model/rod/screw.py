@@ -162,8 +162,8 @@ def biot_number(screw: Screw, film_W_m2K: float) -> float:
 
     Below 0.1 a body is nearly of one temperature across (Incropera & DeWitt 2007, eq. 5.10).
     """
-    volume_m = 0.25 * screw.diameter_m * (1.0 - (screw.bore_m / screw.diameter_m) ** 2)
-    return film_W_m2K * volume_m / screw.conductivity_W_mK
+    volume_m = screw.area_m2 / (math.pi * screw.diameter_m)
+    return film.biot(film_W_m2K, volume_m, screw.conductivity_W_mK)
 
 
 def surface_rate(screw: Screw) -> float:
