@@ -76,24 +76,24 @@ def table(first_seed: int = SEED, machines: int = MACHINES) -> str:
     for name, story in STORIES.items():
         reported = [watched(story, first_seed + n) for n in range(machines)]
         monthly = 30.0 * sum(t.false for t in reported) / max(sum(t.quiet_d for t in reported), 1.0)
-        told = [t for t in reported if not math.isnan(t.early_h)]
+        in_time = [t for t in reported if not math.isnan(t.early_h)]
         happens = story.doubles_h is not None or story.lost > 0.0
-        part = f"{len(told)} of {machines} | {_when(story, told)}" if happens else "– | –"
+        part = f"{len(in_time)} of {machines} | {_when(story, in_time)}" if happens else "– | –"
         lines.append(f"| {name} | {monthly:.2f} | {part} |")
     return "\n".join(lines)
 
 
-def _when(story: Story, told: Sequence[Reported]) -> str:
+def _when(story: Story, in_time: Sequence[Reported]) -> str:
     """When an alarm came, of those that did."""
-    if not told:
+    if not in_time:
         return "–"
-    hours = sorted((t.early_h for t in told), reverse=story.doubles_h is not None)
+    hours = sorted((t.early_h for t in in_time), reverse=story.doubles_h is not None)
     median, latest = hours[len(hours) // 2], hours[-1]
     if story.doubles_h is not None:
         return f"{median:.0f} ({latest:.0f}) h before it has doubled"
     if not story.loses_h:
         return f"{median:.0f} ({latest:.0f}) h after it fell"
-    left = sorted((t.left for t in told), reverse=True)
+    left = sorted((t.left for t in in_time), reverse=True)
     before = sum(part > 0.5 for part in left)
     return f"at {left[len(left) // 2]:.2f} ({left[-1]:.2f}) of the heat; {before} before it has halved"
 

@@ -1,4 +1,4 @@
-"""How well 28 minutes of a warm-up can tell where it settles, whatever the estimator: a bound by information.
+"""How well 28 minutes of a warm-up can say where it settles, whatever the estimator: a bound by information.
 
 Sensitivities of the independent truth, by differences, of five sensors' means over half a minute, of the
 settled field and error and of the time of settling, to everything that may be off; the prior of each is that

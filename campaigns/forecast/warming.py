@@ -59,9 +59,9 @@ GROUPS = {
 }
 
 
-class Told(NamedTuple):
+class PredictedSettling(NamedTuple):
     """A forecast held against the truth: rms, mean σ and the part within 95 %, of field and error over the
-    screw; and the time of settling, with its band, in s; NaN where none is told.
+    screw; and the time of settling, with its band, in s; NaN where none is known.
     """
 
     off_K: float
@@ -155,14 +155,14 @@ def forecasts(
     )  # fmt: skip
 
 
-def told(found: Forecast, field_degC: FloatArray, error_um: FloatArray) -> Told:
+def predicted(found: Forecast, field_degC: FloatArray, error_um: FloatArray) -> PredictedSettling:
     """Hold a forecast against the truth."""
     where, nothing = found.settled, np.full(len(field_degC), np.nan)
     sigma_K = nothing if where.field_sigma_K is None else where.field_sigma_K
     sigma_um = (nothing if where.error_sigma_um is None else where.error_sigma_um)[1:]
     off_K, off_um = where.field_degC - field_degC, (where.error_um - error_um)[1:]
     between_s = found.between_s or (np.nan, np.nan)
-    return Told(
+    return PredictedSettling(
         _rms(off_K), float(sigma_K.mean()), float(np.mean(np.abs(off_K) <= Z95 * sigma_K)),
         _rms(off_um), float(sigma_um.mean()), float(np.mean(np.abs(off_um) <= Z95 * sigma_um)),
         np.nan if where.after_s is None else where.after_s, *between_s,
@@ -173,7 +173,7 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-COLUMNS = ("group", "machine", "by", *Told._fields, "true_s")
+COLUMNS = ("group", "machine", "by", *PredictedSettling._fields, "true_s")
 
 
 def warmed(seed: int, task: tuple[str, int]) -> list[dict[str, str]]:
@@ -185,7 +185,7 @@ def warmed(seed: int, task: tuple[str, int]) -> list[dict[str, str]]:
     field_degC, error_um, true_s = settled(one, seed, number, now_s)
     rows = []
     for by, found in (("log", whole), ("live", live)):
-        cells = [f"{value:.3f}" for value in (*told(found, field_degC, error_um), true_s)]
+        cells = [f"{value:.3f}" for value in (*predicted(found, field_degC, error_um), true_s)]
         rows.append(dict(zip(COLUMNS, (name, str(number), by, *cells), strict=True)))
     return rows
 

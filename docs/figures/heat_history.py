@@ -144,10 +144,10 @@ def draw_methods() -> None:
     heats.plot(minutes, case.heat_W[:, 0], "k:", lw=1.2, label="true")
     heats.set(xlabel="min", ylabel="W", title="Heat of the nut", ylim=(-15, 65))
     heats.legend(fontsize=7.5, loc="upper right")
-    told = weights(case, 1)
-    choice.loglog(told.alpha, told.error_W, color=CATEGORIES[0], label="error of the nut's heat, W")
-    choice.loglog(told.alpha, told.residual_K, color=CATEGORIES[1], label="unexplained temperature, K")
-    for i, (name, alpha) in enumerate(told.chosen.items()):
+    shown = weights(case, 1)
+    choice.loglog(shown.alpha, shown.error_W, color=CATEGORIES[0], label="error of the nut's heat, W")
+    choice.loglog(shown.alpha, shown.residual_K, color=CATEGORIES[1], label="unexplained temperature, K")
+    for i, (name, alpha) in enumerate(shown.chosen.items()):
         choice.axvline(alpha, color=QUIET, lw=0.8, ls=(0, (4, 2)))
         choice.text(alpha, 30.0 / 2.2**i, f" {name}", fontsize=8, color=QUIET)
     choice.set(xlabel="α", title="Order 0: what each rule chooses", ylim=(0.05, 60))
@@ -246,8 +246,8 @@ def print_moving() -> None:
                 bias.append(abs(error_W.mean()) / true_W.mean())
                 stray.append(np.sqrt(np.mean(error_W**2)) / true_W.mean())
             seconds = (time.process_time() - begin_s) / len(truths)
-            told = f"{100 * max(bias):.2g} | {100 * np.mean(stray):.2g} | {seconds:.2g}"
-            print(f"| {speed_m_min:.0f} | {method} | {told} |")
+            shown = f"{100 * max(bias):.2g} | {100 * np.mean(stray):.2g} | {seconds:.2g}"
+            print(f"| {speed_m_min:.0f} | {method} | {shown} |")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Which test would decide a doubtful answer: the answers it has to tell apart, and the cycle that does."""
+"""Which test would decide a doubtful answer: the answers it has to separate, and the cycle that does."""
 
 from __future__ import annotations
 

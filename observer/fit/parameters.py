@@ -93,8 +93,8 @@ def thermal_only(config: Config) -> Config:
     config = config.model_copy(update={"sensor": thermal})
     if (free := config.calibrate.free) is None:
         return config
-    told = set(candidates(config))
-    kept = tuple(key for key in free if key in told) or None
+    known = set(candidates(config))
+    kept = tuple(key for key in free if key in known) or None
     return config.model_copy(update={"calibrate": config.calibrate.model_copy(update={"free": kept})})
 
 

@@ -1,6 +1,6 @@
 """What friction may do, as rival filters over the whole of a log, each weighed by how likely it makes it.
 
-Heats that wander as freely as the configuration allows may be anything an hour later, and a short log tells
+Heats that wander as freely as the configuration allows may be anything an hour later, and a short log says
 little of film and laws beside them. Most friction wanders less: it is its law times a constant, and what it
 has more when work begins dies away. The rivals are that, with several time constants, and the heats as
 configured; all of them learn everything that `[tolerance]` and the laws leave open. A rival's weight is its

@@ -51,7 +51,7 @@ def walking(plant: Plant, blocks: Sequence[Inputs], alpha: float = 1.0) -> Assum
     """Return the prior of order 1 at the weight `alpha`: with 1 it is the configuration's.
 
     All that no heat explains is the sensors' noise: with noise of the field beside it, no choice of the
-    weight could tell what heats explain from what that does.
+    weight could separate what heats explain from what that does.
     """
     plant = replace(
         plant,

@@ -1,4 +1,4 @@
-"""What is learnt of a heat, on machines of an own truth, and that wear is told before it is dear."""
+"""What is learnt of a heat, on machines of an own truth, and that wear is noticed before it is dear."""
 
 from __future__ import annotations
 
@@ -58,21 +58,21 @@ def test_the_trend_is_that_of_a_heat_that_grows():
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_months_in_which_nothing_happens_are_quiet(seed):
-    told = watched(Story(days=30), seed)
-    assert told.quiet_d > 15.0
-    assert told.false <= 1
+    seen = watched(Story(days=30), seed)
+    assert seen.quiet_d > 15.0
+    assert seen.false <= 1
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_bearing_that_wears_is_told_a_day_of_running_before_its_heat_has_doubled(seed):
-    told = watched(Story(begins_h=60.0, doubles_h=200.0), seed)
-    assert told.early_h > 24.0
+    seen = watched(Story(begins_h=60.0, doubles_h=200.0), seed)
+    assert seen.early_h > 24.0
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_preload_that_wears_away_is_told_before_the_heat_has_halved(seed):
-    told = watched(Story(begins_h=100.0, lost=0.75, loses_h=200.0), seed)
-    assert told.left > 0.5
+    seen = watched(Story(begins_h=100.0, lost=0.75, loses_h=200.0), seed)
+    assert seen.left > 0.5
 
 
 def test_what_friction_falls_by_early_is_running_in_and_later_is_not():

@@ -1,4 +1,4 @@
-"""Which answers a test is to tell apart, for each verdict."""
+"""Which answers a test is to separate, for each verdict."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ def answers_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(deciding, "propose", lambda _problem, answers, _pool: list(answers))
 
 
-def told(verdict: Verdict, partial: Any = None) -> Any:
+def asked_of(verdict: Verdict, partial: Any = None) -> Any:
     less = [("loss", fit("without loss")), ("body", fit("without body"))]
     return decisive_test(None, FOUND, verdict, less, partial)  # type: ignore[arg-type]
 
 
 def test_of_an_ambiguous_answer_all_sets_are_told_apart() -> None:
-    assert told(Verdict("ambiguous", None, fits=(fit("a"), fit("b")))) == ["a", "b"]  # type: ignore[arg-type]
+    assert asked_of(Verdict("ambiguous", None, fits=(fit("a"), fit("b")))) == ["a", "b"]  # type: ignore[arg-type]
 
 
 def test_of_what_is_unproved_the_answer_is_with_or_without_it() -> None:
     unproved = Verdict("unknown", None, unproved=("body",))  # type: ignore[arg-type]
-    assert told(unproved) == ["both", "without body"]
+    assert asked_of(unproved) == ["both", "without body"]
 
 
 @pytest.mark.parametrize(("tied", "next_best"), [((), "with film"), (("lag", "film"), "with drift")])
@@ -57,14 +57,14 @@ def test_of_an_unknown_what_explains_most_stands_against_another_family_and_none
     tie = SimpleNamespace(members=[SimpleNamespace(name=name) for name in tied]) if tied else None
     partial = SimpleNamespace(trial=RANKING[0], tie=tie)
     unknown = Verdict("unknown", None, remains="on data held back")  # type: ignore[arg-type]
-    assert told(unknown, partial) == ["null", "with lag", next_best]
+    assert asked_of(unknown, partial) == ["null", "with lag", next_best]
 
 
 @pytest.mark.parametrize("kind", ["named", "none", "not_identifiable", "unknown"])
 def test_no_test_is_proposed_where_nothing_is_to_be_told_apart(kind: Any) -> None:
-    assert told(Verdict(kind, None)) is None  # type: ignore[arg-type]
+    assert asked_of(Verdict(kind, None)) is None  # type: ignore[arg-type]
 
 
 def test_logs_in_doubt_are_to_be_corrected_first() -> None:
     doubted = Verdict("unknown", None, unproved=("body",), suspected=("late",))  # type: ignore[arg-type]
-    assert told(doubted) is None
+    assert asked_of(doubted) is None

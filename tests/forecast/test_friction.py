@@ -77,7 +77,7 @@ def test_half_an_hour_of_a_warm_up_says_where_and_when_a_rough_machine_settles()
     one = draw(seed, number, Rough())
     whole, live, now_s = warming.forecasts(warming.GROUPS["rough"], one, seed, number)
     truth = warming.settled(one, seed, number, now_s)
-    by_log, by_live = (warming.told(found, *truth[:2]) for found in (whole, live))
+    by_log, by_live = (warming.predicted(found, *truth[:2]) for found in (whole, live))
     # three σ of a few correlated places; and less is left open than by the state of the moment alone
     assert by_log.off_um < 3.0 * by_log.sigma_um
     assert by_log.sigma_um < 0.6 * by_live.sigma_um
