@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Callable
 from datetime import timedelta
 from pathlib import Path
@@ -37,6 +38,40 @@ def workbook(path: Path, was: Truth) -> None:
     for moment, *cells in zip(was.moments(), *columns(was), strict=True):
         sheet.append([moment.replace(tzinfo=None), *map(float, cells)])
     book.save(path)
+
+
+def of_libreoffice(path: Path, was: Truth) -> None:
+    """As LibreOffice Calc saves a sheet; OpenDocument 1.3 part 3, 9.1 and 19.385."""
+    words = "".join(
+        f'<table:table-cell office:value-type="string"><text:p>{name}</text:p></table:table-cell>'
+        for name in ("Time", *NAMES)
+    )
+    rows = [f"<table:table-row>{words}</table:table-row>"]
+    for moment, *cells in zip(was.moments(), *columns(was), strict=True):
+        when = moment.replace(tzinfo=None).isoformat(timespec="milliseconds")
+        date = f'<table:table-cell office:value-type="date" office:date-value="{when}"/>'
+        numbers = "".join(
+            f'<table:table-cell office:value-type="float" office:value="{float(cell)!r}"/>' for cell in cells
+        )
+        rows.append(f"<table:table-row>{date}{numbers}</table:table-row>")
+    spaces = " ".join(
+        f'xmlns:{short}="urn:oasis:names:tc:opendocument:xmlns:{name}:1.0"'
+        for short, name in (("office", "office"), ("table", "table"), ("text", "text"))
+    )
+    kind = "application/vnd.oasis.opendocument.spreadsheet"
+    with zipfile.ZipFile(path, "w") as ods:
+        ods.writestr("mimetype", kind)
+        ods.writestr(
+            "META-INF/manifest.xml",
+            '<manifest:manifest xmlns:manifest="urn:oasis:names:tc:opendocument:xmlns:manifest:1.0">'
+            f'<manifest:file-entry manifest:full-path="/" manifest:media-type="{kind}"/></manifest:manifest>',
+        )
+        ods.writestr(
+            "content.xml",
+            f'<office:document-content {spaces} office:version="1.3"><office:body><office:spreadsheet>'
+            f'<table:table table:name="Messung">{"".join(rows)}</table:table>'
+            "</office:spreadsheet></office:body></office:document-content>",
+        )
 
 
 def arrow(was: Truth) -> pa.Table:
@@ -120,6 +155,7 @@ def labview(path: Path, was: Truth) -> None:
     ("suffix", "write"),
     [
         (".xlsx", workbook),
+        (".ods", of_libreoffice),
         (".parquet", of_parquet),
         (".parquet", of_pandas),
         (".feather", of_feather),
@@ -134,7 +170,7 @@ def labview(path: Path, was: Truth) -> None:
 def test_what_other_programs_write_is_read_as_it_is(tmp_path, suffix, write):
     was, path = truth(), tmp_path / f"run{suffix}"
     write(path, was)
-    zone = '\n[log]\ntimezone = "UTC"' if write in (workbook, labview) else ""
+    zone = '\n[log]\ntimezone = "UTC"' if write in (workbook, of_libreoffice, labview) else ""
     assert_is(read(path, zone), was, apart=1e-6)
 
 
