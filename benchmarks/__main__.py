@@ -65,7 +65,7 @@ def main() -> None:
     console.print(table.render(results, NOTE, [each.shown for each in compared]))
     for each in compared:
         if each.worse:
-            console.print(f"[bold red]worse by more than a fifth:[/] {each.work}: {each.told}")
+            console.print(f"[bold red]worse by more than a fifth:[/] {each.work}: {each.kept_text}")
     if options.keep:
         history.keep(results)
         picture.draw()

@@ -1,6 +1,7 @@
 """Estimators side by side on machines whose truth is independent: `python -m benchmarks.estimators`.
 
-Every machine is off its configuration as real ones are, with film, friction and sensors that no log tells.
+Every machine is off its configuration as real ones are, with errors of film, friction and sensors that no log
+reveals.
 """
 
 from __future__ import annotations

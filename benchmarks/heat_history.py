@@ -64,8 +64,8 @@ def by_method(method: Method) -> list[Result]:
 def _in_a_process(work: str) -> tuple[float, float, float]:
     """Seconds, and the peak of memory before and after, MB: a peak stays on a process' record."""
     command = [sys.executable, "-m", "benchmarks.heat_history", work]
-    told = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
-    seconds, before_MB, peak_MB = (float(value) for value in told)
+    figures = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    seconds, before_MB, peak_MB = (float(value) for value in figures)
     return seconds, before_MB, peak_MB
 
 
@@ -132,7 +132,7 @@ def _even_log(steps: int) -> tuple[Plant, Inputs]:
 
 
 def _peak_MB() -> float:
-    """The peak of this process alone; what `resource` tells begins with that of its parent."""
+    """The peak of this process alone; the value of `resource` starts from its parent's peak."""
     status = Path("/proc/self/status").read_text(encoding="ascii")
     return float(status.split("VmHWM:")[1].split()[0]) / 1024.0
 

@@ -42,14 +42,14 @@ class Compared:
     worse: bool
 
     @property
-    def told(self) -> str:
+    def kept_text(self) -> str:
         """The ratio kept and its commit, empty where there is none."""
         return f"{self.before.ratio:.3g} × ({self.before.commit})" if self.before else ""
 
     @property
     def shown(self) -> str:
         """The same, marked where it got worse."""
-        return f"[bold red]{self.told}[/]" if self.worse else self.told
+        return f"[bold red]{self.kept_text}[/]" if self.worse else self.kept_text
 
 
 def named(results: Sequence[Result]) -> list[Result]:

@@ -25,8 +25,8 @@ HERE = os.getpid()
 class Stopwatch:
     """Seconds since it was made, less those that the processes named, or this one, have stood in the queue.
 
-    How long each thread stood in it, the kernel tells (`/proc/<pid>/task/<tid>/schedstat`); threads add up. A
-    stay that has not ended is not counted yet.
+    The kernel reports how long each thread stood in it (`/proc/<pid>/task/<tid>/schedstat`); threads add up.
+    A stay that has not ended is not counted yet.
     """
 
     def __init__(self, *pids: int) -> None:

@@ -84,7 +84,7 @@ def test_a_sleep_is_seen(code, places):
     assert list(sleeps(ast.parse(code))) == places
 
 
-def test_what_never_comes_is_told_and_what_comes_is_given(monkeypatch):
+def test_what_never_comes_is_reported_and_what_comes_is_returned(monkeypatch):
     monkeypatch.setattr(patience, "PATIENCE_S", 0.02)
     with pytest.raises(AssertionError, match=r"not within 0\.02 s"):
         until(lambda: False, 0.01)

@@ -65,8 +65,8 @@ def drift(path: Path) -> Drift:
             writer = csv.writer(file)
             writer.writerow(CHANNELS)
             for row in rows:
-                told = np.isfinite(row[2]) and row[0] <= 0.5 * rows[-1, 0]
-                writer.writerow([*row[:2], row[2] if told else "", *row[3:]])
+                is_read = np.isfinite(row[2]) and row[0] <= 0.5 * rows[-1, 0]
+                writer.writerow([*row[:2], row[2] if is_read else "", *row[3:]])
         found = observer.load(CONFIG).replay(log)
     # it reads the rod's growth from where its zero is
     predicted_um = found["error_1000_um"] + found["learned_sensor.probe.zero_um"]

@@ -32,7 +32,7 @@ class _Column(NamedTuple):
 
 
 def has_history(node: tuple[str, ...]) -> bool:
-    """Whether a node, by its path below the axis, is one whose past the recordings tell."""
+    """Whether a node, by its path below the axis, has a recorded past."""
     return any(_fits(figure, node) for figure in FIGURES)
 
 

@@ -102,7 +102,7 @@ def _flag(name: str, option: str, words: str) -> Parameter:
 
 
 def quietable(verb: Callable[..., None]) -> Callable[..., None]:
-    """Let a verb be told to print nothing but warnings and errors."""
+    """Give a verb an option to print nothing but warnings and errors."""
 
     @wraps(verb)
     def run(*, quiet: bool, **given: Any) -> None:

@@ -1,7 +1,7 @@
 """IEC 61131-3 structured text from a form: one function block, in what every edition of the standard has.
 
-The language does not tell capitals from small letters and has one space of names for all of a block: what is
-remembered begins with `s_`, a part's own variables with `t_`, constants with `c_`.
+The language is not case-sensitive and a block has a single name space: state variables begin with `s_`,
+variables local to a part with `t_`, constants with `c_`.
 """
 
 from __future__ import annotations
@@ -136,8 +136,8 @@ def _refuse_twice(names: Sequence[str]) -> None:
     twice = [name for name, count in Counter(name.lower() for name in names).items() if count > 1]
     if twice:
         raise ConfigError(
-            f'"{twice[0]}" would stand for two things in structured text, which does not tell capitals from '
-            "small letters; rename the channel"
+            f'"{twice[0]}" would stand for two things in structured text, which is not case-sensitive; '
+            "rename the channel"
         )
 
 

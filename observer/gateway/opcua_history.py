@@ -45,7 +45,7 @@ Encode = Callable[[Any, str, float], ua.DataValue]
 
 
 class PastValues(HistoryStorageInterface):
-    """The history of those nodes whose past the recordings tell; `encode` makes a value with its status."""
+    """The history of the nodes with a recorded past; `encode` makes a value with its status."""
 
     def __init__(self, archivist: Callable[[], Archivist], encode: Encode) -> None:
         super().__init__(MOST_VALUES)

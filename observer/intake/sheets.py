@@ -47,9 +47,9 @@ class Sheet:
 
     `name` is that of the group or sheet in its file, empty for the only one. `time_s` (n,): seconds, where
     the format has a clock of its own; `since_1970` says whether they count from then, `on_wall` that they are
-    of a clock on a wall, whose zone is not told. `decimal` is what parts
-    the decimals of text. `lines` are the numbers of the lines that rows stand in, `first_line` that of the
-    first row where they follow each other. `doubts` are sentences about what was left out.
+    wall-clock times whose zone is not given. `decimal` is the decimal
+    separator of text. `lines` are the line numbers of the rows, `first_line` that of the
+    first row where they are consecutive. `doubts` are sentences about what was left out.
     """
 
     path: Path

@@ -103,7 +103,7 @@ class StepObserver:
 class CompensationObserver(StepObserver):
     """Publishes the compensation after each step, has it written to the control, and arms and disarms it.
 
-    `rival` returns who else publishes as this service, None without; `signal` tells of a new zero.
+    `rival` returns who else publishes as this service, None without; `signal` reports a new zero.
     """
 
     def __init__(

@@ -33,7 +33,7 @@ class ZeroSignal:
         return cls(channel, LATE_PERIODS * period_s)
 
     def hear(self, reading: Reading) -> None:
-        """Take a reading; the first value of all is no rise, whatever it is."""
+        """Take a reading; the very first value never counts as a rise."""
         value = reading.values.get(self._channel, math.nan)
         if not math.isfinite(value) or self._channel in reading.faults:
             return
@@ -42,7 +42,7 @@ class ZeroSignal:
         self._was_high, self._heard_s = is_high, reading.time_s
 
     def commands(self) -> list[Command]:
-        """The command that a rise since the last call stands for."""
+        """The command requested by a rise since the last call."""
         risen, self._risen = self._risen, False
         by = plain_name(f"{self._channel}@signal")
         return [Command("zero", by, time.monotonic(), _answered)] if risen else []
@@ -51,8 +51,8 @@ class ZeroSignal:
         """Why a rise could have been missed, in a sentence; None while the channel comes."""
         if now_s - self._heard_s <= self._late_s:
             return None
-        return f"{self._channel}, which tells of a new zero, has no value"
+        return f"{self._channel}, which reports a new zero, has no value"
 
 
 def _answered(_outcome: Outcome) -> None:
-    """Nobody waits for an answer: log, recording and the `compensation` document tell the outcome."""
+    """Nobody waits for an answer: log, recording and the `compensation` document report the outcome."""

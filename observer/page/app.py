@@ -111,7 +111,7 @@ class _Pages:
         self._start, self._page, self._stream = start, start.page, stream
         self._login, self._acknowledge = login, acknowledge
         self._axes, self._notes = axes, Notes(start.recordings, f"{start.machine}-{start.axis}")
-        self._tell_notes()
+        self._send_notes()
         # one reader for all viewers: what they ask for together takes neither more memory nor another core
         self._reader = ThreadPoolExecutor(1, "recordings", _give_way)
         self._digests, self._turn = Digests(), asyncio.Lock()
@@ -215,7 +215,7 @@ class _Pages:
             )
         except ValueError as error:
             return PlainTextResponse(f"{error}\n", 400)
-        self._tell_notes()
+        self._send_notes()
         return JSONResponse({"noted": True})
 
     def _by(self, request: Request, form: dict[str, str]) -> str:
@@ -224,8 +224,8 @@ class _Pages:
         trusted = self._login is None and 0 < len(said) <= _MOST_NAME and said.isprintable()
         return said if trusted else str(request.scope["user"])
 
-    def _tell_notes(self) -> None:
-        self._stream.tell("notes", event("notes", json.dumps({"notes": self._notes.listed()}).encode()))
+    def _send_notes(self) -> None:
+        self._stream.send("notes", event("notes", json.dumps({"notes": self._notes.listed()}).encode()))
 
     async def axes(self, _: Request) -> Response:
         """This axis and the others, in words."""

@@ -129,7 +129,7 @@ class Neighbour(Viewers):
             self._documents = documents
         if key == "hello":
             data = json.dumps({**self._documents.get("hello", {}), "login": self._login}).encode()
-        self.tell(key, event(key, data))
+        self.send(key, event(key, data))
 
 
 def summaries(documents: dict[str, Any], axes: Sequence[Neighbour]) -> list[dict[str, Any]]:
@@ -137,13 +137,13 @@ def summaries(documents: dict[str, Any], axes: Sequence[Neighbour]) -> list[dict
     return [summary(documents), *(axis.summary() for axis in axes)]
 
 
-async def tell_of(axes: Sequence[Neighbour], own: Viewers, documents: Callable[[], dict[str, Any]]) -> None:
-    """Tell viewers of every axis of all axes whenever something is new; `documents()` gives this one's."""
-    told = b""
+async def announce(axes: Sequence[Neighbour], own: Viewers, documents: Callable[[], dict[str, Any]]) -> None:
+    """Send the summaries of all axes to every viewer on each change; `documents()` returns this axis's."""
+    sent = b""
     while True:
         rows = summaries(documents(), axes)
-        if (now := event("axes", json.dumps(rows).encode())) != told:
-            told = now
+        if (now := event("axes", json.dumps(rows).encode())) != sent:
+            sent = now
             for viewers in (own, *axes):
-                viewers.tell("axes", now)
+                viewers.send("axes", now)
         await asyncio.sleep(_AGAIN_S)

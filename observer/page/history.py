@@ -135,12 +135,12 @@ class _Parts:
 
     def document(self) -> dict[str, dict[str, list[float | None]]]:
         """By channel, for JSON; channels without any value are left out."""
-        told = {}
+        ranges = {}
         for name, (least, most, total, count) in self._found.items():
             if count.any():
                 mean = np.divide(total, count, out=np.full(self._points, np.nan), where=count > 0)
-                told[name] = {"least": _known(least), "mean": _known(mean), "most": _known(most)}
-        return told
+                ranges[name] = {"least": _known(least), "mean": _known(mean), "most": _known(most)}
+        return ranges
 
 
 def _known(values: NDArray[np.float64]) -> list[float | None]:

@@ -75,7 +75,7 @@ def _note(line: bytes) -> dict[str, Any] | None:
     try:
         note = json.loads(line)
         time_s = float(note["time_s"])
-        told = {"time_s": time_s, "text": str(note["text"]), "by": str(note["by"])}
+        kept = {"time_s": time_s, "text": str(note["text"]), "by": str(note["by"])}
     except (ValueError, KeyError, TypeError, RecursionError):
         return None
-    return told if math.isfinite(time_s) else None
+    return kept if math.isfinite(time_s) else None

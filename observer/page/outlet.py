@@ -11,7 +11,7 @@ from observer.gateway.messages import Latest
 from observer.gateway.server import served
 from observer.gateway.start import Say, Start
 from observer.page.app import application
-from observer.page.axes import Neighbour, tell_of
+from observer.page.axes import Neighbour, announce
 from observer.page.guard import Logins
 from observer.page.stream import Stream
 
@@ -28,17 +28,17 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
     app = application(start, stream, login, acknowledge, axes)
     async with served(app, "page", page.listen, page.certificate, page.key) as serving:
         feeding = asyncio.create_task(stream.run())
-        telling = asyncio.create_task(tell_of(axes, stream, stream.documents))
+        announcing = asyncio.create_task(announce(axes, stream, stream.documents))
         for axis in axes:
             axis.follow(asyncio.get_running_loop())
         say({"reason": None, "address": f"http{'s' * secure}://{page.listen}/", "doubt": page.doubt})
         try:
-            done, _ = await asyncio.wait([serving, feeding, telling], return_when=asyncio.FIRST_COMPLETED)
+            done, _ = await asyncio.wait([serving, feeding, announcing], return_when=asyncio.FIRST_COMPLETED)
             for task in done:
                 task.result()
         finally:
             feeding.cancel()
-            telling.cancel()
+            announcing.cancel()
             for viewers in (stream, *axes):
                 viewers.end()
 

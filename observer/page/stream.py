@@ -40,7 +40,7 @@ class Stream(Viewers):
         self._clock = clock
         hello = start.model_dump(include={"machine", "axis", "period_s", "laws", "forecast_s"})
         hello["login"] = login
-        self.tell("hello", event("hello", json.dumps(hello).encode()) + _AGAIN)
+        self.send("hello", event("hello", json.dumps(hello).encode()) + _AGAIN)
         self._hello = hello
         self._sent_s: dict[str, float] = {}
         self._innovations = Innovations()
@@ -76,11 +76,11 @@ class Stream(Viewers):
         except ValueError:
             return  # of another version; what the page shows goes stale
         self._sent_s[key] = now_s
-        self.tell(key, event(key, data))
+        self.send(key, event(key, data))
 
     async def _beat(self) -> None:
         while True:
-            self.tell("beat", event("beat", json.dumps({"stale": self._latest.is_stale}).encode()))
+            self.send("beat", event("beat", json.dumps({"stale": self._latest.is_stale}).encode()))
             await asyncio.sleep(_BEAT_S)
 
 

@@ -19,7 +19,7 @@ def event(name: str, data: bytes) -> bytes:
 
 
 class Viewers:
-    """Those who look at an axis, and the newest event of each kind for who comes later."""
+    """Those who look at an axis, and the newest event of each kind for those who join later."""
 
     def __init__(self) -> None:
         self._newest: dict[str, bytes] = {}
@@ -28,11 +28,11 @@ class Viewers:
 
     @property
     def is_full(self) -> bool:
-        """Whether there are as many viewers as are served."""
+        """Whether as many viewers are connected as can be served."""
         return len(self._viewers) >= _MOST_VIEWERS
 
-    def tell(self, key: str, data: bytes) -> None:
-        """Pass an event on to all, as bytes of its stream."""
+    def send(self, key: str, data: bytes) -> None:
+        """Send an event, as bytes of its stream, to all viewers."""
         self._newest[key] = data
         for viewer in self._viewers:
             viewer.put(key, data)
@@ -40,7 +40,7 @@ class Viewers:
     def end(self) -> None:
         """End every viewer's events, so that the server can end too."""
         self._ended = True
-        self.tell("end", b"")
+        self.send("end", b"")
 
     async def viewer(self) -> AsyncIterator[bytes]:
         """The events for one viewer: the newest of each kind, then new ones."""

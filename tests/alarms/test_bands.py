@@ -31,17 +31,17 @@ def test_a_heat_off_its_law_is_what_is_usual_once_it_is_learnt():
 
 
 @pytest.mark.parametrize(("factor", "side"), [(1.15, 0), (1.6, 1), (0.55, -1)])
-def test_more_or_less_than_usual_is_told_and_not_learnt_away(factor, side):
+def test_a_departure_from_the_usual_is_reported_and_not_learnt_away(factor, side):
     band = _learnt([13.0] * 200 + [13.0 * factor] * 600)
     assert band.side == side
     assert math.exp(band.left) == pytest.approx(factor, rel=0.05)
 
 
-def test_nothing_is_told_before_it_is_known():
+def test_nothing_is_reported_before_the_usual_is_known():
     assert _learnt([13.0] * 100 + [26.0] * 60).side == 0
 
 
-def test_a_window_that_tells_little_is_left_out():
+def test_an_uninformative_window_is_left_out():
     band = _learnt([13.0] * 50)
     assert bands.learnt(band, _window(9.0, 90.0, law_W=0.5), 30.0, 0.25) == band
     assert bands.learnt(band, _window(9.0, 13.0)._replace(sigma_W=8.0), 30.0, 0.25) == band
@@ -64,13 +64,13 @@ def test_months_in_which_nothing_happens_are_quiet(seed):
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_bearing_that_wears_is_told_a_day_of_running_before_its_heat_has_doubled(seed):
+def test_bearing_wear_is_reported_a_day_of_running_before_its_heat_has_doubled(seed):
     seen = watched(Story(begins_h=60.0, doubles_h=200.0), seed)
     assert seen.early_h > 24.0
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_preload_that_wears_away_is_told_before_the_heat_has_halved(seed):
+def test_loss_of_preload_is_reported_before_the_heat_has_halved(seed):
     seen = watched(Story(begins_h=100.0, lost=0.75, loses_h=200.0), seed)
     assert seen.left > 0.5
 

@@ -26,19 +26,19 @@ def test_an_offset_that_stays_is_usual_whatever_it_is():
     assert known.now_K == pytest.approx(1.2, abs=0.2)
 
 
-def test_a_slow_drift_is_told_once_it_is_beyond_the_limit_and_is_not_learnt_away():
+def test_a_slow_drift_is_reported_beyond_the_limit_and_not_learnt_away():
     rate_K_h = 0.2 / 120.0
     drift_K = rate_K_h * np.arange(600)
-    known, told = _after(np.zeros(40)), None
+    known, reported_K = _after(np.zeros(40)), None
     for hour, value in enumerate(drift_K):
         known = taken(known, value, 0.05, 1.0, LEARN_H, LIMIT_K)
-        if known.moved and told is None:
-            told = rate_K_h * hour
-    assert told == pytest.approx(LIMIT_K, abs=0.02)
+        if known.moved and reported_K is None:
+            reported_K = rate_K_h * hour
+    assert reported_K == pytest.approx(LIMIT_K, abs=0.02)
     assert known.moved
 
 
-def test_it_is_over_with_hysteresis():
+def test_it_ends_with_hysteresis():
     moved = _after([0.8] * 40, _after(np.zeros(40)))
     assert moved.moved
     assert _after([0.4] * 40, moved).moved
@@ -46,10 +46,10 @@ def test_it_is_over_with_hysteresis():
 
 
 @pytest.mark.parametrize("sigma_K", [0.2, float("nan"), float("inf")])
-def test_an_offset_that_is_not_known_says_nothing(sigma_K):
+def test_an_unknown_offset_changes_nothing(sigma_K):
     known = _after(np.zeros(40))
     assert _after([3.0] * 40, known, sigma_K) == known
 
 
-def test_nothing_is_told_while_it_is_learnt():
+def test_nothing_is_reported_during_learning():
     assert not _after([0.0] * 15 + [2.0] * 15).moved

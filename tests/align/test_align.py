@@ -326,7 +326,7 @@ def test_a_fault_without_a_name_is_unknown_and_the_mark_of_a_missing_value_is_no
     )
 
 
-def test_lateness_is_told_from_a_microsecond_on():
+def test_lateness_is_reported_from_a_microsecond_on():
     aligner = Aligner(plan())
     aligner.ingest(Reading(5.0, {"t1_degC": 1.0}))
     late = [aligner.ingest(Reading(5.0 - by_s, {"t1_degC": 1.0})).late_s for by_s in (0.0, 9e-7, 2e-6, 1.5)]
@@ -349,7 +349,7 @@ def test_a_warm_start_goes_on_from_the_last_tick():
     np.testing.assert_array_equal(frames.dt_s, [1.0, 0.5])
 
 
-def test_a_value_beyond_its_limits_is_told_with_the_ambient_of_the_moment():
+def test_a_value_beyond_its_limits_is_reported_with_the_current_ambient():
     from dataclasses import replace
 
     limits = replace(plan().limits, above_K=np.array([30.0, math.inf, math.inf]), ambient=1)

@@ -49,7 +49,7 @@ def test_samples_in_time_stay_where_they_are():
     np.testing.assert_allclose(samples[0], times, atol=1e-12)
 
 
-def test_more_samples_than_periods_are_told_by_what_came():
+def test_more_samples_than_periods_keep_their_arrival_times():
     """A message that comes five times as often as configured is not pushed into the past."""
     times = 0.004 * np.arange(1.0, 126.0)
     samples = _samples(times)

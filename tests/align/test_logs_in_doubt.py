@@ -1,4 +1,4 @@
-"""Every command refuses a log that cannot be meant, by file and column, and tells what it read as missing."""
+"""Every command rejects an implausible log by file and column, and reports what it read as missing."""
 
 import pytest
 
@@ -107,7 +107,7 @@ def test_a_sensor_may_have_been_away_in_a_recording_and_a_program_has_none(confi
     _replay(recording, config, tmp_path / "out")
 
 
-def test_one_dead_sensor_of_two_is_told_and_the_log_is_used(config, tmp_path):
+def test_one_dead_sensor_of_two_is_reported_and_the_log_is_used(config, tmp_path):
     path, two = _log(tmp_path), load(config)
     second = two.sensor[0].model_copy(update={"name": "t2", "channel": "t2_degC"})
     two = two.model_copy(update={"sensor": (*two.sensor, second)})
@@ -120,13 +120,13 @@ def test_one_dead_sensor_of_two_is_told_and_the_log_is_used(config, tmp_path):
     assert summary["sensors"]["t2"]["quality"]["missing"] == summary["rows"]
 
 
-def test_words_read_as_missing_are_told_once_for_each_column_that_is_used(config, tmp_path):
+def test_words_read_as_missing_are_reported_once_per_column_in_use(config, tmp_path):
     path = _log(tmp_path)
     rows = [f"{row},NaN" for row in path.read_text().splitlines()[1:]]
     rows[10:14] = [row.replace("22.5", "NULL") for row in rows[10:14]]
     path.write_text(f"{HEAD},note\n" + "\n".join(rows) + "\n")
-    told = doubts(read_log(path), (), load(config))
-    assert [text for text in told if "missing" in text] == [
+    found = doubts(read_log(path), (), load(config))
+    assert [text for text in found if "missing" in text] == [
         "channel t1_degC: 4 cells say NULL and were read as missing; look why the recorder wrote that, and "
         "leave empty what is missing"
     ]

@@ -118,7 +118,7 @@ def test_a_page_has_an_end_and_says_where_to_go_on(month, monkeypatch):
     assert long["gaps_s"] == [[BEGIN_S - 9000.0, long["next"]]]
 
 
-def test_restarts_gaps_and_another_configuration_are_told_and_never_mixed(tmp_path):
+def test_restarts_gaps_and_other_configurations_are_reported_and_never_mixed(tmp_path):
     config = configuration(tmp_path)
     other = configuration(tmp_path, surface=config.surface.model_copy(update={"convection_W_m2K": 33.0}))
     assert other.digest != config.digest
@@ -135,7 +135,7 @@ def test_restarts_gaps_and_another_configuration_are_told_and_never_mixed(tmp_pa
     assert heads[0]["gaps_s"][0] == [BEGIN_S + 99.5, BEGIN_S + 150.0]
 
 
-def test_without_its_configuration_or_state_a_recording_is_estimated_anew_and_that_is_told(tmp_path):
+def test_a_recording_without_configuration_or_state_is_reported_and_estimated_anew(tmp_path):
     config = configuration(tmp_path)
     lived(config, 600, rotate_bytes=20_000)
     for path in [*tmp_path.glob(f"*{STATE_SUFFIX}"), *tmp_path.glob(f"*{CONFIG_SUFFIX}")]:
@@ -149,7 +149,7 @@ def test_without_its_configuration_or_state_a_recording_is_estimated_anew_and_th
     assert heads[0]["config"] is None
 
 
-def test_a_damaged_block_and_a_file_that_is_gone_are_told(tmp_path):
+def test_a_damaged_block_and_a_missing_file_are_reported(tmp_path):
     config = configuration(tmp_path)
     estimates, _, _ = lived(config, 600, rotate_bytes=20_000)
     files = sorted(

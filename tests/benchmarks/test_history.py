@@ -39,7 +39,7 @@ def latency(ratio: float) -> Result:
 def test_worse_is_by_more_than_a_fifth_in_its_own_sense(row: Result, before: float, worse: bool) -> None:
     (found,) = compare([row], [Kept("2026-11-01", "aaaaaaaaaa", row.work, before)])
     assert found.worse is worse
-    assert found.told == f"{before:.3g} × (aaaaaaaaaa)"
+    assert found.kept_text == f"{before:.3g} × (aaaaaaaaaa)"
     assert ("red" in found.shown) is worse
 
 
@@ -48,7 +48,7 @@ def test_the_last_kept_of_the_same_work_counts() -> None:
     found, other = compare([step(16.0), latency(1.0)], [OLD, newer])
     assert found.before == newer
     assert found.worse
-    assert (other.before, other.told, other.worse) == (None, "", False)
+    assert (other.before, other.kept_text, other.worse) == (None, "", False)
 
 
 def test_rows_set_in_are_named_by_the_row_above() -> None:

@@ -44,7 +44,7 @@ def state_of(state) -> dict[str, np.ndarray]:
     }
 
 
-def told(state, *blocks: EstimateBlock) -> dict[str, np.ndarray]:
+def estimated(state, *blocks: EstimateBlock) -> dict[str, np.ndarray]:
     """The final state, and every column of the estimates of consecutive blocks, if there is any."""
     columns = {
         f.name: np.concatenate([getattr(block, f.name) for block in blocks]) for f in fields(EstimateBlock)

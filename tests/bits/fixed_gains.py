@@ -12,7 +12,7 @@ from observer.estimators.design.steady import steady_covariance
 from observer.estimators.fixed_gain import ConstantGainEstimator, LuenbergerEstimator
 from observer.model.discretise import step_matrices
 from observer.tables.estimator import EstimatorSettings
-from tests.bits.digests import given, told
+from tests.bits.digests import estimated, given
 from tests.bits.shared import (
     COUPLINGS,
     Arrays,
@@ -38,7 +38,7 @@ def steady(estimator, plant, *blocks, state=None) -> Arrays:
         estimates.append(block)
     cut = replace(plant, learning=None)
     K = estimator.gain(step_matrices(cut, 0.5), everything(cut))
-    return {"given": given(plant, blocks, K, begun.P)} | told(state, *estimates)
+    return {"given": given(plant, blocks, K, begun.P)} | estimated(state, *estimates)
 
 
 def at_steady_state(estimator, plant, u, period_s=0.5):
@@ -192,7 +192,7 @@ def fixed_gain_with_films_and_fading():
     constant_with_films={"kind": "constant", "effects": ("films", "radiation", "fading")},
     luenberger_without_a_nut={"kind": "luenberger", "moves": False},
 )
-def allowing(kind, effects=(), moves=True, begin="the start"):
+def considering(kind, effects=(), moves=True, begin="the start"):
     """What is only roughly known widens every σ, at the start, in the steady state and out of it."""
     choice = {"kind": "luenberger"} if kind == "luenberger" else {"engine": "constant"}
     rough = [effect for name in effects for effect in COUPLINGS[name]]
@@ -213,7 +213,7 @@ def allowing(kind, effects=(), moves=True, begin="the start"):
 
 
 @case
-def allowing_with_sensors_that_say_almost_everything():
+def considering_with_sensors_that_say_almost_everything():
     _, plant = described(3, 3, 3, learns=True, estimator={"engine": "constant"})
     plant = replace(plant, noise_R_K2=np.full(3, 1e-11))
     return steady(fixed(plant, "constant", gate_sigma=1e7), plant, driven(plant, 8))

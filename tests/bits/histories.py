@@ -15,7 +15,7 @@ from observer.history.smoother import smooth_heats
 from observer.model.discretise import step_matrices
 from observer.model.simulate import simulate, start
 from observer.tables.estimator import EstimatorSettings
-from tests.bits.digests import given, state_of, told
+from tests.bits.digests import estimated, given, state_of
 from tests.bits.shared import (
     COUPLINGS,
     LOADED,
@@ -170,7 +170,7 @@ def carried_into_another_model():
     begun = carry_into(now, other, said, v.part(19))
     assert begun is not None
     after, estimate = other.run(begun, driven(now, 10, seed=3).part(1))
-    return {f"~{name}": array for name, array in told(after, estimate).items()} | {
+    return {f"~{name}": array for name, array in estimated(after, estimate).items()} | {
         f"~begun {name}": array for name, array in state_of(begun).items()
     }
 

@@ -15,7 +15,7 @@ from observer.frames import EstimateBlock, FrameBlock, Inputs, NutPath, Reading
 from observer.model.drive import Drive
 from observer.model.rod import moving
 from observer.model.rod.moving import PathState, reversals
-from tests.bits.digests import given, told, words
+from tests.bits.digests import estimated, given, words
 from tests.bits.shared import (
     Arrays,
     Cases,
@@ -42,7 +42,7 @@ def path_of(time_s, position_m, driven_m_s=None, every=3):
 
 
 def _runs():
-    """Samples of a nut of 0.2 m/s, fine and coarse, even and not, late, twice, and with its speed told."""
+    """Samples of a nut of 0.2 m/s, fine and coarse, even and not, late, twice, and with its speed given."""
     rng = np.random.default_rng(11)
     gaps = {
         "fine": np.full(120, 0.02),
@@ -379,5 +379,7 @@ def the_whole_path():
     last, block = estimator.run(estimator.initial(), u)
     state, judged = test.run(state, motion, u, block)
     return (
-        {"given": given(plant, u)} | told(last, judged) | {f"test.{k}": v for k, v in state._asdict().items()}
+        {"given": given(plant, u)}
+        | estimated(last, judged)
+        | {f"test.{k}": v for k, v in state._asdict().items()}
     )

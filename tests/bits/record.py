@@ -1,7 +1,7 @@
 """Records the bits of every case: `python -m tests.bits.record`, where they are meant to be others.
 
-Each array is told by its type, its shape, the beginning of the SHA-256 of its bytes and some of its numbers,
-written so that no bit is lost.
+Each array is described by its type, its shape, the beginning of the SHA-256 of its bytes and some of its
+numbers, written so that no bit is lost.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ import numpy as np
 from observer.estimators.kalman import KalmanEstimator
 from observer.frames import FrameBlock, Inputs, NutPath, Quality
 from observer.tables.estimator import EstimatorSettings
-from tests.bits.digests import given, told
+from tests.bits.digests import estimated, given
 from tests.logs.inputs import driven, noise, to_and_fro
 from tests.logs.plants import described, small
 from tests.logs.rounding import firm
@@ -49,7 +49,7 @@ def filtered(plant, *blocks, settings=None, state=None) -> Arrays:
     for u in blocks:
         state, block = estimator.run(state, u)
         estimates.append(block)
-    return {"given": given(plant, blocks)} | told(state, *estimates)
+    return {"given": given(plant, blocks)} | estimated(state, *estimates)
 
 
 def lose(u: Inputs, steps, sensors, quality=Quality.MISSING) -> None:

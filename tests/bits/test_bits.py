@@ -44,9 +44,7 @@ def number(text: str) -> float:
 
 
 def difference(array: np.ndarray, line: str) -> str | None:
-    """How an array differs in its bits from what was recorded, as far as the record tells; None if it does
-    not.
-    """
+    """How an array differs bitwise from the record, as far as the record can show; None if it does not."""
     (kind, digest, samples), (own_kind, own_digest, own) = split(line), split(record_of(array))
     if kind != own_kind:
         return f"is {own_kind}, was {kind}"
@@ -119,9 +117,9 @@ def test_one_bit_is_seen() -> None:
     for place in (places(50)[0], 0):
         other = array.copy()
         other.flat[place] = np.nextafter(other.flat[place], 3.0)
-        told = difference(other, line)
-        assert told is not None
-        assert ("first at" in told) == (place != 0)
+        change = difference(other, line)
+        assert change is not None
+        assert ("first at" in change) == (place != 0)
         assert is_near(other, line, NEAR)
     assert difference(-np.zeros(3), record_of(np.zeros(3))) is not None
     assert difference(array.astype(np.float32), line) == "is f4 10×5, was f8 10×5"

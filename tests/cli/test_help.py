@@ -43,10 +43,10 @@ def test_no_line_is_cut_and_no_word_broken(path: tuple[str, ...]) -> None:
     text = shown(path)
     assert max(map(len, text.splitlines())) <= 80
     words = {word for line in text.splitlines() for word in line.strip("│╭╰─╮╯ ").split()}
-    told = [EVERY[path].help or ""]
-    told += [p.help or "" for p in EVERY[path].params]
-    told += [below.help or "" for below in getattr(EVERY[path], "commands", {}).values()]
-    expected = {word for sentence in told for word in sentence.split()}
+    texts = [EVERY[path].help or ""]
+    texts += [p.help or "" for p in EVERY[path].params]
+    texts += [below.help or "" for below in getattr(EVERY[path], "commands", {}).values()]
+    expected = {word for sentence in texts for word in sentence.split()}
     expected |= {option for p in EVERY[path].params for option in p.opts if option.startswith("--")}
     assert expected - words == set()
 
@@ -76,7 +76,7 @@ def test_the_defaults_of_init_are_those_of_its_answers() -> None:
     assert usual == machines._USUAL
 
 
-def test_every_verb_that_tells_can_be_quiet() -> None:
+def test_every_verb_that_prints_can_be_quiet() -> None:
     for path, command in EVERY.items():
         quiet = "--quiet" in {option for p in command.params for option in p.opts}
         shows = not path or hasattr(command, "commands") or path[-1] in _SHOWING | ASKING

@@ -61,10 +61,10 @@ def test_sentences_are_wrapped_between_words_in_a_terminal_alone(monkeypatch: py
     for stream, lines in ((Terminal(), 2), (io.StringIO(), 1)):
         monkeypatch.setattr(sys, "stdout", stream)
         output.show_sentence(sentence)
-        told = stream.getvalue().splitlines()
-        assert len(told) == lines
-        assert max(map(len, told)) <= 40 or lines == 1
-        assert " ".join("".join(f"{line} " for line in told).split()) == " ".join(sentence.split())
+        shown = stream.getvalue().splitlines()
+        assert len(shown) == lines
+        assert max(map(len, shown)) <= 40 or lines == 1
+        assert " ".join("".join(f"{line} " for line in shown).split()) == " ".join(sentence.split())
 
 
 @pytest.mark.system

@@ -21,16 +21,20 @@ class SimulatedControl:
         self.process = process
         self.port: int = json.loads(process.stdout.readline())["port"]
 
-    def tell(self, **command: Any) -> dict[str, Any]:
-        """Have it obey; returns what it is doing."""
+    def command(self, **command: Any) -> dict[str, Any]:
+        """Send a command; returns the status after it."""
         self.process.stdin.write(json.dumps(command).encode() + b"\n")
         self.process.stdin.flush()
         return json.loads(self.process.stdout.readline())
 
+    def status(self) -> dict[str, Any]:
+        """What it is doing now."""
+        return self.command()
+
     @property
     def largest_um(self) -> float:
-        """How far it compensates anywhere, now."""
-        return max(map(abs, self.tell()["now_um"]), default=0.0)
+        """The largest correction anywhere now."""
+        return max(map(abs, self.status()["now_um"]), default=0.0)
 
 
 @contextmanager

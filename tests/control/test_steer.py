@@ -32,11 +32,11 @@ def steering(port: int) -> Steering:
     return Steering(ModbusControlLink("127.0.0.1", port, 1, 0, 0.3), VALID_S)
 
 
-def hold(steered: Steering, told: dict[str, object], wanted, timeout_s: float = 10.0) -> None:
-    """Tell the same each 50 ms, as the loop does, until something is wanted."""
+def hold(steered: Steering, payload: dict[str, object], wanted, timeout_s: float = 10.0) -> None:
+    """Pass the same document each 50 ms, as the loop does, until `wanted()` holds."""
 
     def look():
-        steered.take(told)
+        steered.take(payload)
         return wanted()
 
     until(look, timeout_s)
@@ -49,17 +49,17 @@ def test_a_correction_is_in_the_controls_whole_numbers():
     assert found.error_nm == (10_000, -20_000, 30_000)
 
 
-def test_what_is_armed_is_followed_at_the_controls_rate_and_let_go_of_when_it_is_off():
+def test_an_armed_table_is_followed_at_the_controls_rate_and_released_when_off():
     with simulated_control("--rate-um-s", "100") as control:
         steered = steering(control.port)
         for _ in range(20):
             steered.take(OFF)
-        assert control.tell()["writes"] == 0  # never, while it is not armed
+        assert control.status()["writes"] == 0  # never, while it is not armed
         table = document(10.0, -20.0, 30.0)
         hold(steered, table, lambda: control.largest_um >= 30.0)
-        told = control.tell()
-        assert told["now_um"] == pytest.approx([10.0, -20.0, 30.0])
-        assert told["fastest_um_s"] <= RATE_UM_S * (1 + 1e-9)
+        status = control.status()
+        assert status["now_um"] == pytest.approx([10.0, -20.0, 30.0])
+        assert status["fastest_um_s"] <= RATE_UM_S * (1 + 1e-9)
         assert steered.failure is None
         watch = Stopwatch()
         hold(steered, table, lambda: watch.took_s() > 3 * VALID_S)  # its sign of life advances
@@ -73,22 +73,22 @@ def test_what_is_armed_is_followed_at_the_controls_rate_and_let_go_of_when_it_is
 
         steered.take(OFF)
         until(lambda: control.largest_um == 0.0)
-        told = control.tell()
-        assert (told["state"], told["reason"]) == (0, 0)  # released, not let go by the dead-man
+        status = control.status()
+        assert (status["state"], status["reason"]) == (0, 0)  # released, not let go by the dead-man
         steered.take(OFF)
-        assert control.tell()["writes"] == told["writes"]
+        assert control.status()["writes"] == status["writes"]
         hold(steered, table, lambda: control.largest_um >= 30.0)  # and again
         assert steered.close(1.0)
         until(lambda: control.largest_um == 0.0)
-        assert control.tell()["reason"] == 0
+        assert control.status()["reason"] == 0
 
 
-def test_a_loop_that_stands_still_is_let_go_by_the_dead_man_although_the_thread_lives():
+def test_a_stalled_loop_is_released_by_the_dead_man_although_the_thread_lives():
     with simulated_control() as control:
         steered = steering(control.port)
         hold(steered, document(3.0, 3.0), lambda: control.largest_um >= 3.0)
         watch = Stopwatch()
-        until(lambda: control.tell()["reason"] == 1)
+        until(lambda: control.status()["reason"] == 1)
         assert watch.took_s() < VALID_S + 0.5
         until(lambda: control.largest_um == 0.0)
         hold(steered, document(3.0, 3.0), lambda: steered.failure is not None)
@@ -97,7 +97,7 @@ def test_a_loop_that_stands_still_is_let_go_by_the_dead_man_although_the_thread_
 
 
 @pytest.mark.parametrize(
-    ("told", "table", "why"),
+    ("command", "table", "why"),
     [
         ({"alter": True}, (1.0, 2.0), "reads back something else than was written"),
         ({"off": True}, (1.0, 2.0), "switched off at the control"),
@@ -105,19 +105,19 @@ def test_a_loop_that_stands_still_is_let_go_by_the_dead_man_although_the_thread_
         ({}, (1.0, 1e9), "too large for the control's registers"),
     ],
 )
-def test_a_control_that_does_not_do_as_it_is_told_is_let_go_of_with_the_reason(told, table, why):
+def test_a_control_that_does_not_obey_is_released_with_the_reason(command, table, why):
     with simulated_control() as control:
         steered = steering(control.port)
         hold(steered, document(1.0, 2.0), lambda: control.largest_um >= 2.0)
-        control.tell(**told)
+        control.command(**command)
         hold(steered, document(*table), lambda: steered.failure is not None)
         assert why in steered.failure
         until(lambda: control.largest_um == 0.0)
-        control.tell(alter=False)
-        writes = until(lambda: control.tell()["writes"])
+        control.command(alter=False)
+        writes = until(lambda: control.status()["writes"])
         steered.take(document(1.0, 2.0))
         assert why in steered.failure  # it stays, until it was off once
-        assert control.tell()["writes"] == writes
+        assert control.status()["writes"] == writes
         steered.take(OFF)
         hold(steered, document(1.0, 2.0), lambda: control.largest_um >= 2.0)
         assert steered.failure is None
@@ -157,11 +157,11 @@ class _OffBetween(ModbusControlLink):
 
     def write(self, correction, valid_s):
         if self.control is not None:
-            self.control.tell(off=True)
+            self.control.command(off=True)
         super().write(correction, valid_s)
 
 
-def test_a_writing_that_is_refused_is_told_with_the_controls_own_reason():
+def test_a_rejected_write_is_reported_with_the_controls_own_reason():
     with simulated_control() as control:
         between = _OffBetween("127.0.0.1", control.port, 1, 0, 0.3)
         steered = Steering(between, VALID_S)

@@ -78,7 +78,7 @@ def test_how_sure_a_difference_is_is_never_said_better_than_it_can_be() -> None:
         of_both = rng.multivariate_normal(
             [0, 0], [[0.25, 0.25 * correlation], [0.25 * correlation, 0.25]], 4000
         )
-        assert np.std(of_both[:, 1] - of_both[:, 0]) <= 1.0 * 1.05  # 4000 draws tell σ to 1.1 %
+        assert np.std(of_both[:, 1] - of_both[:, 0]) <= 1.0 * 1.05  # 4000 draws estimate σ to 1.1 %
 
 
 def test_after_homing_an_armed_compensation_is_off_and_starts_consistent() -> None:

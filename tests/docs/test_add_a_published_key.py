@@ -93,7 +93,10 @@ def of_browser():
         tab = browser.new_page()
         tab.goto(f"http://{page}/")
         # in one call: the page replaces the rows at each step, and a replaced row has lost its layout
-        cells = "[...document.querySelectorAll('#more tr[data-key=hottest]')].map((row) => [...row.cells].map((c) => c.innerText))"
+        cells = (
+            "[...document.querySelectorAll('#more tr[data-key=hottest]')]"
+            ".map((row) => [...row.cells].map((c) => c.innerText))"
+        )
         return got(lambda: tab.evaluate(cells))
 
 async def of_opcua():

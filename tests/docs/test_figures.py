@@ -107,12 +107,13 @@ def test_the_table_of_the_heat_histories(heat_history: ModuleType) -> None:
 
 
 def test_ico_has_five_times_the_error_of_a_sensible_weight(heat_history: ModuleType) -> None:
-    told = heat_history.weights(heat_history.standing_case(heat_history.STEPS, heat_history.STEP_S), 1)
-    error = {name: np.interp(np.log(a), np.log(told.alpha), told.error_W) for name, a in told.chosen.items()}
+    weights = heat_history.weights(heat_history.standing_case(heat_history.STEPS, heat_history.STEP_S), 1)
+    chosen, log_alpha = weights.chosen, np.log(weights.alpha)
+    error = {name: np.interp(np.log(a), log_alpha, weights.error_W) for name, a in chosen.items()}
     assert error["ICO"] > 5.0 * error["GCV"]
     assert error["ICO"] > 5.0 * error["discrepancy"]
-    assert told.chosen["ICO"] < 1e-3 * min(a for name, a in told.chosen.items() if name != "ICO")
-    assert (np.diff(told.residual_K) > -1e-9).all(), "what ICO looks at only ever falls with α"
+    assert chosen["ICO"] < 1e-3 * min(a for name, a in chosen.items() if name != "ICO")
+    assert (np.diff(weights.residual_K) > -1e-9).all(), "what ICO looks at only ever falls with α"
 
 
 @pytest.mark.parametrize(("page", "name"), [("kims-figures", "kim"), ("heat-history", "heat_history")])

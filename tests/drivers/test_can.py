@@ -230,7 +230,7 @@ async def test_an_interface_that_cannot_be_opened_is_tried_again_and_flagged():
 
 
 class Adapter:
-    """A serial CAN adapter on a pty: notes what it is told, and sends frames as text lines."""
+    """A serial CAN adapter on a pty: notes what it receives, and sends frames as text lines."""
 
     def __init__(self, path):
         self.master, self._slave = os.openpty()
@@ -243,7 +243,7 @@ class Adapter:
         line = f"t{message.arbitration_id:03X}8{message.data.hex().upper()}{stamp}\r"
         os.write(self.master, line.encode())
 
-    def told(self):
+    def received(self):
         return os.read(self.master, 4096)
 
     def unplug(self):
@@ -260,7 +260,7 @@ async def test_an_adapter_is_opened_to_listen_only_and_found_again(tmp_path):
         adapter.send(frame(0.125))
         assert await axis.good("nut_position_m") == pytest.approx(0.125)
         # close, 500 kbit/s, listen: "O" would let the adapter acknowledge frames, "t" or "T" send one
-        assert set(adapter.told().split(b"\r")) <= {b"C", b"S6", b"L", b""}
+        assert set(adapter.received().split(b"\r")) <= {b"C", b"S6", b"L", b""}
         adapter.unplug()
         assert await axis.fault("nut_position_m") in ("silent", "disconnected")
         await axis.until(lambda r: r.faults.get("nut_position_m") == "disconnected")

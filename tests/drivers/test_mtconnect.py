@@ -34,7 +34,7 @@ class Agent:
         self._process = process
         self.port = json.loads(process.stdout.readline())["port"]
 
-    def tell(self, **command):
+    def command(self, **command):
         self._process.stdin.write(json.dumps(command).encode() + b"\n")
         self._process.stdin.flush()
         assert json.loads(self._process.stdout.readline())["done"]
@@ -47,7 +47,7 @@ def agent(port=0):
     with subprocess.Popen(command, cwd=ROOT, stdin=pipe, stdout=pipe) as process:
         try:
             served = Agent(process)
-            served.tell(set=HONEST)
+            served.command(set=HONEST)
             yield served
         finally:
             process.stdin.close()
@@ -80,15 +80,15 @@ async def test_items_come_in_the_units_of_the_house_and_words_as_one_or_zero():
                 {"x_m": 0.2505, "n_rpm": 1200, "load_1": 0.405, "t_degC": 31.25, "runs_1": 1, "held_1": 0}
                 | {"o12_1": 1}
             )
-            peer.tell(set={"exec": "FEED_HOLD", "prog": "O13", "xpos": "UNAVAILABLE"})
+            peer.command(set={"exec": "FEED_HOLD", "prog": "O13", "xpos": "UNAVAILABLE"})
             reading = await cnc.until(lambda r: r.faults.get("x_m") == "unavailable")
             assert math.isnan(reading.values["x_m"])
             reading = await cnc.until(lambda r: r.values.get("held_1") == 1)
             assert (reading.values["runs_1"], reading.values["o12_1"]) == (0, 0)
             for text in ("", "abc", "1 2 3", "1e999", "nan", "0x10", "1" * 100):
-                peer.tell(set={"xpos": text})
+                peer.command(set={"xpos": text})
                 await cnc.until(lambda r: r.faults.get("x_m") in {"wrong_type", "not_finite"})
-            peer.tell(set={"xpos": "-1.5e1"})
+            peer.command(set={"xpos": "-1.5e1"})
             assert await cnc.good("x_m") == pytest.approx(-0.015)
 
 
@@ -99,12 +99,12 @@ async def test_what_the_agent_does_not_have_is_said_in_a_sentence_and_the_rest_g
         "xpath": "xpath is in MILLIMETER_3D, which is not known here; name another item",
     }
     with agent() as peer:
-        for item, told in wrong.items():
+        for item, sentence in wrong.items():
             channels = {"x_m": {"item": "xpos"}, "a_1": {"item": item}}
             async with running(settings(peer.port, channels).open("cnc")) as cnc:
                 reading = await cnc.until(lambda r: "x_m" not in r.faults)
                 assert reading.faults == {"a_1": "unknown_item"}
-                assert cnc.driver.status.last_error == f"channel a_1: {told}"
+                assert cnc.driver.status.last_error == f"channel a_1: {sentence}"
 
 
 HOSTILE = {
@@ -119,14 +119,14 @@ async def test_hostile_answers_are_faults_every_period_and_an_honest_one_is_take
     with agent() as peer:
         async with running(settings(peer.port).open("cnc")) as cnc:
             await cnc.good("x_m")
-            for answer, told in HOSTILE.items():
-                peer.tell(answer=answer)
+            for answer, sentence in HOSTILE.items():
+                peer.command(answer=answer)
                 await cnc.until(lambda r: "x_m" in r.faults)
                 assert all(r.faults for r in await cnc.more(8)), answer
-                assert told in cnc.driver.status.last_error, answer
-                peer.tell(answer="")
+                assert sentence in cnc.driver.status.last_error, answer
+                peer.command(answer="")
                 assert await cnc.good("x_m", timeout_s=1.0) == pytest.approx(0.2505), answer
-            peer.tell(answer="twice")
+            peer.command(answer="twice")
             await cnc.until(lambda r: r.faults == {"x_m": "ambiguous"})
 
 
@@ -134,11 +134,11 @@ async def test_an_answer_out_of_a_cache_is_old_and_a_new_instance_is_asked_again
     with agent() as peer:
         async with running(settings(peer.port, timeout_s=0.2).open("cnc")) as cnc:
             await cnc.good("x_m")
-            peer.tell(restart=True)
+            peer.command(restart=True)
             await cnc.until(lambda _: "started anew" in str(cnc.driver.status.last_error))
             assert await cnc.good("x_m") == pytest.approx(0.2505)
             assert cnc.driver.status.reconnects == 1
-            peer.tell(answer="cached")
+            peer.command(answer="cached")
             await cnc.until(lambda r: r.faults == {"x_m": "stale"})
 
 
@@ -154,7 +154,7 @@ async def test_an_agent_that_returns_is_met_within_a_second():
 
 
 @pytest.mark.parametrize(
-    ("table", "told"),
+    ("table", "sentence"),
     [
         ({"url": "ftp://h"}, "url"),
         ({"url": "http://user@h"}, "url"),
@@ -166,8 +166,8 @@ async def test_an_agent_that_returns_is_met_within_a_second():
         ),
     ],
 )
-def test_what_cannot_be_is_refused_before_anything_begins(table, told):
-    with pytest.raises(ValidationError, match=told):
+def test_what_cannot_be_is_refused_before_anything_begins(table, sentence):
+    with pytest.raises(ValidationError, match=sentence):
         MtConnectSettings(
             **({"kind": "mtconnect", "url": "http://h", "channels": {"x_m": {"item": "a"}}} | table)
         )

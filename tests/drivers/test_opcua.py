@@ -83,8 +83,8 @@ async def test_what_is_plainly_good_is_a_value_and_everything_else_a_fault_with_
         assert reading.faults == others
         assert math.isnan(reading.values["name_1"])
         assert math.isnan(reading.values["y_m"])
-        told = "channel y_m: the server has no node ns=2;s=Axis.X.Nowhere; fix its node"
-        assert cnc.driver.status.last_error == told
+        sentence = "channel y_m: the server has no node ns=2;s=Axis.X.Nowhere; fix its node"
+        assert cnc.driver.status.last_error == sentence
 
         for code, fault in STATUSES.items():
             value = ua.DataValue(ua.Variant(99.0), StatusCode=ua.StatusCode(ua.UInt32(code)))
@@ -108,8 +108,8 @@ async def test_a_server_that_returns_is_met_within_a_second_and_there_is_no_sile
                 await cnc.good("x_m", timeout_s=1.0)  # from when it listens
                 assert cnc.driver.status.connected
                 assert cnc.driver.status.reconnects == times
-                told = "channel a_1: ns=2;s=Axis.X.Array holds list, not a number; name another node"
-                assert cnc.driver.status.last_error == told
+                sentence = "channel a_1: ns=2;s=Axis.X.Array holds list, not a number; name another node"
+                assert cnc.driver.status.last_error == sentence
             await cnc.fault("x_m")
             assert all("x_m" in r.faults for r in await cnc.more(10))
             assert not cnc.driver.status.connected
@@ -138,7 +138,7 @@ async def test_a_server_that_hangs_or_talks_nonsense_is_a_fault_each_period():
 
 
 @pytest.mark.parametrize(
-    ("table", "told"),
+    ("table", "sentence"),
     [
         ({"url": "http://127.0.0.1"}, "url"),
         ({"channels": {"x_m": {"node": "Axis.X"}}}, "node"),
@@ -153,8 +153,8 @@ async def test_a_server_that_hangs_or_talks_nonsense_is_a_fault_each_period():
         ({"user": "me", "password_file": "p"}, "in the clear"),
     ],
 )
-def test_what_cannot_be_is_refused_before_anything_begins(table, told):
-    with pytest.raises(ValidationError, match=told):
+def test_what_cannot_be_is_refused_before_anything_begins(table, sentence):
+    with pytest.raises(ValidationError, match=sentence):
         OpcUaSettings(
             **({"kind": "opcua", "url": "opc.tcp://h", "channels": {"x_m": {"node": "i=1"}}} | table)
         )
@@ -212,7 +212,7 @@ async def strict(folder, port):
 
 
 def known(folder, **more):
-    """What the driver is told of that control and of who it is."""
+    """The driver's settings for that control, with its own identity."""
     files = {
         "certificate": "driver.pem", "private_key": "driver.key", "server_certificate": "control.pem",
         "password_file": "word",
@@ -220,7 +220,7 @@ def known(folder, **more):
     return {key: folder / file for key, file in files.items()} | {"user": "anna", "timeout_s": 5.0} | more
 
 
-async def test_a_control_that_asks_for_name_and_certificate_is_read_and_one_wrong_thing_is_told(folder):
+async def test_a_control_that_requires_login_and_certificate_is_read_and_any_mistake_reported(folder):
     port = free_port()
     stranger = folder / "stranger.pem"
     wrong = {
@@ -236,9 +236,9 @@ async def test_a_control_that_asks_for_name_and_certificate_is_read_and_one_wron
         for change in ({}, {"private_key": _der(folder)}):
             async with running(settings(port, POSITION, **known(folder, **change)).open("cnc")) as cnc:
                 assert await cnc.good("x_m") == pytest.approx(0.2235)
-        for told, change in wrong.items():
+        for sentence, change in wrong.items():
             async with running(settings(port, POSITION, **known(folder, **change)).open("cnc")) as cnc:
-                await eventually(lambda told=told, cnc=cnc: told in (cnc.driver.status.last_error or ""))
+                await eventually(lambda said=sentence, cnc=cnc: said in (cnc.driver.status.last_error or ""))
                 assert all("x_m" in r.faults for r in cnc.readings)
 
 
@@ -261,14 +261,14 @@ def _der(folder):
 
 
 @pytest.mark.parametrize(
-    ("kind", "told"),
+    ("kind", "sentence"),
     [
         (("rsa:2048", "-passout", "pass:word"), "without a passphrase"),
         (("ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"), "not of RSA"),
         (None, "is not the key of"),
     ],
 )
-async def test_a_key_that_cannot_be_used_is_a_fault_that_says_so(folder, kind, told):
+async def test_a_key_that_cannot_be_used_is_a_fault_that_says_so(folder, kind, sentence):
     odd = {"private_key": folder / "stranger.key"}
     if kind is not None:
         command = ("openssl", "req", "-x509", "-newkey", *kind, "-subj", "/CN=odd")
@@ -276,7 +276,7 @@ async def test_a_key_that_cannot_be_used_is_a_fault_that_says_so(folder, kind, t
         subprocess.run(command, cwd=folder, check=True, capture_output=True)
         odd = {"certificate": folder / "odd.pem", "private_key": folder / "odd.key"}
     async with running(settings(free_port(), POSITION, **known(folder, **odd)).open("cnc")) as cnc:
-        await eventually(lambda: told in (cnc.driver.status.last_error or ""))
+        await eventually(lambda: sentence in (cnc.driver.status.last_error or ""))
         assert await cnc.fault("x_m") == "disconnected"
 
 

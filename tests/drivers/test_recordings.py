@@ -51,7 +51,7 @@ def test_a_recording_that_was_cut_off_is_not_taken_for_a_whole_one(record, suffi
     path = record(suffix)
     data = path.read_bytes()
     cut = int(share * len(data))
-    while data[cut - 1 : cut] == b"\n":  # a cut between two lines cannot be told from the end
+    while data[cut - 1 : cut] == b"\n":  # a cut between two lines looks like the end
         cut -= 1
     path.write_bytes(data[:cut])
     got = []

@@ -173,8 +173,8 @@ async def test_wrong_values_reach_the_drivers_as_any_others():
     async with warm as plant, running(plant.thermocouples()) as tc, running(plant.axis()) as axis:
         before = {name: await tc.good(name) for name in ("t1_degC", "t2_degC", "t3_degC")}
         assert before["t1_degC"] > before["t2_degC"] + 2.0
-        told = {"offset_K": {"t3_degC": 3.0}, "exchanged": ["t1_degC", "t2_degC"]}
-        assert await plant.fault(**told) == {"faults": told}
+        wanted = {"offset_K": {"t3_degC": 3.0}, "exchanged": ["t1_degC", "t2_degC"]}
+        assert await plant.fault(**wanted) == {"faults": wanted}
         values = (await tc.more(4))[-1].values
         assert values["t1_degC"] == pytest.approx(before["t2_degC"], abs=0.5)
         assert values["t2_degC"] == pytest.approx(before["t1_degC"], abs=0.5)

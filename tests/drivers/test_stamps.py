@@ -1,4 +1,4 @@
-"""The time of a frame, from stamps of clocks that wrap, step, drift or tell nothing, and late arrivals."""
+"""The time of a frame, from stamps of clocks that wrap, step, drift or say nothing, and late arrivals."""
 
 import itertools
 import math
@@ -76,7 +76,7 @@ def test_a_stamping_clock_that_is_set_displaces_times_for_no_longer_than_it_take
     [lambda s: 0.0, lambda s: 1e9 - s, math.floor, lambda s: math.floor(10 * s) / 10, lambda s: math.nan],
     ids=["constant", "backwards", "whole seconds", "tenths", "none"],
 )
-def test_stamps_that_tell_nothing_leave_the_arrivals(stamp):
+def test_uninformative_stamps_leave_the_arrival_times(stamp):
     sent = sending(2000)
     late = late_s(DeviceClock(), [stamp(s) for s in sent], sent, sent)
     assert all(-0.021 <= s <= 0.0 for s in late)

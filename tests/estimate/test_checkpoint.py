@@ -156,7 +156,7 @@ def test_has_its_time(rig):
         recent(rig[1], now_s - 3600.0, 900.0)
 
 
-def test_a_damaged_file_is_told_and_does_no_harm(tmp_path, rig, fit):
+def test_a_damaged_file_is_reported_and_does_no_harm(tmp_path, rig, fit):
     data = pack(rig[1], fit)
     path = tmp_path / "m-x.checkpoint"
     for cut in (0, 10, 40, 100, len(data) - 1):
@@ -184,7 +184,7 @@ _documents = st.recursive(
 @given(_documents, st.sampled_from(["drive", "estimator", "compensation", "tick_s", "whole"]))
 @example(-(2**63) - 1, "tick_s")
 @settings(max_examples=200)
-def test_whatever_stands_in_it_is_told(rig, fit, document, where):
+def test_any_invalid_content_is_reported(rig, fit, document, where):
     """The checksum may be right and the content still anything."""
     head, body = pack(rig[1], fit)[:64], pack(rig[1], fit)[64:]
     whole = cbor2.loads(body) | ({} if where == "whole" else {where: document})

@@ -30,11 +30,11 @@ def _blocks(log: Log):
     return [block for _, block in estimates_of(log, plan(), pipeline, lambda done, total: None)]
 
 
-def _replay(log: Log, output: Path, suffix: str = ".csv", told=None):
-    told = [] if told is None else told
+def _replay(log: Log, output: Path, suffix: str = ".csv", calls=None):
+    calls = [] if calls is None else calls
     pipeline = Pipeline(FakeDrive(), FakeEstimator())
     with TableWriter(output / f"estimates{suffix}") as sink:
-        return write_estimates(sink, log, plan(), pipeline, lambda done, total: told.append((done, total)))
+        return write_estimates(sink, log, plan(), pipeline, lambda done, total: calls.append((done, total)))
 
 
 def test_columns_are_those_of_the_contract(tmp_path):
@@ -55,10 +55,10 @@ def test_columns_are_those_of_the_contract(tmp_path):
 def test_each_bound_stands_in_its_column_and_is_empty_where_none_is_known():
     layout, (block,) = FakeEstimator().layout, _blocks(_log(3))
     bounds = {"heat": np.array([[1.0], [np.nan], [2.0]]), "field": 3.0 + np.arange(9.0).reshape(3, 3)}
-    told = replace(
+    calls = replace(
         block, heat_bound_W=bounds["heat"], field_bound_K=bounds["field"], error_bound_um=-bounds["field"]
     )
-    columns = result_columns(layout, told)
+    columns = result_columns(layout, calls)
     np.testing.assert_array_equal(columns["heat_nut_bound_W"], bounds["heat"][:, 0])
     for j, mm in enumerate(("0", "2.225", "50")):
         np.testing.assert_array_equal(columns[f"field_{mm}_bound_K"], bounds["field"][:, j])
@@ -110,9 +110,9 @@ def test_the_summary_counts_and_is_the_same_each_time(tmp_path):
 
 
 def test_progress_counts_rows_to_their_total(tmp_path):
-    told = []
-    _replay(_log(), tmp_path, told=told)
-    assert told == [(4096, 10_000), (8192, 10_000), (10_000, 10_000)]
+    calls = []
+    _replay(_log(), tmp_path, calls=calls)
+    assert calls == [(4096, 10_000), (8192, 10_000), (10_000, 10_000)]
 
 
 def test_a_failure_in_the_middle_leaves_nothing(tmp_path):

@@ -41,5 +41,5 @@ def test_a_sensor_is_used_only_where_it_is_good():
 
 
 def test_what_is_not_met_shows():
-    told = as_markdown([Row("a", "b", "c", "d", met=True), Row("e", "f", "g", "h", met=False)])
-    assert told.splitlines()[2:] == ["| a | b | c | d | yes |", "| e | f | g | h | **no** |"]
+    rows = as_markdown([Row("a", "b", "c", "d", met=True), Row("e", "f", "g", "h", met=False)])
+    assert rows.splitlines()[2:] == ["| a | b | c | d | yes |", "| e | f | g | h | **no** |"]

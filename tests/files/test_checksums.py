@@ -1,4 +1,4 @@
-"""A flipped digit of a recording is told with its rows; recordings without checksums read as ever."""
+"""A flipped digit in a recording is reported with its rows; recordings without checksums still read."""
 
 import math
 import zlib
@@ -42,7 +42,7 @@ def test_a_recording_reads_back_and_its_checksums_are_no_faults(tmp_path):
     assert data[len(first) + 5 :].startswith(f"{zlib.crc32(first):08x}".encode())  # any CRC-32 can check it
 
 
-def test_any_flipped_bit_is_told(tmp_path):
+def test_any_flipped_bit_is_reported(tmp_path):
     data = bytearray(_recording(tmp_path, blocks=2, rows=3))
     path = tmp_path / "flipped.csv"
     for place in range(len(data)):

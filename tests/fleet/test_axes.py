@@ -67,8 +67,8 @@ def test_the_page_s_router_routes(tmp_path):
         zenoh.open(session_config("client", (endpoint,), ())) as axis,
     ):
 
-        def told() -> bool:
+        def is_heard() -> bool:
             axis.put("ballscrew/m/x/heat", b'{"quality": "good", "sequence": 1}')
             return "m" in heard.count
 
-        until(told)
+        until(is_heard)

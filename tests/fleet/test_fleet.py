@@ -76,7 +76,7 @@ def _workers(parent: int) -> list[int]:
     return found
 
 
-def test_a_run_killed_in_the_middle_goes_on_and_a_broken_log_is_told(tmp_path, fleet):
+def test_a_run_killed_in_the_middle_resumes_and_a_broken_log_is_reported(tmp_path, fleet):
     table, output = tmp_path / "fleet.csv", tmp_path / "out"
     rows = fleet.read_text().splitlines()
     (tmp_path / "broken.csv").write_text("time_s,t1_degC\n1,warm\n")
@@ -130,7 +130,7 @@ def long_and_short(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list
     return config, [written_log(config, folder / "long" / "long.parquet", LONG_ROWS), short]
 
 
-def test_a_worker_that_is_killed_has_its_log_tried_once_more_and_then_told(tmp_path, long_and_short):
+def test_the_log_of_a_killed_worker_is_retried_once_and_then_reported(tmp_path, long_and_short):
     config, logs = long_and_short
     output = tmp_path / "out"
     with _started("replay", *logs, "--config", config, "--output", output, "--workers", 1) as process:
@@ -150,15 +150,15 @@ def test_a_worker_that_is_killed_has_its_log_tried_once_more_and_then_told(tmp_p
 
 def test_a_cluster_that_is_there_already_is_used_by_its_address(tmp_path, fleet):
     lines = read_table(fleet)[:4]
-    orders, how, told = jobs_of(lines, "identify"), RunOptions("identify", tmp_path / "out"), []
+    orders, how, progress = jobs_of(lines, "identify"), RunOptions("identify", tmp_path / "out"), []
     with LocalCluster(
         n_workers=1, threads_per_worker=3, processes=False, protocol="tcp", host="127.0.0.1",
         dashboard_address="127.0.0.1:0", local_directory=str(tmp_path / "dask"),
     ) as cluster:  # fmt: skip
         arguments = {"workers": 1, "address": cluster.scheduler_address}
-        rows, before = running.run(orders, how, lambda *done: told.append(done), **arguments)
+        rows, before = running.run(orders, how, lambda *done: progress.append(done), **arguments)
     assert [row["problem"] for row in rows] == [None] * 4
-    assert (before, told[0], told[-1]) == (0, (0, 4), (4, 4))
+    assert (before, progress[0], progress[-1]) == (0, (0, 4), (4, 4))
     assert (how.output / orders[0].folder / "heat.parquet").exists()
 
 

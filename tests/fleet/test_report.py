@@ -64,7 +64,7 @@ def test_machines_are_counted_as_people_count_and_on_a_phone_each_cell_has_its_h
     assert '<td data-head="lacks">nothing</td>' in html
 
 
-def test_what_is_doubted_about_a_log_that_was_used_is_told_once():
+def test_doubts_about_a_log_that_was_used_are_reported_once():
     doubted = [_row("m2", verb, "run", doubts=["run.csv: looks like °F"]) for verb in ("replay", "identify")]
     for row in doubted:
         row["found"] |= {"heat_mean_W": {}, "speed_mean_rpm": {}}

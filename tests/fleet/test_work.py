@@ -83,7 +83,7 @@ def test_whatever_a_log_does_its_row_says_so_and_the_next_is_done(tmp_path, orde
     assert done(order, how) == second
 
 
-def test_what_is_not_there_is_told_in_a_sentence(tmp_path, order):
+def test_a_missing_file_is_reported_in_a_sentence(tmp_path, order):
     gone = Job("m", "x", (tmp_path / "x.csv",), order.config, Path("m/replay/x"))
     no_config = Job("m", "y", order.logs, tmp_path / "no.toml", Path("m/replay/y"))
     rows = workers.work([gone, no_config], RunOptions("replay", tmp_path / "out"))

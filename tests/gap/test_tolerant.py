@@ -121,7 +121,7 @@ def test_a_parameter_ends_at_the_edge_of_its_tolerance(one_day) -> None:
 
 
 def _still(one_day) -> list[Inputs]:
-    """Minutes of a machine at rest, whose third sensor tells 5 K too much."""
+    """Minutes of a machine at rest, whose third sensor reads 5 K too high."""
     inputs = _inputs(config_of(), one_day, 2)
     wrong = inputs.z_end[:, :1] + np.array([0.0, 0.0, 5.0, 0.0, 0.0])
     return _minutes(inputs._replace(law_W=np.zeros_like(inputs.law_W), y_degC=wrong))
@@ -139,7 +139,7 @@ def test_a_sensor_that_has_gone_wrong_is_no_field_at_the_start(one_day) -> None:
     ("others", "stands"), [([0, 1], True), ([0], False)], ids=["two others", "one other"]
 )
 def test_one_of_three_may_have_gone_wrong_and_none_of_two(one_day, others: list[int], stands: bool) -> None:
-    """Of two that differ nobody can tell which is right: then the field goes from one to the other."""
+    """If two differ, neither is known to be right: the field interpolates between them."""
     plant, (minute, _) = build_plant(config_of(), learns=True), _still(one_day)
     usable = np.zeros_like(minute.usable)
     usable[0, [*others, 2]] = True
@@ -181,7 +181,7 @@ def test_a_law_that_is_off_shows_where_the_nut_is(one_day) -> None:
     off = theta.copy()
     laws = tolerant.parameters(Nuisance.LAW)[: plant.estimated.sum()]
     off[laws[np.flatnonzero(plant.estimated) == nut.index]] = SHARE
-    (_, told), (_, changed) = (
+    (_, off_law), (_, changed) = (
         tolerant.ahead(TolerantState(x, t, P), u, learn=False) for t, u in ((off, minute), (theta, more))
     )
-    np.testing.assert_allclose(told.gap_K, changed.gap_K, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(off_law.gap_K, changed.gap_K, rtol=0, atol=1e-9)

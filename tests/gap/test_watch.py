@@ -1,4 +1,4 @@
-"""The gap's watch: what it tells of machines from the independent truth, and what it keeps."""
+"""The gap watch: what it reports on machines of the independent truth, and what it keeps."""
 
 from __future__ import annotations
 
@@ -56,16 +56,16 @@ def test_a_machine_rough_within_its_tolerances_is_silent(days) -> None:
 
 
 @pytest.mark.parametrize("effect", ["end loss 0.5 W/K", "body on the nut", "bearing with twice its heat"])
-def test_what_appears_is_told_within_hours_of_a_sensor_beside_it(rig: Rig, days, effect: str) -> None:
+def test_a_new_effect_is_reported_within_hours_by_a_sensor_beside_it(rig: Rig, days, effect: str) -> None:
     rough, _, state, _ = days
     rig.begin(state)
     found = rig.days(rough, SEED, 0, range(2, 3), effect)
     assert found.sensor in EFFECTS[effect][1]
     assert found.after_h < 3.0
-    told = rig.watch.figures
-    assert told["rms_K"] > 0.5
-    assert told["since_s"] > 2 * 86_400.0
-    assert told["phase"] in PHASES
+    report = rig.watch.figures
+    assert report["rms_K"] > 0.5
+    assert report["since_s"] > 2 * 86_400.0
+    assert report["phase"] in PHASES
 
 
 def _frames(rig_day) -> list[FrameBlock]:
@@ -93,7 +93,7 @@ def _watch(machine: MachineModel) -> GapWatch:
     return watch
 
 
-def test_nothing_is_told_before_an_hour_of_work(machine: MachineModel, inputs) -> None:
+def test_nothing_is_reported_in_the_first_hour_of_work(machine: MachineModel, inputs) -> None:
     watch = _watch(machine)
     watch.take(inputs[0].part(0, 3000))
     assert watch.figures is None
@@ -149,7 +149,7 @@ def test_after_a_break_or_without_inputs_it_begins_again_and_keeps_what_it_learn
     watch.take(missing)
     assert math.isnan(watch.state.time_s)
     assert np.abs(theta).max() > 0.02
-    assert np.abs(watch.state.theta - theta).max() < 0.01  # what the last minute before told
+    assert np.abs(watch.state.theta - theta).max() < 0.01  # what the last minute before it gave
     late = inputs[1].part(120, 300)
     watch.take(late)
     assert watch.state.time_s > 0.0
@@ -228,7 +228,7 @@ def test_the_reason_says_which_since_when_and_what_to_do() -> None:
     assert "since 7200 s," in sentence(of_departure(found._replace(since_s=7200.0)))
 
 
-def test_a_nut_that_fails_while_it_works_is_told_by_a_replay_of_the_whole_day(tmp_path) -> None:
+def test_a_nut_failing_at_work_is_reported_by_a_replay_of_the_whole_day(tmp_path) -> None:
     """End to end: a log, the live path, the summary. The nut makes twice its heat from the third hour on, and
     the observer, which learns nothing here, goes on agreeing with its sensors.
     """
@@ -248,12 +248,12 @@ def test_a_nut_that_fails_while_it_works_is_told_by_a_replay_of_the_whole_day(tm
     assert max(s["innovation_rms_K"] for s in summary["sensors"].values()) < 0.5 * first["rms_K"]
 
 
-def test_a_replay_tells_its_history(tmp_path) -> None:
+def test_a_replay_reports_its_history(tmp_path) -> None:
     summary = app.replay(
         RIG / "run_c.csv.gz", load(RIG / "config.toml"), tmp_path / "out", ".csv", progress=lambda *_: None
     )
-    told = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["gap"]
-    assert told == summary["gap"]
-    assert told["now"]["hours"] > 1.0
-    assert told["departures"] == []
-    assert 0.0 < told["most_of_allowed"] < 1.0
+    report = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["gap"]
+    assert report == summary["gap"]
+    assert report["now"]["hours"] > 1.0
+    assert report["departures"] == []
+    assert 0.0 < report["most_of_allowed"] < 1.0

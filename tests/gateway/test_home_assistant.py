@@ -12,7 +12,7 @@ from observer.gateway.home_assistant import state_of
 from observer.gateway.messages import Latest
 from observer.tables.gateway import Mqtt
 from tests.gateway import test_mqtt
-from tests.gateway.telling import ALARM, told_gateway
+from tests.gateway.feeding import ALARM, fed_gateway
 from tests.gateway.test_mqtt import broker
 from tests.patience import until
 from tests.publish.router import free_port
@@ -82,14 +82,14 @@ class Home:
 def test_a_machine_is_described_with_units_and_its_state_has_every_value(tmp_path) -> None:
     port = free_port()
     settings = Mqtt(broker=f"127.0.0.1:{port}", home_assistant=True)
-    with broker(tmp_path, port), told_gateway(mqtt=settings) as teller:
-        until(lambda: teller.said()["reason"] is None)
-        teller.document("config", {"config": {"source": [{"position_channel": "x_m"}]}})
-        teller.document("readings", {"channels": {"x_m": {"value": 0.75, "quality": "good"}}})
-        teller.document("forecast", {"time_s": 1.0, "quality": "good", "settled_at_s": 1234.5})
-        teller.document("health", {"state": "degraded"})
-        teller.document("alarms", {"time_s": 1.0, "alarms": [ALARM], "bands": {}})
-        teller.estimate()
+    with broker(tmp_path, port), fed_gateway(mqtt=settings) as feed:
+        until(lambda: feed.said()["reason"] is None)
+        feed.document("config", {"config": {"source": [{"position_channel": "x_m"}]}})
+        feed.document("readings", {"channels": {"x_m": {"value": 0.75, "quality": "good"}}})
+        feed.document("forecast", {"time_s": 1.0, "quality": "good", "settled_at_s": 1234.5})
+        feed.document("health", {"state": "degraded"})
+        feed.document("alarms", {"time_s": 1.0, "alarms": [ALARM], "bands": {}})
+        feed.estimate()
         with Home(port) as home:
             until(lambda: home.state().get("alarms") and DESCRIBED in home.newest)
             until(lambda: home.newest.get("ballscrew/lathe/z/alive") == b"true")
@@ -104,7 +104,7 @@ def test_a_machine_is_described_with_units_and_its_state_has_every_value(tmp_pat
             assert components["heat_nut_W"]["unit_of_measurement"] == "W"
             assert components["error_nut_um"].get("device_class") is None
             assert state["quality"] in components["quality"]["options"]
-            teller.estimate("degraded")
+            feed.estimate("degraded")
             until(lambda: home.state()["quality"] == "degraded")
             assert home.state()["heat_nut_W"] is None
             assert home.state()["error_largest_um"] is None
@@ -120,16 +120,16 @@ def test_it_may_have_another_prefix_and_is_removed_when_switched_off(tmp_path) -
     with broker(tmp_path, port), Home(port) as home:
         for wanted, there in ((True, True), (None, True), (False, False)):
             settings = Mqtt(broker=f"127.0.0.1:{port}", home_assistant=wanted)
-            with told_gateway(mqtt=settings) as teller:
-                until(lambda: teller.said()["reason"] is None)
-                teller.estimate()
+            with fed_gateway(mqtt=settings) as feed:
+                until(lambda: feed.said()["reason"] is None)
+                feed.estimate()
                 until(lambda: home.newest.get("ballscrew/lathe/z/quality") == b"good")
                 until(lambda there=there: bool(home.newest.get(DESCRIBED)) is there)
                 until(lambda there=there: bool(home.newest.get(STATE)) is there)
         settings = Mqtt(broker=f"127.0.0.1:{port}", home_assistant="house/discovery")
-        with told_gateway(mqtt=settings) as teller:
-            until(lambda: teller.said()["reason"] is None)
-            teller.estimate()
+        with fed_gateway(mqtt=settings) as feed:
+            until(lambda: feed.said()["reason"] is None)
+            feed.estimate()
             other = "house/discovery/device/ballscrew_lathe_z/config"
             until(lambda: home.newest.get(other))
             assert home.components(other)

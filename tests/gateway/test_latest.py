@@ -16,13 +16,13 @@ KEYS = st.text(max_size=30).filter(lambda key: len(key.encode()) < 100)
 
 
 @given(st.lists(st.tuples(KEYS, st.binary(max_size=300)), max_size=5))
-def test_what_goes_down_a_pipe_comes_out_of_it_whole(told):
-    data = b"".join(framed(key, payload) for key, payload in told)
-    assert list(messages(io.BytesIO(data).read)) == told
+def test_messages_pass_through_a_pipe_unchanged(sent):
+    data = b"".join(framed(key, payload) for key, payload in sent)
+    assert list(messages(io.BytesIO(data).read)) == sent
     for cut in range(1, min(len(data), 400)):
         whole = list(messages(io.BytesIO(data[:-cut]).read))
-        assert whole == told[: len(whole)]
-        assert len(whole) < len(told)
+        assert whole == sent[: len(whole)]
+        assert len(whole) < len(sent)
 
 
 def test_who_is_slow_gets_the_newest_of_each_key_in_the_order_of_their_coming():

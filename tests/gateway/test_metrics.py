@@ -8,7 +8,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from observer.tables.gateway import Metrics
-from tests.gateway.telling import told_gateway, told_of_a_machine
+from tests.gateway.feeding import fed_gateway, feed_machine
 from tests.patience import until
 from tests.publish.router import free_port
 
@@ -32,8 +32,8 @@ def _of(**labels: str) -> tuple:
 
 def test_a_scrape_has_every_figure_with_its_quality():
     listen = f"127.0.0.1:{free_port()}"
-    with told_gateway(metrics=Metrics(listen=listen)) as teller:
-        told_of_a_machine(teller)
+    with fed_gateway(metrics=Metrics(listen=listen)) as feed:
+        feed_machine(feed)
         until(lambda: "ballscrew_heat_watts" in _scraped(listen))
         found = _scraped(listen)
     assert found["ballscrew_up"] == {_of(): 1.0}
@@ -58,32 +58,32 @@ def test_a_scrape_has_every_figure_with_its_quality():
 
 def test_before_the_first_estimate_it_is_not_up():
     listen = f"127.0.0.1:{free_port()}"
-    with told_gateway(metrics=Metrics(listen=listen)) as teller:
-        assert teller.said()["reason"] is None
+    with fed_gateway(metrics=Metrics(listen=listen)) as feed:
+        assert feed.said()["reason"] is None
         assert _scraped(listen)["ballscrew_up"] == {_of(): 0.0}
 
 
 @pytest.mark.parametrize("quality", ["stale", "invalid"])
 def test_what_cannot_be_used_is_not_there(quality):
     listen = f"127.0.0.1:{free_port()}"
-    with told_gateway(metrics=Metrics(listen=listen)) as teller:
-        told_of_a_machine(teller, quality)
+    with fed_gateway(metrics=Metrics(listen=listen)) as feed:
+        feed_machine(feed, quality)
         until(lambda: "ballscrew_cycles_total" in _scraped(listen))
         assert "ballscrew_heat_watts" not in _scraped(listen)
 
 
 def test_a_silent_service_has_no_values():
     listen = f"127.0.0.1:{free_port()}"
-    with told_gateway(period_s=0.5, metrics=Metrics(listen=listen)) as teller:
-        told_of_a_machine(teller)
+    with fed_gateway(period_s=0.5, metrics=Metrics(listen=listen)) as feed:
+        feed_machine(feed)
         until(lambda: _scraped(listen)["ballscrew_state"][_of(state="stale")] == 1.0)
         found = _scraped(listen)
     assert found["ballscrew_up"] == {_of(): 0.0}
     assert "ballscrew_heat_watts" not in found
 
 
-def test_a_port_that_is_taken_is_told():
+def test_a_port_in_use_is_reported():
     listen = f"127.0.0.1:{free_port()}"
     metrics = Metrics(listen=listen)
-    with told_gateway(metrics=metrics) as first, told_gateway(metrics=metrics) as second:
+    with fed_gateway(metrics=metrics) as first, fed_gateway(metrics=metrics) as second:
         assert {first.said()["reason"], second.said()["reason"]} > {None}

@@ -15,7 +15,7 @@ from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
 from observer.tables.gateway import Mqtt
-from tests.gateway.telling import HEALTH, told_gateway
+from tests.gateway.feeding import HEALTH, fed_gateway
 from tests.patience import PATIENCE_S, until
 from tests.publish.people import Authority
 from tests.publish.router import free_port
@@ -76,13 +76,13 @@ class Listener:
 
 def test_messages_come_as_they_are_and_state_is_retained(tmp_path):
     port = free_port()
-    with broker(tmp_path, port), told_gateway(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as teller:
-        until(lambda: teller.said()["reason"] is None)
+    with broker(tmp_path, port), fed_gateway(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as feed:
+        until(lambda: feed.said()["reason"] is None)
         health = HEALTH | {"time_s": 1.0}
-        teller.document("health", health)
+        feed.document("health", health)
         with Listener(port) as early:
             until(lambda: "alive" in early.newest)
-            teller.estimate()
+            feed.estimate()
             until(lambda: {"estimate", "heat", "health", "quality"} <= early.newest.keys())
             assert json.loads(early.newest["heat"])["sources"]["nut"]["heat_W"] == 26.5
             assert early.newest["quality"] == b"good"
@@ -98,52 +98,52 @@ def test_messages_come_as_they_are_and_state_is_retained(tmp_path):
 def test_a_gateway_that_is_gone_is_not_alive(tmp_path, how):
     port = free_port()
     with broker(tmp_path, port), Listener(port) as seen:
-        with told_gateway(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as teller:
+        with fed_gateway(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as feed:
             until(lambda: seen.newest.get("alive") == b"true")
             if how == "killed":
-                teller.process.kill()
+                feed.process.kill()
         until(lambda: seen.newest["alive"] == b"false")
 
 
-def test_a_silent_service_is_told_to_be_stale(tmp_path):
+def test_a_silent_service_is_reported_as_stale(tmp_path):
     port = free_port()
-    silent = told_gateway(period_s=0.5, mqtt=Mqtt(broker=f"127.0.0.1:{port}"))
-    with broker(tmp_path, port), Listener(port) as seen, silent as teller:
+    silent = fed_gateway(period_s=0.5, mqtt=Mqtt(broker=f"127.0.0.1:{port}"))
+    with broker(tmp_path, port), Listener(port) as seen, silent as feed:
         until(lambda: seen.newest.get("alive") == b"true")
-        teller.estimate()
+        feed.estimate()
         until(lambda: seen.newest.get("quality") == b"stale")
 
 
-def test_a_broker_that_is_gone_is_told_and_met_again(tmp_path):
+def test_a_lost_broker_is_reported_and_reconnected(tmp_path):
     port = free_port()
-    with told_gateway(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as teller:
-        teller.document("health", HEALTH | {"time_s": 1.0})
-        assert "no broker answers" in teller.said()["reason"]
+    with fed_gateway(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as feed:
+        feed.document("health", HEALTH | {"time_s": 1.0})
+        assert "no broker answers" in feed.said()["reason"]
         for _ in range(2):
             with broker(tmp_path, port), Listener(port) as seen:
                 until(lambda: seen.newest.get("alive") == b"true" and "health" in seen.newest)
-            until(lambda: "no broker answers" in (teller.said()["reason"] or ""))
+            until(lambda: "no broker answers" in (feed.said()["reason"] or ""))
 
 
-def test_a_password_that_is_wrong_is_told(tmp_path):
+def test_a_wrong_password_is_reported(tmp_path):
     port, word = free_port(), tmp_path / "word"
     word.write_text("wrong\n")
     users = tmp_path / "users"
     users.touch(mode=0o700)
     settings = Mqtt(broker=f"127.0.0.1:{port}", user="anna", password_file=word)
     strict = broker(tmp_path, port, "allow_anonymous false", f"password_file {users}")
-    with strict, told_gateway(mqtt=settings) as teller:
-        until(lambda: "refuses" in (teller.said()["reason"] or ""))
+    with strict, fed_gateway(mqtt=settings) as feed:
+        until(lambda: "refuses" in (feed.said()["reason"] or ""))
 
 
 @pytest.mark.parametrize("signed_by", ["plant", "another"])
-def test_a_certificate_is_trusted_or_told_not_to_be(tmp_path, signed_by):
+def test_a_certificate_is_trusted_or_reported_as_not_trusted(tmp_path, signed_by):
     port, ours, another = free_port(), Authority(tmp_path), Authority(tmp_path, "another")
-    told = {"plant": ours, "another": another}[signed_by].sign("broker")
-    more = ("allow_anonymous true", f"certfile {told['certificate']}", f"keyfile {told['key']}")
+    issued = {"plant": ours, "another": another}[signed_by].sign("broker")
+    more = ("allow_anonymous true", f"certfile {issued['certificate']}", f"keyfile {issued['key']}")
     settings = Mqtt(broker=f"127.0.0.1:{port}", ca=ours.ca)
-    with broker(tmp_path, port, *more), told_gateway(mqtt=settings) as teller:
+    with broker(tmp_path, port, *more), fed_gateway(mqtt=settings) as feed:
         if signed_by == "plant":
-            until(lambda: teller.said()["reason"] is None)
+            until(lambda: feed.said()["reason"] is None)
         else:
-            until(lambda: "is not trusted" in teller.said()["reason"])
+            until(lambda: "is not trusted" in feed.said()["reason"])

@@ -9,7 +9,7 @@ from asyncua import Client, ua
 
 from observer.gateway.opcua import NAMESPACE
 from observer.tables.gateway import Opcua
-from tests.gateway.telling import ALARM, HEALTH, told_gateway
+from tests.gateway.feeding import ALARM, HEALTH, fed_gateway
 from tests.patience import eventually, until
 from tests.publish.router import free_port
 
@@ -44,11 +44,11 @@ async def _until_read(client: Client, *path: str, status: int):
 )
 async def test_estimates_have_their_quality_as_status(quality, status):
     url = f"opc.tcp://127.0.0.1:{free_port()}"
-    with told_gateway(opcua=Opcua(listen=url)) as teller:
-        until(lambda: teller.said()["reason"] is None)
-        time_s = teller.estimate(quality)
-        teller.document("health", HEALTH | {"time_s": 1.0})
-        teller.document("alarms", {"time_s": 1.0, "alarms": [ALARM], "bands": {}})
+    with fed_gateway(opcua=Opcua(listen=url)) as feed:
+        until(lambda: feed.said()["reason"] is None)
+        time_s = feed.estimate(quality)
+        feed.document("health", HEALTH | {"time_s": 1.0})
+        feed.document("alarms", {"time_s": 1.0, "alarms": [ALARM], "bands": {}})
         async with Client(url) as client:
             heat = await _until_read(client, "Heat", "nut", "Heat_W", status=status)
             if quality != "invalid":
@@ -68,11 +68,11 @@ async def test_estimates_have_their_quality_as_status(quality, status):
                 await _until_read(client, "Sensors", "t2", "Innovation_K", status=ua.StatusCodes.BadNoData)
 
 
-async def test_a_silent_service_is_told():
+async def test_a_silent_service_is_reported():
     url = f"opc.tcp://127.0.0.1:{free_port()}"
-    with told_gateway(period_s=0.5, opcua=Opcua(listen=url)) as teller:
-        until(lambda: teller.said()["reason"] is None)
-        teller.estimate()
+    with fed_gateway(period_s=0.5, opcua=Opcua(listen=url)) as feed:
+        until(lambda: feed.said()["reason"] is None)
+        feed.estimate()
         async with Client(url) as client:
             last = ua.StatusCodes.UncertainLastUsableValue
             await _until_read(client, "Heat", "nut", "Heat_W", status=last)
@@ -81,9 +81,9 @@ async def test_a_silent_service_is_told():
 @pytest.mark.parametrize("user", [None, "admin", "Admin"])
 async def test_nobody_can_write_whatever_the_name(user):
     url = f"opc.tcp://127.0.0.1:{free_port()}"
-    with told_gateway(opcua=Opcua(listen=url)) as teller:
-        until(lambda: teller.said()["reason"] is None)
-        teller.estimate()
+    with fed_gateway(opcua=Opcua(listen=url)) as feed:
+        until(lambda: feed.said()["reason"] is None)
+        feed.estimate()
         client = Client(url)
         if user is not None:
             client.set_user(user)

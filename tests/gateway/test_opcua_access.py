@@ -27,7 +27,7 @@ from observer.gateway.opcua_server import _Guarded, _Readers, guarded
 from observer.tables.gateway import Opcua
 from tests.docs.console import blocks
 from tests.gateway.applications import PAGE, application, made_as_on_the_page
-from tests.gateway.telling import Teller, told_gateway
+from tests.gateway.feeding import GatewayFeed, fed_gateway
 from tests.patience import eventually
 from tests.publish.people import secret
 from tests.publish.router import free_port
@@ -44,7 +44,7 @@ class Served:
     folder: Path
     url: str
     password: str
-    teller: Teller
+    feed: GatewayFeed
 
     async def client(
         self, policy=SecurityPolicyBasic256Sha256, mode=ua.MessageSecurityMode.SignAndEncrypt
@@ -90,11 +90,11 @@ def _tables() -> Iterator[dict]:
 def _serving(folder: Path) -> Iterator[Served]:
     settings = _settings(folder)
     password = settings.users_file.read_text().strip().partition(":")[2]
-    with told_gateway(opcua=settings) as teller:
-        said = teller.said()
+    with fed_gateway(opcua=settings) as feed:
+        said = feed.said()
         assert said["reason"] is None, said
-        teller.estimate()
-        yield Served(folder, settings.listen, password, teller)
+        feed.estimate()
+        yield Served(folder, settings.listen, password, feed)
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +121,7 @@ async def _value(client: Client) -> float:
     return (await heat.read_data_value(raise_on_bad_status=False)).Value.Value
 
 
-async def test_who_knows_the_password_reads_and_is_told_of_changes_and_cannot_write(served):
+async def test_with_the_password_a_client_reads_and_subscribes_and_cannot_write(served):
     for policy in POLICIES:
         async with await served.known(policy=policy) as client:
             assert await _value(client) == 26.5
@@ -138,7 +138,7 @@ async def test_who_knows_the_password_reads_and_is_told_of_changes_and_cannot_wr
         subscription = await client.create_subscription(50, Handler())
         await subscription.subscribe_data_change(await _heat(client))
         await eventually(lambda: heard == [(26.5, ua.StatusCodes.Good)])
-        served.teller.estimate("degraded")
+        served.feed.estimate("degraded")
         await eventually(lambda: heard[1:] == [(26.5, ua.StatusCodes.UncertainSubNormal)])
 
 
@@ -218,7 +218,7 @@ async def test_nobody_makes_it_a_directory_of_others(served):
 
 
 @pytest.mark.parametrize(
-    ("table", "told"),
+    ("table", "sentence"),
     [
         ({"listen": "opc.tcp://0.0.0.0:4840"}, "have to log in"),
         ({"listen": "opc.tcp://[::]:4840", "certificate": "c", "key": "k"}, "have to log in"),
@@ -230,8 +230,8 @@ async def test_nobody_makes_it_a_directory_of_others(served):
         ({"listen": "opc.tcp://127.0.0.1"}, "host:port"),
     ],
 )
-def test_what_would_let_others_in_unasked_is_refused(table, told):
-    with pytest.raises(ValidationError, match=told):
+def test_settings_that_would_admit_anybody_unasked_are_rejected(table, sentence):
+    with pytest.raises(ValidationError, match=sentence):
         Opcua(**table)
 
 
@@ -252,7 +252,7 @@ _EC = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes")
 
 
 @pytest.mark.parametrize(
-    ("wrong", "told"),
+    ("wrong", "sentence"),
     [
         (lambda f: {"certificate": f / "none"}, "opcua.certificate: .* cannot be read"),
         (lambda f: {"users_file": f / "none"}, "opcua.users_file: .* cannot be read"),
@@ -264,9 +264,9 @@ _EC = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes")
         (lambda f: _pair(f, *_RSA, "-nodes", mode=0o640), "chmod 600"),
     ],
 )
-async def test_files_that_cannot_be_used_are_told_in_words(folder, wrong, told):
+async def test_unusable_files_are_reported_in_a_sentence(folder, wrong, sentence):
     settings = _settings(folder)
-    with pytest.raises(ConfigError, match=told):
+    with pytest.raises(ConfigError, match=sentence):
         await guarded(settings.model_copy(update=wrong(folder)))
 
 
@@ -276,7 +276,7 @@ def test_without_names_too_a_server_with_a_certificate_lets_in_who_encrypts():
     assert readers.get_user(None, certificate=b"any").role is UserRole.User
 
 
-def test_a_password_in_a_padding_whose_errors_tell_of_the_key_is_not_even_looked_at():
+def test_a_password_in_a_padding_whose_errors_leak_the_key_is_not_even_looked_at():
     server = _Guarded(_Readers(None, encrypted=True))
     token = ua.UserNameIdentityToken(EncryptionAlgorithm="http://www.w3.org/2001/04/xmlenc#rsa-1_5")
     with pytest.raises(ServiceError):

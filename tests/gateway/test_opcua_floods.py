@@ -15,7 +15,7 @@ from asyncua.crypto.security_policies import SecurityPolicyNone
 from asyncua.ua.ua_binary import struct_to_binary, uatcp_to_binary
 
 from observer.tables.gateway import Opcua
-from tests.gateway.telling import Teller, told_gateway
+from tests.gateway.feeding import GatewayFeed, fed_gateway
 from tests.patience import PATIENCE_S, until
 from tests.publish.router import free_port
 
@@ -94,16 +94,16 @@ async def test_strangers_take_little_memory_and_nobody_elses_turn(sends):
     port = free_port()
     url = f"opc.tcp://127.0.0.1:{port}"
     held: list[socket.socket] = []
-    with told_gateway(opcua=Opcua(listen=url)) as teller:
-        assert teller.said()["reason"] is None
-        teller.estimate()
+    with fed_gateway(opcua=Opcua(listen=url)) as feed:
+        assert feed.said()["reason"] is None
+        feed.estimate()
         async with Client(url):
             pass
-        before_MB = own_MB(teller.process.pid)
+        before_MB = own_MB(feed.process.pid)
         threads = [threading.Thread(target=_stranger, args=(port, sends, held)) for _ in range(STRANGERS)]
         for thread in threads:
             thread.start()
-        most_MB = _most_MB(teller, threads)
+        most_MB = _most_MB(feed, threads)
         try:
             async with Client(url, timeout=PATIENCE_S) as client:
                 assert await client.nodes.objects.get_children()
@@ -113,11 +113,11 @@ async def test_strangers_take_little_memory_and_nobody_elses_turn(sends):
     assert most_MB - before_MB < MOST_MB
 
 
-def _most_MB(teller: Teller, threads: list[threading.Thread]) -> float:
+def _most_MB(feed: GatewayFeed, threads: list[threading.Thread]) -> float:
     most_MB = [0.0]
 
     def are_done() -> bool:
-        most_MB.append(own_MB(teller.process.pid))
+        most_MB.append(own_MB(feed.process.pid))
         return not any(thread.is_alive() for thread in threads)
 
     until(are_done, pause_s=0.05)
@@ -136,8 +136,8 @@ def _is_closed(connection: socket.socket) -> bool:
 async def test_of_those_who_never_log_in_the_oldest_make_room():
     port = free_port()
     url = f"opc.tcp://127.0.0.1:{port}"
-    with told_gateway(opcua=Opcua(listen=url)) as teller:
-        assert teller.said()["reason"] is None
+    with fed_gateway(opcua=Opcua(listen=url)) as feed:
+        assert feed.said()["reason"] is None
         async with Client(url) as active:
             held = [socket.create_connection(("127.0.0.1", port)) for _ in range(40)]
             until(lambda: [_is_closed(c) for c in held] == [True] * 32 + [False] * 8)

@@ -1,4 +1,4 @@
-"""HistoryRead over the wire, by a real client: what the recordings tell, raw and one an interval."""
+"""HistoryRead over the wire, by a real client: what was recorded, raw and aggregated by interval."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from observer.gateway.opcua import NAMESPACE, STATUS
 from observer.publish.codec import config_json, decode_estimate
 from observer.tables.gateway import Opcua
 from tests.archive.lived import BEGIN_S, PERIOD_S, configuration, lived
-from tests.gateway.telling import told_gateway
+from tests.gateway.feeding import fed_gateway
 from tests.patience import eventually, until
 from tests.publish.router import free_port
 
@@ -66,10 +66,10 @@ async def test_a_client_reads_what_was_published(recorded):
     published = [decode_estimate(message) for message in messages]
     url = f"opc.tcp://127.0.0.1:{free_port()}"
     folder = config.record.directory
-    with told_gateway(opcua=Opcua(listen=url), recordings=folder) as teller:
-        until(lambda: teller.said()["reason"] is None)
-        teller.tell("config", config_json(config, "00000001").encode())
-        teller.tell("estimate", messages[-1])
+    with fed_gateway(opcua=Opcua(listen=url), recordings=folder) as feed:
+        until(lambda: feed.said()["reason"] is None)
+        feed.send("config", config_json(config, "00000001").encode())
+        feed.send("estimate", messages[-1])
         async with Client(url, timeout=60, watchdog_intervall=60.0) as client:
             node = await _node(client, *HEAT)
             assert await node.read_attribute(ua.AttributeIds.Historizing)
@@ -78,33 +78,33 @@ async def test_a_client_reads_what_was_published(recorded):
             heats = np.array([float(e["heat_W"][nut]) for e in published])
             wanted = [(STATUS[e["quality"]], round(e["time_s"], 3)) for e in published]
 
-            def told(values):
+            def stamps(values):
                 return [
                     (v.StatusCode.value, round(v.SourceTimestamp.replace(tzinfo=UTC).timestamp(), 3))
                     for v in values
                 ]
 
             whole = await node.read_raw_history(_at(0), _at(199.5))
-            assert told(whole) == wanted
+            assert stamps(whole) == wanted
             np.testing.assert_allclose([v.Value.Value for v in whole], heats, rtol=1e-6)
             few = await _read(client, node, ua.ReadRawModifiedDetails(
                 StartTime=_at(10), EndTime=_at(60), NumValuesPerNode=7))  # fmt: skip
-            assert told(few.HistoryData.DataValues) == wanted[20:27]
+            assert stamps(few.HistoryData.DataValues) == wanted[20:27]
             next_ = await _read(
                 client, node,
                 ua.ReadRawModifiedDetails(StartTime=_at(10), EndTime=_at(60), NumValuesPerNode=7),
                 few.ContinuationPoint,
             )  # fmt: skip
-            assert told(next_.HistoryData.DataValues) == wanted[27:34]
+            assert stamps(next_.HistoryData.DataValues) == wanted[27:34]
             back = await _read(client, node, ua.ReadRawModifiedDetails(
                 StartTime=_at(60), EndTime=_at(10), NumValuesPerNode=5))  # fmt: skip
-            assert told(back.HistoryData.DataValues) == wanted[120:115:-1]
+            assert stamps(back.HistoryData.DataValues) == wanted[120:115:-1]
             rest = await _read(
                 client, node,
                 ua.ReadRawModifiedDetails(StartTime=_at(60), EndTime=_at(10), NumValuesPerNode=5),
                 back.ContinuationPoint,
             )  # fmt: skip
-            assert told(rest.HistoryData.DataValues) == wanted[115:110:-1]
+            assert stamps(rest.HistoryData.DataValues) == wanted[115:110:-1]
 
             for function, by in (
                 (ObjectIds.AggregateFunction_Average, np.mean),

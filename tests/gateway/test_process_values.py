@@ -11,7 +11,7 @@ from asyncua import Client, Node, ua
 from observer.gateway.opcua import NAMESPACE
 from observer.gateway.process_values import PADIM, PROCESS_VALUE_TYPE, PROCESS_VALUES, unit
 from observer.tables.gateway import Opcua
-from tests.gateway.telling import told_gateway
+from tests.gateway.feeding import fed_gateway
 from tests.patience import eventually, until
 from tests.publish.router import free_port
 
@@ -45,11 +45,11 @@ async def _by_type(client: Client) -> dict[str, Node]:
 
 async def test_a_client_finds_them_by_type_and_reads_units_ranges_and_status():
     url = f"opc.tcp://127.0.0.1:{free_port()}"
-    with told_gateway(opcua=Opcua(listen=url)) as teller:
-        until(lambda: teller.said()["reason"] is None)
-        teller.document("config", {"config": CONFIG})
-        teller.document("readings", {"channels": READINGS})
-        time_s = teller.estimate("degraded")
+    with fed_gateway(opcua=Opcua(listen=url)) as feed:
+        until(lambda: feed.said()["reason"] is None)
+        feed.document("config", {"config": CONFIG})
+        feed.document("readings", {"channels": READINGS})
+        time_s = feed.estimate("degraded")
         async with Client(url) as client:
             padim = await client.get_namespace_index(PADIM)
 

@@ -9,7 +9,7 @@ import urllib.request
 import pytest
 
 from observer.tables.gateway import Metrics
-from tests.gateway.telling import told_gateway
+from tests.gateway.feeding import fed_gateway
 from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
@@ -18,16 +18,16 @@ pytestmark = pytest.mark.system
 @pytest.mark.parametrize("sent", [b"", b"GET /metrics HTT"])
 def test_connections_that_ask_nothing_take_few_threads_and_nobody_elses_turn(sent):
     port = free_port()
-    with told_gateway(metrics=Metrics(listen=f"127.0.0.1:{port}")) as teller:
-        assert teller.said()["reason"] is None
-        before = _threads(teller.process.pid)
+    with fed_gateway(metrics=Metrics(listen=f"127.0.0.1:{port}")) as feed:
+        assert feed.said()["reason"] is None
+        before = _threads(feed.process.pid)
         held = []
         for _ in range(400):
             held.append(socket.create_connection(("127.0.0.1", port)))
             held[-1].sendall(sent)
         with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=60.0) as reply:
             assert b"ballscrew_up" in reply.read()
-        assert _threads(teller.process.pid) <= before + 16
+        assert _threads(feed.process.pid) <= before + 16
         for connection in held:
             connection.close()
 

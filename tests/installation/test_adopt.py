@@ -195,7 +195,7 @@ def _full_after(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"adopted_s": "yesterday"}', "\0"])
-def test_a_record_that_is_none_is_told(config, text):
+def test_an_invalid_record_is_reported(config, text):
     config.with_name("machine.toml.adopted.json").write_text(text, encoding="utf-8")
     with pytest.raises(UserError, match="is not what `observer adopt` has written"):
         adoption_of(config)

@@ -143,10 +143,10 @@ def test_what_is_not_given_is_asked_until_it_will_do():
         ({"length_m": "0"}, "--length-m: '0': input should be greater than 0"),
     ],
 )
-def test_a_wrong_answer_is_told_in_one_sentence(wrong, words, tmp_path):
-    with pytest.raises(UserError) as told:
+def test_a_wrong_answer_is_reported_in_one_sentence(wrong, words, tmp_path):
+    with pytest.raises(UserError) as answer:
         write_new(tmp_path / "new.toml", GIVEN | wrong, None)
-    assert words in str(told.value)
+    assert words in str(answer.value)
     assert not (tmp_path / "new.toml").exists()
 
 
@@ -206,8 +206,8 @@ def test_a_late_refusal_loses_no_answer():
     somebody = Somebody(SHORT | {"machine": "lathe-7"}, {"screw": "16 x 5"})
     found = agreed({}, somebody)
     assert (found.machine, found.screw, found.sensors_m) == ("lathe-7", "16x5", (0.005, 0.075))
-    ((asked, told),) = [(name, words) for name, words in somebody.heard if "Once more" in words]
-    assert "longer than the screw" in told
+    ((asked, answer),) = [(name, words) for name, words in somebody.heard if "Once more" in words]
+    assert "longer than the screw" in answer
     assert asked == FIRST
 
 

@@ -22,7 +22,7 @@ TABLES = {
 
 
 @pytest.mark.parametrize("key", TABLES)
-def test_a_file_that_is_not_there_is_told_with_its_key(key, tmp_path):
+def test_a_missing_file_is_reported_with_its_key(key, tmp_path):
     here, config = tmp_path / "here", tmp_path / "observer.toml"
     here.write_text("eve:hers\n")
     config.write_text(DEMO.read_text() + TABLES[key].format("/nowhere/it", here=here))
@@ -33,7 +33,7 @@ def test_a_file_that_is_not_there_is_told_with_its_key(key, tmp_path):
     examine(config)
 
 
-def test_a_file_that_may_not_be_read_is_told(tmp_path, monkeypatch):
+def test_an_unreadable_file_is_reported(tmp_path, monkeypatch):
     config = tmp_path / "observer.toml"
     config.write_text(DEMO.read_text() + TABLES["mqtt.ca"].format(config))
     monkeypatch.setattr("os.access", lambda path, mode: path != config)  # root may read everything

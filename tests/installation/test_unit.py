@@ -233,14 +233,14 @@ def test_only_root_changes_the_system(plan, monkeypatch):
         carry_out(plan, Path("/"))
 
 
-def test_a_command_that_fails_is_told_with_its_last_word(plan, monkeypatch, tmp_path):
+def test_a_failed_command_is_reported_with_its_last_line(plan, monkeypatch, tmp_path):
     with pytest.raises(UserError, match=r"sh -c .* failed: no bus"):
         unit._run((("sh", "-c", "echo no bus >&2; exit 3"),))
     with pytest.raises(UserError, match="systemd is needed"):
         unit._run((("no-such-program-here",),))
 
 
-def test_what_would_be_done_is_told(plan):
+def test_a_dry_run_lists_what_would_be_done(plan):
     lines = list(plan.lines())
     assert f"write  {CONFIG}" in lines
     assert lines[-1] == f"run    systemctl restart --no-block {NAME}"

@@ -174,7 +174,7 @@ def test_what_other_programs_write_is_read_as_it_is(tmp_path, suffix, write):
     assert_is(read(path, zone), was, apart=1e-6)
 
 
-def test_signals_of_mdf_are_told_from_the_frames_of_a_bus(tmp_path):
+def test_signals_of_mdf_are_distinguished_from_bus_frames(tmp_path):
     measurement("4.10")(tmp_path / "signals.mf4", truth())
     with can.MF4Writer(tmp_path / "bus.mf4") as writer:
         writer.on_message_received(

@@ -53,10 +53,10 @@ def test_what_is_doubtful_is_refused_where_nobody_can_answer(tmp_path):
     path.write_bytes(german(truth()).encode("cp1252"))
     with pytest.raises(LogError) as caught:
         app.import_log([path], configured(tmp_path), out, None)
-    told = str(caught.value)
-    assert "[log.columns] t1_degC" in told
-    assert "Temp. Lager" in told
-    assert "screw_speed_rpm:" not in told  # its name and unit leave no doubt
+    message = str(caught.value)
+    assert "[log.columns] t1_degC" in message
+    assert "Temp. Lager" in message
+    assert "screw_speed_rpm:" not in message  # its name and unit leave no doubt
     assert not out.exists()
     said = ("t1_degC=Temp. Lager", "t2_degC=Temp. Mutter")
     app.import_log([path], configured(tmp_path), out, None, columns=said, timezone="Europe/Berlin")
@@ -74,11 +74,11 @@ def test_fahrenheit_that_nobody_names_is_suspected(tmp_path):
     path.write_text("\n".join(rows))
     with pytest.raises(LogError) as caught:
         app.import_log([path], configured(tmp_path), tmp_path / "log.parquet", None)
-    told = str(caught.value)
-    assert '"ambient" looks like °F' in told
-    assert '"t1" may be in °F' in told
-    assert '"nut position" looks like mm' in told
-    assert 't1_degC = { column = "t1", unit = "degF" }' in told
+    message = str(caught.value)
+    assert '"ambient" looks like °F' in message
+    assert '"t1" may be in °F' in message
+    assert '"nut position" looks like mm' in message
+    assert 't1_degC = { column = "t1", unit = "degF" }' in message
 
 
 def test_a_channel_without_a_column_is_named_with_what_there_is(tmp_path):

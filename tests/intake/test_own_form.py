@@ -67,8 +67,8 @@ def test_all_problems_at_once(tmp_path):
     path.write_text("\n".join(lines))
     with pytest.raises(LogError) as caught:
         read(path)
-    told = str(caught.value)
-    assert [f"line {n}" in told for n in (4, 8, 12, 21)] == [True] * 4, told
+    message = str(caught.value)
+    assert [f"line {n}" in message for n in (4, 8, 12, 21)] == [True] * 4, message
 
 
 def test_more_than_ten_problems_are_not_all_listed(tmp_path):

@@ -58,7 +58,7 @@ def test_a_fifth_of_the_least_is_not_noticed(sensor: str) -> None:
 @pytest.mark.parametrize("number", MACHINES)
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_a_drift_to_twice_the_least_slow_fault_is_noticed_on_its_way(sensor: str, number: int) -> None:
-    """Which sensor it is, is not always told."""
+    """The faulty sensor is not always identified."""
     most_K = 2.0 * said_of(sensor)["slow_K"]
     drift = of.drift((sensor,), most_K * 3600.0 / DRIFTS_S, most_K)
     found = judged(Fault(f"{sensor} drifts", "slow single", (sensor,), drift), number)

@@ -85,7 +85,7 @@ def test_a_gain_of_all_is_named_and_never_good() -> None:
 @pytest.mark.parametrize("name", ["nut homed 50 mm off", "nut homed -50 mm off"])
 def test_a_nut_that_is_homed_anew_is_not_good_until_a_reset(name: str, number: int) -> None:
     found = judged(catalogue()[name], number)
-    assert found.bad_s in (0.0, 1.0)  # while it moves, the way of the next second must tell
+    assert found.bad_s in (0.0, 1.0)  # while it moves, the path of the next second decides
     assert found.good <= 1
     assert f"leapt by {'-' if '-' in name else '+'}0.05" in found_of(name, number)[Found.LEAPT]
 

@@ -41,9 +41,9 @@ def run_for_an_hour(config_path: Path) -> dict[str, tuple[float, float]]:
 
 def test_what_is_published_last_can_be_had_as_a_configuration(config_path: Path, tmp_path: Path) -> None:
     published = run_for_an_hour(config_path)
-    told = app.learned(config_path, tmp_path / "offer")
-    assert set(told) == set(published)
-    np.testing.assert_allclose([*told.values()], [*published.values()], rtol=1e-12)
+    offered = app.learned(config_path, tmp_path / "offer")
+    assert set(offered) == set(published)
+    np.testing.assert_allclose([*offered.values()], [*published.values()], rtol=1e-12)
     after, before = load(tmp_path / "offer" / "config.toml"), load(config_path)
     film, sigma = published["surface.convection_W_m2K"]
     assert after.surface.convection_W_m2K == pytest.approx(film, rel=1e-4)

@@ -28,7 +28,7 @@ def service(tmp_path: Path) -> Iterator[tuple[Daemon, str]]:
 
 
 @pytest.mark.system
-async def test_a_service_tells_all_and_then_nothing(service: tuple[Daemon, str]) -> None:
+async def test_a_service_sends_everything_and_then_nothing(service: tuple[Daemon, str]) -> None:
     daemon, endpoint = service
     async with observer.connect(endpoint) as client, asyncio.timeout(3 * PATIENCE_S):
         assert (client.machine, client.axis) == ("demo", "x")

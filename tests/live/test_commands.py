@@ -38,8 +38,12 @@ from tests.logs.recordings import CHANNELS, plan
 from tests.patience import eventually
 
 
-def _command(kind: str, told: list, *, asked_s: float | None = None, refused: str | None = None) -> Command:
-    return Command(kind, "anna@desk", time.monotonic() if asked_s is None else asked_s, told.append, refused)
+def _command(
+    kind: str, answers: list, *, asked_s: float | None = None, refused: str | None = None
+) -> Command:
+    return Command(
+        kind, "anna@desk", time.monotonic() if asked_s is None else asked_s, answers.append, refused
+    )
 
 
 async def _serve(service: Service, until) -> None:
@@ -63,7 +67,7 @@ async def test_a_replay_resets_where_the_live_run_was_reset(tmp_path):
     rng = np.random.default_rng(7)
     slow = [(0.1 * k, {"t1_degC": rng.normal(20, 1), "t2_degC": rng.normal(30, 1)}, {}) for k in range(600)]
     fast = [(0.02 * k, {"nut_position_m": rng.uniform(0.2, 0.8)}, {}) for k in range(3000)]
-    recorder, told = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5), []
+    recorder, answers = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5), []
     drivers = [FakeDriver(slow, "slow", lag_s=0.05), FakeDriver(fast, "fast")]
     service = _service(drivers, recorder, expected_s=(1.0, 1.0, 0.2))  # a busy machine's readings come late
     asked = [10, 11, 20]
@@ -71,11 +75,13 @@ async def test_a_replay_resets_where_the_live_run_was_reset(tmp_path):
     def until():
         if asked and len(service.publisher.estimates) >= asked[0]:
             asked.pop(0)
-            service.publisher.asked.append(_command("reset", told))
-        return len(told) == 3 and len(service.publisher.estimates) >= 25
+            service.publisher.asked.append(_command("reset", answers))
+        return len(answers) == 3 and len(service.publisher.estimates) >= 25
 
     await _serve(service, until)
-    assert [(outcome.done, outcome.text) for outcome in told] == [(True, "the estimator starts afresh")] * 3
+    assert [(outcome.done, outcome.text) for outcome in answers] == [
+        (True, "the estimator starts afresh")
+    ] * 3
     (path,) = tmp_path.glob("m-x-*.csv")
     assert path.read_text().count(",!reset=done by anna%40desk\n") == 3
     log = read_log(path, CHANNELS)
@@ -149,22 +155,22 @@ class _Loop:
 
 
 def test_the_answer_says_what_was_really_done():
-    loop, told = _Loop(), []
-    loop.step(_command("disarm", told))
-    loop.step(_command("arm", told), quality=2)
-    loop.step(_command("arm", told))
+    loop, answers = _Loop(), []
+    loop.step(_command("disarm", answers))
+    loop.step(_command("arm", answers), quality=2)
+    loop.step(_command("arm", answers))
     assert loop.document["armed"] is True
-    loop.step(_command("disarm", told))
+    loop.step(_command("disarm", answers))
     assert loop.document["armed"] is False
-    loop.step(_command("arm", told), error_um=300.0)
-    loop.step(_command("arm", told), _command("disarm", told))
-    loop.step(_command("arm", told))
-    loop.step(_command("reset", told))
+    loop.step(_command("arm", answers), error_um=300.0)
+    loop.step(_command("arm", answers), _command("disarm", answers))
+    loop.step(_command("arm", answers))
+    loop.step(_command("reset", answers))
     assert loop.document["armed"] is False
     assert loop.resets == 1
     loop.step()
     assert loop.document["reason"] == "the estimator was started afresh; arm again"
-    assert [(outcome.done, outcome.text) for outcome in told] == [
+    assert [(outcome.done, outcome.text) for outcome in answers] == [
         (True, "it was off already: not armed yet"),
         (False, "not armed: the estimate is degraded, so it cannot be armed"),
         (True, "armed"),
@@ -178,28 +184,28 @@ def test_the_answer_says_what_was_really_done():
 
 
 def test_a_command_that_waited_is_not_obeyed():
-    loop, told = _Loop(), []
-    loop.step(_command("arm", told, asked_s=time.monotonic() - 6.0))
+    loop, answers = _Loop(), []
+    loop.step(_command("arm", answers, asked_s=time.monotonic() - 6.0))
     loop.step()
     assert loop.document["armed"] is False
-    assert told == [Outcome(False, "not done: it waited for too long; ask again", told[0].time_s)]
+    assert answers == [Outcome(False, "not done: it waited for too long; ask again", answers[0].time_s)]
 
 
 def test_without_a_compensation_there_is_nothing_to_arm():
-    told = []
+    answers = []
     commands = Commands(0.5, lambda: None, [StepObserver()], NoRecorder().command)
-    commands.before_step([_command(kind, told) for kind in ("arm", "disarm", "acknowledge")], 1.0)
+    commands.before_step([_command(kind, answers) for kind in ("arm", "disarm", "acknowledge")], 1.0)
     commands.after_step(1.0)
-    assert [outcome.done for outcome in told] == [False, False, False]
-    assert "set enabled = true in [compensation]" in told[0].text
-    assert "set enabled = true in [alarms]" in told[2].text
+    assert [outcome.done for outcome in answers] == [False, False, False]
+    assert "set enabled = true in [compensation]" in answers[0].text
+    assert "set enabled = true in [alarms]" in answers[2].text
 
 
 def test_everything_asked_is_logged_and_recorded(tmp_path):
-    recorder, told = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5), []
+    recorder, answers = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5), []
     loop = _Loop(recorder=recorder)
     with structlog.testing.capture_logs() as logs:
-        loop.step(_command("arm", told), _command("reset", told, refused='a, b; c=\n"d"'))
+        loop.step(_command("arm", answers), _command("reset", answers, refused='a, b; c=\n"d"'))
     assert recorder.close(5.0)
     assert [(e["command"], e["done"], e["by"]) for e in logs] == [
         ("reset", False, "anna@desk"), ("arm", True, "anna@desk")
@@ -212,7 +218,7 @@ def test_everything_asked_is_logged_and_recorded(tmp_path):
     ]
     log = read_log(path, CHANNELS)
     assert not log.step.any()
-    assert len(told) == 1  # who was refused knows already
+    assert len(answers) == 1  # who was refused knows already
 
 
 async def test_a_foreign_message_disarms_and_shows_in_health():

@@ -149,12 +149,12 @@ async def test_readings_from_the_future_or_the_past_are_not_believed():
             deliver(Reading(math.nan, {"nut_position_m": 0.1}))
             await asyncio.Event().wait()
 
-    def told(health):
+    def is_rejected(health):
         channel = health["channels"]["t2_degC"]
         return (channel["quality"], channel["fault"]) == ("rejected", "time_backwards")
 
     service = replace(service, drivers=(Odd([]),))
-    await _serve(service, lambda: any(map(told, service.publisher.healths)))
+    await _serve(service, lambda: any(map(is_rejected, service.publisher.healths)))
     health = service.publisher.healths[-1]
     assert health["channels"]["t1_degC"]["fault"] is None
     assert _ticks(service)[0] < 1010
@@ -175,7 +175,7 @@ async def test_a_sensor_that_is_left_out_stands_at_its_channel():
     names = {"t1_degC": "t1", "t2_degC": "t2"}
     service = _service([driver], estimator=_LeavesOut(), sensors=names)
 
-    def told():
+    def excesses():
         return {
             n: c["excess"]
             for h in service.publisher.healths
@@ -183,8 +183,8 @@ async def test_a_sensor_that_is_left_out_stands_at_its_channel():
             if "excess" in c
         }
 
-    await _serve(service, told)
-    assert told() == {"t2_degC": {"value": 3.0, "sigma": 0.2, "unit": "K"}}
+    await _serve(service, excesses)
+    assert excesses() == {"t2_degC": {"value": 3.0, "sigma": 0.2, "unit": "K"}}
 
 
 async def test_health_on_change_and_every_five_seconds():
@@ -197,7 +197,7 @@ async def test_health_on_change_and_every_five_seconds():
     assert set(changes) == {"starting"}
 
 
-async def test_a_stepped_clock_is_told():
+async def test_a_stepped_clock_is_reported():
     clock = FastClock()
     service = _service(clock=clock, period_s=0.5)
     task = asyncio.ensure_future(serve(service))
@@ -211,7 +211,7 @@ async def test_a_stepped_clock_is_told():
     await asyncio.wait([task])
 
 
-async def test_an_unconnected_driver_is_told():
+async def test_an_unconnected_driver_is_reported():
     driver = FakeDriver([], status=DriverStatus(last_error="connection refused"))
     service = _service([driver], clock=FastClock())
     await _serve(service, lambda: service.publisher.healths)
@@ -266,7 +266,7 @@ async def test_a_reading_between_the_grid_point_and_its_late_tick_is_recorded_in
     assert all(block.innovation_K.all() for _, block in service.publisher.estimates)  # each used at once
 
 
-async def test_a_dead_recorder_is_told_and_the_watchdog_not_fed(tmp_path, monkeypatch):
+async def test_a_dead_recorder_is_reported_and_the_watchdog_not_fed(tmp_path, monkeypatch):
     def defect(*_):
         raise ZeroDivisionError("a defect")
 
@@ -284,7 +284,7 @@ async def test_a_dead_recorder_is_told_and_the_watchdog_not_fed(tmp_path, monkey
     await asyncio.wait([task])
 
 
-async def test_a_renewal_ends_the_parts_and_tells_where_they_stood():
+async def test_a_renewal_ends_the_parts_and_reports_their_state():
     renewals = Renewals()
     driver = FakeDriver([(0, {"t1_degC": 20.0, "t2_degC": 20.0}, {})])
     service = replace(_service([driver], clock=FastClock(), period_s=0.5), renewals=renewals)
@@ -321,11 +321,11 @@ async def test_a_departed_prediction_is_a_reason_and_estimates_stay_as_good_as_t
     readings = [(0.05 * k, dict.fromkeys(CHANNELS, 20.0 + 0.01 * k), {}) for k in range(400)]
     gap = _Departed()
     service = _service([FakeDriver(readings)], gap=gap)
-    told = "the model's prediction has departed from sensor t2"
+    reason = "the model's prediction has departed from sensor t2"
     await _serve(
         service,
         lambda: (
-            any(r.startswith(told) for h in service.publisher.healths for r in h["reasons"])
+            any(r.startswith(reason) for h in service.publisher.healths for r in h["reasons"])
             and any(block.quality[0] == EstimateQuality.GOOD for _, block in service.publisher.estimates)
         ),
     )

@@ -35,7 +35,7 @@ def test_a_configuration_that_was_read_is_due_once():
     assert renewals.due(0.0, 0.0) is None
 
 
-def test_a_configuration_that_is_refused_changes_nothing_and_is_told():
+def test_a_rejected_configuration_is_reported_and_changes_nothing():
     answers = [
         ConfigError("c.toml: screw.length_m: is missing; add it"),
         RuntimeError("a defect"),

@@ -86,7 +86,7 @@ def test_a_better_one_is_kept(config):
     assert service.trial.notices() == ()
 
 
-def test_a_worse_one_is_taken_back_and_told(config):
+def test_a_worse_configuration_is_reverted_and_reported(config):
     text = config.read_bytes()
     service = Running(config)
     _adopt(config, WORSE)
@@ -187,7 +187,7 @@ def test_an_adoption_that_was_refused_is_not_watched(config):
     assert service.trial.document()["watched_h"] == 0.0
 
 
-def test_a_folder_that_cannot_be_written_is_told(config, monkeypatch):
+def test_an_unwritable_folder_is_reported(config, monkeypatch):
     service = Running(config)
     _adopt(config, WORSE)
     service.trial.look()
@@ -196,10 +196,10 @@ def test_a_folder_that_cannot_be_written_is_told(config, monkeypatch):
         raise OSError(30, "Read-only file system")
 
     monkeypatch.setattr(adopting, "write_together", refuse)
-    told: list[str] = []
-    _catching(service, _ticks(TRUE), told)
-    assert "the gap has not shrunk, but it cannot be taken back" in told[-1]
-    assert "Read-only file system" in told[-1]
+    failures: list[str] = []
+    _catching(service, _ticks(TRUE), failures)
+    assert "the gap has not shrunk, but it cannot be taken back" in failures[-1]
+    assert "Read-only file system" in failures[-1]
 
 
 def test_a_better_one_stays_kept_where_that_cannot_be_written_down(config, monkeypatch):
@@ -245,14 +245,14 @@ def test_a_service_that_ends_does_not_overwrite_what_was_done_meanwhile(config):
     assert adoption_of(config).state == "undone"
 
 
-def _catching(service: Running, frames: Iterator[FrameBlock], told: list[str]) -> None:
+def _catching(service: Running, frames: Iterator[FrameBlock], failures: list[str]) -> None:
     look: Callable[[], None] = service.trial.look
 
     def quiet() -> None:
         try:
             look()
         except UserError as error:
-            told.append(str(error))
+            failures.append(str(error))
 
     service.trial.look = quiet
     service.see(frames)

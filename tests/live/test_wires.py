@@ -139,10 +139,10 @@ async def test_a_reading_that_is_late_keeps_its_time_and_one_far_too_late_is_a_f
 
     service = _service([Late([])], recorder=Recorder())
 
-    def told():
+    def faults_seen():
         return [health["channels"]["t1_degC"]["fault"] for health in service.publisher.healths]
 
-    await _serve(service, lambda: "time_backwards" in told())
+    await _serve(service, lambda: "time_backwards" in faults_seen())
     faults = [reading.faults for reading in Recorder.readings]
     assert faults == [{}, {}, {}, {"t1_degC": "time_backwards"}]
 

@@ -38,7 +38,7 @@ def test_only_a_rise_is_a_zero() -> None:
 
 def test_a_signal_is_lost_once_it_has_not_come_for_its_time() -> None:
     signal = ZeroSignal("homed", 1.5)
-    assert signal.lost(10.0) == "homed, which tells of a new zero, has no value"
+    assert signal.lost(10.0) == "homed, which reports a new zero, has no value"
     _heard(signal, 0.0)
     assert signal.lost(11.5) is None
     assert signal.lost(11.6) is not None
@@ -84,7 +84,7 @@ def test_a_rise_zeroes_and_is_recorded_as_a_command_and_silence_disarms(tmp_path
         silent = loop.step()
     assert silent["armed"]
     silent = loop.step()
-    assert silent["reason"] == "homed, which tells of a new zero, has no value; arm again"
+    assert silent["reason"] == "homed, which reports a new zero, has no value; arm again"
     loop.step(1.0, quality=2)
     assert loop.observer.notices() == (
         "compensation: homed@signal has set the machine to zero, but the estimate is degraded; "

@@ -66,7 +66,7 @@ def inputs(plant, steps=200, seed=0, dt_s=0.5, missing=0.1, nut_m=None, uneven=F
 
 
 def lively(plant, steps=24, nut_m=None):
-    """Known inputs that ramp, laws that are never 0, no jumps that are told; every step of full length."""
+    """Known inputs that ramp, laws that are never 0, no jumps given; every step of full length."""
     u = inputs(plant, steps=steps, missing=0.0, nut_m=nut_m)
     z = np.column_stack([AMBIENT_DEGC + 0.5 * np.arange(steps), 30.0 - 0.2 * np.arange(steps)])
     u = u._replace(degraded=np.zeros(steps, dtype=np.int8), z_start=z, z_end=z + np.array([0.4, -0.1]))

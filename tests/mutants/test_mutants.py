@@ -1,4 +1,4 @@
-"""The mutants that are told in the documents have reasons, and the machine that makes them works."""
+"""The mutants listed in the documents have reasons, and the generator of mutants works."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""What a user may have to know of the network, of all that stands in this environment."""
+"""The environment variables that a user may need to reach the network."""
 
 from __future__ import annotations
 
 import os
 
-_TOLD = (
+_PREFIXES = (
     "PIP_",
     "UV_",
     "HTTP_PROXY",
@@ -18,5 +18,5 @@ _TOLD = (
 
 
 def of_network() -> dict[str, str]:
-    """The variables that tell how the network is reached; everything else stays outside."""
-    return {name: value for name, value in os.environ.items() if name.startswith(_TOLD)}
+    """The variables that configure network access; nothing else is passed on."""
+    return {name: value for name, value in os.environ.items() if name.startswith(_PREFIXES)}

@@ -41,10 +41,10 @@ def test_without_a_compiler_a_build_fetches_one(
     build: ModuleType, install: Callable[[str], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(build, "build_meta", _Setuptools)
-    assert build.get_requires_for_build_wheel() == ["told by setup.py", "ziglang>=0.17"]
-    assert build.get_requires_for_build_editable() == ["told by setup.py", "ziglang>=0.17"]
+    assert build.get_requires_for_build_wheel() == ["asked by setup.py", "ziglang>=0.17"]
+    assert build.get_requires_for_build_editable() == ["asked by setup.py", "ziglang>=0.17"]
     install("clang")
-    assert build.get_requires_for_build_wheel() == ["told by setup.py"]
+    assert build.get_requires_for_build_wheel() == ["asked by setup.py"]
 
 
 class _Setuptools:
@@ -52,7 +52,7 @@ class _Setuptools:
 
     @staticmethod
     def get_requires_for_build_wheel(settings: object) -> list[str]:
-        return ["told by setup.py"]
+        return ["asked by setup.py"]
 
     get_requires_for_build_editable = get_requires_for_build_wheel
 

@@ -221,7 +221,7 @@ class TestBuiltImage:
         assert "observer.toml" in done.stderr
         assert "Traceback" not in done.stderr
 
-    def test_the_health_check_tells_a_living_service_from_a_dead_one(
+    def test_the_health_check_distinguishes_a_living_service_from_a_dead_one(
         self, machine: Machine, service: tuple[subprocess.Popen[bytes], str]
     ) -> None:
         process, endpoint = service

@@ -58,7 +58,7 @@ def test_li_lies_inside_its_screw_and_matches_its_table() -> None:
 
 
 @pytest.mark.parametrize("name", ["li-network.toml", "yu-dual-drive.toml"])
-def test_the_sensors_of_a_network_tell_its_heats(name: str) -> None:
+def test_the_heats_of_a_network_are_observable(name: str) -> None:
     found = findings(installation.load(ROOT / "config" / name))
     assert all(gain is not None and gain < 20.0 for gain in found["noise_gain_W_K"].values())
     assert not any("do not serve" in w or "the step is not exact" in w for w in found["warnings"])

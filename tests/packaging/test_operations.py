@@ -1,6 +1,6 @@
 """docs/operations.md from the box to a running service, line by line, as an ordinary user beside a systemd.
 
-The lines are read from the page. What needs the network of this computer is told: Debian's packages and pip.
+The lines are read from the page. Debian's packages and pip get the network settings of this computer.
 The thermocouple module is a Modbus server in the box.
 """
 
@@ -75,7 +75,7 @@ def _property(computer: Box, name: str) -> str:
 
 
 def _gives_estimates(computer: Box) -> None:
-    """Wait until the service is up, as the page says it tells."""
+    """Wait until the service is up, as the page describes."""
 
     def is_good() -> bool:
         assert _property(computer, "ActiveState") != "failed", computer.does(
@@ -112,12 +112,12 @@ def _install_the_program(computer: Box) -> None:
 
 
 def _packages_MB(computer: Box) -> int:
-    told = computer.does(
+    size = computer.does(
         "cd /opt/pipx/venvs/*/lib/python3*/site-packages && "
         "du -sm --exclude='pip*' --exclude='setuptools*' --exclude=pkg_resources ."
     )
-    print(f"\nthe daemon's packages by pipx: {told.split()[0]} MB")
-    return int(told.split()[0])
+    print(f"\nthe daemon's packages by pipx: {size.split()[0]} MB")
+    return int(size.split()[0])
 
 
 def _configure(computer: Box) -> None:
@@ -150,7 +150,7 @@ def _install_the_service(computer: Box) -> None:
 
 
 def _live(computer: Box) -> None:
-    """Killed, it comes back; stopped for what a person has to mend, it stays so until that is mended."""
+    """If killed, it restarts; stopped by a problem that a person has to fix, it stays stopped until then."""
     before = _property(computer, "MainPID")
     computer.does("sudo systemctl kill --signal=KILL --kill-whom=main ballscrew-observer")
     until(lambda: _property(computer, "MainPID") not in {before, "0"})

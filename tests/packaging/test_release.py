@@ -104,7 +104,7 @@ def test_a_template_asks_for_commands_that_there_are(template: Path) -> None:
 
 
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/mutants.md", ".github/pull_request_template.md"])
-def test_the_targets_that_are_told_exist(page: str) -> None:
-    told = set(re.findall(r"(?:^|`)make ([a-z][\w-]*)", (ROOT / page).read_text(), flags=re.M))
-    assert told
-    assert told <= TARGETS
+def test_the_targets_named_on_a_page_exist(page: str) -> None:
+    named = set(re.findall(r"(?:^|`)make ([a-z][\w-]*)", (ROOT / page).read_text(), flags=re.M))
+    assert named
+    assert named <= TARGETS

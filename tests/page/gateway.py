@@ -48,7 +48,7 @@ DOCUMENTS: dict[str, Any] = {
     "learned": {**HEAD, "parameters": {"surface.convection_W_m2K": {"value": 15.217, "sigma": 0.42}}},
     "alarms": {"time_s": NOW_S, "instance": "i", "alarms": [
         {"id": "sensor.t3.open_circuit", "kind": "open_circuit", "target": "t3", "severity": "major",
-         "state": "unacknowledged", "since_s": NOW_S - 60, "reason": NASTY, "remedy": "mend the cable",
+         "state": "unacknowledged", "since_s": NOW_S - 60, "reason": NASTY, "remedy": "fix the cable",
          "evidence": None},
     ], "bands": {"nut": {"known": True, "running_h": 30.0, "ratio": 1.12, "sigma": 0.04,
                          "learning": None, "trend_per_day": 0.01},
@@ -120,20 +120,20 @@ def gateway(
         process.stderr.close()
 
 
-def tell(process: subprocess.Popen[bytes], key: str, document: Mapping[str, Any]) -> None:
-    """Tell a running gateway a document."""
+def send(process: subprocess.Popen[bytes], key: str, document: Mapping[str, Any]) -> None:
+    """Send a document to a running gateway."""
     assert process.stdin is not None
     process.stdin.write(framed(key, json.dumps(document).encode()))
     process.stdin.flush()
 
 
-def tell_all(process: subprocess.Popen[bytes], documents: Mapping[str, Any], estimate: bytes) -> None:
-    """Tell a running gateway of another machine."""
+def send_all(process: subprocess.Popen[bytes], documents: Mapping[str, Any], estimate: bytes) -> None:
+    """Send all documents of another machine to a running gateway."""
     assert process.stdin is not None
     process.stdin.write(framed("estimate", estimate))
     process.stdin.flush()
     for key, document in documents.items():
-        tell(process, key, document)
+        send(process, key, document)
 
 
 LONG = "a_very_long_name_on_the_motor_side_with_its_housing"

@@ -142,11 +142,11 @@ async def test_reports_are_listed_with_what_they_change(page, tmp_path):
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "result.json").write_text("{", encoding="utf-8")
     client, _ = page(config_file=force)
-    told = {r["name"]: r for r in (await client.get("/reports.json")).json()["reports"]}
-    assert told["broken"]["verdict"] == "not readable"
-    assert told["monday"]["effects"] == ["radiation"]
-    assert "+convection_W_m2K = 18.0" in told["monday"]["diff"]
-    assert told["monday"]["command"] == f"observer adopt {found} --config {force}"
+    sent = {r["name"]: r for r in (await client.get("/reports.json")).json()["reports"]}
+    assert sent["broken"]["verdict"] == "not readable"
+    assert sent["monday"]["effects"] == ["radiation"]
+    assert "+convection_W_m2K = 18.0" in sent["monday"]["diff"]
+    assert sent["monday"]["command"] == f"observer adopt {found} --config {force}"
     report = await client.get("/reports/monday/report.html")
     assert "sandbox" in report.headers["content-security-policy"]
     assert "script-src" not in report.headers["content-security-policy"]
@@ -175,20 +175,20 @@ async def test_a_viewer_who_is_behind_gets_the_newest_of_each_kind():
     await viewer.aclose()
 
 
-def test_no_kind_is_told_more_than_ten_times_a_second():
+def test_no_kind_is_sent_more_than_ten_times_a_second():
     now = [0.0]
     stream = Stream(Latest(0.01), _start(0.01), clock=lambda: now[0])
-    told = []
-    stream.tell = lambda key, data: told.append(key)
+    sent = []
+    stream.send = lambda key, data: sent.append(key)
     for _ in range(1000):
         now[0] += 0.01
         stream.take("heat", b"{}")
         stream.take("health", b"{}")
-    assert 90 <= told.count("heat") <= 112
-    assert told.count("health") == 1000
+    assert 90 <= sent.count("heat") <= 112
+    assert sent.count("health") == 1000
 
 
-def test_what_is_no_estimate_is_left_out_and_the_last_hour_is_kept():
+def test_invalid_estimates_are_left_out_and_the_last_hour_is_kept():
     stream = Stream(Latest(0.5), _start(0.5), clock=lambda: float(np.random.default_rng().uniform()))
     stream.take("estimate", b"\xff")
     for k in range(2000):
@@ -210,22 +210,22 @@ def test_the_last_innovation_stays_with_its_age_and_is_late_when_the_next_one_is
     for sequence in range(5):  # a reading every second, a step every half
         innovations.take(_estimate(sequence, math.nan if sequence % 2 else 0.1 * sequence))
     at_s = [innovations.document(time_s)["t1"] for time_s in (2.0, 2.5, 3.0, 4.0)]
-    assert {told["value"] for told in at_s} == {0.4}
-    assert {told["sequence"] for told in at_s} == {4}
-    assert [told["age_s"] for told in at_s] == [0.0, 0.5, 1.0, 2.0]
-    assert [told["late"] for told in at_s] == [False, False, False, True]
+    assert {kept["value"] for kept in at_s} == {0.4}
+    assert {kept["sequence"] for kept in at_s} == {4}
+    assert [kept["age_s"] for kept in at_s] == [0.0, 0.5, 1.0, 2.0]
+    assert [kept["late"] for kept in at_s] == [False, False, False, True]
     innovations.take(_estimate(5, math.nan, instance="another"))
     assert innovations.document(2.5) == {}
 
 
-def test_no_innovation_is_lost_between_the_steps_that_are_told():
-    now, told = [0.0], []
+def test_no_innovation_is_lost_between_the_steps_sent():
+    now, sent = [0.0], []
     stream = Stream(Latest(0.05), _start(0.05), clock=lambda: now[0])
-    stream.tell = lambda key, data: told.append(json.loads(data.split(b"data: ")[1]))
+    stream.send = lambda key, data: sent.append(json.loads(data.split(b"data: ")[1]))
     for sequence in range(100):
         now[0] += 0.05
         values = {"innovation_K": math.nan if sequence % 20 != 1 else 1.0}
         stream.take("estimate", cbor2.dumps(_estimate(sequence, values["innovation_K"])))
-    assert len(told) <= 51
-    assert {t["sequence"] % 20 for t in told if t["innovations"]}.isdisjoint({1})  # it has no reading itself
-    assert all(t["innovations"]["t1"]["value"] == 1.0 for t in told[1:])
+    assert len(sent) <= 51
+    assert {t["sequence"] % 20 for t in sent if t["innovations"]}.isdisjoint({1})  # it has no reading itself
+    assert all(t["innovations"]["t1"]["value"] == 1.0 for t in sent[1:])

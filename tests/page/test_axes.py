@@ -44,7 +44,7 @@ def test_without_a_heartbeat_an_axis_is_stale_whatever_it_said():
 
 
 @pytest.mark.parametrize("said", [b"[]", b"7", b"{", b'{"alarms": [1]}', b'{"alarms": [{}]}'])
-def test_an_axis_that_says_what_is_none_is_told_of_by_its_last_word(said):
+def test_an_axis_with_invalid_messages_is_shown_by_its_last_valid_one(said):
     axis = Neighbour(NOBODY, login=True)
     axis._take("hello", b'{"machine": "mill", "axis": "z", "login": false}')
     axis._take("alarms", said)

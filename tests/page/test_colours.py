@@ -1,4 +1,4 @@
-"""The page's colours, computed: contrast after WCAG 2.2, and curves that the colour-blind tell apart."""
+"""The page's colours, computed: contrast after WCAG 2.2, and curves that the colour-blind can tell apart."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_text_can_be_read(theme):
 
 @pytest.mark.parametrize("theme", [LIGHT, DARK])
 @pytest.mark.parametrize("blind", BLIND)
-def test_curves_are_seen_and_told_apart(theme, blind):
+def test_curves_are_visible_and_distinguishable(theme, blind):
     colours = THEMES[theme]
     curves = [colours[f"c{i}"] for i in range(7)]
     assert min(_contrast(curve, colours["panel"]) for curve in curves) >= LEAST_CURVE

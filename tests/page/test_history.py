@@ -1,4 +1,4 @@
-"""What is told of recordings: which there are, and the least and the most of each part of a span."""
+"""The page's view of recordings: which there are, and the minimum and maximum of each part of a span."""
 
 from __future__ import annotations
 
@@ -50,24 +50,24 @@ def test_a_recording_has_its_first_and_last_time(folder):
 @pytest.mark.parametrize("block", [1 << 12, 1 << 16, 4 << 20])
 def test_each_part_has_the_least_and_the_most_of_its_readings(folder, monkeypatch, block):
     monkeypatch.setattr(subject, "_BLOCK_BYTES", block)
-    told = history(recordings(folder, "lathe-z"), START_S, START_S + 100.0, 50)
+    document = history(recordings(folder, "lathe-z"), START_S, START_S + 100.0, 50)
     time_s = 1000.0 + np.arange(SECONDS * RATE_HZ) / RATE_HZ
     part = np.floor((time_s - START_S) / 2.0)
     for k in range(50):
         position = np.sin(time_s[part == k])
-        assert told["channels"]["nut_position_m"]["least"][k] == pytest.approx(position.min(), abs=1e-6)
-        assert told["channels"]["nut_position_m"]["most"][k] == pytest.approx(position.max(), abs=1e-6)
-        assert told["channels"]["nut_position_m"]["mean"][k] == pytest.approx(position.mean(), abs=1e-6)
-        assert told["channels"]["t1_degC"]["mean"][k] == 220.5 + 2 * k
-        assert told["channels"]["t1_degC"]["least"][k] == 220.0 + 2 * k
-        assert told["channels"]["t1_degC"]["most"][k] == 221.0 + 2 * k
-    assert told["time_s"][0] == START_S + 1.0
+        assert document["channels"]["nut_position_m"]["least"][k] == pytest.approx(position.min(), abs=1e-6)
+        assert document["channels"]["nut_position_m"]["most"][k] == pytest.approx(position.max(), abs=1e-6)
+        assert document["channels"]["nut_position_m"]["mean"][k] == pytest.approx(position.mean(), abs=1e-6)
+        assert document["channels"]["t1_degC"]["mean"][k] == 220.5 + 2 * k
+        assert document["channels"]["t1_degC"]["least"][k] == 220.0 + 2 * k
+        assert document["channels"]["t1_degC"]["most"][k] == 221.0 + 2 * k
+    assert document["time_s"][0] == START_S + 1.0
 
 
-def test_where_nothing_was_recorded_nothing_is_told(folder):
-    told = history(recordings(folder, "lathe-z"), 1590.0, 1610.0, 20)
-    assert told["channels"]["t1_degC"]["least"][9] == 619.0
-    assert told["channels"]["t1_degC"]["least"][10:] == [None] * 10
+def test_spans_without_recordings_are_empty(folder):
+    document = history(recordings(folder, "lathe-z"), 1590.0, 1610.0, 20)
+    assert document["channels"]["t1_degC"]["least"][9] == 619.0
+    assert document["channels"]["t1_degC"]["least"][10:] == [None] * 10
     assert history(recordings(folder, "lathe-z"), 1e6, 2e6, 10)["channels"] == {}
 
 
@@ -88,7 +88,7 @@ MOST_GATEWAY_kB = 150_000  # its budget
 
 @pytest.fixture(scope="module")
 def day(tmp_path_factory):
-    """A day and a half at 0.5 Hz in two files: each temperature tells its own time, the position swings."""
+    """A day and a half at 0.5 Hz in two files: each temperature encodes its own time, the position swings."""
     path = tmp_path_factory.mktemp("days")
     for number, begin in enumerate((0, DAY_S)):
         time_s = 1000.0 + np.arange(begin, begin + DAY_S // (1 + number), 2)
@@ -100,25 +100,25 @@ def day(tmp_path_factory):
 
 def _whole(files, from_s: float, to_s: float, points: int, digests: Digests) -> dict[str, Any]:
     """Asked for until all is read."""
-    while (told := history(files, from_s, to_s, points, digests))["read"] < 1.0:
+    while (document := history(files, from_s, to_s, points, digests))["read"] < 1.0:
         pass
-    return told
+    return document
 
 
 @pytest.mark.parametrize("points", [2000, 400, 60])  # from the file itself, and from bins of both widths
-def test_days_are_told_from_bins_as_from_the_file(day, points):
+def test_bins_of_days_agree_with_the_file(day, points):
     files, (from_s, to_s) = recordings(day, "lathe-z"), (1000.0, 1000.0 + 1.5 * DAY_S)
-    told = _whole(files, from_s, to_s, points, Digests())
+    document = _whole(files, from_s, to_s, points, Digests())
     exact = history(files, from_s, to_s, points)
     bin_s = COARSE_S if points == 60 else FINE_S
     for end in ("least", "mean", "most"):
-        ours, theirs = (np.array(t["channels"]["t1_degC"][end]) for t in (told, exact))
+        ours, theirs = (np.array(t["channels"]["t1_degC"][end]) for t in (document, exact))
         # a bin belongs to the part in which its middle is
         assert np.abs(ours - theirs).max() <= (bin_s / 2 + 2) / 1000
-    assert set(told["channels"]["nut_position_m"]["most"]) == {6.0}
+    assert set(document["channels"]["nut_position_m"]["most"]) == {6.0}
 
 
-def test_what_takes_too_long_is_told_bit_by_bit(day, monkeypatch):
+def test_a_long_history_arrives_bit_by_bit(day, monkeypatch):
     monkeypatch.setattr(subject, "_BLOCK_BYTES", 1 << 14)
     files, digests, now = recordings(day, "lathe-z"), Digests(), [0.0]
 
@@ -128,9 +128,9 @@ def test_what_takes_too_long_is_told_bit_by_bit(day, monkeypatch):
 
     shares, known = [], []
     while not shares or shares[-1] < 1.0:
-        told = history(files, 1000.0, 1000.0 + 1.5 * DAY_S, 60, digests, clock)
-        shares.append(told["read"])
-        known.append(sum(x is not None for x in told["channels"]["t1_degC"]["least"]))
+        document = history(files, 1000.0, 1000.0 + 1.5 * DAY_S, 60, digests, clock)
+        shares.append(document["read"])
+        known.append(sum(x is not None for x in document["channels"]["t1_degC"]["least"]))
     assert len(shares) > 10
     assert shares == sorted(shares)
     assert known == sorted(known)
@@ -147,20 +147,20 @@ def test_a_file_that_grows_is_read_on_and_one_that_is_new_from_its_beginning(day
     assert end == file.stat().st_size
     with file.open("a", encoding="utf-8") as more:
         more.write("88000.0,999.0,0,,,\n88001.0,10")  # the second row is being written
-    told = _whole(recordings(tmp_path, "lathe-z"), *span, digests)
-    assert max(x for x in told["channels"]["t1_degC"]["most"] if x is not None) == 999.0
+    document = _whole(recordings(tmp_path, "lathe-z"), *span, digests)
+    assert max(x for x in document["channels"]["t1_degC"]["most"] if x is not None) == 999.0
     assert digests.of(file, COARSE_S).end == end + len("88000.0,999.0,0,,,\n")
     file.write_text("time_s,t1_degC,step,late_s,flags\n1000.0,20.0,,,\n", encoding="utf-8")
-    told = _whole(recordings(tmp_path, "lathe-z"), *span, digests)
-    assert told["channels"]["t1_degC"]["most"][:2] == [20.0, None]
+    document = _whole(recordings(tmp_path, "lathe-z"), *span, digests)
+    assert document["channels"]["t1_degC"]["most"][:2] == [20.0, None]
 
 
 def test_bins_are_given_up_for_those_that_are_wanted(day):
     files, digests = recordings(day, "lathe-z"), Digests(most_bytes=1)
     for file in files:
         begin_s = file.from_s + 100.0  # the other file has ended by then
-        told = _whole(files, begin_s, begin_s + 20_000.0, 500, digests)
-        assert None not in told["channels"]["t1_degC"]["least"]
+        document = _whole(files, begin_s, begin_s + 20_000.0, 500, digests)
+        assert None not in document["channels"]["t1_degC"]["least"]
     assert [digests.of(file.path, FINE_S).size > 0 for file in files] == [False, True]
     assert _whole(files, 1000.0, 21_000.0, 500, digests)["channels"]["t1_degC"]["most"][0] < 1.05
 

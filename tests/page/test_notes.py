@@ -12,8 +12,8 @@ from observer.page.notes import MOST_TEXT, Notes
 def test_a_note_is_there_after_a_restart_in_the_order_of_its_time(tmp_path):
     Notes(tmp_path, "lathe-z").add("200.5", "new  grease\n", "anna")
     Notes(tmp_path, "lathe-z").add("100", '=cmd|"<b>"', "ben")
-    told = Notes(tmp_path, "lathe-z").listed()
-    assert told == [
+    notes_found = Notes(tmp_path, "lathe-z").listed()
+    assert notes_found == [
         {"time_s": 100.0, "text": '=cmd|"<b>"', "by": "ben"},
         {"time_s": 200.5, "text": "new grease", "by": "anna"},
     ]

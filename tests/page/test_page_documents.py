@@ -13,7 +13,7 @@ import pytest
 
 from observer.page.guard import COOKIE
 from tests.page.browser import CHROMIUM, SIZES, chromium
-from tests.page.gateway import DOCUMENTS, NASTY, crowd, crowd_estimate, estimate, gateway, tell, tell_all
+from tests.page.gateway import DOCUMENTS, NASTY, crowd, crowd_estimate, estimate, gateway, send, send_all
 from tests.publish.people import Authority, secret
 
 pytestmark = [
@@ -69,7 +69,7 @@ def anna(browser, sealed):
 def crowded(anna, sealed):
     """A page of a machine with much to say."""
     url, _, process = sealed
-    tell_all(process, crowd(), crowd_estimate())
+    send_all(process, crowd(), crowd_estimate())
     with closing(anna.new_page()) as page:
         page.goto(url)
         page.wait_for_function("() => document.querySelectorAll('[data-alarm]').length === 3")
@@ -107,7 +107,7 @@ def test_who_does_not_trust_it_and_who_speaks_plainly_gets_nothing(sealed):
 
 def test_documents_are_shown_and_never_run(anna, sealed):
     url, _, process = sealed
-    tell_all(process, DOCUMENTS, estimate(7))
+    send_all(process, DOCUMENTS, estimate(7))
     with closing(anna.new_page()) as page:
         problems = []
         page.on("console", lambda m: problems.append(m.text) if m.type in {"error", "warning"} else None)
@@ -136,7 +136,7 @@ def test_documents_are_shown_and_never_run(anna, sealed):
             "acknowledge": "sensor.t3.open_circuit",
             "by": "anna",
         }
-        tell(process, "alarms", {**DOCUMENTS["alarms"], "alarms": []})
+        send(process, "alarms", {**DOCUMENTS["alarms"], "alarms": []})
         page.wait_for_selector("#alarms .calm")
         assert problems == []
 
@@ -207,7 +207,7 @@ def test_nothing_moves_where_that_is_not_wanted(crowded):
 
 def test_a_browser_shows_the_page_over_it(browser, sealed):
     url, _, process = sealed
-    tell_all(process, DOCUMENTS, estimate(7))
+    send_all(process, DOCUMENTS, estimate(7))
     with closing(browser.new_page(ignore_https_errors=True)) as page:
         page.goto(url)
         # what is right came by the stream of events

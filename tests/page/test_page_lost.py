@@ -7,7 +7,7 @@ from contextlib import closing, contextmanager
 import pytest
 
 from tests.page.browser import CHROMIUM, chromium
-from tests.page.gateway import DOCUMENTS, HEAD, estimate, gateway, tell, tell_all
+from tests.page.gateway import DOCUMENTS, HEAD, estimate, gateway, send, send_all
 
 pytestmark = [
     pytest.mark.system,
@@ -53,12 +53,12 @@ def _page(browser, **more):
 )
 def test_a_sensor_that_fell_out_is_crossed_out_on_the_screw(browser, quality, word):
     with _page(browser) as (page, process):
-        tell(process, "readings", _readings("good", 0.0))
-        tell_all(process, {}, estimate(8).replace(b"gmissing", b"dgood"))
+        send(process, "readings", _readings("good", 0.0))
+        send_all(process, {}, estimate(8).replace(b"gmissing", b"dgood"))
         page.wait_for_function("() => written.some(([text]) => text === 't3 36.0')")
         assert "now 25.0 to 27.0 °C, nut at 400 mm" in page.get_attribute("#screw", "aria-label")
         page.wait_for_timeout(200)  # of what comes faster than ten times a second the page leaves some out
-        tell(process, "readings", _readings(quality, 660.0))
+        send(process, "readings", _readings(quality, 660.0))
         page.wait_for_function(
             "() => document.getElementById('screw')"
             f".ariaLabel.endsWith('nut at – mm; crossed out: t3 {word}')"
@@ -110,7 +110,7 @@ def test_a_forecast_is_promised_where_one_comes(browser, forecast_s, said):
 
 def test_of_a_service_that_is_gone_nothing_runs_on(browser):
     with _page(browser) as (page, process):
-        tell(process, "health", {**DOCUMENTS["health"], "state": "stale"})
+        send(process, "health", {**DOCUMENTS["health"], "state": "stale"})
         page.wait_for_function("() => document.getElementById('words').textContent.includes('runs alone')")
         # two periods of 60 s of this service later
         page.evaluate(

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tests.page.browser import CHROMIUM, SIZES, chromium
-from tests.page.gateway import DOCUMENTS, HEAD, NOW_S, PLACES_M, estimate, gateway, tell, tell_all
+from tests.page.gateway import DOCUMENTS, HEAD, NOW_S, PLACES_M, estimate, gateway, send, send_all
 from tests.patience import PATIENCE_S
 
 pytestmark = [
@@ -92,7 +92,7 @@ def opened(browser, served):
         page.wait_for_selector("tr[data-sensor=t3]")
         page.wait_for_selector("#c-heats canvas")
         page.wait_for_timeout(200)  # of what comes faster than ten times a second the page leaves some out
-        tell(process, "readings", GOOD)
+        send(process, "readings", GOOD)
         reading = "() => document.querySelector('[data-field=reading]')?.textContent === '36.00 °C'"
         page.wait_for_function(reading)
         return page
@@ -132,7 +132,7 @@ def test_the_first_look_says_verdict_alarm_and_errors_with_their_bounds(opened):
     assert _words(page, "#f-here") == "16.0 µm ± 1.0, bound 5.0 µm"
     assert _words(page, "#f-error") == "20.0 µm at 500 mm, ± 1.0, bound 5.0 µm"
     assert page.inner_text("#f-error-name") == "largest error within the stroke"
-    assert "mend the cable" in page.inner_text("#hero-alarm")
+    assert "fix the cable" in page.inner_text("#hero-alarm")
 
 
 def test_an_acknowledged_alarm_is_quiet_and_one_that_comes_back_is_new(opened, served):
@@ -144,18 +144,18 @@ def test_an_acknowledged_alarm_is_quiet_and_one_that_comes_back_is_new(opened, s
         said = json.loads(process.stdout.readline())
         assert said == {"acknowledge": "sensor.t3.open_circuit", "by": "page"}
         other = {**alarm, "id": "b", "severity": "minor", "reason": "another"}
-        tell(
+        send(
             process, "alarms", {**DOCUMENTS["alarms"], "alarms": [{**alarm, "state": "acknowledged"}, other]}
         )
         page.wait_for_function("() => document.querySelector('#hero-alarm b').textContent === 'another'")
-        tell(process, "alarms", {**DOCUMENTS["alarms"], "alarms": [{**alarm, "state": "acknowledged"}]})
+        send(process, "alarms", {**DOCUMENTS["alarms"], "alarms": [{**alarm, "state": "acknowledged"}]})
         page.wait_for_selector("#hero-alarm [data-state=acknowledged]")
         assert page.locator("#hero-alarm button").count() == 0
         assert page.is_visible("#hero-alarm b")
-        tell(process, "alarms", {**DOCUMENTS["alarms"], "alarms": []})
+        send(process, "alarms", {**DOCUMENTS["alarms"], "alarms": []})
         page.wait_for_selector("#hero-alarm", state="hidden")
     finally:
-        tell(process, "alarms", DOCUMENTS["alarms"])
+        send(process, "alarms", DOCUMENTS["alarms"])
     page.wait_for_selector("#hero-alarm button")
 
 
@@ -254,7 +254,7 @@ def test_what_is_saved_is_what_there_is(opened):
     assert [float(row["error_um"]) for row in along] == ERROR["error_um"]
     assert [float(row["position_mm"]) for row in along] == [1000 * x for x in PLACES_M]
     (alarm,) = _table(_saved(page, "p5", "CSV"))
-    assert alarm["remedy"] == "mend the cable"
+    assert alarm["remedy"] == "fix the cable"
     (sensor,) = _table(_saved(page, "p4", "CSV"))
     assert (sensor["sensor"], sensor["reading"]) == ("t3", "36")
     ahead = _table(_saved(page, "p6", "CSV"))
@@ -277,7 +277,7 @@ def test_a_sensor_is_crossed_out_in_words_where_it_sits(opened, served):
     )
     _, process = served
     excluded = estimate(8).replace(b"gmissing", b"hexcluded")
-    tell_all(process, {}, excluded)
+    send_all(process, {}, excluded)
     page.wait_for_function(
         "() => document.getElementById('crossed').innerText === 'Crossed out: t3 excluded.'"
     )

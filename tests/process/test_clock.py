@@ -20,7 +20,7 @@ def test_every_time_is_later_than_the_one_before(steps):
     assert all(b > a for a, b in pairwise(times))
 
 
-def test_a_step_of_the_computers_clock_is_told_and_not_followed():
+def test_a_step_of_the_computers_clock_is_reported_and_not_followed():
     wall, mono = [1.8e9], [50.0]
     clock = ServiceClock(lambda: wall[0], lambda: mono[0])
     mono[0] += 10

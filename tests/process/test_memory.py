@@ -8,19 +8,19 @@ import sys
 import pytest
 
 from observer.tables.gateway import Metrics, Opcua, Page
-from tests.gateway.telling import told_gateway
+from tests.gateway.feeding import fed_gateway
 from tests.publish.router import free_port
 from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for
 
 pytestmark = pytest.mark.system
-TELLING = r"""
+REPORTING = r"""
 import os, sys, threading, time
-def tell():
+def report():
     while True:
         names = " ".join(name for name, module in list(sys.modules.items()) if module)
         os.write(2, f"\nloaded: {names}\n".encode())  # in one piece: the log writes beside it
         time.sleep(0.1)
-threading.Thread(target=tell, daemon=True).start()
+threading.Thread(target=report, daemon=True).start()
 from observer.cli import main
 main()
 """
@@ -52,7 +52,7 @@ def test_a_daemon_at_work_has_loaded_only_what_it_needs(tmp_path):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with machine() as plant:
         table = table_for(plant.wires, mode="router", listen=[endpoint])
-        with Daemon(tmp_path, table, ("-c", TELLING)) as daemon, Subscriber(endpoint) as seen:
+        with Daemon(tmp_path, table, ("-c", REPORTING)) as daemon, Subscriber(endpoint) as seen:
             seen.wait_until_good()
             loaded = _loaded(daemon.said())
     assert {"numpy", "pymodbus", "can", "zenoh"} <= loaded
@@ -63,8 +63,8 @@ def test_a_gateway_has_loaded_only_what_it_needs(monkeypatch, capfd):
     monkeypatch.setenv("PYTHONPROFILEIMPORTTIME", "1")
     page, metrics, opcua = (f"127.0.0.1:{free_port()}" for _ in range(3))
     outlets = {"page": Page(listen=page), "metrics": Metrics(listen=metrics)}
-    with told_gateway(opcua=Opcua(listen=f"opc.tcp://{opcua}"), **outlets) as teller:
-        assert [teller.said()["reason"] for _ in range(3)] == [None] * 3
+    with fed_gateway(opcua=Opcua(listen=f"opc.tcp://{opcua}"), **outlets) as feed:
+        assert [feed.said()["reason"] for _ in range(3)] == [None] * 3
     lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("import time:")]
     loaded = {line.rpartition("|")[2].strip() for line in lines}
     assert {"numpy", "starlette.applications", "prometheus_client", "asyncua.ua"} <= loaded

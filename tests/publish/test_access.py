@@ -35,7 +35,7 @@ def _users(folder: Path) -> dict:
 def _obey(made) -> list[str]:
     obeyed = [c for c in made.commands() if c.refused is None]
     for one in obeyed:
-        one.answer(Outcome(True, "as told", 1.0))
+        one.answer(Outcome(True, "as asked", 1.0))
     return [one.kind for one in obeyed]
 
 

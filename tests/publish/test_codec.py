@@ -222,7 +222,7 @@ def test_one_estimate_is_no_list_of_them():
         decode_estimates(ONE)
 
 
-def test_the_configuration_is_told_without_who_may_connect():
+def test_the_configuration_is_published_without_credentials():
     table = tomllib.loads(DEMO.read_text())
     table["publish"] = {
         "listen": ["tls/127.0.0.1:7447"],
@@ -233,12 +233,12 @@ def test_the_configuration_is_told_without_who_may_connect():
     channel = {"register": 7, "type": "int16", "scale": 0.1}
     table["drivers"]["amp"] = {"kind": "modbus_tcp", "host": "amp", "channels": {"spindle_degC": channel}}
     config = installation.parse(table, "here")
-    told = json.loads(config_json(config, "ab12cd34"))
-    assert (told["hash"], told["instance"]) == (config.digest, "ab12cd34")
-    assert {"listen", "connect"} <= told["config"]["publish"].keys()
-    assert not {"login", "tls", "access"} & told["config"]["publish"].keys()
+    document = json.loads(config_json(config, "ab12cd34"))
+    assert (document["hash"], document["instance"]) == (config.digest, "ab12cd34")
+    assert {"listen", "connect"} <= document["config"]["publish"].keys()
+    assert not {"login", "tls", "access"} & document["config"]["publish"].keys()
     # with its keys as a file has them
-    channel = told["config"]["drivers"]["amp"]["channels"]["spindle_degC"]
+    channel = document["config"]["drivers"]["amp"]["channels"]["spindle_degC"]
     assert channel["register"] == 7
     assert "register_" not in channel
 

@@ -28,18 +28,18 @@ def _asked(made, opened, selector):
             for command in made.commands():
                 taken.append(command)
                 if command.refused is None:
-                    command.answer(Outcome(True, "as told", 12.5))
+                    command.answer(Outcome(True, "as asked", 12.5))
         return answer.result(), taken
 
 
 @pytest.mark.system
-def test_a_command_is_handed_over_and_its_outcome_told():
+def test_a_command_is_handed_over_and_its_outcome_reported():
     with published() as (made, endpoint), session(endpoint) as opened:
         for kind in ("arm", "disarm", "reset"):
             (answer,), (command,) = _asked(made, opened, f"{PREFIX}/command/{kind}?{HASH};by=anna@desk")
             assert (command.kind, command.by, command.refused) == (kind, "anna@desk", None)
             assert json.loads(answer) == {
-                "command": kind, "done": True, "text": "as told", "time_s": 12.5, "instance": "0a0a0a0a"
+                "command": kind, "done": True, "text": "as asked", "time_s": 12.5, "instance": "0a0a0a0a"
             }  # fmt: skip
 
 
@@ -120,7 +120,7 @@ def test_an_answer_of_any_bytes_is_an_object_or_a_sentence(data):
 
 
 class _Liar:
-    """A queryable on every key of the axis that answers with what it is told to."""
+    """A queryable on every key of the axis that gives a fixed answer."""
 
     def __init__(self, endpoint: str, data: bytes) -> None:
         self._session = zenoh.open(session_config("router", (), (endpoint,)))
@@ -182,7 +182,7 @@ def test_a_service_that_has_estimated_nothing_gives_no_estimates(state, quality,
 
 
 @pytest.mark.system
-def test_who_asks_for_an_axis_that_is_not_there_is_told_which_is():
+def test_a_request_for_a_missing_axis_names_those_that_exist():
     with published() as (made, endpoint):
         made.document("health", {"state": "good"})
         instead = f"at {endpoint} answers lathe-7/z, not lathe-8/{{}}; name it with --machine and --axis"
@@ -220,7 +220,7 @@ def test_the_commands_find_the_hash_themselves_or_take_the_one_given():
                 for command in made.commands():
                     assert "@" in command.by
                     if command.refused is None:
-                        command.answer(Outcome(True, "as told", 1.0))
+                        command.answer(Outcome(True, "as asked", 1.0))
             found = answer.result()
             assert (found.document is not None and found.document["done"]) is done
             assert done or "another configuration" in found.problem

@@ -135,7 +135,7 @@ def test_payloads_of_a_hundred_megabytes_are_not_kept():
 
 
 @pytest.mark.system
-def test_who_asks_for_much_is_told_to_wait_and_the_others_are_served():
+def test_a_client_that_asks_too_much_has_to_wait_and_others_are_served():
     with (
         published(history=2000) as (made, endpoint),
         session(endpoint) as greedy,

@@ -233,7 +233,7 @@ def test_a_slow_subscriber_stalls_nobody(publisher):
     assert longest_s < HELD_UP_S
 
 
-def test_a_port_taken_is_told_and_tried_again():
+def test_a_port_in_use_is_reported_and_retried():
     with Router() as router:
         made = _publisher(router.endpoint, "router")
         _wait(lambda: made.status.reason and "no session" in made.status.reason)

@@ -70,14 +70,14 @@ def test_what_is_still_being_learnt_is_said_in_words():
     desk = _desk(learn_h=10.0)
     assert desk.document(0.0)["bands"]["nut"]["learning"] == "0.0 of 10 h of running"
     _run(desk, 2.5)
-    told = desk.document(0.0)["bands"]["nut"]
-    assert (told["known"], told["learning"], told["ratio"]) == (False, "2.5 of 10 h of running", None)
+    band = desk.document(0.0)["bands"]["nut"]
+    assert (band["known"], band["learning"], band["ratio"]) == (False, "2.5 of 10 h of running", None)
     _run(desk, 8.0, 2.5)
-    told = desk.document(0.0)["bands"]["nut"]
-    assert (told["known"], told["learning"], told["ratio"]) == (True, None, 1.0)
+    band = desk.document(0.0)["bands"]["nut"]
+    assert (band["known"], band["learning"], band["ratio"]) == (True, None, 1.0)
 
 
-def test_a_heat_that_has_grown_is_told_with_its_evidence():
+def test_a_raised_heat_is_reported_with_its_evidence():
     desk = _desk(learn_h=10.0)
     assert not _run(desk, 12.0)
     assert _run(desk, 20.0, 12.0, nut=1.6) == {"heat_high.nut"}
@@ -86,7 +86,7 @@ def test_a_heat_that_has_grown_is_told_with_its_evidence():
     assert "10 h of running" in alarm["reason"]
 
 
-def test_a_heat_that_has_fallen_is_told_as_lost_preload():
+def test_a_fallen_heat_is_reported_as_lost_preload():
     desk = _desk(learn_h=10.0)
     assert not _run(desk, 12.0)
     assert _run(desk, 20.0, 12.0, nut=0.6) == {"heat_low.nut"}
@@ -104,7 +104,7 @@ def test_heats_that_are_off_together_are_the_channel_they_go_by_and_no_wear(fact
     assert "all heats that go by screw_speed_rpm are" in alarm["reason"]
 
 
-def test_a_sensor_whose_learnt_offset_moves_is_told_as_drifting():
+def test_a_sensor_whose_learnt_offset_moves_is_reported_as_drifting():
     desk = _desk(learn_h=10.0)
     assert not _run(desk, 12.0)
     assert not _run(desk, 12.0, 12.0, t3_offset_K=0.4)
@@ -115,16 +115,16 @@ def test_a_sensor_whose_learnt_offset_moves_is_told_as_drifting():
 
 
 @pytest.mark.parametrize(
-    ("fault", "value", "is_told"),
+    ("fault", "value", "is_raised"),
     [
         (Fault.BIASED, -0.8, False), (Fault.COLOURED, 0.9, False), (Fault.NOISY, 1.6, False),
         (Fault.NOISY, 4.0, True), (Fault.REFUSED, 2.0, True),
     ],
 )  # fmt: skip
-def test_what_lowers_a_quality_by_hundredths_of_a_kelvin_is_no_alarm(fault, value, is_told):
+def test_what_lowers_a_quality_by_hundredths_of_a_kelvin_is_no_alarm(fault, value, is_raised):
     desk = _desk()
     raised = _run(desk, 0.5, 0.0, Finding(fault, "t3", 0.0, value, 1.0))
-    assert raised == ({f"sensor_disagrees.t3.{fault.name.lower()}"} if is_told else set())
+    assert raised == ({f"sensor_disagrees.t3.{fault.name.lower()}"} if is_raised else set())
 
 
 def test_what_is_usual_is_kept_over_a_restart_and_begins_anew_for_a_sensor_that_is_set_anew(tmp_path):

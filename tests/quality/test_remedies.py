@@ -1,4 +1,4 @@
-"""Every fault that a driver tells has a remedy of its own."""
+"""Every fault that a driver reports has a remedy of its own."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ UNKNOWN = remedy_for("no_such_fault", None)
 
 def _of_devices() -> set[str]:
     modbus = [modbus_input(device, 0) for device in MODBUS_INPUTS]
-    told = {name for place in modbus for name in (*place.fault_codes.values(), *place.status_faults.values())}
-    return told | {name for device in CAN_INPUTS for name in can_input(device, 0).fault_values.values()}
+    names = {name for d in modbus for name in (*d.fault_codes.values(), *d.status_faults.values())}
+    return names | {name for device in CAN_INPUTS for name in can_input(device, 0).fault_values.values()}
 
 
 @pytest.mark.parametrize("fault", sorted(_of_devices()))
@@ -40,7 +40,7 @@ def test_what_a_ready_device_tells(fault):
 def test_what_a_wire_tells(fault):
     folders = ("drivers", "observer/align", "observer/record", "observer/live")
     source = "".join(p.read_text() for folder in folders for p in _files(folder))
-    assert re.search(rf'"{fault}"', source), "no driver tells it any more"
+    assert re.search(rf'"{fault}"', source), "no driver reports it any more"
     assert remedy_for(fault, None) != UNKNOWN
 
 

@@ -51,7 +51,7 @@ def test_durations(text, seconds):
 @pytest.mark.parametrize(
     "text", ["", "8", "h", "-1h", "0h", "8 hours", "1e3h", "nan h", "8h30min", "9" * 40 + "h"]
 )
-def test_what_is_no_duration_is_told(text):
+def test_an_invalid_duration_is_reported(text):
     with pytest.raises(ConfigError, match=r"--recent: .* is no duration; give"):
         duration_s(text)
 
@@ -145,20 +145,20 @@ def test_recordings_of_others_are_not_taken(tmp_path):
         _found(tmp_path)
 
 
-def test_too_short_is_told(tmp_path):
+def test_too_short_a_span_is_reported(tmp_path):
     _record(tmp_path, BEGIN_S, hours=0.05)
     with pytest.raises(LogError, match="lasts 179 s, and 300 s are needed; ask for a longer time"):
         _found(tmp_path)
 
 
-def test_what_is_not_recorded_is_told(tmp_path):
+def test_missing_recordings_are_reported(tmp_path):
     with pytest.raises(ConfigError, match=r"no record\.directory; add \[record\], or name logs"):
         stretches(RecordSettings(), "m-x", PLAN, 1e6)
     with pytest.raises(LogError, match="cannot be read"):
         _found(tmp_path / "nowhere")
 
 
-def test_a_recording_that_lacks_a_channel_is_told(tmp_path):
+def test_a_recording_without_a_channel_is_reported(tmp_path):
     _record(tmp_path, BEGIN_S)
     (path,) = tmp_path.glob("*.csv")
     path.write_bytes(path.read_bytes().replace(b"nut_position_m", b"something_else", 1))

@@ -85,7 +85,7 @@ def test_parts_of_a_recording_lose_nothing(tmp_path):
     assert sum(fresh) == 100
 
 
-def test_an_unwritable_place_is_told_and_nothing_is_lost_once_it_is_mended(tmp_path):
+def test_an_unwritable_folder_is_reported_and_nothing_is_lost_once_it_is_fixed(tmp_path):
     place = tmp_path / "disk"
     place.write_text("a file where the folder should be")
     recorder = Recorder(place, "m-x", CHANNELS, 1e9, 5.0)

@@ -75,7 +75,7 @@ def test_a_file_that_somebody_writes_stays(folder):
     assert not oldest.exists()
 
 
-def test_a_disk_that_is_nearly_full_is_told_before_it_is(folder, monkeypatch):
+def test_a_nearly_full_disk_is_reported_in_time(folder, monkeypatch):
     usage = type(shutil.disk_usage(folder))
     monkeypatch.setattr(retention.shutil, "disk_usage", lambda _: usage(100e9, 99.5e9, 0.5e9))
     for keep in (Retention(free_bytes=1e9), Retention(free_bytes=0.0)):

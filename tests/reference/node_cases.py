@@ -1,4 +1,4 @@
-"""A screw with bearings in housings and a nut on a table, told twice: to the truth and to the product."""
+"""A screw with bearings in housings and a nut on a table, described twice: for truth and product."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def estimated(this: Case) -> tuple[EstimateBlock, FloatArray]:
 
 # A traverse takes 1.4 s, less than two samples; 5.5 s, whose path has to be folded; twelve.
 @pytest.mark.parametrize(("speed_m_s", "regime"), [(0.4171, "points"), (0.1097, "path"), (0.05, "path")])
-def test_heat_and_field_are_right_where_the_log_tells_the_path(speed_m_s: float, regime: str) -> None:
+def test_heat_and_field_are_right_where_the_log_shows_the_path(speed_m_s: float, regime: str) -> None:
     this = case(speed_m_s)
     position_m = this.log.values[:, this.log.channels.index("nut_position_m")]
     assert judge_path(position_m, HIGH_M - LOW_M) == regime
@@ -113,7 +113,7 @@ def test_heat_and_field_are_right_where_the_log_tells_the_path(speed_m_s: float,
     assert inside >= 0.75
 
 
-def test_a_log_in_step_with_the_motion_is_known_not_to_tell_the_path() -> None:
+def test_a_log_in_step_with_the_motion_is_known_not_to_show_the_path() -> None:
     """0.4 m/s, 0.6 m, 1 Hz: three positions are ever seen."""
     position_m = shuttle_m(np.arange(3600.0), LOW_M, HIGH_M, 0.4)
     assert len(np.unique(position_m.round(6))) <= 4
@@ -121,7 +121,7 @@ def test_a_log_in_step_with_the_motion_is_known_not_to_tell_the_path() -> None:
 
 
 @pytest.mark.parametrize("samples_per_traverse", [3.3, 4.7, 7.1, 9.66, 10.3])
-def test_a_path_told_by_few_samples_heats_where_the_nut_was(samples_per_traverse: float) -> None:
+def test_a_path_known_by_few_samples_heats_where_the_nut_was(samples_per_traverse: float) -> None:
     """Lines between the samples cut the reversals off; folding the path at what is missing does not."""
     table = build_plant(_config()).moving[0].table
     speed_m_s = (HIGH_M - LOW_M) / (samples_per_traverse * PERIOD_S)

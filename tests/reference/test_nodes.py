@@ -95,7 +95,7 @@ def test_all_heat_is_in_the_screw_in_the_bodies_or_in_the_air() -> None:
 
 
 @pytest.mark.parametrize(("speed_m_s", "field_coverage"), [(None, 0.93), (0.166, 0.85)])
-def test_sensors_on_both_housings_and_the_nut_tell_heats_and_field(
+def test_sensors_on_both_housings_and_the_nut_determine_heats_and_field(
     speed_m_s: float | None, field_coverage: float
 ) -> None:
     """No sensor on the screw, laws 20 % low that know nothing of the peak at the start.

@@ -25,7 +25,7 @@ SECONDS = 420.0
 BEGIN_S = 120.0
 WITHIN_S = 30.0
 GOOD = int(EstimateQuality.GOOD)
-Mend = Callable[[str, float], float]
+Distort = Callable[[str, float], float]
 
 
 @cache
@@ -33,14 +33,14 @@ def arrivals() -> Arrivals:
     return live.sent(SECONDS)
 
 
-def with_values(mend: Mend, begin_s: float, end_s: float = np.inf) -> live.Wires:
+def with_values(distort: Distort, begin_s: float, end_s: float = np.inf) -> live.Wires:
     """Wires that deliver other values for a while."""
 
     def wires(all_sent: Arrivals) -> Arrivals:
         out = []
         for at_s, reading in all_sent:
             if begin_s <= at_s - live.EPOCH_S < end_s:
-                other = {name: mend(name, value) for name, value in reading.values.items()}
+                other = {name: distort(name, value) for name, value in reading.values.items()}
                 out.append((at_s, Reading(reading.time_s, other)))
             else:
                 out.append((at_s, reading))
@@ -49,7 +49,7 @@ def with_values(mend: Mend, begin_s: float, end_s: float = np.inf) -> live.Wires
     return wires
 
 
-def of(channel: str, change: Callable[[float], float]) -> Mend:
+def of(channel: str, change: Callable[[float], float]) -> Distort:
     """Change the channels that end so."""
     return lambda name, value: change(value) if name.endswith(channel) else value
 
@@ -86,28 +86,28 @@ CASES = {
         if begin_s or "one sensor" not in name  # an offset from the start on is a field to anybody
     ],
 )
-def test_a_wrong_unit_or_reading_is_told_within_half_a_minute(name: str, begin_s: float) -> None:
-    mend, words = CASES[name]
-    ride = live.ride(live.demo(), arrivals(), with_values(mend, begin_s))
+def test_a_wrong_unit_or_reading_is_reported_within_half_a_minute(name: str, begin_s: float) -> None:
+    distort, words = CASES[name]
+    ride = live.ride(live.demo(), arrivals(), with_values(distort, begin_s))
     wrong = good_but_wrong(ride, begin_s + WITHIN_S)
-    told = {text for texts in ride.reasons for text in texts}
-    print(f"{name}: good but wrong in {len(wrong)} steps; {told}")
+    sentences = {text for texts in ride.reasons for text in texts}
+    print(f"{name}: good but wrong in {len(wrong)} steps; {sentences}")
     good = np.sum(ride.block.quality[int(2 * (begin_s + WITHIN_S)) :] == GOOD)
     assert len(wrong) <= 0.05 * good
-    assert any(words in text for text in told)
+    assert any(words in text for text in sentences)
 
 
 @pytest.mark.parametrize("name", [n for n in CASES if "one sensor" not in n])
-def test_a_log_is_told_its_likely_unit(name: str) -> None:
+def test_the_likely_unit_of_a_log_is_named(name: str) -> None:
     """What `replay`, `calibrate`, `identify` and `discover` say of a log before anything else."""
-    mend, words = CASES[name]
+    distort, words = CASES[name]
     config = live.demo()
     rows = arrivals()
     channels = config.channels
     table = np.full((len(rows), len(channels)), np.nan)
     for row, (_, reading) in enumerate(rows):
         for channel, value in reading.values.items():
-            table[row, channels.index(channel)] = mend(channel, value)
+            table[row, channels.index(channel)] = distort(channel, value)
     # one row for each time, as a log has
     time_s = np.array([at_s for at_s, _ in rows])
     log = Log(Path("log.csv"), time_s, channels, table, np.ones(len(rows), bool), (None,) * len(rows))
@@ -147,13 +147,15 @@ def test_led_astray_and_back_within_two_minutes() -> None:
     assert not len(good_but_wrong(astray, 130.0)) or good_but_wrong(astray, 130.0).min() > 2 * 320
 
 
-@pytest.mark.parametrize(("film", "told_s"), [(3.0, 60.0), (0.3, 120.0)])
-def test_a_film_that_is_far_off_is_told(film: float, told_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("film", "reported_s"), [(3.0, 60.0), (0.3, 120.0)])
+def test_a_film_that_is_far_off_is_reported(
+    film: float, reported_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The heats make up for a wrong film, so no innovation shows it soon; the laws do."""
     monkeypatch.setattr("drivers.simulated.machine.ScrewData", lambda: ScrewData(film_W_m2K=15.0 * film))
     ride = live.ride(live.demo(), live.sent(300.0))
-    wrong = good_but_wrong(ride, told_s)
-    print(f"film x {film}: {len(wrong)} of {len(ride.block)} steps good but wrong after {told_s:g} s")
+    wrong = good_but_wrong(ride, reported_s)
+    print(f"film x {film}: {len(wrong)} of {len(ride.block)} steps good but wrong after {reported_s:g} s")
     assert len(wrong) < 0.2 * len(ride.block)
     assert any("laws" in text for texts in ride.reasons for text in texts)
 

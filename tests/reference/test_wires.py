@@ -128,7 +128,7 @@ def test_heats_stay_where_they_are_without_the_disturbance(
     ride = live.ride(config(), arrivals(), wires)
     steps = min(len(ride.block), len(undisturbed()))
     moved = (ride.block.heat_W[:steps] - undisturbed()[:steps]) / ride.block.heat_sigma_W[:steps]
-    # The tick in which the speed changes is another one where the frame that told it is lost.
+    # The tick in which the speed changes is another one where the frame that carried it is lost.
     changed = np.flatnonzero(np.diff(ride.truth_W[:steps, 1]) != 0.0)
     calm = np.ones(steps, dtype=bool)
     calm[:SETTLED] = False

@@ -170,7 +170,7 @@ def test_the_drawings_follow_the_colours_of_the_page(found: Discovery, tmp_path:
         assert text.count(f"{name}: #") == 2  # one for light, one for dark
 
 
-def test_an_event_is_framed_and_told(found: Discovery, tmp_path: Path) -> None:
+def test_an_event_is_framed_and_described(found: Discovery, tmp_path: Path) -> None:
     event = Event("b", "heat_up", 0, 600.0, 1800.0, -3.0, 0.6, -0.7)
     verdict = replace(found.verdict, kind="unknown", remains="on data held back")
     text, page = _page(replace(found, verdict=verdict, event=event), tmp_path)
@@ -191,7 +191,7 @@ def test_the_gap_beyond_tolerances_stands_beside_the_raw_one(found: Discovery, t
         assert f"{kelvin(gap['before_rms_K'])} → {kelvin(gap['after_rms_K'])}" in page.text
 
 
-def test_a_family_and_a_partial_answer_are_told_on_the_page(found: Discovery, tmp_path: Path) -> None:
+def test_a_family_and_a_partial_answer_are_on_the_page(found: Discovery, tmp_path: Path) -> None:
     said = {"sets": ((candidate("surface_convection"),), (candidate("radiation"),)), "fits": ()}
     doubt = replace(found, verdict=replace(found.verdict, kind="ambiguous", **said))
     result = discovery_result(doubt) | {"family": SURFACE}

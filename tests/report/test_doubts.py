@@ -68,7 +68,7 @@ SLIPS: dict[str, tuple[dict[str, Any], str, str]] = {
 
 
 @pytest.mark.parametrize(("changes", "outcome", "words"), SLIPS.values(), ids=SLIPS)
-def test_a_slip_is_told_with_what_was_probably_meant(changes, outcome, words):
+def test_an_atypical_value_is_reported_with_what_was_probably_meant(changes, outcome, words):
     table = changed(**changes)
     if outcome == "refused":
         with pytest.raises(ConfigError) as caught:
@@ -82,8 +82,8 @@ def test_a_slip_is_told_with_what_was_probably_meant(changes, outcome, words):
 
 def test_a_page_in_the_clear_is_doubted():
     page = {"listen": "0.0.0.0:8080", "users_file": "users"}
-    (told,) = doubts(parse(changed(page=page)))
-    assert "in the clear" in told
+    (doubt,) = doubts(parse(changed(page=page)))
+    assert "in the clear" in doubt
     assert doubts(parse(changed(page=page | {"certificate": "c.pem", "key": "k.pem"}))) == []
 
 

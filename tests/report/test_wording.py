@@ -84,7 +84,7 @@ def test_the_sentences_of_a_doubt_propose_the_test_that_would_tell() -> None:
     assert "0.63 K to 0.16 K rms with the first of them" in lines[2]
 
 
-def test_the_sentences_of_a_family_tell_its_figure() -> None:
+def test_the_sentences_of_a_family_give_its_figure() -> None:
     said = {"sets": [[candidate("surface_convection")], [candidate("radiation")]]}
     lines = _lines(verdict="ambiguous", said=said, family=SURFACE, gap=FELL)
     assert lines[0] == (
@@ -94,7 +94,7 @@ def test_the_sentences_of_a_family_tell_its_figure() -> None:
     )
 
 
-def test_a_family_is_told_with_its_end_and_with_what_stands_beside_it() -> None:
+def test_a_family_is_described_with_its_end_and_its_other_effects() -> None:
     heat = {"heat_W": {"value": 4.0, "ci95": [3.5, 4.5], "unit": "W"}}
     at_end = {"name": "end_source", "target": "left", "members": ["motor_heat at left", "end_heat at left"]}
     beside = {"name": None, "target": None, "members": ["sensor_bias at t2"], "effective": {}}
@@ -107,7 +107,7 @@ def test_a_family_is_told_with_its_end_and_with_what_stands_beside_it() -> None:
     )
 
 
-def test_the_sentences_of_something_unknown_tell_what_explains_most_and_what_remains() -> None:
+def test_the_sentences_of_an_unknown_name_what_explains_most_and_what_remains() -> None:
     said = {"remains": "in what was fitted"}
     family = _lines(verdict="unknown", said=said, gap=FELL, partial=BODY | {"family": SURFACE})
     assert family[1] == (

@@ -34,7 +34,7 @@ HELD_UP_S = 1.0
 to a core); waiting for a peer that is gone takes seconds, again and again.
 """
 # A heat that may be anything at the start is known, and the estimate good, within seconds; from the demo's
-# 8 W it takes half a minute until the sensors tell more than that.
+# 8 W it takes half a minute until the sensors are better than that.
 UNKNOWN_W = 100.0
 # Such heats leave the bound of the error wide for minutes, beyond the default limit_um of a compensation.
 COMPENSATION = {

@@ -46,7 +46,7 @@ def _with(table: dict[str, Any], torque_Nm: float) -> dict[str, Any]:
 
 
 def _hash(seen: Subscriber) -> str:
-    """The hash of the configuration in force, as Zenoh's `config` tells it."""
+    """The hash of the configuration in force, as published under Zenoh's `config`."""
     (reply,) = seen._session.get(f"{PREFIX}/config", timeout=20.0)
     assert isinstance(reply.ok, zenoh.Sample)
     return str(json.loads(reply.ok.payload.to_bytes())["hash"])
@@ -132,7 +132,7 @@ def test_a_better_one_is_kept_and_a_worse_one_taken_back(tmp_path):
         (["--undo"], "nothing was adopted in its place"),
     ],
 )
-def test_what_cannot_be_adopted_is_told(tmp_path, command, words, said):
+def test_what_cannot_be_adopted_is_reported(tmp_path, command, words, said):
     config = tmp_path / "c.toml"
     config.write_text(tomlkit.dumps(table_for({"modbus_port": 1, "can_device": "x"})), encoding="utf-8")
     code, _, errors = command(["adopt", *words, "--config", str(config)])

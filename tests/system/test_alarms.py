@@ -1,4 +1,4 @@
-"""Alarms of a running daemon: raised by a fault, told, seen by somebody, and gone or kept."""
+"""Alarms of a running daemon: raised by a fault, published, acknowledged, and gone or kept."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def _tree(folder: Path) -> dict[str, bytes | None]:
     return {str(p): p.read_bytes() if p.is_file() else None for p in folder.rglob("*")}
 
 
-def _assert_told(case: Case, printed: str) -> None:
+def _assert_reported(case: Case, printed: str) -> None:
     first, *rest = printed.splitlines()
     assert first.startswith("observer: ")
     if case.problems == 1:
@@ -55,7 +55,7 @@ def test_bad_input_is_answered_in_one_sentence(case, tmp_path, command):
     before = _tree(tmp_path)
     code, _, errors = command(arguments)
     assert code == 2
-    _assert_told(case, errors)
+    _assert_reported(case, errors)
     assert _tree(tmp_path) == before
 
 
@@ -83,7 +83,7 @@ def test_and_so_it_is_by_the_program_itself(case, tmp_path):
         timeout=PATIENCE_S,
     )
     assert done.returncode == 2
-    _assert_told(case, done.stderr)
+    _assert_reported(case, done.stderr)
     assert _tree(tmp_path) == before
 
 

@@ -45,7 +45,7 @@ def plant():
 
 
 @pytest.fixture
-def mended(plant):
+def restored(plant):
     yield plant
     plant.fault()
 
@@ -60,9 +60,9 @@ def test_every_channel_of_a_healthy_machine_comes(plant, tmp_path):
     assert "10 Hz wanted" in lines["thermocouples"]
 
 
-def test_an_open_thermocouple_is_told(mended, tmp_path):
-    mended.fault(open="t3_degC")
-    code, channels = documents(tmp_path, table_for(mended.wires))
+def test_an_open_thermocouple_is_reported(restored, tmp_path):
+    restored.fault(open="t3_degC")
+    code, channels = documents(tmp_path, table_for(restored.wires))
     assert code == 1
     assert channels["t3_degC"]["fault"] == "open_circuit"
     assert [name for name, one in channels.items() if not one["usable"]] == ["t3_degC"]
@@ -70,15 +70,15 @@ def test_an_open_thermocouple_is_told(mended, tmp_path):
     assert channels["t1_degC"]["remedy"] is None
 
 
-def test_a_silent_bus_is_told(mended, tmp_path):
-    mended.fault(silence_can=True)
-    code, channels = documents(tmp_path, table_for(mended.wires))
+def test_a_silent_bus_is_reported(restored, tmp_path):
+    restored.fault(silence_can=True)
+    code, channels = documents(tmp_path, table_for(restored.wires))
     assert code == 1
     assert {channels[c]["fault"] for c in ("nut_position_m", "screw_speed_rpm")} == {"silent"}
     assert channels["t1_degC"]["usable"]
 
 
-def test_a_device_that_is_not_there_is_told(plant, tmp_path):
+def test_a_missing_device_is_reported(plant, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as gone:
         port = gone.getsockname()[1]
     table = table_for(plant.wires)
@@ -93,7 +93,7 @@ def test_a_device_that_is_not_there_is_told(plant, tmp_path):
     )
 
 
-def test_a_position_in_mm_is_told(plant, tmp_path):
+def test_a_position_in_mm_is_reported(plant, tmp_path):
     table = table_for(plant.wires)
     table["drivers"]["axis"]["channels"]["nut_position_m"]["scale"] = 1000.0
     code, channels = documents(tmp_path, table)

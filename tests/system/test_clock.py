@@ -52,7 +52,7 @@ def test_a_clock_that_is_set(tmp_path, step_s):
             assert daemon.stop() < 2.0
     after = [e for e in seen.estimates if abs(e["time_s"] - set_s - step_s) < HOUR_S / 2]
     assert len(before) + len(after) == len(seen.estimates)
-    # from when the step is seen until somebody arms again, no document is armed, whichever clock it tells
+    # from when the step is seen until somebody arms again, no document is armed, whichever clock it carries
     assert documents[seen_at:]
     assert not any(d["armed"] for d in documents[seen_at:])
     assert any("clock was set" in str(d["reason"]) for d in documents[seen_at:])

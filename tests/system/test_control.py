@@ -42,32 +42,32 @@ def test_a_control_is_written_to_while_armed_and_goes_to_zero_whatever_happens_t
                 assert newest()["armed"]
 
             def zero(reason):
-                until(lambda: control.tell()["state"] == 0)
+                until(lambda: control.status()["state"] == 0)
                 assert control.largest_um == 0.0
-                assert control.tell()["reason"] == reason
+                assert control.status()["reason"] == reason
 
             heard.wait_until_good()
             heard.wait_for_more(10)
-            assert control.tell()["writes"] == 0
+            assert control.status()["writes"] == 0
 
             arm()
             until(lambda: max(map(abs, newest()["error_um"])) < control.largest_um + 0.5)
-            told = control.tell()
-            assert told["wanted_um"] == pytest.approx(newest()["error_um"], abs=0.5)
-            assert told["fastest_um_s"] <= RATE_UM_S * (1 + 1e-9)
+            status = control.status()
+            assert status["wanted_um"] == pytest.approx(newest()["error_um"], abs=0.5)
+            assert status["fastest_um_s"] <= RATE_UM_S * (1 + 1e-9)
             plant.fault(open=["t1_degC"])
             zero(0)  # released: its dead-man had not to do it
             assert "arm again" in newest()["reason"]
             plant.fault()
 
             arm()
-            control.tell(alter=True)
-            told = "reads back something else than was written"
-            until(lambda: any(told in reason for reason in heard.health().get("reasons", ())))
+            control.command(alter=True)
+            status = "reads back something else than was written"
+            until(lambda: any(status in reason for reason in heard.health().get("reasons", ())))
             until(lambda: not newest()["armed"])
-            assert told in newest()["reason"]
+            assert status in newest()["reason"]
             zero(0)
-            control.tell(alter=False)
+            control.command(alter=False)
 
             arm()
             daemon.process.send_signal(signal.SIGSTOP)

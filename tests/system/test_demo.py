@@ -134,7 +134,7 @@ def test_settled_heats_are_within_three_sigma_of_the_truth(demo):
     heats, truths = demo["documents"]["heat"], demo["documents"]["truth/heat"]
     settled = [h for h in heats if h["time_s"] - heats[0]["time_s"] > SETTLED_S]
     assert len(settled) > 15
-    # A busy computer may hold machine or service up for a moment; that a reading is late is then told.
+    # A busy computer may hold machine or service up for a moment; then a reading is reported as late.
     assert {h["quality"] for h in settled} <= {"good", "degraded", "stale"}
     assert sum(h["quality"] == "good" for h in settled) >= MOST * len(settled)
     off = [_off_sigma(h, truths) for h in settled]

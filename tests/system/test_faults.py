@@ -46,11 +46,11 @@ with zenoh.open(session_config("client", (sys.argv[1],), ())) as session:
 # A fault shows in the next reading, a reading in the next tick: two periods. On a busy computer, machine and
 # daemon may each be held up for a moment, and a reading that is late for this reason is stale.
 FLAGGED_S = 2 * PERIOD_S + 0.3
-# A reading that is well again tells in the next tick, and a wire is tried again each second; a second more is
+# A reading that has recovered shows in the next tick, and a wire is retried each second; a second more is
 # for a computer that does something else meanwhile.
 BACK_S = 1.0 + PERIOD_S + 1.1
 MOST = 0.8
-NOISY_TICKS = 30  # a sensor that never showed noise cannot be told from one that is stuck
+NOISY_TICKS = 30  # a sensor that never showed noise looks like one that is stuck
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +121,7 @@ def _faults(service) -> dict[str, str | None]:
 
 
 def _expect(service, **faults: str | None) -> None:
-    """See that the service tells these faults."""
+    """Wait until the service reports these faults."""
     assert _watch(service).until(lambda: faults.items() <= _faults(service).items()) < 2.0
 
 
@@ -166,7 +166,7 @@ def test_a_silent_can_bus(service):
 
 
 def test_a_stuck_thermocouple(service):
-    """Its frozen value is plausible, so only its stillness tells: 60 samples, more after long repeats."""
+    """Its frozen value is plausible, so only its stillness shows: 60 samples, more after long repeats."""
     until(lambda: len(service.daemon.step_times_s()) > NOISY_TICKS)
     service.seen.wait_until_good()
     with _cleared(service):

@@ -74,14 +74,14 @@ def test_a_control_is_released_when_values_are_wrong(tmp_path, case):
             until(lambda: _undisturbed_s(heard) > JUDGED_S)
             done = _arm(endpoint)
             assert done.returncode == 0, done.stdout + done.stderr
-            until(lambda: control.tell()["state"] == FOLLOWING and control.largest_um > 20.0)
+            until(lambda: control.status()["state"] == FOLLOWING and control.largest_um > 20.0)
             until(lambda: newest()["armed"] and not newest()["limited"])
             before = newest()
 
             watch = Stopwatch(plant.pid, daemon.process.pid, control.process.pid)
             plant.fault(**faults)
-            released_s = watch.until(lambda: control.tell()["state"] != FOLLOWING)
-            assert control.tell()["reason"] == LET_GO  # its dead-man had not to do it
+            released_s = watch.until(lambda: control.status()["state"] != FOLLOWING)
+            assert control.status()["reason"] == LET_GO  # its dead-man had not to do it
             assert released_s < RELEASED_S
             until(lambda: not newest()["armed"])
             assert "arm again" in newest()["reason"]
@@ -97,7 +97,7 @@ def test_a_control_is_released_when_values_are_wrong(tmp_path, case):
             daemon.stop()
 
 
-def test_a_bound_beyond_the_limit_is_told_and_nothing_is_written(tmp_path):
+def test_a_bound_beyond_the_limit_is_reported_and_nothing_is_written(tmp_path):
     """Heats that may be anything are good long before a sensor's fault could not hide in them."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with machine() as plant, simulated_control() as control:
@@ -109,9 +109,9 @@ def test_a_bound_beyond_the_limit_is_told_and_nothing_is_written(tmp_path):
             heard.wait_until_good()
             refused = _arm(endpoint)
             assert refused.returncode == 1
-            told = json.loads(refused.stdout)["text"]
-            assert told.startswith("not armed: the error's bound of ")
-            assert "µm is beyond compensation.limit_um = 60 µm" in told
+            answer = json.loads(refused.stdout)["text"]
+            assert answer.startswith("not armed: the error's bound of ")
+            assert "µm is beyond compensation.limit_um = 60 µm" in answer
             assert not heard.documents["compensation"][-1]["armed"]
-            assert control.tell()["writes"] == 0
+            assert control.status()["writes"] == 0
             daemon.stop()

@@ -43,7 +43,7 @@ def _session(endpoint: str) -> zenoh.Session | None:
 
 
 def _cycles(listen: str) -> float | None:
-    """The count of steps in a scrape, None where nobody answers or nothing has been told yet."""
+    """The count of steps in a scrape, None where nobody answers or nothing has been published yet."""
     try:
         with urllib.request.urlopen(f"http://{listen}/metrics", timeout=10.0) as reply:
             text = reply.read().decode()
@@ -53,7 +53,7 @@ def _cycles(listen: str) -> float | None:
     return float(found[0].rsplit(" ", 1)[1]) if found else None
 
 
-def test_a_gateway_that_is_killed_is_told_anew_and_a_frozen_one_holds_up_nothing(tmp_path):
+def test_a_killed_gateway_is_replaced_and_a_frozen_one_holds_up_nothing(tmp_path):
     endpoint, listen = f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}"
     with machine() as devices:
         table = table_for(devices.wires, listen=[endpoint]) | {"metrics": {"listen": listen}}
@@ -65,8 +65,8 @@ def test_a_gateway_that_is_killed_is_told_anew_and_a_frozen_one_holds_up_nothing
             os.kill(first, signal.SIGKILL)
             (second,) = until(lambda: [pid for pid in _gateways(daemon.process.pid) if pid != first])
             until(lambda: _cycles(listen))
-            told = [reason for document in seen.documents["health"] for reason in document["reasons"]]
-            assert any("gateway" in reason for reason in told)
+            reported = [reason for document in seen.documents["health"] for reason in document["reasons"]]
+            assert any("gateway" in reason for reason in reported)
             until(lambda: not any("gateway" in reason for reason in seen.health()["reasons"]))
 
             os.kill(second, signal.SIGSTOP)
@@ -99,8 +99,8 @@ def test_messages_are_zenohs_to_the_byte_and_it_ends_with_a_daemon_that_is_kille
 
                 def enough(key: str) -> bool:
                     """Whoever is behind gets the newest only, and either may have begun later."""
-                    told = set(zenohs.get(key, ()))
-                    return len(told & mqtts.get(key, set())) >= max(1, len(told) / 2)
+                    reported = set(zenohs.get(key, ()))
+                    return len(reported & mqtts.get(key, set())) >= max(1, len(reported) / 2)
 
                 def came() -> bool:
                     while not plant.order.empty():

@@ -33,7 +33,7 @@ OUTAGE_STEPS = 30
 class Broker:
     """A broker of MQTT that can be killed and started again; the service reaches it at `door`.
 
-    The door opens once the plant is back: MQTT tells nobody what was published while he was away.
+    The door opens once the plant is back: MQTT does not repeat what a subscriber has missed.
     """
 
     def __init__(self, folder: Path) -> None:

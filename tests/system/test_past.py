@@ -36,7 +36,7 @@ def _gaps_s(daemon: Daemon, from_s: float, to_s: float) -> list[list[float]]:
     return [[a, b] for a, b in itertools.pairwise(ticks_s) if b - a > 2.5 * PERIOD_S]
 
 
-def test_a_running_service_tells_its_past_over_several_files(tmp_path):
+def test_a_running_service_serves_its_past_from_several_files(tmp_path):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with machine() as plant:
         table = table_for(plant.wires, mode="router", listen=[endpoint])
@@ -65,8 +65,8 @@ def test_a_running_service_tells_its_past_over_several_files(tmp_path):
             for one in published:
                 for key, value in one.items():
                     np.testing.assert_array_equal(found[one["sequence"]][key], value, err_msg=key)
-            told = {d["sequence"]: d for d in seen.documents["readings"]}
-            assert all(told[d["sequence"]] == d for d in readings["readings"][2:])
+            live = {d["sequence"]: d for d in seen.documents["readings"]}
+            assert all(live[d["sequence"]] == d for d in readings["readings"][2:])
             daemon.stop()
 
 

@@ -64,8 +64,8 @@ def _assert_same(message: dict[str, Any], row: dict[str, str]) -> None:
         zip((f"quality_{n}" for n in message["sensors"]), message["sensor_quality"], strict=True)
     )
     qualities["quality"] = message["quality"]
-    told = {name for name in row if not name.startswith("learned_")}  # which has a message of its own
-    assert told == {"time_s"} | columns.keys() | qualities.keys()
+    given = {name for name in row if not name.startswith("learned_")}  # which has a message of its own
+    assert given == {"time_s"} | columns.keys() | qualities.keys()
     for name, value in columns.items():
         replayed = np.float32(row[name] or "nan")
         assert replayed.tobytes() == np.float32(value).tobytes() or np.isnan([replayed, value]).all(), name

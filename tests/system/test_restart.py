@@ -1,4 +1,4 @@
-"""A service that is started again, or told to read its configuration again, goes on from where it stood."""
+"""A service that is restarted, or reloads its configuration, continues from where it was."""
 
 from __future__ import annotations
 

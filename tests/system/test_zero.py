@@ -42,8 +42,8 @@ def test_the_control_gets_the_error_since_the_zero_before_and_after_a_restart(tm
         def newest():
             return heard.documents["compensation"][-1]
 
-        def at_reference(document, told):
-            return float(np.interp(AT_M, document["position_m"], told["wanted_um"]))
+        def at_reference(document, status):
+            return float(np.interp(AT_M, document["position_m"], status["wanted_um"]))
 
         def estimated(time_s, at_m):
             (found,) = [e for e in heard.estimates if e["time_s"] == time_s]
@@ -53,30 +53,30 @@ def test_the_control_gets_the_error_since_the_zero_before_and_after_a_restart(tm
             heard.wait_until_good()
             give("arm")
             until(lambda: newest()["armed"] and not newest()["limited"] and control.largest_um > 0.2)
-            return newest(), control.tell()
+            return newest(), control.status()
 
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
-            document, told = armed()
+            document, status = armed()
             assert document["zero"] is None
-            before_um = at_reference(document, told)
+            before_um = at_reference(document, status)
             assert before_um > 5.0  # a warm screw: there is something to take out
             assert give("zero").startswith(f"zeroed at {AT_M} m on the screw")
             until(lambda: not newest()["armed"])
             until(lambda: control.largest_um == 0.0)
-            document, told = armed()
+            document, status = armed()
             zero = document["zero"]
             assert "@" in zero["by"]
             assert zero["error_um"] == pytest.approx(estimated(zero["time_s"], AT_M), abs=FLOAT32_UM)
             since = estimated(document["time_s"], document["position_m"]) - zero["error_um"]
             np.testing.assert_allclose(document["error_um"], since, atol=FLOAT32_UM)  # `error` stays absolute
-            assert abs(at_reference(document, told)) < 0.1 * before_um  # but for what has grown since
+            assert abs(at_reference(document, status)) < 0.1 * before_um  # but for what has grown since
             daemon.stop()
             flags = [f for f in read_log(daemon.recording()).flags if f and f.startswith("!zero")]
             assert [f.split(" ")[0] for f in flags] == ["!zero=done"]
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
-            document, told = armed()
+            document, status = armed()
             assert document["zero"] == zero, daemon.said()
             since = estimated(document["time_s"], document["position_m"]) - zero["error_um"]
             np.testing.assert_allclose(document["error_um"], since, atol=FLOAT32_UM)
-            assert abs(at_reference(document, told)) < 0.1 * before_um
+            assert abs(at_reference(document, status)) < 0.1 * before_um
             daemon.stop()

@@ -158,7 +158,7 @@ def test_a_body_trails_the_screw_where_it_sits(place: str, where_m: list[float])
     skin_K = 40.0 / SURFACE_m2 * 0.018 / (4 * 50.0) if place == "nut" else 0.0
     touched = result.section_degC.mean(axis=1, keepdims=True) + skin_K * (np.arange(401)[:, None] > 0)
     trailing = lagged(touched, 0.5, np.array([75.0]))[:, 0]
-    # 2 %: in the first seconds the gradient at a face is steeper than slices of 2 cm can tell
+    # 2 %: in the first seconds the gradient at a face is steeper than slices of 2 cm can resolve
     np.testing.assert_allclose(result.body_degC[:, body], trailing, atol=0.02 * np.ptp(trailing))
     assert np.ptp(np.delete(result.body_degC, body, axis=1)) == 0.0
 
@@ -204,9 +204,9 @@ def test_steady_heats() -> None:
 
 def test_the_air_drifts_from_the_logged_one() -> None:
     traced = trace(Case("air", (hidden("ambient_drift", rate_K_h=-2.0),), 5), "a")
-    felt, told = traced.scene.schedule.air_degC, 0.5 * (traced.air_degC[1:] + traced.air_degC[:-1])
+    felt, recorded_degC = traced.scene.schedule.air_degC, 0.5 * (traced.air_degC[1:] + traced.air_degC[:-1])
     time_h = (np.arange(len(felt)) + 0.5) * 0.5 / 3600.0
-    np.testing.assert_allclose(felt - told, -2.0 * time_h, atol=1e-12)
+    np.testing.assert_allclose(felt - recorded_degC, -2.0 * time_h, atol=1e-12)
 
 
 def test_a_lag_follows_a_step_and_trails_a_ramp() -> None:

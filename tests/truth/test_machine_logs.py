@@ -30,10 +30,10 @@ def test_the_same_case_gives_the_same_bytes(tmp_path: Path) -> None:
         assert a.read_bytes() == b.read_bytes() != c.read_bytes()
 
 
-def test_a_log_tells_nothing_of_what_is_hidden(tmp_path: Path) -> None:
+def test_a_log_reveals_nothing_of_what_is_hidden(tmp_path: Path) -> None:
     """Folder, configuration and header are those of a machine with nothing hidden."""
-    logs = write_case(Case("told", (LOSSY,), 7), tmp_path / "logs")
-    plain = write_case(Case("told", (), 7), tmp_path / "plain")
+    logs = write_case(Case("known", (LOSSY,), 7), tmp_path / "logs")
+    plain = write_case(Case("known", (), 7), tmp_path / "plain")
     assert sorted(p.name for p in logs[0].parent.iterdir()) == sorted(
         p.name for p in plain[0].parent.iterdir()
     )
@@ -43,8 +43,8 @@ def test_a_log_tells_nothing_of_what_is_hidden(tmp_path: Path) -> None:
     assert header == ["time_s", *CHANNELS]
     assert len(row) == len(header)
     with pytest.raises(ValueError, match="never lies beside the logs"):
-        write_answer(Case("told", (LOSSY,), 7), tmp_path / "logs", "told")
-    answer = json.loads(write_answer(Case("told", (LOSSY,), 7), tmp_path / "answers", "told").read_text())
+        write_answer(Case("known", (LOSSY,), 7), tmp_path / "logs", "known")
+    answer = json.loads(write_answer(Case("known", (LOSSY,), 7), tmp_path / "answers", "known").read_text())
     assert answer["library"] == [
         {"kind": "end_conduction", "target": "right", "parameters": LOSSY.parameters}
     ]

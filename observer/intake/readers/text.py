@@ -96,9 +96,7 @@ def sheet_of(path: Path, text: str, how: Logs) -> Sheet:
     rows = split_lines([line.replace("\0", "") for line in lines], separator)
     layout = layout_of(rows, how.skip_rows, how.units_row)
     if layout.width < 1 or (layout.width < 2 and how.separator is None):
-        raise several(
-            path, ["holds no columns of numbers and times that could be told apart; give [log] separator"]
-        )
+        raise several(path, ["holds no recognisable columns of numbers and times; give [log] separator"])
     header = rows[layout.header] if layout.header >= 0 else []
     names = names_of(header, rows[layout.units] if layout.units >= 0 else [], layout.width)
     decimal = how.decimal or decimal_of(rows[layout.data :])

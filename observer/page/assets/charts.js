@@ -30,7 +30,7 @@ export function chart(element, { x, y, isTime = false, series, bands = [], draw 
   const size = () => ({ width: Math.max(200, element.clientWidth), height: Math.max(120, element.clientHeight) - (legend ? 30 : 0) });
   const readout = make("p", { class: "readout hint", text: "" });
   const place = (at) => (isTime ? (view.days?.() ? when(at) : clock(at)) : `${number(at, 0)} mm`);
-  function tell(plot) {
+  function readOut(plot) {
     const index = plot.cursor.idx, at = plot.data[0][index];
     if (plot.cursor.left < 0 || at === undefined) { readout.textContent = document.activeElement === element ? HINT : ""; return; }
     const written = isTime ? notesNear(plot, at).map(({ text, by }) => `note by ${by}: ${text}`) : [];
@@ -42,7 +42,7 @@ export function chart(element, { x, y, isTime = false, series, bands = [], draw 
     scales: { x: { time: isTime, range: (_, low, high) => view.get() ?? (low < high ? [low, high] : [low - 1, high + 1]) }, y: range ? { range } : {} },
     axes: [axis(isTime ? null : x, 24, isTime ? { values: times(), space: 75 * big() } : {}), axis(y, 52)],
     cursor: { drag: { x: false, y: false, setScale: false }, points: { size: 6 } },
-    hooks: { draw: [...(draw ? [draw] : []), ...(isTime ? [(u) => drawNotes(u, labels)] : [])], setCursor: [tell] },
+    hooks: { draw: [...(draw ? [draw] : []), ...(isTime ? [(u) => drawNotes(u, labels)] : [])], setCursor: [readOut] },
   };
   element.tabIndex = 0;
   element.setAttribute("role", "group");
@@ -50,11 +50,11 @@ export function chart(element, { x, y, isTime = false, series, bands = [], draw 
   element.after(readout);
   const plot = new uPlot(options, [[], ...series.map(() => [])], element);
   gestures(plot, element, view);
-  element.addEventListener("focus", () => { readout.setAttribute("aria-live", "polite"); tell(plot); });
-  element.addEventListener("blur", () => { readout.removeAttribute("aria-live"); tell(plot); });
+  element.addEventListener("focus", () => { readout.setAttribute("aria-live", "polite"); readOut(plot); });
+  element.addEventListener("blur", () => { readout.removeAttribute("aria-live"); readOut(plot); });
   const watch = new ResizeObserver(() => { const s = size(); if (s.width !== plot.width || s.height !== plot.height) plot.setSize(s); });
   watch.observe(element);
-  const made = { plot, set: (data) => { plot.setData(data); if (plot.cursor.left >= 0) tell(plot); }, again: () => plot.setData(plot.data), end: () => { watch.disconnect(); plot.destroy(); readout.remove(); all.delete(made); } };
+  const made = { plot, set: (data) => { plot.setData(data); if (plot.cursor.left >= 0) readOut(plot); }, again: () => plot.setData(plot.data), end: () => { watch.disconnect(); plot.destroy(); readout.remove(); all.delete(made); } };
   all.add(made);
   return made;
 }

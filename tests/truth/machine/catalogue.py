@@ -61,7 +61,7 @@ PAIRS: tuple[tuple[Effect, Effect], ...] = (
 
 @dataclass(frozen=True)
 class Doubtful:
-    """A machine on which names cannot be told apart, or nothing can be seen: what an honest answer is.
+    """A machine whose effects cannot be told apart or cannot be seen, with the honest answer.
 
     `alike`: the names, as (kind, target), whose signatures agree within the noise; the true one is first.
     `same`: whether they are one and the same physics, so that either name is right; `tellable`: whether the

@@ -43,7 +43,7 @@ SINGLE_SPEED = {
     "b": (Phase(600), Phase(4800, 1500), Phase(3000)),
     "c": (Phase(600), Phase(4200, 1500), Phase(2400)),
 }
-"""One speed over one stroke between two rests: tells little of what goes with speed."""
+"""One speed over one stroke between two rests: shows little of what depends on speed."""
 
 ALWAYS_ON = {
     "a": (Phase(9600, 1500),),

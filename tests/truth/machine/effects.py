@@ -46,7 +46,7 @@ class Ladder:
 
     @property
     def label(self) -> str:
-        """What tells it from the other ladders."""
+        """What distinguishes it from the other ladders."""
         target = [] if self.target is None else [self.target]
         return ".".join([self.kind, *target, *(f"{value:g}" for value in self.fixed.values())])
 

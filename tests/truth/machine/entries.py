@@ -189,8 +189,8 @@ OFF: dict[str, dict[str, Any]] = {
     "torque": {"torque": 0.1},
     "air": {"air_K": 6.0},
 }
-"""What a configuration does not tell: rows 1 min apart, sensors that read 3 ± 2 % toward the air, torque that
-differs by 10 % from run to run; and air that varies by up to 6 K either way in some hours.
+"""What a configuration does not contain: rows 1 min apart, sensors that read 3 ± 2 % toward the air, torque
+that differs by 10 % from run to run; and air that varies by up to 6 K either way in some hours.
 """
 
 
@@ -212,7 +212,7 @@ def rough_campaign(first_seed: int = ROUGH_SEED) -> list[Entry]:
 
 
 def rough_slice(seed: int = 900) -> list[Entry]:
-    """One case of each sort of those, but for rows 1 min apart: where that fails is told in the docs."""
+    """One case of each sort of those, but for rows 1 min apart: where that fails is described in the docs."""
     return [nut_entry(3, seed), *(off_entry(group, (), seed) for group in ("gain", "torque", "air"))]
 
 

@@ -28,8 +28,8 @@ class Machine:
     drift_K_h: FloatArray  # (5,)
     air_drift_K_h: float = 0.0
     sensor_m: FloatArray = field(default_factory=lambda: SENSOR_M)  # (5,) where they really sit
-    step_K: float = 0.01  # in which their module tells them
-    toward_air: FloatArray = field(default_factory=lambda: np.zeros(5))  # (5,) of their rise, not told
+    step_K: float = 0.01  # the resolution of their module
+    toward_air: FloatArray = field(default_factory=lambda: np.zeros(5))  # (5,) of their rise, not given
 
     @property
     def grid(self) -> Grid:
@@ -67,7 +67,7 @@ def draw_machine(seed: int, name: str) -> Machine:
 
 
 def as_users_have_it(machine: Machine, seed: int, name: str) -> Machine:
-    """A machine with the sensors of a typical user: off by 0.3 K and 2 mm, told in steps of 0.1 K, on a screw
+    """A machine with the sensors of a typical user: off by 0.3 K and 2 mm, read in steps of 0.1 K, on a screw
     whose conductivity is 5 % off.
     """
     rng = stream(seed, name, "user")

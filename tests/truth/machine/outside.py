@@ -1,4 +1,4 @@
-"""Things that no effect of the library explains: when and where they happen is drawn, and told as facts."""
+"""Things that no effect of the library explains: when and where they happen is drawn and recorded as fact."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A gateway's process that is told what a service would tell it."""
+"""A gateway's process, fed with what a service would send it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ALARM = {
 
 
 def block(time_s: float, quality: str = "good") -> EstimateBlock:
-    """One estimate, whose numbers can be told apart."""
+    """One estimate in which every number is different."""
     row = np.array
     return EstimateBlock(
         time_s=row([time_s]), heat_W=row([[26.5, 3.25]]), heat_sigma_W=row([[0.5, 0.25]]),
@@ -47,51 +47,51 @@ def block(time_s: float, quality: str = "good") -> EstimateBlock:
     )  # fmt: skip
 
 
-class Teller:
-    """Tells a gateway's process of estimates and documents, and hears what it says."""
+class GatewayFeed:
+    """Sends estimates and documents to a gateway's process and reads what it reports."""
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         self.process = process
 
-    def tell(self, key: str, payload: bytes) -> None:
+    def send(self, key: str, payload: bytes) -> None:
         self.process.stdin.write(framed(key, payload))
         self.process.stdin.flush()
 
     def document(self, key: str, document: dict[str, Any]) -> None:
-        self.tell(key, json.dumps(document).encode())
+        self.send(key, json.dumps(document).encode())
 
     def estimate(self, quality: str = "good", sequence: int = 7, time_s: float | None = None) -> float:
         time_s = time.time() if time_s is None else time_s
-        self.tell("estimate", ENCODER.cbor(block(time_s, quality), 0, sequence))
-        self.tell("heat", ENCODER.heat(block(time_s, quality), 0, sequence))
+        self.send("estimate", ENCODER.cbor(block(time_s, quality), 0, sequence))
+        self.send("heat", ENCODER.heat(block(time_s, quality), 0, sequence))
         return time_s
 
     def said(self) -> dict[str, Any]:
-        """The next line it says."""
+        """The next line that it reports."""
         return json.loads(self.process.stdout.readline())
 
 
 @contextmanager
-def told_gateway(period_s: float = 60.0, **outlets: Any) -> Iterator[Teller]:
+def fed_gateway(period_s: float = 60.0, **outlets: Any) -> Iterator[GatewayFeed]:
     """Start the process with some outlets; it ends by itself when its input closes."""
     start = Start(machine="lathe", axis="z", period_s=period_s, **outlets)
     command = [sys.executable, "-m", "observer.gateway"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        teller = Teller(process)
+        feed = GatewayFeed(process)
         try:
-            teller.tell("start", start.model_dump_json().encode())
-            yield teller
+            feed.send("start", start.model_dump_json().encode())
+            yield feed
         finally:
             process.stdin.close()
             assert process.wait(PATIENCE_S) in (0, -9)
 
 
-def told_of_a_machine(teller: Teller, quality: str = "good") -> None:
-    """Once the gateway is there, tell of every key what a machine with an alarm would."""
-    assert teller.said()["reason"] is None
-    teller.document("health", HEALTH | {"time_s": 1.0})
-    teller.document("alarms", {"time_s": 1.0, "alarms": [ALARM], "bands": {}})
-    teller.document(
+def feed_machine(feed: GatewayFeed, quality: str = "good") -> None:
+    """Once the gateway is up, send what a machine with an alarm would on every key."""
+    assert feed.said()["reason"] is None
+    feed.document("health", HEALTH | {"time_s": 1.0})
+    feed.document("alarms", {"time_s": 1.0, "alarms": [ALARM], "bands": {}})
+    feed.document(
         "learned",
         {
             "time_s": 1.0,
@@ -99,5 +99,5 @@ def told_of_a_machine(teller: Teller, quality: str = "good") -> None:
             "parameters": {"surface.convection_W_m2K": {"value": 14.5, "sigma": 0.5}},
         },
     )
-    teller.document("forecast", {"time_s": 1.0, "quality": "good", "settled_at_s": 1234.5})
-    teller.estimate(quality)
+    feed.document("forecast", {"time_s": 1.0, "quality": "good", "settled_at_s": 1234.5})
+    feed.estimate(quality)
