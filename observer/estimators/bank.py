@@ -138,7 +138,7 @@ class Bank:
         """Allocate it for a plant."""
         self._plant_record, self._steps = plant_record, steps
         s, wide = plant.rows.sensors, len(plant.rows.C) - plant.rows.sensors
-        self.design = Design.of(plant.thermal, settings)
+        self.design, self._thermal = Design.of(plant.thermal, settings), plant.thermal
         self._allows = plant.learnt > 0  # else the model is taken as exact, and no difference is trusted
         initial = packing.initial_state(plant)
         F = len(self.design.uses)
@@ -264,11 +264,12 @@ class Bank:
     def _act(self, main: packing.Running, span_s: float, time_s: float) -> None:
         """Look for a fault, and leave the sensor out that is found; what is ambiguous is not good."""
         each = self.design.alone, np.arange(len(main.guard))
-        read_degC = self._inputs.y_degC[0] - main.verdict[of.COMMON_K]
+        read_degC = self._inputs.y_degC[0] - main.verdict[of.COMMON_K] * self._thermal
         seen = Seen(
             float(main.verdict[of.AGE_S]),
             main.guard[:, of.CAUSE] == 0.0,
             main.guard[:, of.CAUSE] == of.DEPARTED,
+            self._thermal,
             np.where(self.gathered.free != 0, read_degC, np.nan),
             self._left[each],
             self._misfit[each],

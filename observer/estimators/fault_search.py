@@ -35,15 +35,17 @@ _ENOUGH = 3  # sensors, of which one can be identified as wrong
 class Seen(NamedTuple):
     """What a step of the bank has seen, of s sensors.
 
-    For `age_s` all inputs have been known; which sensors are `there` and which have `departed` (s,); what
-    they `read_degC` (s,), NaN where nothing is to be had, and by how much that is more than what all others
-    expect, `left_K`, in standard deviations `misfit` (s,); `misfit_of_pair` (s, s), the misfit of the second
-    of two sensors by what is expected without both; the innovations (s,) of all, and their covariance (s, s).
+    For `age_s` all inputs have been known; which sensors are `there`, which have `departed`, and which are
+    `thermal`, not of a displacement (s,); what they `read_degC` (s,), NaN where nothing is to be had, and by
+    how much that is more than what all others expect, `left_K`, in standard deviations `misfit` (s,);
+    `misfit_of_pair` (s, s), the misfit of the second of two sensors by what is expected without both; the
+    innovations (s,) of all, and their covariance (s, s).
     """
 
     age_s: float
     there: BoolArray
     departed: BoolArray
+    thermal: BoolArray
     read_degC: FloatArray
     left_K: FloatArray
     misfit: FloatArray
@@ -100,7 +102,9 @@ def search(seen: Seen, trace: Trace, span_s: float) -> SearchResult:
 
 
 def _note(seen: Seen, trace: Trace) -> None:
-    """Note what was read and expected, and what all innovations have in common, in standard deviations."""
+    """Note what was read and expected, and what all innovations of thermocouples have in common, in standard
+    deviations.
+    """
     if seen.age_s < _SETTLED_S:
         trace.steps[0] = 0
         return
@@ -110,9 +114,10 @@ def _note(seen: Seen, trace: Trace) -> None:
     trace.expected_degC[at] = seen.read_degC - seen.left_K
     trace.shared[at] = 0.0
     used = np.isfinite(seen.innovation_K)
-    if used.sum() > 1:
+    if (used & seen.thermal).sum() > 1:
         weight = np.linalg.inv(seen.covariance_K2[np.ix_(used, used)])
-        trace.shared[at] = float((weight @ seen.innovation_K[used]).sum() / np.sqrt(weight.sum()))
+        each = seen.thermal[used].astype(float)
+        trace.shared[at] = float(each @ weight @ seen.innovation_K[used] / np.sqrt(each @ weight @ each))
 
 
 def _together(trace: Trace) -> bool:

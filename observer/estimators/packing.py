@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.estimators.protocol import EstimatorState
-from observer.frames import EstimateBlock, FloatArray, QualityArray, contiguous
+from observer.frames import BoolArray, EstimateBlock, FloatArray, QualityArray, contiguous
 from observer.kernels import layout
 from observer.kernels.codes import GUARD, VERDICT
 from observer.kernels.layout import packed, pad_rows
@@ -31,7 +31,7 @@ class PlantArrays(NamedTuple):
     are reported, `rows` (n_x, W), `rows_F` (p, W); `R_K2` (s,), `uniform` (n_x,), `lags` (m, n_x) each
     source's lag at 1 W, `prior_P` (n_x, n_x), `initial_W2`, `law_uncertainty` (m_e,); `source` (m_e,) the
     source of each estimated heat; `moving` (M,) the source of each moving column and `moving_heat` (M,) its
-    estimated heat, -1 if it is not estimated.
+    estimated heat, -1 if it is not estimated; `thermal` (s,) which sensors are thermocouples.
     """
 
     modes: int
@@ -50,6 +50,7 @@ class PlantArrays(NamedTuple):
     source: IntArray
     moving: IntArray
     moving_heat: IntArray
+    thermal: BoolArray
     coupling: Coupling
     learn: LearningArrays
 
@@ -170,6 +171,7 @@ def pack_plant(plant: Plant) -> PlantArrays:
         contiguous(source, np.int64),
         contiguous([s.index for s in plant.moving], np.int64),
         contiguous([heat_of.get(s.index, -1) for s in plant.moving], np.int64),
+        contiguous(plant.thermal, np.bool_),
         plant.coupling,
         packed(plant.parameters),
     )

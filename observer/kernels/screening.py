@@ -168,8 +168,8 @@ def decide(p, u, k, state):
     """Say what stepped, and act on it; return whether P was opened."""
     guard, verdict = state.guard, state.verdict
     present, stepped, mean_K = 0, 0, 0.0
-    for i in range(len(guard)):
-        if guard[i, CAUSE] == 0.0 and u.quality[k, i] == GOOD:
+    for i in range(len(guard)):  # a displacement shares no reference junction
+        if p.thermal[i] and guard[i, CAUSE] == 0.0 and u.quality[k, i] == GOOD:
             present += 1
             if guard[i, PENDING] > 0.0:
                 stepped += 1
@@ -178,8 +178,9 @@ def decide(p, u, k, state):
     if stepped == present and present > 1:
         open_all(p, u, k, mean_K / present, state)
         for i in range(len(guard)):
-            forget_step(guard, i)
-            state.suspect[i] = 0.0
+            if p.thermal[i]:
+                forget_step(guard, i)
+                state.suspect[i] = 0.0
         return True
     other = swapped_with(p, guard) if stepped == 2 else -1
     for i in range(len(guard)):
@@ -197,7 +198,7 @@ def swapped_with(p, guard):
     """The sum of the two sensors that stepped, if each now reads what the other read; else -1."""
     first, second = -1, -1
     for i in range(len(guard)):
-        if guard[i, CAUSE] == 0.0 and guard[i, PENDING] > 0.0:
+        if p.thermal[i] and guard[i, CAUSE] == 0.0 and guard[i, PENDING] > 0.0:
             first, second = second, i
     apart_K = guard[second, VALUE_degC] - guard[first, VALUE_degC]
     limit_K = max(_EQUAL_K, _EQUAL_SIGMA * sqrt(p.R_K2[first] + p.R_K2[second]))
@@ -229,7 +230,7 @@ def open_all(p, u, k, mean_K, state):
     guard, verdict = state.guard, state.verdict
     equal, factor, free = True, gain_of(p, u, k, guard), 0
     for i in range(len(guard)):
-        if guard[i, CAUSE] == 0.0 and guard[i, PENDING] > 0.0:
+        if p.thermal[i] and guard[i, CAUSE] == 0.0 and guard[i, PENDING] > 0.0:
             limit_K = max(_EQUAL_K, _EQUAL_SIGMA * sqrt(p.R_K2[i]))
             equal = equal and abs(guard[i, STEP_K] - mean_K) <= limit_K
             free += 1 if offset_of(p, i) >= 0 else -len(guard)
@@ -241,7 +242,7 @@ def open_all(p, u, k, mean_K, state):
         verdict[COMMON_K] += mean_K
         return
     for i in range(len(guard)):
-        if guard[i, CAUSE] == 0.0:
+        if p.thermal[i] and guard[i, CAUSE] == 0.0:
             variance_K2 = _APART_K2 + guard[i, STEP_K] * guard[i, STEP_K]
             open_offset(p, i, variance_K2, state.P)
             guard[i, OPENED_K2] += variance_K2
@@ -256,13 +257,13 @@ def gain_of(p, u, k, guard):
     product, square = 0.0, 0.0
     air_degC = u.z_end[k, p.learn.ambient] if len(p.learn.kind) > 0 else 0.0
     for i in range(len(guard)):
-        if guard[i, CAUSE] == 0.0 and guard[i, PENDING] > 0.0:
+        if p.thermal[i] and guard[i, CAUSE] == 0.0 and guard[i, PENDING] > 0.0:
             rise_K = guard[i, VALUE_degC] - air_degC
             product += rise_K * guard[i, STEP_K]
             square += rise_K * rise_K
     factor = product / max(square, 1e-12)
     for i in range(len(guard)):
-        if guard[i, CAUSE] == 0.0 and guard[i, PENDING] > 0.0:
+        if p.thermal[i] and guard[i, CAUSE] == 0.0 and guard[i, PENDING] > 0.0:
             rise_K = guard[i, VALUE_degC] - air_degC
             limit_K = max(_EQUAL_K, _EQUAL_SIGMA * sqrt(p.R_K2[i])) + abs(factor) * _TRUST_AIR_K
             if not abs(guard[i, STEP_K] - factor * rise_K) <= limit_K:
@@ -292,12 +293,12 @@ def open_offset(p, i, variance_K2, P):
 
 
 def open_common(p, variance_K2, P):
-    """Add to the variance of what all offsets have in common."""
+    """Add to the variance of what the offsets of all thermocouples have in common."""
     first = len(p.uniform) + len(p.source)
     for i in range(len(p.R_K2)):
         for j in range(len(p.R_K2)):
             a, b = offset_of(p, i), offset_of(p, j)
-            if a >= 0 and b >= 0:
+            if p.thermal[i] and p.thermal[j] and a >= 0 and b >= 0:
                 P[first + a, first + b] += variance_K2
 
 

@@ -278,7 +278,9 @@ def compare(p, u, k, state, work):
         for r in range(s):
             work.CT[a, r] = work.C[r, a]
     for i in range(s):
-        work.read[i] = u.y_degC[k, i] - state.verdict[COMMON_K]
+        work.read[i] = u.y_degC[k, i]
+        if p.thermal[i]:
+            work.read[i] -= state.verdict[COMMON_K]
     subtract_seen(work.read, work.CT, state.x)
     sensor_covariances(work.C, n_x, state.P, work.g)
     for q in range(p.learn.machine, len(p.learn.kind)):

@@ -184,8 +184,8 @@ class Machine:
             given = load_candidates(Path(candidates), self.config)
         elif candidates is not None:
             given = parse_candidates({"candidate": list(candidates)}, "candidates", self.config)
-        sensors, costs = candidates_of(self.config, given, spacing_m)
-        return placed(self.config, sensors, costs, Choice(count, budget, by, keep), progress)
+        found = candidates_of(self.config, given, spacing_m)
+        return placed(self.config, found, Choice(count, budget, by, keep), progress)
 
     @in_words
     def check(self) -> CheckFindings:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from observer.model.build import build_plant
 from observer.model.cycle import Stage, standard_shift
 from observer.model.plant import Plant
 from observer.report.sensitivity import few_modes
-from observer.tables.candidates import SensorCandidate
+from observer.tables.candidates import PROBING_S, SensorCandidate
 from observer.tables.sections import AMBIENT, Sensor
 
 Quantity = Literal["all", "heat", "field", "error"]
@@ -110,18 +110,28 @@ class Choice:
     keep: bool = False
 
 
+class Mountable(NamedTuple):
+    """A sensor that could be mounted, what it costs, and, if it comes only now and then, how often."""
+
+    sensor: Sensor
+    cost: float
+    every_s: float | None = None
+
+
 def placed(
-    config: Config,
-    candidates: Sequence[Sensor],
-    costs: Sequence[float],
-    choice: Choice,
-    progress: Callable[[str], None],
+    config: Config, candidates: Sequence[Mountable], choice: Choice, progress: Callable[[str], None]
 ) -> PlacedSensors:
     """Return the front of sets of candidates. Raises `UserError` for a choice that leaves none."""
     if choice.by == "error" and config.screw.expansion_1_K is None:
         raise UserError("place: --by error needs the screw's expansion coefficient; give screw.expansion_1_K")
+    moved = [one.sensor.name for one in candidates if one.sensor.kind == "displacement"]
+    if moved and config.screw.expansion_1_K is None:
+        raise UserError(
+            f"place: candidate {moved[0]}: a displacement needs the screw's expansion coefficient; give "
+            "screw.expansion_1_K"
+        )
     bench = _Bench.of(config, candidates)
-    limits = _limits(bench, len(config.sensor), costs, choice)
+    limits = _limits(bench, len(config.sensor), [one.cost for one in candidates], choice)
     tried = 0
 
     def score(sets: Sequence[SensorSet]) -> FloatArray:
@@ -150,16 +160,19 @@ class _Bench:
     plant: Plant
     shift: tuple[Stage, ...]
     sensors: tuple[Sensor, ...]
-    period_s: float
+    every_s: FloatArray
     travelled: BoolArray
 
     @classmethod
-    def of(cls, config: Config, candidates: Sequence[Sensor]) -> _Bench:
+    def of(cls, config: Config, candidates: Sequence[Mountable]) -> _Bench:
         """Build it; a candidate may be called as a configured sensor."""
         own = [
             one.model_copy(update={"name": f"candidate {one.name}", "channel": f"candidate {one.channel}"})
-            for one in candidates
+            for one, _, _ in candidates
         ]
+        period_s = config.estimator.period_s
+        often_s = [one.every_s or period_s for one in candidates]
+        often_s += [PROBING_S if sensor.occasional else period_s for sensor in config.sensor]
         kalman = config.estimator.model_copy(update={"kind": "kalman", "engine": "compiled"})
         more = {"sensor": (*own, *config.sensor), "estimator": kalman}
         config = few_modes(config.model_copy(update=more))
@@ -167,14 +180,14 @@ class _Bench:
         return cls(
             plant,
             standard_shift(config, plant),
-            (*candidates, *config.sensor[len(own) :]),
-            config.estimator.period_s,
+            (*(one.sensor for one in candidates), *config.sensor[len(own) :]),
+            np.array(often_s),
             travel_of(config, plant),
         )
 
     def sigmas(self, sets: Sequence[SensorSet], step_s: float) -> SetSigmas:
         """The σ over the shift with each of some sets."""
-        return set_sigmas(self.plant, self.shift, sets, self.period_s, step_s)
+        return set_sigmas(self.plant, self.shift, sets, self.every_s, step_s)
 
     def judged(self, found: SetSigmas, by: Quantity) -> FloatArray:
         """One number for each set (v,): the rms σ of a quantity, or the geometric mean of those of all."""
@@ -206,9 +219,9 @@ class _Bench:
 
 def candidates_of(
     config: Config, given: Sequence[SensorCandidate], spacing_m: float | None
-) -> tuple[list[Sensor], list[float]]:
-    """Return the sensors that could be mounted and what each costs: those `given`; without any the nodes that
-    the air touches, and places along the screw, `spacing_m` apart.
+) -> list[Mountable]:
+    """Return the sensors that could be mounted: those `given`; without any the nodes that the air touches,
+    and places along the screw, `spacing_m` apart.
 
     The screw is left alone where the configuration has nodes and all its sensors sit on these, unless a
     spacing is asked for. Raises `UserError` for one together with candidates that are given.
@@ -219,8 +232,7 @@ def candidates_of(
                 "place: --spacing-m is for places where nothing is said of candidates; give spacing_m to the "
                 "[[candidate]] instead"
             )
-        every = [(sensor, one.cost) for one in given for sensor in one.sensors]
-        return [sensor for sensor, _ in every], [cost for _, cost in every]
+        return [Mountable(sensor, one.cost, one.probing_s) for one in given for sensor in one.sensors]
     thermocouples = [s for s in config.sensor if s.kind == "temperature"]
     like = thermocouples[0]
     found = []
@@ -234,7 +246,7 @@ def candidates_of(
             found.append(
                 like.model_copy(update={"name": name, "channel": name, "position_m": x_m, "on": None})
             )
-    return found, [1.0] * len(found)
+    return [Mountable(sensor, 1.0) for sensor in found]
 
 
 def _in_the_air(config: Config) -> list[str]:
@@ -254,16 +266,22 @@ def _limits(bench: _Bench, configured: int, costs: Sequence[float], choice: Choi
             f"place: {most} sensors cannot stand on {n} candidate positions; ask for 1 to {n}, or name more "
             "candidates"
         )
-    if budget is not None and not choice.keep and min(costs) > budget:
+    thermal = frozenset(i for i, one in enumerate(bench.sensors) if one.kind == "temperature")
+    first = min((costs[i] for i in thermal if i < n), default=None)
+    if first is None and not choice.keep:
         raise UserError(
-            f"place: a budget of {budget:g} buys no sensor, of which the cheapest costs {min(costs):g}; give "
-            "more, or name cheaper candidates"
+            "place: no candidate measures a temperature, from which an estimate starts; name a thermocouple, "
+            "or keep the configured sensors (--keep)"
+        )
+    if budget is not None and first is not None and not choice.keep and first > budget:
+        raise UserError(
+            f"place: a budget of {budget:g} buys no thermocouple, of which the cheapest costs {first:g}; "
+            "give more, or name cheaper candidates"
         )
     kept = tuple(range(n, n + configured))
     wide = np.array([*costs, *[0.0] * configured])
-    return SetLimits(
-        wide, tuple(range(n)), most, math.inf if budget is None else budget, kept if choice.keep else ()
-    )
+    most_cost = math.inf if budget is None else budget
+    return SetLimits(wide, tuple(range(n)), most, most_cost, kept if choice.keep else (), thermal)
 
 
 def _rms(sigma: FloatArray) -> FloatArray:

@@ -10,17 +10,21 @@ from pydantic import Field, model_validator
 
 from observer.tables import quantities
 from observer.tables.quantities import Section
-from observer.tables.sections import Sensor
+from observer.tables.sections import Sensor, SensorKind, refuse_foreign_keys
 
 MOST_PLACES = 200
 """The most places that candidates may have altogether."""
+PROBING_S = 3600.0
+"""How often an occasional displacement comes where nothing is said of that."""
 
 
 class SensorCandidate(Section):
-    """A sensor that could be mounted, or one anywhere along a stretch of the screw."""
+    """A sensor that could be mounted, or one anywhere along a stretch of the screw; or a probing cycle."""
 
     #: what it is called; of a stretch, the name to which each place is added, as `_250mm`
     name: quantities.Name
+    #: `"temperature"`, or `"displacement"`: a [probe, a laser, a dial gauge](../how-to/probe.md)
+    kind: SensorKind = "temperature"
     position_m: quantities.Position | None = None  #: its position on the screw
     on: quantities.Name | None = None  #: the node that it would sit on
     from_m: quantities.Position | None = None  #: where a stretch of the screw begins
@@ -30,6 +34,14 @@ class SensorCandidate(Section):
     noise_K: quantities.Noise = 0.1  #: standard deviation of its noise
     #: standard deviation of its offset; – is `tolerance.offset_K`
     offset_K: Annotated[quantities.NonNegative, Field(le=50)] | None = None
+    #: displacement: standard deviation of its noise
+    noise_um: Annotated[quantities.Positive, Field(ge=1e-4, le=1000)] = 1.0
+    #: displacement: standard deviation of its zero
+    zero_um: Annotated[quantities.NonNegative, Field(le=10_000)] = 5.0
+    #: displacement: it comes only now and then, one reading each `every_s`
+    occasional: quantities.Flag = False
+    #: occasional displacement: how far apart its readings are; – is an hour
+    every_s: Annotated[quantities.Positive, Field(ge=1, le=86_400)] | None = None
     cost: quantities.NonNegative = 1.0  #: what it costs, mounting included, in any unit
 
     @model_validator(mode="after")
@@ -42,19 +54,28 @@ class SensorCandidate(Section):
             raise ValueError(
                 f"the stretch {self.from_m} … {self.to_m} m is empty; the first number must be the smaller"
             )
+        refuse_foreign_keys(self, self.kind)
+        if self.every_s is not None and not self.occasional:
+            raise ValueError("every_s is of an occasional displacement; add occasional = true, or remove it")
         return self
+
+    @property
+    def probing_s(self) -> float | None:
+        """How far apart the readings of an occasional displacement are, None of any other sensor."""
+        return (self.every_s or PROBING_S) if self.occasional else None
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:
         """The sensors that it offers, of which any may be taken."""
         own = self.model_dump(exclude_unset=True, include=set(Sensor.model_fields) - {"name", "channel"})
+        unit = "_um" if self.kind == "displacement" else ""
         if self.from_m is None or self.to_m is None or self.spacing_m is None:
-            return (Sensor(name=self.name, channel=self.name, **own),)
+            return (Sensor(name=self.name, channel=self.name + unit, **own),)
         steps = max(1, round((self.to_m - self.from_m) / self.spacing_m))
         places_m = np.linspace(self.from_m, self.to_m, steps + 1).round(6).tolist()
         names = [f"{self.name}_{1000 * x_m:g}mm" for x_m in places_m]
         return tuple(
-            Sensor(name=name, channel=name, position_m=x_m, **own)
+            Sensor(name=name, channel=name + unit, position_m=x_m, **own)
             for name, x_m in zip(names, places_m, strict=True)
         )
 

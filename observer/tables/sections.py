@@ -309,6 +309,17 @@ MICROMETRES = {"_um": 1.0, "_mm": 1e3, "_m": 1e6}
 """How the channel of a displacement may end, and what its unit is in µm, in which displacements count."""
 
 
+SensorKind = Literal["temperature", "displacement"]
+_THERMAL_KEYS, _DISPLACEMENT_KEYS = ("noise_K", "offset_K", "on"), ("noise_um", "zero_um", "occasional")
+
+
+def refuse_foreign_keys(table: Section, kind: SensorKind) -> None:
+    """Refuse a key of a sensor that has no meaning with its `kind`; raises `ValueError`."""
+    for key in _THERMAL_KEYS if kind == "displacement" else _DISPLACEMENT_KEYS:
+        if key in table.model_fields_set and getattr(table, key) is not None:
+            raise ValueError(f'{key} has no meaning with kind = "{kind}"; remove it')
+
+
 class Sensor(Section):
     """A thermocouple on the screw, or on a node beside it; or what measures the thermal error: a probe, a
     laser, a dial gauge.
@@ -317,7 +328,7 @@ class Sensor(Section):
     name: quantities.Name  #: names the columns of its innovation and quality
     #: `"temperature"`, or `"displacement"`: the thermal error at its position, positive away from x = 0,
     #: [as a probe measures it](../how-to/probe.md)
-    kind: Literal["temperature", "displacement"] = "temperature"
+    kind: SensorKind = "temperature"
     #: the channel that measures it; of a displacement its name ends in its unit: `_um`, `_mm` or `_m`
     channel: quantities.Channel
     position_m: quantities.Position | None = None  #: its position on the screw
@@ -336,12 +347,8 @@ class Sensor(Section):
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> Sensor:
-        moved = self.kind == "displacement"
-        foreign = ("noise_K", "offset_K", "on") if moved else ("noise_um", "zero_um", "occasional")
-        for key in foreign:
-            if key in self.model_fields_set and getattr(self, key) is not None:
-                raise ValueError(f'{key} has no meaning with kind = "{self.kind}"; remove it')
-        if moved and not self.channel.endswith(tuple(MICROMETRES)):
+        refuse_foreign_keys(self, self.kind)
+        if self.kind == "displacement" and not self.channel.endswith(tuple(MICROMETRES)):
             raise ValueError(
                 f'channel "{self.channel}" of a displacement is to end in its unit, _um, _mm or _m; '
                 "rename it, or read it by [log.columns]"

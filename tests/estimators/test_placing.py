@@ -29,7 +29,9 @@ def information(n=N, heats=3, seed=1):
 
 def limits(costs=None, most=N, budget=math.inf, kept=(), n=N):
     costs = np.ones(n) if costs is None else np.asarray(costs, dtype=float)
-    return SetLimits(costs, tuple(i for i in range(n) if i not in kept), most, budget, kept)
+    return SetLimits(
+        costs, tuple(i for i in range(n) if i not in kept), most, budget, kept, frozenset(range(n))
+    )
 
 
 def every_set(n, most):

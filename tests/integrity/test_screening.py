@@ -14,11 +14,13 @@ from campaigns.integrity.judge import RIG, faulty, judged
 from observer.align.aligner import frames_of_log
 from observer.estimate.pipeline import MachineModel
 from observer.estimators.selftest import Fault as Found
-from observer.frames import EstimateQuality, Quality
+from observer.frames import EstimateBlock, EstimateQuality, Quality
 from observer.quality.conditions import of_finding
 from observer.quality.reasons import sentence
 from tests.learning.cover import estimates, log_of
 from tests.learning.machines import config_of
+from tests.learning.probing import PROBE, probed_log
+from tests.truth.machine.machine import stream
 
 MACHINES = (0, 1)
 """At the fault the first stands, and the nut of the second moves."""
@@ -63,6 +65,25 @@ def test_equal_steps_of_all_are_taken_out_of_all(name: str, number: int) -> None
         f"{size:.2f} K too {'low' if '-' in name else 'high'}" in said
         for size in np.arange(size_K - 0.08, size_K + 0.08, 0.01)
     )
+
+
+@pytest.mark.parametrize("often", [1, 3600])
+def test_they_are_taken_out_beside_a_laser_and_beside_a_probe(often: int) -> None:
+    """A displacement shares no reference junction: the step is none of its own, nor of what it reads."""
+    day = faulty(day_of(1), catalogue()["all +4 K"], 1)
+    log = probed_log(day, np.arange(1800, len(day.time_s), often), stream(12_345, "probe", "1"))
+    machine = MachineModel.of(config_of(RIG, PROBE), learns=True)
+    pipeline = pipeline_of(machine)
+    block = EstimateBlock.joined([pipeline.step(frames) for frames in frames_of_log(log, machine.plan)])
+    (size_K,) = (f.value for f, _ in pipeline.history if f.fault == Found.SHARED_OFFSET)
+    assert size_K == pytest.approx(4.0, abs=0.08)
+    assert not (block.sensor_quality == Quality.EXCLUDED).any()
+    later = (day.time_s > FAULT_S + 120.0) & (block.quality == EstimateQuality.GOOD)
+    assert later.sum() > 3000
+    off_um = np.abs(block.error_um - day.error_um)[later, 1:]
+    assert (off_um <= 3.0 * block.error_sigma_um[later, 1:]).mean() > 0.99
+    innovation_um = block.innovation_K[day.time_s > FAULT_S, -1]
+    assert np.nanmax(np.abs(innovation_um)) < 3.5  # 0.7 µm of noise; 4 K off what it reads would be 4 µm
 
 
 def test_two_that_take_each_others_place_are_swapped() -> None:

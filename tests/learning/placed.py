@@ -42,7 +42,7 @@ def ranked(sets: list[SensorSet]) -> FloatArray:
     config = everywhere()
     plant = build_plant(config, learns=True)
     shift = standard_shift(config, plant)
-    found = set_sigmas(plant, shift, sets, config.estimator.period_s, STEP_S)
+    found = set_sigmas(plant, shift, sets, np.full(plant.rows.sensors, config.estimator.period_s), STEP_S)
     return np.column_stack([np.sqrt(np.mean(each**2, axis=1)) for each in found])
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer.align.aligner import frames_of_log
 from observer.estimate.pipeline import MachineModel
@@ -46,22 +47,20 @@ def probed(seed: int, number: int, run: str, *, housed: bool) -> Probed:
     """
     machine = draw_housed(seed, number, 0.2) if housed else draw(seed, number, Rough())
     one = day(machine, seed, number, run)
-    rng = stream(seed, "probe", str(number))
+    cycles_s = np.arange(one.time_s[0] + 0.5 * EVERY_S, one.time_s[-1], EVERY_S)
+    rows = np.concatenate([np.searchsorted(one.time_s, s) + 4 * np.arange(BURST) for s in cycles_s])
+    at = rows[rows < len(one.time_s)]
+    return Probed(one, probed_log(one, at, stream(seed, "probe", str(number))), cycles_s)
+
+
+def probed_log(one: Day, at: NDArray[np.int64], rng: np.random.Generator) -> Log:
+    """A day as its user's log with readings of a probe in rows `at`."""
     log, readings = log_of(one), np.full(len(one.time_s), np.nan)
     zero_um = ZERO_UM * rng.standard_normal()
-    cycles_s = np.arange(one.time_s[0] + 0.5 * EVERY_S, one.time_s[-1], EVERY_S)
-    for begin_s in cycles_s:
-        first = int(np.searchsorted(one.time_s, begin_s))
-        at = first + 4 * np.arange(BURST)
-        at = at[at < len(readings)]
-        true_um = np.array([np.interp(PROBE_M, GRID_M, row) for row in one.error_um[at]])
-        readings[at] = true_um + zero_um + NOISE_UM * rng.standard_normal(len(at))
+    true_um = np.array([np.interp(PROBE_M, GRID_M, row) for row in one.error_um[at]])
+    readings[at] = true_um + zero_um + NOISE_UM * rng.standard_normal(len(at))
     values = np.column_stack([log.values, readings])
-    return Probed(
-        one,
-        replace(log, path=Path("probed.csv"), channels=(*log.channels, "probe_um"), values=values),
-        cycles_s,
-    )
+    return replace(log, path=Path("probed.csv"), channels=(*log.channels, "probe_um"), values=values)
 
 
 def estimates(log: Log, text: str) -> EstimateBlock:

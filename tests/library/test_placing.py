@@ -88,6 +88,20 @@ def test_cost_decides_and_what_is_dearer_leaves_less_unknown(housings, tmp_path)
     assert [one.names for one in same.sets] == [("t1", "t2", "t3"), ("nut", "t1", "t2", "t3")]
 
 
+def test_a_probe_is_chosen_beside_thermocouples_and_worth_more_the_oftener_it_comes(housings):
+    """On the configured sensors: an hourly probing cycle knows the error better, and heat hardly."""
+    probe = {"name": "p", "kind": "displacement", "position_m": 0.3, "noise_um": 1.0, "zero_um": 2.0}
+    hourly, daily = (
+        housings.place(candidates=[probe | more], keep=True, by="error")
+        for more in ({"occasional": True}, {"occasional": True, "every_s": 86_400.0})
+    )
+    without, beside = hourly.sets
+    assert beside.names == ("p", "t1", "t2", "t3")
+    assert beside.error_sigma_um < 0.8 * without.error_sigma_um
+    assert beside.heat_sigma_W["nut"] > 0.9 * without.heat_sigma_W["nut"]
+    assert len(daily.sets) == 1  # the shift is over before it comes
+
+
 def test_candidates_of_the_configuration_are_taken_and_are_nothing_to_the_service(housings):
     machine = observer.load(CONFIG / "li-network.toml")
     assert machine.place(1).tried == 6
@@ -108,6 +122,8 @@ def test_candidates_of_the_configuration_are_taken_and_are_nothing_to_the_servic
         ({"name": "a", "from_m": 0.2, "to_m": 0.1, "spacing_m": 0.1}, "empty"),
         ({"name": "a", "from_m": 0.0, "to_m": 0.5, "spacing_m": 0.001}, "501 places"),
         ({"name": "a", "on": "table", "cots": 1}, "did you mean cost"),
+        ({"name": "a", "position_m": 0.1, "zero_um": 1.0}, "zero_um has no meaning"),
+        ({"name": "a", "kind": "displacement", "position_m": 0.1, "every_s": 60.0}, "add occasional"),
     ],
 )
 def test_what_cannot_be_mounted_is_said_in_a_sentence(housings, table, words):
@@ -117,10 +133,20 @@ def test_what_cannot_be_mounted_is_said_in_a_sentence(housings, table, words):
 
 def test_a_choice_that_leaves_nothing_is_said_in_a_sentence(housings):
     tables = [{"name": "a", "on": "table", "cost": 5.0}]
-    with pytest.raises(observer.UserError, match="buys no sensor"):
+    with pytest.raises(observer.UserError, match="buys no thermocouple"):
         housings.place(candidates=tables, budget=4.0)
     with pytest.raises(observer.UserError, match="ask for 1 to 1"):
         housings.place(2, candidates=tables)
+    probe = {"name": "p", "kind": "displacement", "position_m": 0.3}
+    with pytest.raises(observer.UserError, match="no candidate measures a temperature"):
+        housings.place(candidates=[probe])
+    with pytest.raises(observer.UserError, match=r"buys no thermocouple.*cheapest costs 5"):
+        housings.place(candidates=[*tables, probe], budget=1.0)
+    rigid = housings.config.model_copy(
+        update={"screw": housings.config.screw.model_copy(update={"expansion_1_K": None})}
+    )
+    with pytest.raises(observer.UserError, match="expansion coefficient"):
+        replace(housings, config=rigid).place(candidates=[*tables, probe], by="field")
     with pytest.raises(observer.UserError, match="candidates are called"):
         housings.place(candidates=tables * 2)
 

@@ -40,7 +40,8 @@ class Front(NamedTuple):
 
 class SetLimits(NamedTuple):
     """What a set may be: the `costs` (n,) of all sensors, those that are `free` to be chosen, the `most` of
-    them that may be added to those that are `kept` in every set, and the `budget` for all that is added.
+    them that may be added to those that are `kept` in every set, the `budget` for all that is added, and the
+    sensors of which every set has one at least.
     """
 
     costs: FloatArray
@@ -48,14 +49,15 @@ class SetLimits(NamedTuple):
     most: int
     budget: float
     kept: SensorSet
+    one_of: frozenset[int]
 
     def cost(self, sensors: SensorSet) -> float:
         """What a set costs beside what is kept."""
         return float(sum(self.costs[i] for i in sensors if i not in self.kept))
 
     def allow(self, sensors: SensorSet) -> bool:
-        """Whether a set is none of nothing, and small and cheap enough."""
-        fits = 0 < len(sensors) <= self.most + len(self.kept)
+        """Whether a set has what it needs, and is small and cheap enough."""
+        fits = len(sensors) <= self.most + len(self.kept) and not self.one_of.isdisjoint(sensors)
         return fits and self.cost(sensors) <= self.budget * (1 + 1e-9)
 
 

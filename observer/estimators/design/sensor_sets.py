@@ -43,8 +43,8 @@ class SetSigmas(NamedTuple):
 
 
 class _Own(NamedTuple):
-    """Of v sets of up to k sensors: `sensors` (v, k), `weight_1_K` (v, k), one over the σ of the mean of the
-    samples in a step, 0 where a set has fewer; `states` (v, n), which of all states each filter has, one
+    """Of v sets of up to k sensors: `sensors` (v, k), `weight_1_K` (v, k), one over the σ of a reading, 0
+    where a set has fewer; `states` (v, n), which of all states each filter has, one
     beyond the last for what a sensor does not have; `held` (h,) parameters, considered only.
     """
 
@@ -58,26 +58,27 @@ class _Own(NamedTuple):
         wide = np.pad(P, ((0, 1), (0, 1)))
         return np.asarray(wide[self.states[:, :, None], self.states[:, None, :]])
 
-    def of_readings(self, seen: FloatArray) -> FloatArray:
-        """The rows (v, f k, n) of all sensors' (f, s, N), by the σ of what is read, with f rows for each
-        sample that a step has in one.
+    def of_readings(self, seen: FloatArray, readings: FloatArray) -> FloatArray:
+        """The rows (v, f k, n) of all sensors' (f, s, N), by the σ of the mean of the `readings` (s,) in a
+        step, with f rows for each that it has in one.
         """
         wide = np.pad(seen, ((0, 0), (0, 0), (0, 1)))
         own = wide[:, self.sensors[:, :, None], self.states[:, None, :]]
-        own = own * self.weight_1_K[:, :, None] / np.sqrt(len(seen))
+        weight = self.weight_1_K * np.sqrt(readings / len(seen))[self.sensors]
+        own = own * weight[:, :, None]
         return np.asarray(own.swapaxes(0, 1).reshape(len(self.sensors), -1, self.states.shape[1]))
 
 
 def set_sigmas(
-    plant: Plant, shift: Sequence[Stage], sets: Sequence[SensorSet], period_s: float, dt_s: float
+    plant: Plant, shift: Sequence[Stage], sets: Sequence[SensorSet], every_s: FloatArray, dt_s: float
 ) -> SetSigmas:
     """Return the σ of a Kalman filter over a shift, in steps `dt_s`, with each of some sets of the sensors of
-    a plant that knows its tolerances (`build_plant` with `learns`), each read every `period_s`.
+    a plant that knows its tolerances (`build_plant` with `learns`), read `every_s` (s,).
     """
     a = plant.parameters
     n_x = len(plant.decay_1_s)
     first = n_x + int(plant.estimated.sum())
-    own = _own(plant, a, first, sets, np.sqrt(dt_s / (period_s * plant.noise_R_K2)))
+    own = _own(plant, a, first, sets, 1.0 / np.sqrt(plant.noise_R_K2))
     n, all_sigma = own.states.shape[1], a.sigma[None, :]
     at_rest, anyhow = (
         own.of_states(start(plant, a, shift[0], all_sigma, at_rest=x)[0]) for x in (True, False)
@@ -91,12 +92,20 @@ def set_sigmas(
         F[:machine, :machine] = now.F[:machine, :machine]
         Q[:, :first, :first] = now.Q
         P[:, range(n_x, first), range(n_x, first)] += (plant.law_uncertainty * now.jump_W) ** 2
-        rows = own.of_readings(now.H + now.passing)
+        rows = own.of_readings(now.H + now.passing, _readings(count, every_s, dt_s))
         before = F @ P @ F.T + Q
         P = corrected(before, rows, np.ones(rows.shape[1]), None, own.held, first)
         if is_counted(count, dt_s):
             found.append(sigmas(Moment(now.plant, now.stage, now.x, rows, between(before, P)), a))
     return SetSigmas(*(np.mean(column, axis=0) for column in zip(*found, strict=True)))
+
+
+def _readings(step: int, every_s: FloatArray, dt_s: float) -> FloatArray:
+    """How many readings (s,) of each sensor there are in a step, from 1; of one that comes less often than
+    steps do, 1 in the steps in which it comes.
+    """
+    rare = np.floor(step * dt_s / every_s) - np.floor((step - 1) * dt_s / every_s)
+    return np.where(every_s > dt_s, rare, dt_s / every_s)
 
 
 def _own(
