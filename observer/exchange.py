@@ -220,7 +220,7 @@ KEYS = {
     "probing": Key(
         "JSON: whether to [probe now](../how-to/probe.md#probe-now), `probe_now`, for the thermal error is "
         "known to `within_um` at worst where the part needs `needs_um`; a probing would leave `after_um`",
-        "every 10 s, with a displacement sensor and what the part needs",
+        "every 5 s, with a displacement sensor and what the part needs",
         asked=_LAST,
         retained=True,
         needs="probing",

@@ -16,7 +16,7 @@ import threading
 
 from pydantic import ValidationError
 
-from drivers.simulated.faults import FaultCommand, Faults
+from drivers.simulated.faults import Faults, MachineCommand
 from drivers.simulated.housings import HousedMachine
 from drivers.simulated.machine import SimulatedMachine, speed_rpm
 from drivers.simulated.wires import (
@@ -124,10 +124,15 @@ class MachineProcess:
             if not line.strip():
                 continue
             try:
-                self._faults = FaultCommand.model_validate_json(line).fault
+                command = MachineCommand.model_validate_json(line)
             except ValidationError as error:
                 print(f"command refused: {error}", file=sys.stderr, flush=True)
                 continue
+            if command.probe_m is not None:
+                axis.send_probed(growth_um := self._machine.probed_um(command.probe_m))
+                print(json.dumps({"probed_um": growth_um}), flush=True)
+                continue
+            self._faults = command.fault or Faults()
             axis.mishaps.set(self._faults)
             self._server.exception = self._faults.exception
             await self._server.set_listening(not self._faults.drop_modbus)

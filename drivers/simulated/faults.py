@@ -58,12 +58,16 @@ class Faults(BaseModel):
         return shown
 
 
-class FaultCommand(BaseModel):
-    """One line on standard input: `{"fault": {"open": "t3_degC"}}`; `{"fault": {}}` clears everything."""
+class MachineCommand(BaseModel):
+    """One line on standard input: `{"fault": {"open": "t3_degC"}}`; `{"fault": {}}` clears everything.
+
+    `{"probe_m": 0.9}` has the machine probe how far its screw has grown there.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    fault: Faults
+    fault: Faults | None = None
+    probe_m: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
 
 
 class Mishaps:

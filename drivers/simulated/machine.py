@@ -24,6 +24,7 @@ NUT_LENGTH_M = 0.08
 STROKE_M = (0.15, 0.80)
 SENSORS = {"t1_degC": 0.05, "t2_degC": 0.28, "t3_degC": 0.50, "t4_degC": 0.72, "t5_degC": 0.95}
 NOISE_K = 0.05
+EXPANSION_1_K, PROBE_NOISE_UM = 11.8e-6, 0.3
 PROGRAMME = ((240.0, 1500.0), (40.0, 0.0), (150.0, 2500.0), (40.0, 0.0), (100.0, 800.0))  # s, rpm
 
 NOMINAL_TORQUE_NM = 0.30
@@ -79,6 +80,11 @@ class FiniteVolumeScrew:
         """Temperatures at positions, interpolated between cell centres."""
         found: FloatArray = np.interp(position_m, self._centres_m, self.temperature_degC)
         return found
+
+    def rise_K_m(self, to_m: float) -> float:
+        """The integral from 0 of how much warmer than the air it is."""
+        inside_m = np.clip(to_m - self._edges_m[:-1], 0.0, self._dx_m)
+        return float(inside_m @ (self.temperature_degC - self.rod.ambient_degC))
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +151,11 @@ class SimulatedMachine:
         """What the thermocouples say now, each reading with its own noise."""
         noisy = self._screw.at(self._positions_m) + NOISE_K * self._random.standard_normal(len(SENSORS))
         return dict(zip(SENSORS, noisy.tolist(), strict=True))
+
+    def probed_um(self, position_m: float) -> float:
+        """What a probe says of how far the screw has grown there, from where it is as warm as the air."""
+        grown_um = 1e6 * EXPANSION_1_K * self._screw.rise_K_m(position_m)
+        return grown_um + PROBE_NOISE_UM * float(self._random.standard_normal())
 
     def _entering_W(self, true: TrueHeats, under: FloatArray, _dt_s: float) -> FloatArray:
         """What enters each cell (cells,) in a step in which the nut stood over the shares `under` of them."""

@@ -12,6 +12,7 @@ import tty
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import cantools
 import zenoh
@@ -110,6 +111,7 @@ class AxisBus:
     def __init__(self, stamps: bool, seed: int) -> None:
         database = cantools.database.load_file(Path(__file__).parent / "axis.dbc")
         self._message = database.get_message_by_name("AxisStatus")  # type: ignore[union-attr]
+        self._probed = database.get_message_by_name("ProbeResult")  # type: ignore[union-attr]
         self._master, slave = os.openpty()
         tty.setraw(slave)
         os.set_blocking(self._master, False)
@@ -128,10 +130,16 @@ class AxisBus:
             "AxisState": 2 if screw_speed_rpm else 1,
             "AliveCounter": self._alive,
         }
-        data = self._message.encode(signals)
+        self.mishaps.put(self._line(self._message, signals), period_s)
+
+    def send_probed(self, growth_um: float) -> None:
+        """Send the frame that follows a probing cycle."""
+        self._write(self._line(self._probed, {"ScrewGrowth": growth_um}))
+
+    def _line(self, message: Any, signals: Mapping[str, float]) -> bytes:
+        data = message.encode(signals)
         stamp = f"{int(1e3 * time.monotonic()) % 60_000:04X}" if self._stamps else ""
-        line = f"t{self._message.frame_id:03X}{len(data)}{data.hex().upper()}{stamp}\r"
-        self.mishaps.put(line.encode(), period_s)
+        return f"t{message.frame_id:03X}{len(data)}{data.hex().upper()}{stamp}\r".encode()
 
     def _write(self, lines: bytes) -> None:
         with contextlib.suppress(OSError):

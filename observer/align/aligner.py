@@ -22,9 +22,10 @@ from observer.align.walk import Expected, Memory, Rows, Walk
 from observer.config import Config
 from observer.errors import LogError
 from observer.files.logs import Log
-from observer.frames import FloatArray, FrameBlock, NutPath, Reading, contiguous
+from observer.frames import BoolArray, FloatArray, FrameBlock, NutPath, Reading, contiguous
 
 BLOCK = 4096
+_ABSENT = {"silent", "disconnected", "missing"}  # what an occasional channel is most of the time
 MISSING_FAULT = "missing"  # how a recording marks a reading without a value and without a fault
 COMMAND_MARK = "!"  # begins a command in `flags`; in the name of a channel it would be escaped
 RESET = f"{COMMAND_MARK}reset=done"
@@ -86,6 +87,11 @@ class AlignPlan:
         own_s = intervals_s(log, self.channels, unknown_s if self.log_s is None else self.log_s)
         return replace(self, expected_s=np.where(np.isnan(own_s), self.expected_s, own_s), log_s=own_s)
 
+    @property
+    def occasional(self) -> BoolArray:
+        """Which channels (c,) come only now and then, and are never overdue."""
+        return np.isinf(self.expected_s)
+
     def expected(self) -> Expected:
         """The plan as the compiled walk takes it."""
         own = self.limits
@@ -126,6 +132,7 @@ class Aligner:
     def __init__(self, plan: AlignPlan, last_tick_s: float = math.nan) -> None:
         self._plan = plan
         self._walk = Walk(plan.channels, plan.expected(), last_tick_s)
+        self._occasional = {name: j for j, name in enumerate(plan.channels) if plan.occasional[j]}
         self._faults: dict[str, str] = {}
         self._last_s = -math.inf
 
@@ -147,6 +154,23 @@ class Aligner:
                 value = float(memory.refused[j])
                 found[name] = self._plan.limits.sentence(j, Breach(breach), value, ambient_degC)
         return found | self._faults
+
+    def news_of(self, reading: Reading) -> Reading | None:
+        """Return what of a reading is news: of an occasional channel no absence, and no value that it still
+        has, as a register keeps it, but a new one; None where nothing is left.
+        """
+        there = self._occasional.keys() & reading.values.keys()
+        if not (old := [name for name in there if self._is_old(name, reading)]):
+            return reading
+        values = {name: value for name, value in reading.values.items() if name not in old}
+        faults = {name: fault for name, fault in reading.faults.items() if name not in old}
+        return replace(reading, values=values, faults=faults) if values else None
+
+    def _is_old(self, name: str, reading: Reading) -> bool:
+        """Whether a reading says of an occasional channel nothing, or what is known."""
+        value, fault = float(reading.values[name]), reading.faults.get(name)
+        known = self._walk.memory.value[self._occasional[name]]
+        return fault in _ABSENT or (fault is None and (math.isnan(value) or value == known))
 
     def ingest(self, reading: Reading) -> Reading:
         """Take a reading; returns it as it is used, and is to be recorded: in a row later than all before."""
@@ -236,7 +260,10 @@ def _rows_of_log(log: Log, plan: AlignPlan) -> Rows:
     if log.step is None or log.flags is None:
         for j in known:
             own_s = math.nan if plan.log_s is None else float(plan.log_s[j])
-            present[:, j] = expected_cells(time_s, np.isfinite(values[:, j]), own_s)
+            there = np.isfinite(values[:, j])
+            if plan.occasional[j]:  # a value that the row before has too is held, and no new one
+                there[1:] &= values[1:, j] != values[:-1, j]
+            present[:, j] = expected_cells(time_s, there, own_s)
         none_late = np.zeros(len(log))
         return Rows(time_s, none_late, np.ones(len(log), np.bool_), values, present, faulted)
     present[:] = ~np.isnan(values)

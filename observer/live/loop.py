@@ -220,7 +220,8 @@ class _Cycles:
         self._samples[name] += 1
         for observer in self._service.observers:
             observer.hear(reading)
-        self._service.recorder.reading(self._aligner.ingest(reading))
+        if (news := self._aligner.news_of(reading)) is not None:
+            self._service.recorder.reading(self._aligner.ingest(news))
 
     async def tick_until_renewed(self) -> Renewal[Any] | None:
         """Tick at the whole multiples of the period, until the parts are to be built anew.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.align.aligner import AlignPlan, frames_of_log
+from observer.align.aligner import Aligner, AlignPlan, frames_of_log
 from observer.config import Config
 from observer.errors import UserError
 from observer.estimate.open_loop import OpenLoop
 from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import simulated_columns
 from observer.files.logs import Log
-from observer.frames import EstimateQuality, FloatArray, Quality, contiguous
+from observer.frames import EstimateQuality, FloatArray, Quality, Reading, contiguous
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from tests.logs.machines import machine, table
@@ -116,6 +117,36 @@ def test_between_probings_nothing_is_missing() -> None:
     # in µm, as its standard deviation
     assert np.nanmax(np.abs(block.innovation_K[:, 3])) < 5.0
     assert 0.3 < np.nanmin(block.innovation_sigma_K[:, 3]) < 5.0
+
+
+def test_a_value_that_is_held_between_probings_counts_once() -> None:
+    """As where a log or a register keeps the last result until the next."""
+    config = probed(sensor=OCCASIONAL)
+    log = with_readings(config, log_of(config), 100)
+    held, j = replace(log, values=log.values.copy()), log.channels.index("probe_um")
+    for row in range(100, len(held)):
+        held.values[row, j] = log.values[(row + 1) // 100 * 100 - 1, j]
+    one, other = (estimated(config, each) for each in (log, held))
+    np.testing.assert_array_equal(one.error_sigma_um[99:], other.error_sigma_um[99:])
+
+
+def test_live_an_occasional_channel_says_only_what_is_new() -> None:
+    config = probed(sensor=OCCASIONAL)
+    aligner = Aligner(AlignPlan.of(config))
+    other = {"t1_degC": 20.0}
+    assert aligner.news_of(Reading(1.0, {"probe_um": math.nan}, {"probe_um": "silent"})) is None
+    assert aligner.news_of(Reading(1.0, {"probe_um": math.nan})) is None
+    first = Reading(1.0, other | {"probe_um": 3.5})
+    assert aligner.news_of(first) is first
+    aligner.ingest(first)
+    aligner.tick(5.0)
+    held = aligner.news_of(Reading(6.0, other | {"probe_um": 3.5}))
+    assert held is not None
+    assert held.values == other
+    broken = Reading(7.0, {"probe_um": math.nan}, {"probe_um": "open_circuit"})
+    assert aligner.news_of(broken) is broken
+    changed = Reading(8.0, {"probe_um": 3.6})
+    assert aligner.news_of(changed) is changed
 
 
 def test_a_sensor_that_should_come_always_is_missing() -> None:

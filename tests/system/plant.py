@@ -53,10 +53,18 @@ class Machine:
 
     def fault(self, **faults: Any) -> float:
         """Put exactly these faults in force; returns when they were, in seconds since the epoch."""
-        self._process.stdin.write(json.dumps({"fault": faults}).encode() + b"\n")
-        self._process.stdin.flush()
-        assert "faults" in json.loads(self._process.stdout.readline())
+        assert "faults" in self._obeyed({"fault": faults})
         return time.time()
+
+    def probe(self, position_m: float) -> float:
+        """Have it probe once how far the screw has grown at a place; returns what its frame says, in µm."""
+        return float(self._obeyed({"probe_m": position_m})["probed_um"])
+
+    def _obeyed(self, command: dict[str, Any]) -> dict[str, Any]:
+        self._process.stdin.write(json.dumps(command).encode() + b"\n")
+        self._process.stdin.flush()
+        answer: dict[str, Any] = json.loads(self._process.stdout.readline())
+        return answer
 
 
 @contextmanager

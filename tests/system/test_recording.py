@@ -54,7 +54,8 @@ def _columns(message: dict[str, Any]) -> dict[str, np.float32]:
         columns[f"error_{mm}_sigma_um"] = message["error_sigma_um"][j]
         columns[f"error_{mm}_bound_um"] = message["error_bound_um"][j]
     for j, name in enumerate(message["sensors"]):
-        columns[f"innovation_{name}_K"] = message["innovation_K"][j]
+        unit = "um" if name in message.get("displacements", ()) else "K"
+        columns[f"innovation_{name}_{unit}"] = message["innovation_K"][j]
     return columns
 
 
