@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from observer.config import Config
 from observer.discovery.candidates import library
 from observer.discovery.deciding import decisive_test
+from observer.discovery.displacement import AGAINST, DisplacementFindings, displacements_of
 from observer.discovery.experiment import Experiment
 from observer.discovery.family import Tie, ties
 from observer.discovery.localise import ErrorLocation, Event, courses_of, event, localised, missing_excitation
@@ -37,7 +38,8 @@ class Discovery:
 
     `ties`: of an ambiguous answer whose sets differ only within families, the members of each position.
     `suspects`: faults of the logs; those corrected before the search come first. `worth`: what the effects
-    are worth in thermal error or, where none was added, the calibration.
+    are worth in thermal error or, where none was added, the calibration. `displacements`: what these sensors
+    say, None without any.
     """
 
     problem: Problem
@@ -51,6 +53,7 @@ class Discovery:
     partial: Partial | None = None
     suspects: tuple[Suspect, ...] = ()
     worth: Worth | None = None
+    displacements: DisplacementFindings | None = None
 
 
 def discover(
@@ -64,10 +67,11 @@ def discover(
 
     `progress(what, part done)` is called as the work goes on; the `pool` does not change the result.
     `corrected` are log faults that have been corrected in the runs.
-    Displacement sensors are left out: no effect here is theirs.
+    Effects are searched for by the temperatures alone; displacements then speak for or against what is named,
+    and for what moves the axis and warms nothing.
     Raises `ConfigError` where nothing may be calibrated, `LogError` where the logs hold nothing to compare.
     """
-    config = thermal_only(config)
+    given, config = config, thermal_only(config)
     keys = free_keys(config)
     if all(source.law is None for source in config.source):
         raise ConfigError(f"source: {lawless(config)}")
@@ -92,6 +96,10 @@ def discover(
     proof = prove(found.null, found.fit, less)
     verdict = decide(found, proof, missing_excitation(config, prepared, courses_of(problem)))
     verdict = under_suspicion(verdict, [s.text for s in wrong if _counts(s, verdict)])
+    progress("what displacements say", 0.95)
+    displacements = displacements_of(given, runs, verdict, found.null)
+    if displacements is not None and displacements.supports is False:
+        verdict = under_suspicion(verdict, [AGAINST])
     where = localised(found.null, problem.evidence.used)
     before = found.null.config if found.chosen else config
     missing = verdict.kind == "unknown" and not verdict.suspected  # otherwise the logs are at fault
@@ -108,6 +116,7 @@ def discover(
         partial=partial,
         suspects=(*corrected, *wrong),
         worth=worth_of(problem, before, verdict.fit.config),
+        displacements=displacements,
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from observer.discovery.discover import Discovery
+from observer.discovery.displacement import DisplacementFindings
 from observer.discovery.experiment import HOPELESS, Experiment
 from observer.discovery.family import Tie
 from observer.discovery.proof import SensorError
@@ -94,6 +95,7 @@ def discovery_result(found: Discovery) -> dict[str, Any]:
         "not_told": [c.name for c in found.search.blind],
         "partial": _partial(found),
         "suspects": [suspect._asdict() for suspect in found.suspects],
+        "displacements": _displacements(found.displacements),
         "experiment": None if test is None else _experiment(test),
     }
 
@@ -184,6 +186,21 @@ def _partial(found: Discovery) -> dict[str, Any] | None:
         "proof": {"before_rms_K": rounded(partial.proof_K[0]), "after_rms_K": rounded(partial.proof_K[1])},
         "worth": _worth(partial.worth),
         "candidate": CANDIDATE if _explains_most(partial) else None,
+    }
+
+
+def _displacements(found: DisplacementFindings | None) -> dict[str, Any] | None:
+    """What displacement sensors say, None without any."""
+    if found is None:
+        return None
+    return {
+        "verdict": found.verdict,
+        "causes": [
+            {"key": c.key, "before": rounded(c.before), **_interval(c.value, *c.ci95, c.unit)}
+            for c in found.causes
+        ],
+        "supports": found.supports,
+        "per_sensor": {name: _rounded(error._asdict()) for name, error in found.per_sensor.items()},
     }
 
 

@@ -25,6 +25,8 @@ rms rise.
 """
 BEAT_S, BEAT_K, BEAT_SHARE = 90.0, 0.003, 0.0006
 """The same for the beat between a nut's motion and the sampling of its position."""
+GROWTH_SHARE = 0.01
+"""The slow form error of a displacement as a share of its rms rise: no frame is straight."""
 TRUSTED, LEAST_SAMPLES = 3.0, 200
 LEFT_OF_STEP, LEAST_K = 0.29, 0.003
 """Error of a half-minute mean due to the resolution of a log: 1/√12 of a step, and at least so much."""
@@ -109,11 +111,19 @@ def even(runs: Sequence[SteppedRun], noise_K: FloatArray) -> Evidence:
     return Evidence(run_, mean, sensor, measured, white_K, time_s, np.zeros_like(run_), ())
 
 
-def gather(runs: Sequence[SteppedRun], noise_K: FloatArray, *, proves: bool = True) -> Evidence:
+def gather(
+    runs: Sequence[SteppedRun],
+    noise_K: FloatArray,
+    *,
+    proves: bool = True,
+    slow_share: FloatArray | None = None,
+) -> Evidence:
     """Return the evidence of one or more runs; `noise_K` (s,) is each sensor's noise as configured.
 
-    Without `proves`, all of it is one fold.
+    Without `proves`, all of it is one fold. `slow_share` (s,) is the slow form error of each sensor as a
+    share of its rise, `SLOW_SHARE` unless given.
     """
+    slow_share = np.full(len(noise_K), SLOW_SHARE) if slow_share is None else slow_share
     noise_K = shown_noise(runs, noise_K)
     every = even(runs, noise_K)
     ends_s = [run.ticks.time_s[-1] for run in runs]
@@ -126,7 +136,9 @@ def gather(runs: Sequence[SteppedRun], noise_K: FloatArray, *, proves: bool = Tr
     for i, s in np.ndindex(len(runs), len(noise_K)):
         for role in np.unique(fold[(run == i) & (sensor == s)]):
             index = np.flatnonzero((run == i) & (sensor == s) & (fold == role))
-            groups.append((index, _whitening(every.time_s[index], white_K[index] ** 2, float(rise_K[i, s]))))
+            slow_K = SLOW_K + float(slow_share[s] * rise_K[i, s])
+            beat_K = BEAT_K + BEAT_SHARE * float(rise_K[i, s])
+            groups.append((index, _whitening(every.time_s[index], white_K[index] ** 2, slow_K, beat_K)))
     return replace(every, noise_K=white_K, fold=fold, groups=tuple(groups))
 
 
@@ -195,12 +207,11 @@ def _rises(
     return out
 
 
-def _whitening(time_s: FloatArray, white_K2: FloatArray, rise_K: float) -> FloatArray:
+def _whitening(time_s: FloatArray, white_K2: FloatArray, slow_K: float, beat_K: float) -> FloatArray:
     """L⁻¹ with L Lᵀ = diag(white) + slow² exp(−|Δt|/τ_slow) + beat² exp(−|Δt|/τ_beat)."""
     from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
     apart_s = np.abs(time_s[:, None] - time_s)
-    slow_K, beat_K = SLOW_K + SLOW_SHARE * rise_K, BEAT_K + BEAT_SHARE * rise_K
     covariance = np.diag(white_K2) + slow_K**2 * np.exp(-apart_s / SLOW_S)
     covariance += beat_K**2 * np.exp(-apart_s / BEAT_S)
     lower = np.linalg.cholesky(covariance)

@@ -12,7 +12,7 @@ import numpy as np
 from observer.config import Config
 from observer.effects.base import EffectTable
 from observer.effects.terms import Lag, Term
-from observer.fit.evidence import Evidence, gather
+from observer.fit.evidence import GROWTH_SHARE, SLOW_SHARE, Evidence, gather
 from observer.fit.forward import Forward
 from observer.fit.parameters import bounds_of, get, put, scale_of
 from observer.fit.runs import Run
@@ -76,7 +76,9 @@ class Problem:
     def of(cls, config: Config, keys: tuple[str, ...], runs: Sequence[Run]) -> Problem:
         """Return the problem of runs that were prepared with a configuration, and its free parameters."""
         forward = Forward(config, runs)
-        return cls(config, keys, forward, gather(forward.runs, np.array([s.noise for s in config.sensor])))
+        noise_K = np.array([s.noise for s in config.sensor])
+        share = np.array([GROWTH_SHARE if s.kind == "displacement" else SLOW_SHARE for s in config.sensor])
+        return cls(config, keys, forward, gather(forward.runs, noise_K, slow_share=share))
 
     @cached_property
     def scale(self) -> FloatArray:

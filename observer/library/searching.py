@@ -94,5 +94,7 @@ def configurations(given: str, found: Discovery, result: dict[str, Any]) -> dict
     else:
         return {}
     values = {key: entry["value"] for key, entry in calibrated_of(fit).items()}
+    if name == "config.toml" and found.displacements is not None:
+        values |= found.displacements.values
     text = with_effects(write_back(given, values), fit.config.effect[len(found.problem.config.effect) :])
     return {name: comment + text}

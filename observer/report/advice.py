@@ -43,6 +43,12 @@ def next_step(result: dict[str, Any], logs: str, config: str, output: str) -> di
         text = "Nothing is to be added; to keep the calibrated values, write them"
         fitted = f"observer calibrate {logs} --config {config} --output {output}"
         command = None if logs.startswith("--") else fitted
+    moved = result["displacements"]
+    if moved is not None and moved["verdict"] == "named" and verdict == "none":
+        cause = moved["causes"][0]
+        text = f"Look at what the displacements show, {cause['key']}: it moves the axis and warms nothing"
+        if cause["key"].startswith(("screw.", "supports.")):
+            text = f"Put {cause['key']} into [calibrate] free, and calibrate by the same logs"
     return {"text": text, "command": command}
 
 

@@ -79,6 +79,7 @@ def write_discovery_report(path: Path, found: Discovery, result: dict[str, Any],
         _doubt(found, result),
         _maps(found, result, shown, logs),
         _proof(found, result, shown, logs),
+        _displacements(result),
         _candidates(found, result),
         _parameters(found, result),
         _limits(found, logs),
@@ -230,6 +231,18 @@ def _proof(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequenc
         table(heads, cells, (1, 2, 3, 4, 5), stacked=True),
         paragraph(tolerated(found.problem.config.tolerance), "note"),
     )
+
+
+def _displacements(result: dict[str, Any]) -> Html:
+    """What displacement sensors say, and how far each is predicted off."""
+    said = result["displacements"]
+    if said is None:
+        return Html("")
+    keys = ("before_rms_um", "after_rms_um", "floor_rms_um")
+    rows = [[name, *(wording.um(error[key]) for key in keys)] for name, error in said["per_sensor"].items()]
+    heads = ["Sensor", "gap beyond tolerances, before", "after", "noise alone"]
+    words = paragraph(f"{wording.displacement_sentence(said)}.")
+    return section("Displacements", words, table(heads, rows, (1, 2, 3), stacked=True) if rows else Html(""))
 
 
 def site(sensor: Sensor) -> str:

@@ -57,11 +57,36 @@ def as_sentences(found: Discovery, result: dict[str, Any]) -> Iterator[str]:
         yield f"{event_sentence(happened, log)}."
     if result["experiment"] is not None:
         yield f"{experiment_sentence(result['experiment'])}."
+    if result["displacements"] is not None:
+        yield f"{displacement_sentence(result['displacements'])}."
     yield f"{gap_sentence(result)}."
     if result["worth"] is not None:
         yield f"{worth_sentence(result['worth'])}."
     if found.search.blind:
         yield f"{not_told_sentence(found.search.blind)}."
+
+
+_SUPPORTED = {
+    True: "; they support the name",
+    False: "; they speak against what would explain the temperatures",
+}
+
+
+def displacement_sentence(said: dict[str, Any]) -> str:
+    """What displacement sensors say, without a full stop."""
+    names = " or ".join(
+        f"{c['key']} = {c['value']:.4g} ({c['ci95'][0]:.4g} … {c['ci95'][1]:.4g}) {unit_text(c['unit'])}"
+        f", {c['before']:.4g} before"
+        for c in said["causes"]
+    )
+    text = {
+        "explained": "What the temperatures make the screw grow explains the displacements",
+        "named": f"The displacements show {names}",
+        "ambiguous": f"The displacements cannot distinguish {names}",
+        "unknown": "Something moves the axis that no temperature shows, and it is none of what was tried",
+        "not_identifiable": "There are too few displacements to say anything of them",
+    }[said["verdict"]]
+    return text + _SUPPORTED.get(said["supports"], "")
 
 
 def headline(verdict: Verdict, result: dict[str, Any]) -> str:

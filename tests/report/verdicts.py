@@ -20,6 +20,7 @@ BASE: dict[str, Any] = {
     "where": [],
     "ranking": [],
     "experiment": None,
+    "displacements": None,
     "suspects": [],
     "worth": None,
 }  # fmt: skip

@@ -1,0 +1,242 @@
+"""What displacement sensors say once heat is judged: whether temperatures explain how far the screw grows.
+
+The search for effects goes by temperatures alone, so that nothing that moves the axis without warming it is
+taken for heat. Its answer then has to stand with the displacements in one deviance with the temperatures:
+each cause that moves the axis and warms nothing is fitted beside it, the expansion coefficient or what the
+supports are, a bed that grows with the air, a drift. One is named by the rules of an effect; and a name for
+heat is withdrawn where the displacements are predicted worse with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from observer.config import Config
+from observer.discovery.proof import proves, rms
+from observer.discovery.search import ACCEPT
+from observer.discovery.verdict import WITHIN_REACH, WITHIN_SHARE, Verdict
+from observer.fit.evidence import Evidence
+from observer.fit.hypothesis import NORMAL_95, Fit, fit_effects, fit_null
+from observer.fit.parameters import candidates, free_keys, info_of
+from observer.fit.problem import Problem
+from observer.fit.runs import prepare_all
+from observer.frames import BoolArray, FloatArray, FrameBlock
+
+KEYS = (
+    "screw.expansion_1_K",
+    "supports.stiffness_first_N_m",
+    "supports.stiffness_second_N_m",
+    "supports.preload_N",
+)
+"""Values of the configuration that move the axis and warm nothing."""
+FEWEST, FEWEST_PROOF = 8, 3
+"""Half-minute means of displacements with which something can be said, and of those held back."""
+UNEXPLAINED = 0.7
+"""Error of the displacements beyond tolerances and noise, as a multiple of the form error, beyond which
+something else moves the axis.
+"""
+HOUR_S = 3600.0
+AGAINST = "the displacements held back are predicted worse with what would explain the temperatures"
+
+DisplacementVerdict = Literal["explained", "named", "ambiguous", "unknown", "not_identifiable"]
+
+
+class Cause(NamedTuple):
+    """What moves the axis and warms nothing: a `key` of the configuration, the expansion of a bed, or the
+    drift of a sensor; what it was taken for `before`, its value, and its 95 % interval.
+
+    `drop` of the deviance; `beyond_um` (n,) what it leaves of each row beyond what the tolerances explain.
+    """
+
+    key: str
+    unit: str
+    before: float
+    value: float
+    ci95: tuple[float, float]
+    drop: float
+    beyond_um: FloatArray
+
+
+class DisplacementError(NamedTuple):
+    """How far the predictions of a sensor are off on what was held back, beyond tolerances and about their
+    mean, rms, µm: before and after, and of noise alone.
+    """
+
+    before_rms_um: float
+    after_rms_um: float
+    floor_rms_um: float
+
+
+@dataclass(frozen=True)
+class DisplacementFindings:
+    """What displacements say: the verdict, the causes that it names or cannot distinguish, the error of each
+    sensor, and, of a name for heat, whether they `support` it; None where they do not tell.
+    """
+
+    verdict: DisplacementVerdict
+    causes: tuple[Cause, ...]
+    per_sensor: dict[str, DisplacementError]
+    supports: bool | None
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The value of the configuration that is named, by its key, if one is."""
+        return {c.key: c.value for c in self.causes if self.verdict == "named" and c.key in KEYS}
+
+
+def displacements_of(
+    config: Config, runs: Sequence[Sequence[FrameBlock]], verdict: Verdict, null: Fit
+) -> DisplacementFindings | None:
+    """Return what the displacement sensors of a configuration say, None where it has none.
+
+    `verdict` and the fit without effects, `null`, are those of its temperatures.
+    """
+    if all(sensor.kind == "temperature" for sensor in config.sensor):
+        return None
+    seen = _JointFit.of(config, runs, verdict.fit)
+    if seen.moved[seen.evidence.used].sum() < FEWEST or seen.moved[seen.evidence.proof].sum() < FEWEST_PROOF:
+        return DisplacementFindings("not_identifiable", (), {}, None)
+    causes = sorted(seen.causes(), key=lambda cause: -cause.drop)
+    sound = [cause for cause in causes if seen.is_sound(cause)]
+    near = [c for c in sound if c.drop >= sound[0].drop - max(WITHIN_REACH, WITHIN_SHARE * sound[0].drop)]
+    after_um = near[0].beyond_um if near else seen.beyond_um
+    kind: DisplacementVerdict = "explained"
+    if any(seen.gap(after_um, rows) > UNEXPLAINED for rows in (seen.evidence.used, seen.evidence.proof)):
+        kind, near = "unknown", []
+    elif near:
+        kind = "named" if len(near) == 1 else "ambiguous"
+    supports = None
+    if verdict.kind == "named":
+        supports = _supported(_JointFit.of(config, runs, null), seen, after_um)
+    return DisplacementFindings(kind, tuple(near), seen.errors(after_um), supports)
+
+
+def _supported(without: _JointFit, seen: _JointFit, after_um: FloatArray) -> bool | None:
+    """Whether the displacements held back are predicted better with the effects named, or worse; None where
+    neither. Each may have the cause that suits it best.
+    """
+    rows = seen.evidence.proof
+    sound = [cause for cause in without.causes() if without.is_sound(cause)]
+    before_um = max(sound, key=lambda cause: cause.drop).beyond_um if sound else without.beyond_um
+    before, after = without.rms_um(before_um, rows), seen.rms_um(after_um, rows)
+    if proves(after, before, seen.noise_um):
+        return False
+    return True if proves(before, after, seen.noise_um) else None
+
+
+@dataclass(frozen=True)
+class _JointFit:
+    """A fit to temperatures and displacements together; `moved` (n,) are the rows of displacements."""
+
+    fit: Fit
+    moved: BoolArray
+
+    @classmethod
+    def of(cls, config: Config, runs: Sequence[Sequence[FrameBlock]], thermal: Fit) -> _JointFit:
+        """Fit the free parameters of a configuration beside the effects of a fit to its temperatures."""
+        config = thermal.config.model_copy(update={"sensor": config.sensor, "calibrate": config.calibrate})
+        problem = Problem.of(config, free_keys(config), prepare_all(config, runs))
+        kinds = np.array([sensor.kind == "displacement" for sensor in config.sensor])
+        return cls(fit_null(problem, config), kinds[problem.evidence.sensor])
+
+    @property
+    def evidence(self) -> Evidence:
+        """The rows."""
+        return self.fit.problem.evidence
+
+    @cached_property
+    def beyond_um(self) -> FloatArray:
+        """Measured minus predicted of every row (n,), beyond what tolerances explain; displacements in µm."""
+        return np.asarray(self.fit.problem.error_K(self.fit.config) - self.fit.within_tolerances_K())
+
+    @property
+    def noise_um(self) -> float:
+        """The white noise of the displacements that were held back, rms."""
+        return rms(self.evidence.noise_K[self.evidence.proof & self.moved])
+
+    def rms_um(self, beyond_um: FloatArray, rows: BoolArray) -> float:
+        """The rms of errors (n,) of displacements in some rows, of each sensor and log about its mean."""
+        run, sensor = self.evidence.run, self.evidence.sensor
+        squares = 0.0
+        for i, s in {*zip(run[rows & self.moved].tolist(), sensor[rows & self.moved].tolist(), strict=True)}:
+            own = beyond_um[rows & (run == i) & (sensor == s)]
+            squares += float(np.sum((own - own.mean()) ** 2))
+        return float(np.sqrt(squares / max((rows & self.moved).sum(), 1)))
+
+    def gap(self, beyond_um: FloatArray, rows: BoolArray) -> float:
+        """What errors (n,) are beyond noise, as a multiple of the form error."""
+        there = rows & self.moved
+        noise_um2, whole_um2 = (
+            float(np.mean(d[there] ** 2)) for d in (self.evidence.noise_K, self.evidence.deviation_K)
+        )
+        by_chance = 1.0 + 2.0 * np.sqrt(2.0 / there.sum())
+        excess_um2 = self.rms_um(beyond_um, rows) ** 2 - by_chance * noise_um2
+        return float(np.sqrt(max(excess_um2, 0.0) / (whole_um2 - noise_um2)))
+
+    def is_sound(self, cause: Cause) -> bool:
+        """Whether a cause explains what was fitted and proves itself on what was held back."""
+        before, after = (self.rms_um(each, self.evidence.proof) for each in (self.beyond_um, cause.beyond_um))
+        return cause.drop >= ACCEPT and proves(before, after, self.noise_um)
+
+    def causes(self) -> Iterator[Cause]:
+        """Yield what could move the axis beside heat, each fitted."""
+        config, keys = self.fit.config, self.fit.problem.keys
+        for key in KEYS:
+            if key in candidates(config) and key not in keys:
+                yield self._by_key(key)
+        hours = self.evidence.time_s / HOUR_S
+        for i in np.unique(self.evidence.sensor[self.moved]).tolist():
+            drift = np.where(self.evidence.sensor == i, hours, 0.0)
+            yield self._by_column(f"drift of {config.sensor[i].name}", "um/h", drift)
+        if config.bed is None:
+            yield self._by_column("bed.expansion_1_K", "1/K", self._of_a_bed())
+
+    def _of_a_bed(self) -> FloatArray:
+        """What a bed that is as warm as the air takes off each row (n,) for an expansion of 1/K, µm."""
+        problem, airs = self.fit.problem, self.fit.problem.forward.airs(self.fit.config)
+        warmer_K = self.evidence.rows([air - air[0] for air in airs])
+        place_m = np.array([sensor.position_m or 0.0 for sensor in problem.config.sensor])
+        return np.where(self.moved, -1e6 * place_m[self.evidence.sensor] * warmer_K, 0.0)
+
+    def _by_key(self, key: str) -> Cause:
+        """Another value of the configuration, fitted with all that is free."""
+        known, config = self.fit.problem, self.fit.config
+        problem = replace(known, keys=(*known.keys, key), by_free=None)
+        fit = fit_effects(problem.linearised_at(config), config, ())
+        value, half = float(problem.free_values(fit.config)[-1]), float(fit.half_width_free[-1])
+        before = float(problem.free_values(config)[-1])
+        beyond_um = problem.error_K(fit.config) - fit.within_tolerances_K()
+        ci95 = value - half, value + half
+        return Cause(key, info_of(key).unit, before, value, ci95, self.fit.deviance - fit.deviance, beyond_um)
+
+    def _by_column(self, name: str, unit: str, column_um: FloatArray) -> Cause:
+        """So many times a column (n,) in µm, beside all that is free."""
+        fit, used, problem = self.fit, self.evidence.used, self.fit.problem
+        marginal = fit.marginal(used)
+        A = marginal(np.column_stack([fit.jacobian, self.evidence.whitened(column_um)])[used])
+        b = marginal(fit.residual[used])
+        step = np.linalg.lstsq(A, b, rcond=1e-8)[0]
+        value, half = float(step[-1]), NORMAL_95 * float(np.sqrt(np.linalg.pinv(A.T @ A)[-1, -1]))
+        config = problem.with_free(fit.config, problem.free_values(fit.config) - step[:-1] * problem.scale)
+        error_um = problem.error_K(config) - value * column_um
+        moved = replace(fit, config=config, residual=self.evidence.whitened(error_um))
+        beyond_um = error_um - moved.within_tolerances_K()
+        return Cause(
+            name, unit, 0.0, value, (value - half, value + half), fit.deviance - moved.deviance, beyond_um
+        )
+
+    def errors(self, after_um: FloatArray) -> dict[str, DisplacementError]:
+        """The error of each displacement sensor on what was held back, before and `after_um` (n,)."""
+        evidence, found = self.evidence, {}
+        for i in np.unique(evidence.sensor[self.moved]).tolist():
+            rows = evidence.proof & (evidence.sensor == i)
+            if rows.any():
+                before, after = (float(np.std(beyond_um[rows])) for beyond_um in (self.beyond_um, after_um))
+                name = self.fit.config.sensor[i].name
+                found[name] = DisplacementError(before, after, rms(evidence.noise_K[rows]))
+        return found
