@@ -17,6 +17,7 @@ from observer.discovery.log_faults import deviance
 from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.effects.base import EffectTable, Fitted, Shape
 from observer.effects.catalogue import LIBRARY, effect_class
+from observer.effects.terms import SensorOffset
 from observer.errors import ConfigError
 from observer.fit.hypothesis import EffectParameter, Fit
 from observer.fit.problem import Problem, modelled_lags
@@ -177,6 +178,12 @@ def promises(base: Fit, found: Sequence[Signature], *, everywhere: bool = False)
     return out
 
 
+def _offset_at_start(candidate: Candidate, config: Config) -> bool:
+    """Whether an effect adds a constant to a sensor."""
+    terms = candidate.effect(candidate.shapes[0]).terms(config)
+    return any(isinstance(term, SensorOffset) and term.offset_K != 0.0 for term in terms)
+
+
 def _changes(
     problem: Problem, config: Config, group: Sequence[Candidate]
 ) -> list[tuple[int, int, FloatArray]]:
@@ -190,7 +197,9 @@ def _changes(
         return problem.predicted(more) - here
 
     changes = []
-    if group[0].of.targets == "sensor":  # each changes its own sensor only: predict all at once
+    # a lag or a drift changes its own sensor only: predict all at once; but an offset is there at the start
+    # already, in the field that is read from all sensors
+    if group[0].of.targets == "sensor" and not _offset_at_start(group[0], config):
         names = [s.name for s in config.sensor]
         for i in range(len(group[0].shapes)):
             whole = change(*(c.effect(c.shapes[i]) for c in group))

@@ -121,12 +121,15 @@ def discover(
 
 
 def _counts(suspect: Suspect, verdict: Verdict) -> bool:
-    """Whether a suspect stands against a verdict: the air not against an effect of the air, and a nut's way
-    that no log shows not against what is named without it.
+    """Whether a suspect stands against a verdict.
+
+    The air does not where an effect of the air is all that is named; but beside others it does, for these
+    make up for air that drifts unevenly or otherwise in each log. A nut's way that no log shows stands not
+    against what is named without it.
     """
     if suspect.what == NUTS_WAY:
         return not verdict.sets
-    return suspect.what != "ambient" or not about_the_air(verdict.fit)
+    return suspect.what != "ambient" or not (verdict.sets and about_the_air(verdict.fit))
 
 
 def _with_one_less(found: Search, pool: WorkerPool) -> list[tuple[str, Fit]]:

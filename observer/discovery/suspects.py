@@ -158,8 +158,9 @@ def _is_air(effect: EffectTable, config: Config) -> bool:
 
 
 def about_the_air(fit: Fit) -> bool:
-    """Whether a fit has an effect that is nothing but another temperature of the air."""
-    return any(_is_air(effect, fit.config) for effect in fit.config.effect[len(fit.problem.config.effect) :])
+    """Whether what a fit has of effects is nothing but another temperature of the air."""
+    own = fit.config.effect[len(fit.problem.config.effect) :]
+    return bool(own) and all(_is_air(effect, fit.config) for effect in own)
 
 
 def intolerant(config: Config, what: What) -> Config:

@@ -263,7 +263,9 @@ def _undetermined(
         running = [part for part in parts if np.any(law_W[part, nut.index])]
         for part, j in itertools.product(running, under):
             more_W = np.zeros_like(law_W)
-            more_W[part, j] = WANDERS / len(under) * law_W[part, nut.index]
+            moved_W = WANDERS / len(under) * law_W[part, nut.index]
+            more_W[part, j] = moved_W
+            more_W[part[:, None], under] -= moved_W[:, None] / len(under)  # from all along its path
             yield more_W
 
 

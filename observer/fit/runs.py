@@ -3,7 +3,7 @@
 Where the rows are too far apart to follow a nut, its way between them is filled in: such a nut shows itself
 at seemingly random positions of its stroke, or, as under a stroboscope, creeping, and a straight line from
 one to the next is not its way. While the speed stays the same, the nut is taken to run to and fro between the
-outermost positions it shows.
+outermost positions it shows, or, where it is seen at too few places to show its ends, those of the whole log.
 """
 
 from __future__ import annotations
@@ -265,6 +265,10 @@ SAME_SPEED = 0.03
 """Largest change of the speed from row to row within a stretch, as a part of the largest speed."""
 FEWEST = 4
 """Least number of rows to identify a stroke."""
+FEWEST_TURNS, CREEPS = 4, 0.02
+"""Least number of turns that the even rows and the odd ones show together, for a stroke to be seen; and what
+counts as no step from one of them to the next, as a part of the whole way.
+"""
 TRAVERSES, PER_TRAVERSE = 5, 24
 """Traverses between two rows where the path is unknown, and points on each."""
 
@@ -287,7 +291,9 @@ def _to_and_fro(path: NutPath, dt_s: FloatArray, speed_rpm: FloatArray, length_m
     """The path with traverses inserted between samples too far apart to follow it."""
     ends = np.full((len(path.time_s), 2), np.nan)
     for part in stretches_of_a_speed(speed_rpm):
-        low, high = float(path.position_m[part].min()), float(path.position_m[part].max())
+        own_m = path.position_m[part]
+        seen_m = own_m if shows_ends(own_m, float(np.ptp(path.position_m))) else path.position_m
+        low, high = float(seen_m.min()), float(seen_m.max())
         gone_m = speed_rpm[part].min() / 60.0 * LEAST_LEAD_M * float(np.median(dt_s[part]))
         if low < high and gone_m > 0.5 * length_m:
             ends[part] = low, high
@@ -306,6 +312,21 @@ def _to_and_fro(path: NutPath, dt_s: FloatArray, speed_rpm: FloatArray, length_m
     offset = path.offset[0] + np.cumsum([0, *(len(t) for t in time_s)])
     every_s = np.concatenate(time_s)
     return NutPath(every_s, np.concatenate(place_m), offset, np.full(len(every_s), np.nan))
+
+
+def shows_ends(place_m: FloatArray, whole_m: float) -> bool:
+    """Whether a nut's places (K,) at one speed, of rows far apart, reach about as far as the nut itself.
+
+    `whole_m` is how far it comes in the whole log. As under a stroboscope, rows that meet it at the same
+    place of its way each time, or at two in turn, show a nut that seems to stand or to creep: it hardly ever
+    turns in every second row.
+    """
+    turns = 0
+    for every_other_m in (place_m[::2], place_m[1::2]):
+        steps_m = np.diff(every_other_m)
+        senses = np.sign(steps_m[np.abs(steps_m) > CREEPS * whole_m])
+        turns += int(np.count_nonzero(np.diff(senses)))
+    return turns >= FEWEST_TURNS
 
 
 def stretches_of_a_speed(speed_rpm: FloatArray) -> Iterator[NDArray[np.int64]]:

@@ -13,7 +13,7 @@ import pytest
 from campaigns.discovery.suspects import judged, suspect_summary, told_of, try_suspect
 from observer.align.unit_errors import read_rightly
 from observer.discovery.candidates import library, promises, signatures
-from observer.discovery.discover import discover
+from observer.discovery.discover import _counts, discover
 from observer.discovery.log_faults import deviance, fit_faults
 from observer.discovery.suspects import Suspect, alike, plain, suspects
 from observer.discovery.verdict import Verdict, under_suspicion
@@ -276,3 +276,21 @@ def test_offsets_that_are_alike_are_the_airs(values_K: tuple[float, ...], same: 
     assert alike(fitted) is same
     fitted.hypothesis.what = "ambient"
     assert not alike(fitted)
+
+
+DRIFT = {"kind": "ambient_drift", "rate_K_h": 1.5}
+GLOW = {"kind": "radiation", "emissivity": 0.8}
+
+
+@pytest.mark.parametrize(
+    ("effects", "named", "counts"),
+    [([DRIFT], True, False), ([DRIFT, GLOW], True, True), ([GLOW], True, True), ([DRIFT], False, True)],
+)
+def test_air_alone_stands_against_what_is_named_beside_it(
+    effects: list[dict[str, Any]], *, named: bool, counts: bool
+) -> None:
+    """And tells of an answer that is unknown what the air did in each log."""
+    problem = SimpleNamespace(config=machine())
+    fit = SimpleNamespace(problem=problem, config=machine(effect=effects))
+    verdict: Any = SimpleNamespace(fit=fit, sets=((),) if named else ())
+    assert _counts(Suspect("ambient", None, 1.0, "The air differs"), verdict) == counts

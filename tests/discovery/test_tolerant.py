@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from observer.app import discover
-from observer.discovery.candidates import library
+from observer.discovery.candidates import library, signatures
 from observer.discovery.search import FittedCandidate
 from observer.effects.base import Unnamed
 from observer.effects.heat import EndHeat
@@ -90,6 +90,20 @@ def stepped(step_K: float, noise_K: float = 0.02) -> Any:
 @pytest.mark.parametrize("step_K", [0.0, 0.01, 0.0625, 0.1, 0.5])
 def test_the_step_of_a_log_is_read_from_it(step_K: float) -> None:
     assert resolution([stepped(step_K)], 1)[0] == pytest.approx(step_K, rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["sensor_bias", "sensor_drift", "sensor_lag"])
+def test_the_signature_of_a_sensor_is_what_this_sensor_alone_does(kind: str) -> None:
+    """A bias is there when the field at the start is read from the sensors, and changes it for the others."""
+    config = machine()
+    problem = problem_of(config, [made_log(config, 1, minutes=30.0)])
+    null = fit_null(problem, config)
+    own = [c for c in library(config, problem.keys) if c.kind == kind]
+    for signature in signatures(null.problem, null.config, own):
+        effect = signature.candidate.effect(signature.candidate.shapes[signature.shape])
+        with_it = null.config.model_copy(update={"effect": (effect,)})
+        alone_K = problem.predicted(with_it) - problem.predicted(null.config)
+        np.testing.assert_allclose(signature.change, problem.evidence.whitened(alone_K), atol=1e-3)
 
 
 def test_effects_of_friction_are_offered_where_there_is_friction() -> None:

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from observer.config import Config
-from observer.fit.runs import filled
+from observer.fit.forward import _undetermined
+from observer.fit.runs import filled, shows_ends
 from observer.frames import FrameBlock, NutPath
+from tests.discovery.small import problem_of
 from tests.logs.machines import machine
 
 NUT = {
@@ -64,3 +66,40 @@ def test_between_rows_a_minute_apart_it_runs_over_what_it_shows_of_its_stroke(sp
 def test_a_nut_that_rows_show_keeps_its_way(every_s: float, speed_rpm: float) -> None:
     config, log = log_of(every_s, speed_rpm)
     assert filled(log, config).path["x_m"].offset.tolist() == log.path["x_m"].offset.tolist()
+
+
+@pytest.mark.parametrize(
+    ("turns_a_row", "shown"),
+    [(1.0, False), (1.003, False), (0.5, False), (0.497, False), (0.81, True), (0.3, True)],
+)
+def test_as_under_a_stroboscope_a_nut_does_not_show_how_far_it_runs(
+    turns_a_row: float, *, shown: bool
+) -> None:
+    """Once to and fro from row to row it seems to stand, or nearly so; half as often, to leap."""
+    way = 0.13 + turns_a_row * np.arange(30)
+    jitter = 1e-3 * np.sin(7.0 * np.arange(30))
+    assert shows_ends(np.abs(2.0 * (way % 1.0) - 1.0) + jitter, 1.0) == shown
+
+
+def test_a_nut_that_seems_to_stand_runs_over_what_the_whole_log_shows() -> None:
+    """At 1440 rpm it comes back to 0.1 m at every row; before, it was seen to creep up to 0.3 m."""
+    config, log = log_of(60.0, 1440.0)
+    creeping = log.time_s < 1800.0
+    log.path["x_m"].position_m[creeping] = np.linspace(0.1, 0.3, np.count_nonzero(creeping))
+    path = filled(log, config).path["x_m"]
+    inside = path.position_m[path.time_s > 1860.0]
+    assert (inside.min(), inside.max()) == pytest.approx((0.1, 0.3), abs=0.2 / 24)
+    assert inside.std() == pytest.approx(0.2 / np.sqrt(12.0), rel=0.1)
+
+
+def test_where_a_nut_left_its_heat_is_open_but_not_how_much() -> None:
+    config, log = log_of(60.0, 1438.0)
+    forward = problem_of(config, [log]).forward
+    setting, bands = forward._with_stretches(config)
+    law_W = np.zeros((len(forward.runs[0].ticks.first), len(setting.plant.source_names)))
+    law_W[:, 0] = 12.0
+    moved = list(_undetermined(forward.runs[0], setting.plant, law_W, bands))
+    assert len(moved) > 2
+    for more_W in moved:
+        assert np.abs(more_W).max() > 1.0
+        np.testing.assert_allclose(more_W.sum(axis=1), 0.0, atol=1e-9)
