@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from observer.model.build import build_plant
 from observer.model.cycle import SPEED_RPM, standard_shift
 from observer.model.learning import Nuisance
 from observer.model.plant import Plant
+from observer.tables.candidates import PROBING_S
 
 MOST_MODES = 40
 """Faster modes hardly change a σ, and cost most of the time."""
@@ -54,10 +56,13 @@ def tolerances(config: Config) -> dict[str, Any]:
     """Return `tolerances`, σ over the standard shift as configured, with each tolerance known and with all,
     and `improve_first`, by quantity the key whose knowledge would help most, or None where none helps much.
 
-    Both are empty where nothing of it is defined or it would take long; `tolerances_left_out` says why.
+    An occasional displacement counts as read once in `PROBING_S`, spread over all steps. Both are empty where
+    nothing of it is defined or it would take long; `tolerances_left_out` says why.
     """
     config = few_modes(config)
     plant = build_plant(config, learns=True)
+    rarer = [PROBING_S / config.estimator.period_s if s.occasional else 1.0 for s in config.sensor]
+    plant = replace(plant, noise_R_K2=plant.noise_R_K2 * rarer)
     keys = np.array([Nuisance(kind).key for kind in plant.parameters.kind], np.str_)
     asked = [key for key in KEYS if config.node or key not in OF_NODES]
     cases = [np.ones(len(keys))]
@@ -135,6 +140,7 @@ def detectable(config: Config) -> dict[str, Any]:
         for sensor, jump_K, time_s, slow_K in zip(
             config.sensor, *(column.tolist() for column in found), strict=True
         )
+        if sensor.kind == "temperature"
     }
     further = _further(config, found.slow_K) if np.isfinite(found.slow_K).all() else None
     return {"minimal_detectable": rows, "further_sensor": further, "not_screened": None}
@@ -154,13 +160,14 @@ def _why_not(config: Config) -> str | None:
 def _sample_s(config: Config) -> FloatArray:
     """How often each sensor has a sample (s,): at the ticks of the estimator after its own."""
     period_s = config.estimator.period_s
-    own_s = [config.sample_s.get(sensor.channel, period_s) for sensor in config.sensor]
+    own_s = [PROBING_S if s.occasional else config.sample_s.get(s.channel, period_s) for s in config.sensor]
     return np.array([period_s * max(1, math.ceil(each / period_s - 1e-9)) for each in own_s])
 
 
 def _further(config: Config, slow_K: FloatArray) -> dict[str, Any] | None:
     """What a further thermocouple at its best position does for the sensor that hides the largest fault."""
-    worst = int(np.argmax(slow_K))
+    thermal = np.array([sensor.kind == "temperature" for sensor in config.sensor])
+    worst = int(np.argmax(np.where(thermal, slow_K, 0.0)))
     there_m = [s.position_m for s in config.sensor if s.position_m is not None]
     left_K: dict[float, float] = {}
     for x_m in np.linspace(0.0, config.screw.length_m, PLACES).round(6).tolist():

@@ -20,6 +20,7 @@ from observer.files.logs import Log
 from observer.frames import EstimateQuality, FloatArray, Quality, Reading, contiguous
 from observer.model.build import build_plant
 from observer.model.drive import Drive
+from observer.report.sensitivity import detectable, tolerances
 from tests.logs.machines import machine, table
 from tests.truth.bar import Bar
 from tests.truth.kuznetsov import growth
@@ -117,6 +118,16 @@ def test_between_probings_nothing_is_missing() -> None:
     # in µm, as its standard deviation
     assert np.nanmax(np.abs(block.innovation_K[:, 3])) < 5.0
     assert 0.3 < np.nanmin(block.innovation_sigma_K[:, 3]) < 5.0
+
+
+def test_check_takes_a_probing_for_one_an_hour() -> None:
+    """It is worth something, and less than a reading with each step; its own faults are not reckoned with."""
+    configs = [probed(), probed(sensor=OCCASIONAL), probed(sensor=OCCASIONAL | {"occasional": False})]
+    without = configs[0].model_copy(update={"sensor": configs[0].sensor[:-1]})
+    sigma_um = [tolerances(c)["tolerances"][0]["error_sigma_um"] for c in (without, *configs[1:])]
+    assert sigma_um[0] > 1.05 * sigma_um[1]
+    assert sigma_um[1] > 1.05 * sigma_um[2]
+    assert "probe" not in detectable(configs[1])["minimal_detectable"]
 
 
 def test_a_value_that_is_held_between_probings_counts_once() -> None:
