@@ -71,7 +71,7 @@ def test_the_page_s_driver_reads_a_thermometer(folder: Path, content: str, shown
         (KIND, "drivers.air.channels: is missing; add it"),
     ],
 )
-def test_what_is_wrong_with_its_table_is_one_sentence(folder: Path, kind: str, said: str) -> None:
+def test_an_error_in_its_table_is_one_sentence(folder: Path, kind: str, said: str) -> None:
     config = folder / "machine.toml"
     config.write_text(f'{MACHINE}\n[drivers.air]\nkind = "{kind}"\n', encoding="utf-8")
     done = _run(folder, "check", "--config", str(config))

@@ -57,7 +57,7 @@ def test_a_command_is_handed_over_and_its_outcome_reported():
         f"{PREFIX}/compensation?arm=yes;{HASH}",
     ],
 )
-def test_a_wildcard_and_the_old_way_command_nothing(selector):
+def test_a_wildcard_and_the_old_form_command_nothing(selector):
     with published() as (made, endpoint), session(endpoint) as opened:
         made.document("compensation", {"armed": False})
         answers, taken = _asked(made, opened, selector)
@@ -77,7 +77,7 @@ def test_a_wildcard_and_the_old_way_command_nothing(selector):
         ("?config=ab12%20", "another configuration"),
     ],
 )
-def test_a_command_for_another_configuration_is_refused_and_put_on_record(parameters, words):
+def test_a_command_for_another_configuration_is_refused_and_recorded(parameters, words):
     with published() as (made, endpoint), session(endpoint) as opened:
         (answer,), taken = _asked(made, opened, f"{PREFIX}/command/arm{parameters}")
         assert answer.startswith("! ")

@@ -109,7 +109,7 @@ def test_hostile_queries():
 
 @pytest.mark.system
 @pytest.mark.parametrize("last", _NUMBERS[:3] + _NUMBERS[4:6])
-def test_a_number_that_is_none_ends_nothing(last):
+def test_an_invalid_number_does_no_harm(last):
     with published(history=5) as (made, endpoint), session(endpoint) as opened:
         made.publish(block(), 0)
         (refused,) = ask(opened, f"{PREFIX}/estimate?last={last}")

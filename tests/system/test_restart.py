@@ -99,7 +99,7 @@ def test_a_checkpoint_that_is_of_no_use_stops_nothing(tmp_path):
     assert "no checkpoint of this program" in line["reason"]
 
 
-def test_a_configuration_is_read_again_or_refused_whole(tmp_path):
+def test_a_configuration_is_reloaded_or_rejected_as_a_whole(tmp_path):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with machine() as plant:
         table = table_for(plant.wires, mode="router", listen=[endpoint]) | {"compensation": COMPENSATION}
