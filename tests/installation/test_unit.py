@@ -135,10 +135,10 @@ def test_two_that_are_the_same_axis_or_listen_at_the_same_address_are_rejected(t
 
 
 @pytest.mark.parametrize("table", ["page", "metrics", "opcua"])
-def test_two_whose_pages_or_servers_listen_at_the_same_address_are_refused(table, tmp_path):
+def test_two_whose_pages_or_servers_listen_at_the_same_address_are_rejected(table, tmp_path):
     one, two = (_axis(tmp_path, name, publish=CLIENT, **{table: {}}) for name in ("a", "b"))
     with pytest.raises(
-        UserError, match=rf"b\.toml: {table}\.listen: .* is already used by .*a\.toml .* a port of its own"
+        UserError, match=rf"b\.toml: {table}\.listen: .* is already used by .*a\.toml; .* a port of its own"
     ):
         to_install([one, two], PROGRAM, tmp_path)
     place = "opc.tcp://127.0.0.1:4841" if table == "opcua" else "127.0.0.1:8081"
