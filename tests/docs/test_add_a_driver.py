@@ -65,7 +65,7 @@ def test_the_page_s_driver_reads_a_thermometer(folder: Path, content: str, shown
     ("kind", "said"),
     [
         ("onewire", "unknown kind 'onewire'; give one of modbus_tcp, .*, module:Class"),
-        ("one_wire:OneWire", "no driver's table; name a subclass of drivers.protocol.DriverTable"),
+        ("one_wire:OneWire", "not a driver's table; name a subclass of drivers.protocol.DriverTable"),
         ("one_wire:OneWired", "one_wire has no class OneWired; fix the name after the colon"),
         ("nowhere:OneWire", "No module named 'nowhere'.*; install its package beside this program"),
         (KIND, "drivers.air.channels: is missing; add it"),

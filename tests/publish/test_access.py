@@ -143,7 +143,7 @@ def test_the_commands_of_the_program_log_in(tmp_path):
         made.document("health", {"state": "good"})
         anna = user(tmp_path, "anna", "see")
         assert ask_health(endpoint, "lathe-7", "z", 10, anna).document == {"state": "good"}
-        assert "does not let this client in" in ask_health(endpoint, "lathe-7", "z", 2).problem
+        assert "rejects this client" in ask_health(endpoint, "lathe-7", "z", 2).problem
         assert command("reset", endpoint, "lathe-7", "z", 2, anna).document is None
         assert made.commands() == []
 

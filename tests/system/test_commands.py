@@ -62,7 +62,7 @@ def test_reset_and_disarm_are_done_recorded_and_replayed_to_the_last_bit(tmp_pat
             assert give("disarm").returncode == 0
             wrong = give("reset", "--config-hash", "0123456789abcdef")
             assert wrong.returncode == 1
-            assert "another configuration" in wrong.stdout
+            assert "not in force" in wrong.stdout
             count = len(seen.estimates)
             until(lambda: len(seen.estimates) > count + 30, 60)
             instances = {m["instance"] for d in seen.documents.values() for m in d}

@@ -96,7 +96,7 @@ def test_a_checkpoint_that_is_of_no_use_stops_nothing(tmp_path):
             seen.wait_until_good()
             assert daemon.stop() < 2.0
     (line,) = [json.loads(line) for line in daemon.said().splitlines() if '"cold start"' in line]
-    assert "no checkpoint of this program" in line["reason"]
+    assert "not a checkpoint of this program" in line["reason"]
 
 
 def test_a_configuration_is_reloaded_or_rejected_as_a_whole(tmp_path):
@@ -130,7 +130,7 @@ def test_a_configuration_is_reloaded_or_rejected_as_a_whole(tmp_path):
             begun = until(lambda: _begun_anew(seen, before), 60.0)
             until(lambda: len(seen.estimates) > begun + 20, 60.0)
             assert _moved(seen.estimates[begun - 1], seen.estimates[begun]) < 1.5
-            assert not any("refused" in r for r in seen.health()["reasons"])
+            assert not any("configuration was rejected" in r for r in seen.health()["reasons"])
             assert not seen.documents["compensation"][-1]["armed"]
 
             # another model of the screw: field and heats are carried over
