@@ -228,9 +228,9 @@ async def test_a_control_that_requires_login_and_certificate_is_read_and_any_mis
         "refuses the user ben": {"user": "ben"},
         "does not trust": {"certificate": stranger, "private_key": folder / "stranger.key"},
         "check server_certificate": {"server_certificate": stranger, "timeout_s": 1.0},
-        "takes Aes256Sha256RsaPss": {"policy": "Aes256Sha256RsaPss", "timeout_s": 1.0},
-        "asks for a name": {"user": None, "password_file": None},
-        "asks for encryption": dict.fromkeys(known(folder)) | {"timeout_s": 1.0},
+        "accepts Aes256Sha256RsaPss": {"policy": "Aes256Sha256RsaPss", "timeout_s": 1.0},
+        "requires a user name": {"user": None, "password_file": None},
+        "requires encryption": dict.fromkeys(known(folder)) | {"timeout_s": 1.0},
     }
     async with strict(folder, port):
         for change in ({}, {"private_key": _der(folder)}):
