@@ -135,7 +135,7 @@ async def test_an_answer_out_of_a_cache_is_old_and_a_new_instance_is_asked_again
         async with running(settings(peer.port, timeout_s=0.2).open("cnc")) as cnc:
             await cnc.good("x_m")
             peer.command(restart=True)
-            await cnc.until(lambda _: "started anew" in str(cnc.driver.status.last_error))
+            await cnc.until(lambda _: "restarted" in str(cnc.driver.status.last_error))
             assert await cnc.good("x_m") == pytest.approx(0.2505)
             assert cnc.driver.status.reconnects == 1
             peer.command(answer="cached")

@@ -61,7 +61,7 @@ def test_a_table_is_written_of_the_logs_end(log: Path, tmp_path: Path, control: 
     [
         (["--format", "table"], "needs --log"),
         (["--single"], "belongs to --format st"),
-        (["--format", "table", "--log", "x.csv", "--axis", "X 1"], "no name of an axis"),
+        (["--format", "table", "--log", "x.csv", "--axis", "X 1"], "not the name of an axis"),
     ],
 )
 def test_incompatible_options_are_rejected_in_a_sentence(

@@ -146,7 +146,7 @@ def test_a_client_that_asks_too_much_has_to_wait_and_others_are_served():
         many = [greedy.get(f"{PREFIX}/estimate?last=999999", timeout=5) for _ in range(400)]
         replies = [reply for asked in many for reply in asked]
         words = [r.err.payload.to_string() for r in replies if r.err]
-        assert any("too much is asked at once" in word for word in words)
+        assert any("too many requests at once" in word for word in words)
         wait(lambda: json_of(modest) == '{"hash":"ab12"}')
 
 

@@ -87,7 +87,7 @@ def test_a_better_one_is_kept_and_a_worse_one_reverted(tmp_path):
             before = len(seen.estimates)
             done = _observer("adopt", str(better), "--config", str(config), "--hours", HOURS)
             assert done.returncode == 0, done.stderr
-            assert "takes it back if that has not shrunk" in done.stdout
+            assert "reverts it if the gap has not shrunk" in done.stdout
             begun = until(lambda: _begun_anew(seen, before), 90.0)
             until(lambda: len(seen.estimates) > begun + 5, 60.0)
             _assert_goes_on(seen, begun)
