@@ -313,7 +313,7 @@ class MachineModel:
         restraint, moved = self.plant.rows.restraint, self.plant.layout.displacements
         if moved and restraint is not None and not restraint.linear:
             raise ConfigError(
-                f"sensor {moved[0]}: with supports.gap_m a displacement bends where the play closes, which no "
-                "estimator here can follow; calibrate with it, but remove sensor or play to estimate"
+                f"sensor {moved[0]}: with supports.gap_m a displacement bends where the play closes, which "
+                "no estimator here can follow; calibrate with it, but remove sensor or play to estimate"
             )
         return Pipeline(self.drive, estimator or self.estimator(), self.self_test(), self.gap(), self.shown)
