@@ -1,7 +1,7 @@
-"""The configuration of a machine without its drivers: every unit and range, checked once, here.
+"""The configuration of a machine without its wires: every unit and every range, checked once, here.
 
-Nothing else in the package checks ranges again. The drivers of the channels belong to the installation
-(`observer.installation`), which mathematics does not import.
+Nothing else in the package checks ranges again. What delivers the channels comes with the installation
+(`observer.installation`), which mathematics does not know.
 """
 
 from __future__ import annotations
@@ -25,9 +25,7 @@ from observer.tables.quantities import Section
 from observer.tables.sections import Description
 
 MOST_ROWS = 1500
-"""Limit of moving nuts times reported positions: the effect of each nut at each position is tabulated at the
-start.
-"""
+"""Moving nuts times reported places: what each nut does at each place is tabulated at the start."""
 
 
 class MachineName(Section):
@@ -121,7 +119,7 @@ _BESIDE_THE_MODEL = {
 
 
 class Config(Description):
-    """A machine and the tasks set for it."""
+    """What is known of a machine, and what is asked about it."""
 
     machine: MachineName = MachineName()
     effect: Annotated[tuple[Effect, ...], Field(max_length=100)] = ()
@@ -145,7 +143,7 @@ class Config(Description):
         return self
 
     def contradictions(self) -> list[str]:
-        """Contradictions, a sentence each."""
+        """What does not fit together, a sentence each."""
         return [
             *_beyond_the_screw(self),
             *_too_much_work(self),
@@ -159,7 +157,7 @@ class Config(Description):
         ]
 
     def remade(self, table: dict[str, Any]) -> Self:
-        """Return a configuration of the same kind from another table, checked again; raises `ConfigError`."""
+        """Return a configuration of the same kind from another table, checked anew; raises `ConfigError`."""
         try:
             return self.model_validate(table)
         except ValidationError as error:
@@ -189,8 +187,8 @@ class Config(Description):
 
     @property
     def plant_digest(self) -> str:
-        """A hash of everything that gives an estimator's state its meaning: the tables of this class, except
-        those that do not change the model.
+        """A hash of what gives an estimator's state its meaning: the tables of this class, but not those that
+        lie beside the model.
         """
         tables = Config.model_fields.keys() - _BESIDE_THE_MODEL
         return hashlib.sha256(self.model_dump_json(include=tables).encode()).hexdigest()[:16]
@@ -226,7 +224,7 @@ def _logs_unknown(config: Config) -> Iterator[str]:
     given, known = config.log.sensor_period_s, [s.name for s in config.sensor]
     for name in given if isinstance(given, dict) else ():
         if name not in known:
-            yield f'log: sensor_period_s: "{name}" is not a sensor; give one of {", ".join(known)}'
+            yield f'log: sensor_period_s: "{name}" is no sensor; give one of {", ".join(known)}'
     for name in config.log.columns:
         if name not in config.channels:
             yield f'log: columns: the model reads no channel "{name}"; it reads {", ".join(config.channels)}'
@@ -315,7 +313,7 @@ def _heats_unknown(config: Config) -> Iterator[str]:
 
 
 def _following_what(config: Config) -> Iterator[str]:
-    """Settings incompatible with heats that follow another."""
+    """What heats that follow another cannot go with."""
     estimated = {s.name for s in config.source if s.estimate}
     for source in (s for s in config.source if s.follows):
         place = f"source {source.name}: follows"
@@ -328,7 +326,7 @@ def _following_what(config: Config) -> Iterator[str]:
 
 
 def untied(config: Config) -> Config:
-    """Return the configuration with every heat independent; by their laws alone, nothing changes."""
+    """Return the configuration with every heat by itself; by their laws alone, all remains as it was."""
     if not any(s.follows for s in config.source):
         return config
     apart = tuple(s.model_copy(update={"follows": False}) for s in config.source)
@@ -336,7 +334,7 @@ def untied(config: Config) -> Config:
 
 
 def effect_problems(config: Config) -> list[str]:
-    """Why effects cannot apply to this machine, a sentence each."""
+    """Why effects cannot stand on this machine, a sentence each."""
     found = []
     for effect in config.effect:
         try:

@@ -22,6 +22,7 @@ from observer.config import Config
 from observer.files.logs import Log, read_log
 from observer.files.writer import write_log
 from observer.frames import FloatArray
+from observer.model.rod.modes import mean_stretch
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -37,6 +38,7 @@ MACHINES = {
     "li-network": ("config/li-network.toml", 1000.0),
     "yu-dual-drive": ("config/yu-dual-drive.toml", 600.0),
     "kuznetsov-screw": ("config/kuznetsov-screw.toml", 600.0),
+    "stepped-screw": ("config/stepped-screw.toml", 1500.0),
 }
 RUN_S, REST_S, STEP_S, THERE_AND_BACK_S = 7200.0, 1800.0, 5.0, 60.0
 POWER_W = 50.0
@@ -116,7 +118,16 @@ def along(axes: Axes, log: Log, quantity: str, unit: str, label: str) -> None:
 def sketch(axes: Axes, config: Config) -> None:
     """The screw with its nut, heats and sensors, to scale along its length."""
     length_m = config.screw.length_m
-    axes.add_patch(Rectangle((0.0, -0.12), length_m, 0.24, color=STEEL, lw=0, hatch="////", ec="white"))
+    for piece in config.screw.pieces:
+        of_screw = 0.24 / config.screw.diameter_m
+        for across, paint in (
+            (piece.diameter_m * of_screw, {"color": STEEL, "lw": 0, "hatch": "////", "ec": "white"}),
+            (0.0 if config.screw.uniform else piece.bore_m * of_screw, {"color": "white", "lw": 0}),
+        ):
+            if across:
+                axes.add_patch(
+                    Rectangle((piece.from_m, -across / 2), piece.to_m - piece.from_m, across, **paint)
+                )
     for source in config.source:
         if source.shape == "nut":
             low, high = source.stroke_m or (0.0, length_m)
@@ -133,9 +144,10 @@ def sketch(axes: Axes, config: Config) -> None:
             axes.text(
                 middle, -0.70, f"{source.name}, stroke {1000 * (high - low):.0f} mm", ha="center", va="top"
             )
-        elif source.position_m is not None:
+        elif (place_m := mean_stretch(source, config.screw)) and source.shape != "node":
+            x_m = 0.5 * (place_m.a_m + place_m.b_m)
             axes.annotate(
-                source.name.replace("_", " "), (source.position_m, -0.14), (source.position_m, -0.72),
+                source.name.replace("_", " "), (x_m, -0.14), (x_m, -0.72),
                 arrowprops={"arrowstyle": "->", "color": HEAT, "lw": 2}, ha="center", va="top", color=HEAT,
             )  # fmt: skip
     for sensor in config.sensor:

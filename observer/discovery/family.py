@@ -75,11 +75,12 @@ def loss_W(effect: EffectTable, config: Config, history: ScrewHistory) -> FloatA
     Effects on the heats of other sources, on sensors or on the air itself take none.
     """
     terms, taken_W = effect.terms(config), np.zeros(len(history.length_s))
+    diameter_m = config.screw.mean_diameter_m(0.0, config.screw.length_m)
     places = {t.source.name: t.source.position_m for t in terms if isinstance(t, Heat)}
     for term in terms:
         match term:
             case Film() | StretchFilm() | SpeedLoss() | Radiation():
-                taken_W += np.pi * config.screw.diameter_m * _of_surface(term, history)
+                taken_W += np.pi * diameter_m * _of_surface(term, history)
             case EndConductance(end, G):
                 taken_W += G * history.excess_K[:, 0 if end == "left" else -1]
             case Heat(source):
@@ -242,7 +243,7 @@ def effective(
         against = {
             "time": -history.length_s,
             "end": history.excess_K[:, end],
-            "surface": np.pi * screw.diameter_m * screw.length_m * mean_K,
+            "surface": screw.surface_m2 * mean_K,
             "screw": mean_K,
         }[family.against]
         taken_W.append(loss_W(effect, config, history)[history.counted])

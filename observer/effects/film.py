@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 from typing import Annotated, Literal
 
@@ -194,7 +193,7 @@ class Coolant(EffectTable):
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         screw = machine.screw
-        wetted = self.conductance_W_K / (math.pi * screw.diameter_m * screw.length_m)
+        wetted = self.conductance_W_K / screw.surface_m2
 
         def film_W_m2K(speed_rpm: FloatArray) -> FloatArray:
             return np.where(np.abs(speed_rpm) > 0.0, wetted, 0.0)

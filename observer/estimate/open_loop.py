@@ -1,6 +1,4 @@
-"""Open-loop prediction by the heat laws alone: frames in, output rows out; and the readings' distance from
-it.
-"""
+"""A prediction by the heat laws alone, frames in and output rows out, and how far readings are from it."""
 
 from __future__ import annotations
 

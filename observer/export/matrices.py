@@ -1,4 +1,4 @@
-"""The reduced plant as matrices with names and units, for numpy, MATLAB and any reader of JSON."""
+"""The reduced plant as matrices with names and units, for numpy, MATLAB and whatever reads JSON."""
 
 from __future__ import annotations
 

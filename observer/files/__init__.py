@@ -1,1 +1,1 @@
-"""Files from and for users: logs in, tables and folders of results out, whole or not at all."""
+"""Files that users give and get: logs in, tables and folders of results out, whole or not at all."""

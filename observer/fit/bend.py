@@ -44,7 +44,7 @@ def unbent(config: Config) -> tuple[Config, Bend | None]:
         return config, None
     screw = config.screw
     places_m = np.array([config.sensor[i].position_m or 0.0 for i in moved])
-    restraint = restraint_of(config.supports, screw.length_m, screw.area_m2, places_m)
+    restraint = restraint_of(config.supports, screw, places_m)
     whole = config.sensor[moved[0]].model_copy(update={"name": _WHOLE, "position_m": screw.length_m})
     free = config.model_copy(update={"supports": None, "sensor": (*config.sensor, whole)})
     return free, Bend(moved, restraint)

@@ -53,7 +53,7 @@ class Footprint(NamedTuple):
     early_s: FloatArray
 
     def of_modes(self, table: NutTable) -> tuple[FloatArray, FloatArray]:
-        """The means (T, N) of a table's columns over the ticks, and how much earlier (T, N) they came."""
+        """The means (T, N) of a table's N waves over the ticks, and how much earlier (T, N) they came."""
         G = self.waves.shape[1] // 2
         to_modes = interpolation(table.mu_1_m / self.step_1_m, G)
         turned = table.mu_1_m * table.screw_m / 2 - table.phase
@@ -62,12 +62,14 @@ class Footprint(NamedTuple):
         return self.waves @ weights, self.early_s @ weights
 
 
-def swept(table: NutTable, present: FloatArray, out: FloatArray) -> None:
+def swept(plant: Plant, table: NutTable, present: FloatArray, out: FloatArray) -> None:
     """Fill `out` (T, PLACES, N) with shapes of which the squares add up to the covariance of a nut's column
     over a tick, of which it spends the shares `present` (T, PLACES) at places from end to end.
     """
     places_m = np.linspace(0.0, table.screw_m, PLACES).tolist()
-    columns = np.array([moving.columns_at(table, [x])[0][: len(table.mu_1_m)] for x in places_m])
+    columns = np.array([moving.columns_at(table, [x])[0] for x in places_m])
+    columns = columns if plant.basis is None else columns @ plant.basis.V.T
+    columns = np.ascontiguousarray(columns[:, : plant.modes])
     np.subtract(columns, (present @ columns)[:, None], out=out)
     out *= np.sqrt(present)[:, :, None]
 
@@ -212,14 +214,13 @@ class SteppedRun:
         T, M = len(self.ticks.first), len(plant.moving)
         B, C = np.zeros((T, M, len(plant.decay_1_s))), np.zeros((T, M, len(plant.rows.C)))
         for i, source in enumerate(plant.moving):
-            B[:, i], C[:, i] = source.table.mean_B, self._lag_rows(source, i)
-            B[:, i, : plant.modes] = self._columns(plant, i)[0]
+            own, waves = np.tile(source.table.mean_B, (T, 1)), len(source.table.mu_1_m)
+            own[:, :waves], C[:, i] = self._columns(plant, i)[0], self._lag_rows(source, i)
             if source.ends_fraction:
                 ends_B = self._columns(plant, i, at_ends=True)[0]
-                B[:, i, : plant.modes] += source.ends_fraction * (ends_B - B[:, i, : plant.modes])
+                own[:, :waves] += source.ends_fraction * (ends_B - own[:, :waves])
                 C[:, i] += source.ends_fraction * (self._lag_rows(source, i, at_ends=True) - C[:, i])
-            if len(source.table.turn):
-                B[:, i] = B[:, i] @ source.table.turn.T
+            B[:, i] = own @ source.table.turn.T if len(source.table.turn) else own
         unread = np.zeros((T, 0))
         return Inputs(
             time_s=self._ends_s,
@@ -250,7 +251,9 @@ class SteppedRun:
         out = np.zeros((len(inputs), len(plant.rows.C)))
         for i, source in enumerate(plant.moving):
             early_s = self._columns(plant, i)[1] * (1 - source.ends_fraction)
-            out += inputs.law_W[:, source.index, None] * ((kept * plant.of_screw(early_s)) @ plant.rows.C.T)
+            turn = source.table.turn[:, : early_s.shape[1]]
+            early_s = early_s @ turn.T if len(turn) else plant.of_screw(early_s)
+            out += inputs.law_W[:, source.index, None] * ((kept * early_s) @ plant.rows.C.T)
         return out
 
     def sweep(self, plant: Plant) -> FloatArray | None:
@@ -265,7 +268,7 @@ class SteppedRun:
         def shapes() -> FloatArray:
             out = np.zeros((len(self.ticks.first), len(plant.moving), PLACES, plant.modes))
             for i in on:
-                swept(plant.moving[i].table, self._present(plant.moving[i], i), out[:, i])
+                swept(plant, plant.moving[i].table, self._present(plant.moving[i], i), out[:, i])
             return out
 
         key = (on, *(_shape_of(plant.moving[i].table) for i in on))
@@ -299,7 +302,8 @@ class SteppedRun:
 
     def _footprint(self, plant: Plant, i: int, *, at_ends: bool = False) -> Footprint:
         """What a nut's path leaves in the ticks, for any modes up to as many as the plant has."""
-        source, highest = plant.moving[i], plant.mode_index[-1]
+        source = plant.moving[i]
+        highest = max(plant.mode_index[-1], len(source.table.mu_1_m))
         return self._footprints.get(
             (i, at_ends, highest),
             lambda: footprint(

@@ -54,7 +54,7 @@ class Start(BaseModel):
 
     @property
     def prefix(self) -> str:
-        """The key prefix of everything published about the axis."""
+        """Where everything about the axis is published."""
         return f"ballscrew/{self.machine}/{self.axis}"
 
 

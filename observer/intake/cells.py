@@ -1,4 +1,4 @@
-"""From text to numbers: decimals, thousands, and recorders' words for a missing value."""
+"""Text to numbers: decimals, thousands, and what a recorder writes where it has no value."""
 
 from __future__ import annotations
 

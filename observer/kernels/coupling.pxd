@@ -6,6 +6,8 @@ cdef inline (double, double) _uniform_loss(Coupling c, double loss_1_s, double l
 @cython.locals(total=double, row=double)
 cdef double _product(Coupling c, double[::1] x, double[::1] y) noexcept nogil
 cdef inline void _lose(Coupling c, double rate_1_s, double drawn, double time_s, double[:, ::1] M, double[::1] b) noexcept nogil
+@cython.locals(lost=double, excess=double)
+cdef inline void _lose_unevenly(Coupling c, Py_ssize_t e, double rate_1_s, double drawn, double time_s, double[:, ::1] M, double[::1] b) noexcept nogil
 @cython.locals(held=double)
 cdef inline void _give_back(Coupling c, Py_ssize_t i, double more, double[:, ::1] M, double[::1] b) noexcept nogil
 @cython.locals(heat_J_K=double, compliance=double, apart_K=double)

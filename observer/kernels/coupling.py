@@ -85,6 +85,10 @@ def _lose(c, rate_1_s, drawn, time_s, M, b):
     """Losses that are the same along the screw; what is beside it keeps its temperature."""
     if rate_1_s == 0.0:
         return
+    if len(c.uneven.rate) > 0:
+        for e in range(len(c.uneven.rate)):
+            _lose_unevenly(c, e, rate_1_s, drawn, time_s, M, b)
+        return
     keep, lost = exp(-rate_1_s * time_s), -expm1(-rate_1_s * time_s)
     towards_degC = lost * drawn / rate_1_s
     if len(c.beside) == 0:
@@ -99,6 +103,23 @@ def _lose(c, rate_1_s, drawn, time_s, M, b):
         b[a] = keep * b[a] + towards_degC * c.uniform[a]
         for q in range(M.shape[1]):
             M[a, q] *= keep
+
+
+def _lose_unevenly(c, e, rate_1_s, drawn, time_s, M, b):
+    """What a shape of a screw with sections loses at a rate of its own: the others do not see it."""
+    n_x = M.shape[0]
+    lost = -expm1(-c.uneven.rate[e] * rate_1_s * time_s)
+    excess = 0.0
+    for a in range(n_x):
+        excess += c.uneven.row[e, a] * (b[a] - drawn / rate_1_s * c.uniform[a])
+    for a in range(n_x):
+        b[a] -= lost * excess * c.uneven.into[e, a]
+    for q in range(M.shape[1]):
+        excess = 0.0
+        for a in range(n_x):
+            excess += c.uneven.row[e, a] * M[a, q]
+        for a in range(n_x):
+            M[a, q] -= lost * excess * c.uneven.into[e, a]
 
 
 def _give_back(c, i, more, M, b):

@@ -213,7 +213,7 @@ def average_columns(nut, desk, dt_s, sample_s, sample_m, offset, driven_m_s):
                 seen = step_C[r] / weight if located else nut.mean_C[r] if spread else sum_C[r] / weight_s[0]
                 C[r] += settle * (seen - C[r])
         B[nut.lag] = nut.lag_decay_1_s
-        for n in range(len(B)):
+        for n in range(desk.out_B.shape[1]):
             desk.out_B[k, n] = B[n]
             if len(turn) > 0:
                 desk.out_B[k, n] = 0.0

@@ -18,6 +18,11 @@ cdef class Fades(Record):
     cdef public double[::1] per_K, reference_degC
 
 
+cdef class Uneven(Record):
+    cdef public double[::1] rate
+    cdef public double[:, ::1] row, into
+
+
 cdef class Coupling(Record):
     cdef public bint active
     cdef public Py_ssize_t ambient, modes
@@ -27,6 +32,7 @@ cdef class Coupling(Record):
     cdef public Links links
     cdef public Spreads spreads
     cdef public Fades fades
+    cdef public Uneven uneven
 
 
 cdef class LearningArrays(Record):

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _OF_SENSORS = ("sensor", "estimator", "tolerance")
-"""Variants that differ in these are also compared by the σ that remain."""
+"""Variants that differ in these are compared by what they leave unknown, too."""
 Aim = Literal["error"]
 GivenVariants = str | Path | Mapping[str, Any]
 """A variants' file, or the table of one."""
@@ -122,12 +122,12 @@ def compare_variants(
     minimise: Aim | None,
     progress: Callable[[str, float], None] = lambda _text, _done: None,
 ) -> Comparison:
-    """Compare variants: in their steady states, or over a log's cycle.
+    """Compare variants: where they settle, or over the cycle that a log is.
 
     Raises `ConfigError` or `LogError`.
     """
     if log is None and not steady:
-        raise ConfigError("compare: ask for the steady state, or give a log of a cycle")
+        raise ConfigError("compare: say whether the steady state is meant, or give a log of a cycle")
     found, mounted, sentences = [], {}, dict[str, None]()
     for i, variant in enumerate(variants):
         progress(variant.name, i / len(variants))
@@ -169,14 +169,12 @@ def _mounted(variant: Variant, case: SurveyedCase) -> list[MountedScrew]:
     given = variant.config.supports
     permitted_N = None if given is None else given.permitted_load_N
     grid_m = case.figures.position_m
-    problem = MountingProblem(
-        screw.length_m, screw.area_m2, grid_m, case.travel, growth.along_um, growth.whole_um, permitted_N
-    )
+    problem = MountingProblem(screw, grid_m, case.travel, growth.along_um, growth.whole_um, permitted_N)
     return best_of_each(problem, given)
 
 
 def _kept_fixed(config: Installation) -> Iterator[str]:
-    """What a search for the best mounting leaves unchanged, a sentence each."""
+    """What a search for the best mounting leaves as it is, a sentence each."""
     yield "L-I lets the screw slide at both ends: its error counts from the screw's middle"
     for source in config.source:
         if source.nut_friction is not None and source.nut_friction.preload_N:

@@ -167,8 +167,7 @@ def _places(config: Config) -> Places:
 
 def restraint_on(config: Config, places_m: FloatArray) -> Restraint | None:
     """Return what holds a configuration's screw at places (g,), None where nothing is said of supports."""
-    held, screw = config.supports, config.screw
-    return None if held is None else restraint_of(held, screw.length_m, screw.area_m2, places_m)
+    return None if config.supports is None else restraint_of(config.supports, config.screw, places_m)
 
 
 def _known_inputs(modes: Modes, config: Config, terms: Sequence[Term]) -> tuple[KnownInput, ...]:
@@ -178,15 +177,17 @@ def _known_inputs(modes: Modes, config: Config, terms: Sequence[Term]) -> tuple[
     modes there (Green's identity) and no derivative of a measured temperature is needed.
     """
     rod = modes.rod
-    film = rod.fin_1_m**2 * modes.integral(0.0, rod.length_m)[0]
+    film = rod.fin_1_m**2 * modes.wetted(0.0, rod.length_m)
     for end, x_m in ((rod.left, 0.0), (rod.right, rod.length_m)):
         if not end.prescribed:
             film = film + end.biot_1_m * modes.theta(x_m)[0]
     known = [KnownInput(AMBIENT, film, partial(ambient_field, rod))]
-    if rod.left.prescribed:
-        known.append(KnownInput(LEFT, modes.slope(0.0), partial(end_field, rod, LEFT)))
-    if rod.right.prescribed:
-        known.append(KnownInput(RIGHT, -modes.slope(rod.length_m), partial(end_field, rod, RIGHT)))
+    for end, name, x_m, inward in ((rod.left, LEFT, 0.0, 1.0), (rod.right, RIGHT, rod.length_m, -1.0)):
+        if end.prescribed:
+            steady = partial(end_field, rod, name)
+            # at an end a sum of cosines has a slope that converges slowly
+            into = inward * modes.slope(x_m) if rod.profile is None else modes.settling(steady)
+            known.append(KnownInput(name, into, steady))
     offset = dict.fromkeys(t.sensor for t in terms if isinstance(t, SensorOffset))
     known += [KnownInput(OFFSET + name, np.zeros(len(modes)), np.zeros_like) for name in offset]
     if config.bed is not None and config.bed.channel is not None:

@@ -14,7 +14,7 @@ import numpy as np
 from observer.effects.terms import Fade, Lag, Radiation, SpeedLoss, StretchFilm, Term
 from observer.frames import FloatArray
 from observer.kernels.layout import packed
-from observer.model.coupling import Fades, Links, no_coupling
+from observer.model.coupling import Fades, Links, Uneven, no_coupling
 from observer.model.extend import extended, lag_states, lagging, node_states, padded, reading_nodes, wide
 from observer.model.generator import Constant
 from observer.model.network import (
@@ -27,7 +27,7 @@ from observer.model.network import (
     spreads,
 )
 from observer.model.plant import Plant
-from observer.model.rod.modes import Modes, Stretch, mean_stretch, shapes_within, steady_under
+from observer.model.rod.modes import Modes, Stretch, mean_stretch, steady_under, wetted_within
 from observer.model.rod.screw import surface_rate
 from observer.physics.constants import STEFAN_BOLTZMANN_W_m2K4
 from observer.tables.sections import Description
@@ -86,11 +86,12 @@ def with_coupling(
         under_F=under_F,
         uniform=padded(plant.uniform[: plant.modes], n_x),
         mean=padded(_mean(modes, screw), n_x),
-        square=modes.rod.diffusivity_m2_s / modes.rod.length_m,
+        square=modes.rod.diffusivity_m2_s / modes.rod.storage_m,
         radiation=emissivity * STEFAN_BOLTZMANN_W_m2K4 * surface_rate(machine.screw),
         links=links,
         spreads=spreads(modes, machine, beside, moving),
         fades=fades,
+        uneven=_uneven(modes, n_x),
     )
     return replace(plant, coupling=packed(coupling)), constant
 
@@ -124,13 +125,13 @@ def _add_warmed_air(
     """Add what the base film exchanges with air of its own, along stretches, without the dropped modes."""
     n_x, rod = len(plant.decay_1_s), modes.rod
     for node, air in beside.air:
-        into = rod.fin_1_m**2 * padded(modes.integral(air.from_m, air.to_m)[0], n_x)
+        into = rod.fin_1_m**2 * padded(modes.wetted(air.from_m, air.to_m), n_x)
         row, heated = np.zeros((2, n_x))
         row[screw : screw + len(own.shape)], heated[screw : screw + len(own.shape)] = (
             own.shape[node],
             own.input[:, node],
         )
-        lost = into - rod.fin_1_m**2 * (air.to_m - air.from_m) * row
+        lost = into - rod.fin_1_m**2 * rod.wetted_m(air.from_m, air.to_m) * row
         constant.A[...] += np.multiply.outer(into, row)
         constant.A[...] += rod.conductance_W_m * np.multiply.outer(heated, lost)
         constant.E[:, plant.known.ambient] -= into
@@ -193,7 +194,16 @@ def _fades(plant: Plant, terms: Sequence[Term]) -> Fades:
 
 def _mean(modes: Modes, n_x: int) -> FloatArray:
     """The row (n_x,) of the screw's mean temperature."""
-    return padded(modes.integral(0.0, modes.rod.length_m)[0] / modes.rod.length_m, n_x)
+    return padded(modes.stored() / modes.rod.storage_m, n_x)
+
+
+def _uneven(modes: Modes, n_x: int) -> Uneven:
+    """The shapes of which a film loses each at its own rate: those of ∫ p θ_i θ_j dx/α."""
+    if modes.rod.profile is None:
+        return no_coupling(n_x, 0, 0).uneven
+    rate, shape = np.linalg.eigh(modes.surface())
+    row = wide(shape.T, n_x)
+    return Uneven(rate, row, row)
 
 
 def _dropped(
@@ -225,7 +235,7 @@ def _add_films(constant: Constant, plant: Plant, modes: Modes, terms: Sequence[T
     """Add the films along stretches: Σ extra P/(ρcA) · (1/α) ∫ θ_i θ_j dx over the stretches."""
     N = plant.modes
     for film in (t for t in terms if isinstance(t, StretchFilm)):
-        theta, weights = shapes_within(modes, Stretch(film.from_m, film.to_m))
+        theta, weights = wetted_within(modes, Stretch(film.from_m, film.to_m))
         weighed = theta * (film.extra_W_m2K * rate / modes.rod.diffusivity_m2_s * weights)[:, None]
         constant.A[:N, :N] -= weighed.T @ theta
         constant.E[:N, plant.known.ambient] += weighed.sum(axis=0)

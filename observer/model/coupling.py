@@ -52,6 +52,17 @@ class Fades(NamedTuple):
     reference_degC: FloatArray
 
 
+class Uneven(NamedTuple):
+    """How a film loses of a screw with sections: e shapes, of which each loses by itself at its multiple
+    `rate` (e,) of the loss of the screw's own diameter and bore. The rows `row` (e, n_x) read them, the rows
+    `into` (e, n_x) change them; of a uniform screw, which loses alike everywhere, there is none.
+    """
+
+    rate: FloatArray
+    row: FloatArray
+    into: FloatArray
+
+
 class Coupling(NamedTuple):
     """The couplings of a plant with n_x states, m sources and p known inputs, as plain arrays.
 
@@ -86,6 +97,7 @@ class Coupling(NamedTuple):
     links: Links
     spreads: Spreads
     fades: Fades
+    uneven: Uneven
 
 
 def no_coupling(n_x: int, sources: int, known: int, modes: int = 0) -> Coupling:
@@ -110,4 +122,5 @@ def no_coupling(n_x: int, sources: int, known: int, modes: int = 0) -> Coupling:
         links=Links(none, nothing, np.zeros((0, n_x)), np.zeros((0, n_x))),
         spreads=Spreads(none, nothing, no_shape, no_shape, np.zeros(sources), np.zeros(sources)),
         fades=Fades(np.zeros(sources), np.zeros(sources)),
+        uneven=Uneven(nothing, np.zeros((0, n_x)), np.zeros((0, n_x))),
     )

@@ -132,8 +132,9 @@ def _wider(turn: FloatArray, n_x: int) -> FloatArray:
     """A nut's `turn`, if it has one, for more states, which it leaves as they are."""
     if not len(turn):
         return turn
-    out = np.eye(n_x)
-    out[: len(turn), : len(turn)] = turn
+    rows, columns = turn.shape
+    out = np.zeros((n_x, columns + n_x - rows))
+    out[:rows, :columns], out[rows:, columns:] = turn, np.eye(n_x - rows)
     return out
 
 
@@ -211,8 +212,10 @@ def _of_machine(plant: Plant, config: Config, modes: Modes) -> Iterator[Paramete
     passive = none._replace(
         rate_1_s=np.where(own, -plant.decay_1_s, 0.0), known=np.where(own, plant.E.T, 0.0)
     )
-    film = none._replace(rate_1_s=np.where(own, -film_1_s, 0.0), known=none.known.copy())
-    film.known[air] = np.where(own, film_1_s * plant.uniform, 0.0)
+    # of a screw with sections what each mode loses, but not what the film mixes
+    loses = 1.0 if modes.rod.profile is None else padded(np.diag(modes.surface()), n_x)
+    film = none._replace(rate_1_s=np.where(own, -film_1_s * loses, 0.0), known=none.known.copy())
+    film.known[air] = np.where(own, film_1_s * loses * plant.uniform, 0.0)
     conduction = none._replace(rate_1_s=passive.rate_1_s - film.rate_1_s, known=passive.known - film.known)
     # with more of it, all that warms or cools is slower
     slower = none._replace(rate_1_s=-passive.rate_1_s, known=-passive.known, heats=np.where(own, -1.0, 0.0))

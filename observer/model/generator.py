@@ -44,8 +44,12 @@ def generator(plant: Plant, loss_1_s: float = 0.0) -> FloatArray:
 
 
 def on_the_screw(plant: Plant) -> FloatArray:
-    """Return what is left of each state (n_x, n_x) where all that is no mode of the screw is taken away."""
-    n_x = len(plant.decay_1_s)
+    """Return what is left of each state (n_x, n_x) where all that is no mode of the screw is taken away; of a
+    screw with sections, times what its film loses there against one of its own diameter and bore.
+    """
+    n_x, uneven = len(plant.decay_1_s), plant.coupling.uneven
+    if len(uneven.rate):
+        return np.asarray((uneven.into.T * uneven.rate) @ uneven.row)
     if plant.basis is None:
         return np.diag(np.arange(n_x) < plant.modes).astype(float)
     V, inverse, _ = plant.basis
@@ -247,6 +251,7 @@ def _coupling(plant: Plant, basis: Basis) -> Coupling:
             mean=c.mean @ V,
             links=links,
             spreads=spreads,
+            uneven=c.uneven._replace(row=c.uneven.row @ V, into=c.uneven.into @ inverse.T),
         )
     )
     return own

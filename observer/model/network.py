@@ -306,7 +306,7 @@ def smooth_field_covariance(modes: Modes) -> FloatArray:
     """
     x, w = quadrature(modes.rod.length_m, (), panels=max(24, len(modes) // 2))
     kernel = _smooth_kernel(len(x), modes.rod.length_m)
-    projection = (modes.theta(x) * w[:, None]).T / modes.rod.diffusivity_m2_s
+    projection = (modes.theta(x) * (w * modes.rod.area_at(x))[:, None]).T / modes.rod.diffusivity_m2_s
     covariance = projection @ kernel @ projection.T
     return np.asarray((covariance + covariance.T) / 2)
 

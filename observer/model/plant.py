@@ -110,13 +110,15 @@ class MovingSource:
     """A source whose footprint follows a position channel.
 
     `index` is its column in B; `table` holds what the averaging of its columns over a path needs. A share
-    `ends_fraction` of the heat enters where the nut turns.
+    `ends_fraction` of the heat enters where the nut turns. `reach_m` is its stroke, None where that is the
+    whole screw.
     """
 
     index: int
     channel: str
     table: NutTable
     ends_fraction: float
+    reach_m: tuple[float, float] | None = None
 
     def with_table(self, **parts: FloatArray) -> MovingSource:
         """Return the source with other parts of its table."""

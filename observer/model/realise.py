@@ -30,7 +30,9 @@ def realise(config: Config) -> Realised:
             film = config.surface.convection_W_m2K + term.convection_W_m2K
             config = _with(config, surface=config.surface.model_copy(update={"convection_W_m2K": film}))
         elif isinstance(term, EndConductance):
-            end = _conducting(getattr(config.boundary, term.end), term.conductance_W_K, config)
+            end = _conducting(
+                getattr(config.boundary, term.end), term.conductance_W_K, config.screw.end_area_m2(term.end)
+            )
             config = _with(config, boundary=config.boundary.model_copy(update={term.end: end}))
         elif isinstance(term, Heat):
             config = _with(config, source=(*config.source, _named_apart(term.source, config)))
@@ -49,9 +51,11 @@ def _covered(config: Config) -> Iterator[Term]:
     As R_Q/m with −h P length in place of 1/R_Q, towards a body that is as warm as the air, for so it
     exchanges that fast.
     """
-    per_m = math.pi * config.screw.diameter_m * config.surface.convection_W_m2K
+    screw, film_W_m2K = config.screw, config.surface.convection_W_m2K
     for source in config.source:
-        if source.covers_film and per_m > 0.0:
+        if source.covers_film and film_W_m2K > 0.0:
+            low_m, high_m = source.stroke_m or (0.0, screw.length_m)
+            per_m = math.pi * screw.mean_diameter_m(low_m, high_m) * film_W_m2K
             conductance_W_K = -per_m * (source.length_m or 0.0)
             place = _at(source, config)
             yield Body(place, _AIR_J_K, conductance_W_K, loss_W_K=_AIR_J_K * _AIR_1_S)
@@ -115,7 +119,7 @@ def _with(config: Config, **parts: object) -> Config:
     return config.model_copy(update=parts)
 
 
-def _conducting(end: Boundary, conductance_W_K: float, config: Config) -> Boundary:
+def _conducting(end: Boundary, conductance_W_K: float, area_m2: float) -> Boundary:
     """The end with a conductance to the ambient beside what it has; G = h A."""
-    film = (end.coefficient_W_m2K or 0.0) + conductance_W_K / config.screw.area_m2
+    film = (end.coefficient_W_m2K or 0.0) + conductance_W_K / area_m2
     return Boundary(kind="convective", coefficient_W_m2K=film) if film >= LEAST_END_FILM_W_m2K else end

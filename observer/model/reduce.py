@@ -33,6 +33,8 @@ from observer.model.rod.moving import TABLE_POINTS, NutTable
 from observer.model.rod.supports import Restraint, restrained_rows
 
 UM_PER_M = 1e6
+LEAST_COSINES = 96
+"""How many cosines a nut's columns of a screw with sections have at least."""
 
 
 class Places(NamedTuple):
@@ -148,7 +150,7 @@ def _running_integral(
     modes: Modes, grid_m: FloatArray, steady: Callable[[FloatArray], FloatArray], kinks: Stretch | None
 ) -> FloatArray:
     """∫_0^x of a steady field at each place, by Gauss panels that break at the grid and at its kinks."""
-    breaks = [*grid_m.tolist(), *((kinks.a_m, kinks.b_m) if kinks else ())]
+    breaks = [*grid_m.tolist(), *((kinks.a_m, kinks.b_m) if kinks else ()), *modes.rod.edges_m]
     nodes, weights = quadrature(modes.rod.length_m, breaks)
     running = np.concatenate([[0.0], np.cumsum(steady(nodes) * weights)])
     return np.asarray(running[np.searchsorted(nodes, grid_m)])
@@ -260,7 +262,7 @@ def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS)
             restraint=places.restraint,
         ),
         moving=_moving_sources(full, modes, lag_decay_1_s, B, nut_places),
-        uniform=np.concatenate([modes.integral(0.0, rod.length_m)[0] / rod.diffusivity_m2_s, np.zeros(m)]),
+        uniform=np.concatenate([modes.stored() / rod.diffusivity_m2_s, np.zeros(m)]),
         prior_P=full.initial_sigma_K**2 * smooth + np.pad(past, (0, m)) + lags,
         smooth_P=full.initial_sigma_K**2 * smooth,
         noise_R_K2=full.noise_K**2,
@@ -359,36 +361,58 @@ def _moving_sources(
     for index, heat in enumerate(full.heats):
         if heat.nut is None:
             continue
-        mean_B = B[:, index].copy()
-        mean_B[: len(modes)], mean_C = _own_footprint(full, modes, heat, 0.0)
+        cosines = _cosines_of_nut(modes)
+        mean_b, mean_C = _own_footprint(full, modes, heat, 0.0)
+        if modes.mix is not None:
+            mean_b = heat.share * modal_input(cosines, heat.stretch)
         table = NutTable(
-            mu_1_m=modes.mu_1_m,
-            phase=modes.phase,
-            scale=heat.share * modes.scale,
+            mu_1_m=cosines.mu_1_m,
+            phase=cosines.phase,
+            scale=heat.share * cosines.scale,
             conductance_W_m=modes.rod.conductance_W_m,
             nut_m=heat.nut.length_m,
             screw_m=modes.rod.length_m,
             stroke_m=heat.nut.stroke_m,
-            lag=len(modes) + index,
+            lag=len(cosines) + index,
             lag_decay_1_s=lag_decay_1_s,
             table_C=_nut_rows(full, modes, heat.share, heat.nut, nut_places),
-            mean_B=mean_B,
+            mean_B=np.concatenate([mean_b, B[len(modes) :, index]]),
             mean_C=mean_C,
+            turn=_mixing(modes, len(cosines), len(B)),
         )
         if heat.also:
             more_b, more_c = _further(full, modes, heat)
-            turn = _adding(more_b, lag_decay_1_s, table.lag, len(B))
+            turn = table.turn if len(table.turn) else np.eye(len(B))
+            turn[: len(more_b), table.lag] = more_b / lag_decay_1_s
             table = replace(table, table_C=table.table_C + more_c, mean_C=mean_C + more_c, turn=turn)
-        found.append(MovingSource(index, heat.nut.channel, table, heat.ends_fraction))
+        # one alone may stand beyond its stroke, as when a machine is set up; several are in each other's way
+        alone = sum(h.nut is not None for h in full.heats) == 1
+        reach_m = None if alone else (heat.stretch.a_m, heat.stretch.b_m)
+        found.append(MovingSource(index, heat.nut.channel, table, heat.ends_fraction, reach_m))
     return tuple(found)
 
 
-def _adding(more_b: FloatArray, lag_decay_1_s: float, lag: int, n_x: int) -> FloatArray:
-    """The matrix (n_x, n_x) that adds a constant to a nut's input columns: by their entry for its lag, which
-    is the same wherever the nut is.
+def _cosines_of_nut(modes: Modes) -> Modes:
+    """The modes themselves or, of a rod with sections, the cosines that make up what a nut does to them: its
+    length smooths those of shorter waves out.
     """
-    turn = np.eye(n_x)
-    turn[: len(more_b), lag] = more_b / lag_decay_1_s
+    if modes.mix is None:
+        return modes
+    most = min(max(2 * len(modes), LEAST_COSINES), len(modes.mu_1_m))
+    i = slice(most)
+    return Modes(modes.rod, modes.mu_1_m[i], modes.phase[i], modes.scale[i], modes.mu_1_m[i])
+
+
+def _mixing(modes: Modes, cosines: int, n_x: int) -> FloatArray:
+    """The matrix (n_x, …) that makes a nut's input columns of those of its cosines; empty where these are the
+    modes.
+    """
+    if modes.mix is None:
+        return np.zeros((0, 0))
+    lags = n_x - len(modes)
+    turn = np.zeros((n_x, cosines + lags))
+    turn[: len(modes), :cosines] = modes.mix[:cosines].T
+    turn[len(modes) :, cosines:] = np.eye(lags)
     return turn
 
 

@@ -168,7 +168,7 @@ def settled(plant: Plant, point: OperatingPoint) -> SettledPlant:
         rate_1_s, drawn = _radiated(c, x, float(point.z[c.ambient]))
         A = A_1_s - (point.loss_1_s + rate_1_s) * screw
         slowest_1_s = _slowest_1_s(A)
-        lost = (point.loss_1_s * point.loss_degC + drawn) * c.uniform
+        lost = (point.loss_1_s * point.loss_degC + drawn) * _alike(plant, screw)
         driven = plant.B @ heat_W + plant.E @ point.z + lost
         after = np.asarray(np.linalg.solve(-A, driven), np.float64)
         heat_after_W = 0.5 * (heat_W + point.law_W * _faded(plant, after, point.z))
@@ -179,6 +179,12 @@ def settled(plant: Plant, point: OperatingPoint) -> SettledPlant:
     raise ConfigError(
         "the heats, which fade as the screw warms, find no balance; lower the effect's share per kelvin"
     )
+
+
+def _alike(plant: Plant, screw: FloatArray) -> FloatArray:
+    """What a loss towards 1 °C warms, (n_x,), per unit of its rate."""
+    c = plant.coupling
+    return np.asarray(screw @ c.uniform) if len(c.uneven.rate) else c.uniform
 
 
 def _slowest_1_s(A_1_s: FloatArray) -> float:

@@ -1,1 +1,1 @@
-"""The page: the service's state for a person at a screen, a phone or a wall display."""
+"""The page: what the service knows, for a person at a screen, a phone or a wall."""

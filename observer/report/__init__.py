@@ -1,1 +1,1 @@
-"""Pictures and pages of estimates and predictions."""
+"""Pictures of what was estimated or predicted."""

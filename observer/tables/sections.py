@@ -15,6 +15,7 @@ from observer.tables import quantities
 from observer.tables.laws import LAWS, HeatLaw, Surface
 from observer.tables.mounting import Supports
 from observer.tables.quantities import Section
+from observer.tables.screw import Screw
 
 AMBIENT = "ambient"
 """What a link names as its end where it leads into the air."""
@@ -118,33 +119,6 @@ def check_places(
     for name in names:
         if not any(name in one.between for one in link):
             raise ValueError(f'node "{name}" has no link; give it one, or remove it')
-
-
-class Screw(Section):
-    """Geometry and material of the screw."""
-
-    #: length of the rod, between the bearings; all positions count from its left end
-    length_m: quantities.ScrewLength
-    diameter_m: quantities.Diameter  #: effective (root) diameter
-    bore_m: quantities.Bore = 0.0  #: diameter of a bore through the whole screw
-    conductivity_W_mK: quantities.Conductivity  #: heat conductivity; 45 to 60 for bearing steels
-    density_kg_m3: quantities.Density  #: density
-    specific_heat_J_kgK: quantities.SpecificHeat  #: specific heat
-    #: thermal expansion; with it the thermal error is estimated
-    expansion_1_K: quantities.Expansion | None = None
-
-    @model_validator(mode="after")
-    def _some_steel_is_left(self) -> Screw:
-        if self.bore_m >= self.diameter_m:
-            raise ValueError(
-                f"bore_m = {self.bore_m} leaves nothing of diameter_m = {self.diameter_m}; fix one of them"
-            )
-        return self
-
-    @property
-    def area_m2(self) -> float:
-        """The cross-section that conducts, stores and holds."""
-        return math.pi * (self.diameter_m**2 - self.bore_m**2) / 4
 
 
 class Bed(Section):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -21,6 +23,7 @@ from observer.model.drive import Drive
 from observer.model.plant import Plant
 from observer.model.rod import moving
 from observer.model.simulate import simulate, simulate_means, start_from_sensors
+from observer.tables.screw import ScrewSection
 from tests.logs.machines import RIG, rig
 
 MODES = 20
@@ -28,6 +31,15 @@ MODES = 20
 
 def with_effects(*effects: EffectTable) -> Config:
     return lean_config(rig()[0].model_copy(update={"effect": effects}), MODES)
+
+
+JOURNAL = ScrewSection(from_m=0.0, to_m=0.3, diameter_m=0.025)
+AT_LEFT = AttachedMass(kind="attached_mass", target="left", capacity_J_K=300.0, conductance_W_K=2.0)
+
+
+def stepped(config: Config) -> Config:
+    """The same screw with a journal as long as the nut reaches."""
+    return config.model_copy(update={"screw": config.screw.model_copy(update={"section": (JOURNAL,)})})
 
 
 def the_run() -> Run:
@@ -42,17 +54,19 @@ def averaged(run: SteppedRun, plant: Plant, weight: FloatArray) -> FloatArray:
     return np.asarray(np.add.reduceat(rows[:, : plant.modes] * weight[:, None], first) / over)
 
 
+@pytest.mark.parametrize("shaped", [Config.model_copy, stepped], ids=["uniform", "stepped"])
 @pytest.mark.parametrize(
     "effects",
     [(), (EndConduction(kind="end_conduction", target="left", conductance_W_K=4.0),)],
     ids=["insulated", "lossy"],
 )
 def test_columns_of_any_modes_are_those_of_the_path_followed_row_by_row(
-    effects: tuple[EffectTable, ...],
+    effects: tuple[EffectTable, ...], shaped: Callable[[Config], Config]
 ) -> None:
     """The table is made with the modes of the rig as it is, and asked for those of another end."""
-    run = SteppedRun(the_run(), with_effects(), build_plant(with_effects()))
-    config = with_effects(*effects)
+    own = shaped(with_effects())
+    run = SteppedRun(the_run(), own, build_plant(own))
+    config = shaped(with_effects(*effects))
     plant = build_plant(config)
     inputs = run.inputs(config, plant, "", "")
     count = np.diff([*run.ticks.first, len(run.run.frames)])
@@ -79,7 +93,7 @@ def test_the_shapes_swept_make_up_the_covariance_of_the_places() -> None:
     source = plant.moving[0]
     present, table = run._present(source, 0), source.table
     shapes = np.empty((*present.shape, plant.modes))
-    swept(table, present, shapes)
+    swept(plant, table, present, shapes)
     columns = np.array(
         [moving.columns_at(table, [x])[0][: plant.modes] for x in np.linspace(0.0, table.screw_m, PLACES)]
     )
@@ -91,10 +105,14 @@ def test_the_shapes_swept_make_up_the_covariance_of_the_places() -> None:
         assert np.abs(shapes[tick].T @ shapes[tick] - covariance).max() < 1e-12 * np.abs(covariance).max()
 
 
-def test_a_strong_body_on_the_nut_is_predicted_in_ticks_as_row_by_row() -> None:
+@pytest.mark.parametrize("shaped", [Config.model_copy, stepped], ids=["uniform", "stepped"])
+@pytest.mark.parametrize("beside", [(), (AT_LEFT,)], ids=["alone", "beside another"])
+def test_a_strong_body_on_the_nut_is_predicted_in_ticks_as_row_by_row(
+    beside: tuple[EffectTable, ...], shaped: Callable[[Config], Config]
+) -> None:
     """What the body takes depends on where the nut has been within a tick, not on the mean place alone."""
     body = AttachedMass(kind="attached_mass", target="nut", capacity_J_K=4000.0, conductance_W_K=5.0)
-    config = with_effects(body)
+    config = shaped(with_effects(body, *beside))
     forward = Forward(config, [the_run()])
     in_ticks = forward(config)[0]
     run = forward.runs[0]

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from observer.frames import FloatArray
 from observer.model.rod.mountings import MountingProblem, best_of_each, judged
 from observer.tables.mounting import Supports
+from observer.tables.screw import Screw
 
 GRID_M = np.linspace(0.0, 1.0, 11)
 AREA_m2, MODULUS_Pa = 1e-3, 2.06e11
+SCREW = Screw(
+    length_m=1.0, diameter_m=2.0 * math.sqrt(AREA_m2 / math.pi), conductivity_W_mK=50.0, density_kg_m3=7800.0,
+    specific_heat_J_kgK=460.0,
+)  # fmt: skip
 FIRST_N_m, SECOND_N_m = 2e8, 1e8
 GIVEN = Supports(mounting="L-III", stiffness_first_N_m=FIRST_N_m, stiffness_second_N_m=SECOND_N_m)
 
@@ -22,7 +29,7 @@ def problem(permitted_N: float | None, travel: tuple[float, float] = (0.0, 1.0))
     along_um = np.multiply.outer(np.linspace(0.0, 1.0, 60) ** 0.5, np.append(0.0, np.cumsum(steps_um)))
     low_m, high_m = travel
     inside = (low_m <= GRID_M) & (high_m >= GRID_M)
-    return MountingProblem(1.0, AREA_m2, GRID_M, inside, along_um, along_um[:, -1], permitted_N)
+    return MountingProblem(SCREW, GRID_M, inside, along_um, along_um[:, -1], permitted_N)
 
 
 def by_springs(found: MountingProblem, preload_N: float, gap_m: float, *, right: bool) -> tuple[float, float]:

@@ -26,6 +26,7 @@ from observer.model.drive import Drive
 from observer.model.rod.supports import Restraint, error_at, fold, force_N, held_back_um, restraint_of
 from observer.report.check import findings
 from observer.tables.mounting import Supports
+from observer.tables.screw import Screw
 from tests.logs.machines import table
 from tests.logs.simulated import frames
 
@@ -37,7 +38,11 @@ LIII = {"mounting": "L-III"}
 
 
 def restraint(**keys: Any) -> Restraint:
-    return restraint_of(Supports.model_validate(keys), LENGTH_M, AREA_M2, GRID)
+    screw = Screw(
+        length_m=LENGTH_M, diameter_m=DIAMETER_M, conductivity_W_mK=50.0, density_kg_m3=7800.0,
+        specific_heat_J_kgK=460.0,
+    )  # fmt: skip
+    return restraint_of(Supports.model_validate(keys), screw, GRID)
 
 
 def displaced_um(held: Restraint, free_um: FloatArray) -> FloatArray:

@@ -139,7 +139,7 @@ def standing(plant: Plant, places_m: Mapping[int, float]) -> Plant:
 
 def standing_growth_1_s(plant: Plant, step: StepMatrices, K: FloatArray) -> float:
     """Return the fastest growth, 1/s, of the estimate's error with one nut standing at any place of its
-    screw; negative where it decays at each, and without nuts -inf.
+    screw, or of its stroke where there are several; negative where it decays at each, and without nuts -inf.
 
     Neither what the machine is nor what it does enters this: error's own motion is e⁺ = (I - K C) Ad e with
     the model's C and Ad, of the place. The others are spread over their strokes.
@@ -147,7 +147,8 @@ def standing_growth_1_s(plant: Plant, step: StepMatrices, K: FloatArray) -> floa
     fastest = 0.0
     for nut in plant.moving:
         half_m = 0.5 * nut.table.nut_m
-        for place_m in np.linspace(half_m, nut.table.screw_m - half_m, _PLACES):
+        low_m, high_m = nut.reach_m or (half_m, nut.table.screw_m - half_m)
+        for place_m in np.linspace(low_m, high_m, _PLACES):
             here = standing(plant, {nut.index: float(place_m)})
             fastest = max(fastest, float(np.abs(eigvals(closed_loop(here, step, K))).max()))
     return float(np.log(fastest) / step.dt_s) if fastest > 0.0 else -np.inf

@@ -13,15 +13,23 @@ same, §4.5 and §14.)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from observer.frames import FloatArray
 from observer.model.rod.screw import End, Rod
-from observer.tables.sections import Screw, Source
+from observer.model.rod.stepped import (
+    cosines_needed,
+    own_waves,
+    stepped_end_field,
+    stepped_source_field,
+)
+from observer.tables.screw import Screw
+from observer.tables.sections import Source
 
 NODES = 16
 """Gauss points in a panel of the quadrature."""
@@ -45,6 +53,8 @@ def source_field(rod: Rod, stretch: Stretch, x_m: FloatArray) -> FloatArray:
 
     Where no heat can leave (`Rod.floating`) it is the zero-mean field that remains beside the drifting mean.
     """
+    if rod.profile is not None:
+        return stepped_source_field(rod, stretch.a_m, stretch.b_m, x_m)
     if rod.floating:
         return _floating_field(rod, stretch, x_m)
     L, a, b = rod.length_m, stretch.a_m, stretch.b_m
@@ -67,6 +77,8 @@ def source_field(rod: Rod, stretch: Stretch, x_m: FloatArray) -> FloatArray:
 
 def end_field(rod: Rod, side: str, x_m: FloatArray) -> FloatArray:
     """Steady field (k,) in K per K of the prescribed end `side` ("left" or "right")."""
+    if rod.profile is not None:
+        return stepped_end_field(rod, side, x_m)
     L = rod.length_m
     if side == "left":
         return np.asarray(_u(rod, rod.right, L - x_m) / _u(rod, rod.right, L))
@@ -189,6 +201,8 @@ class Modes:
     """The eigenmodes 1 … N of a rod, normalised so that ∫ θ_n θ_m dx / α = δ_nm (Kim et al., eq. 7).
 
     Shapes (N,): `mu_1_m` wave numbers, `phase` δ_n, `scale` c_n in √(m/s), `decay_1_s` Λ_n = α (μ_n² + m²).
+    Of a rod with sections the first three, (M,), are those of cosines, of which `mix` (M, N) makes the modes;
+    what is said of ∫ … dx is then of ∫ … a dx, a the cross-section as a multiple of the screw's.
     """
 
     rod: Rod
@@ -196,23 +210,30 @@ class Modes:
     phase: FloatArray
     scale: FloatArray
     decay_1_s: FloatArray
+    mix: FloatArray | None = None
 
     def __len__(self) -> int:
-        return len(self.mu_1_m)
+        return len(self.decay_1_s)
 
     def take(self, index: FloatArray | list[int]) -> Modes:
         """Return only the modes at `index` (counted from 0)."""
         i = np.asarray(index, dtype=int)
+        if self.mix is not None:
+            return replace(self, decay_1_s=self.decay_1_s[i], mix=self.mix[:, i])
         return Modes(self.rod, self.mu_1_m[i], self.phase[i], self.scale[i], self.decay_1_s[i])
 
     def theta(self, x_m: FloatArray | float) -> FloatArray:
         """θ_n at positions (k,) as (k, N)."""
         x = np.atleast_1d(np.asarray(x_m, dtype=float))[:, None]
-        return np.asarray(self.scale * np.cos(self.mu_1_m * x - self.phase))
+        return self._mixed(np.asarray(self.scale * np.cos(self.mu_1_m * x - self.phase)))
+
+    def _mixed(self, cosines: FloatArray) -> FloatArray:
+        """The modes (…, N) from the cosines (…, M)."""
+        return cosines if self.mix is None else cosines @ self.mix
 
     def slope(self, x_m: float) -> FloatArray:
         """dθ_n/dx at one position, (N,)."""
-        return np.asarray(-self.scale * self.mu_1_m * np.sin(self.mu_1_m * x_m - self.phase))
+        return self._mixed(np.asarray(-self.scale * self.mu_1_m * np.sin(self.mu_1_m * x_m - self.phase)))
 
     def integral(self, a_m: FloatArray | float, b_m: FloatArray | float) -> FloatArray:
         """∫ θ_n dx from a to b, both (k,), as (k, N); exact, without cancellation for short stretches."""
@@ -220,11 +241,43 @@ class Modes:
         b = np.atleast_1d(np.asarray(b_m, dtype=float))[:, None]
         middle, half = (a + b) / 2, (b - a) / 2
         mean = np.cos(self.mu_1_m * middle - self.phase) * np.sinc(self.mu_1_m * half / np.pi)
-        return np.asarray(2 * half * self.scale * mean)
+        return self._mixed(np.asarray(2 * half * self.scale * mean))
+
+    def stored(self) -> FloatArray:
+        """∫ a θ_n dx over the rod, (N,): what each holds of a uniform temperature."""
+        profile = self.rod.profile
+        if profile is None:
+            return np.asarray(self.integral(0.0, self.rod.length_m)[0])
+        edges = np.array(profile.edges_m)
+        return np.asarray(np.array(profile.area) @ self.integral(edges[:-1], edges[1:]))
+
+    def wetted(self, from_m: float, to_m: float) -> FloatArray:
+        """∫ p θ_n dx over a stretch, (N,), p the perimeter as a multiple of the screw's."""
+        profile = self.rod.profile
+        if profile is None:
+            return np.asarray(self.integral(from_m, to_m)[0])
+        inside = np.clip(profile.edges_m, from_m, to_m)
+        return np.asarray(np.array(profile.perimeter) @ self.integral(inside[:-1], inside[1:]))
+
+    def surface(self) -> FloatArray:
+        """∫ p θ_n θ_m dx/α, (N, N): the identity of a uniform rod, for which all decays alike by a film."""
+        rod = self.rod
+        nodes, weights = quadrature(rod.length_m, rod.edges_m, panels=max(24, len(self.mu_1_m) // 4))
+        theta = self.theta(nodes)
+        return np.asarray((theta.T * (weights * rod.perimeter_at(nodes))) @ theta / rod.diffusivity_m2_s)
+
+    def settling(self, steady: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """Return the input (N,) of which the steady response is a field: Λ_n ∫ a θ_n T dx/α."""
+        rod = self.rod
+        nodes, weights = quadrature(rod.length_m, rod.edges_m, panels=max(24, len(self.mu_1_m) // 4))
+        held = (weights * rod.area_at(nodes) * steady(nodes)) @ self.theta(nodes)
+        return np.asarray(self.decay_1_s * held / rod.diffusivity_m2_s)
 
 
 def solve_modes(rod: Rod, count: int) -> Modes:
     """Return the first `count` modes of a rod, slowest first."""
+    if rod.profile is not None:
+        return _stepped_modes(rod, count)
     n = np.arange(count, dtype=float)
     mu = _wave_numbers(rod, n)
     phase = _end_phase(rod.left, mu)
@@ -233,6 +286,20 @@ def solve_modes(rod: Rod, count: int) -> Modes:
         ripple = (np.sin(2 * (mu * length - phase)) + np.sin(2 * phase)) / (4 * mu)
     norm2 = np.where(mu > 0, length / 2 + np.where(mu > 0, ripple, 0.0), length)
     return Modes(rod, mu, phase, np.sqrt(alpha / norm2), alpha * (mu**2 + rod.fin_1_m**2))
+
+
+@lru_cache(maxsize=16)
+def _stepped_modes(rod: Rod, count: int) -> Modes:
+    """The modes of a rod with sections; where only heats or sensors differ they are the same."""
+    ends = (End(end.biot_1_m / own) for end, own in zip((rod.left, rod.right), _end_areas(rod), strict=True))
+    left, right = ends
+    cosines = solve_modes(rod._replace(profile=None, left=left, right=right), cosines_needed(count))
+    decay_1_s, mix = own_waves(rod, cosines.mu_1_m, cosines.phase, cosines.scale, count)
+    return replace(cosines, rod=rod, decay_1_s=decay_1_s, mix=mix)
+
+
+def _end_areas(rod: Rod) -> tuple[float, float]:
+    return (1.0, 1.0) if rod.profile is None else (rod.profile.area[0], rod.profile.area[-1])
 
 
 def held_s(decay_1_s: FloatArray, time_s: FloatArray | float) -> FloatArray:
@@ -285,8 +352,14 @@ def modal_input(modes: Modes, stretch: Stretch) -> FloatArray:
 
 def shapes_within(modes: Modes, stretch: Stretch) -> tuple[FloatArray, FloatArray]:
     """Return θ (k, N) and weights (k,) of the quadrature over a stretch."""
-    nodes, weights = quadrature_within(modes.rod.length_m, stretch)
+    nodes, weights = quadrature_within(modes.rod.length_m, stretch, modes.rod.edges_m)
     return modes.theta(nodes), weights
+
+
+def wetted_within(modes: Modes, stretch: Stretch) -> tuple[FloatArray, FloatArray]:
+    """The same with weights of the surface, as a multiple of the perimeter P."""
+    nodes, weights = quadrature_within(modes.rod.length_m, stretch, modes.rod.edges_m)
+    return modes.theta(nodes), weights * modes.rod.perimeter_at(nodes)
 
 
 class SteadyUnder(NamedTuple):
@@ -307,7 +380,9 @@ def steady_under(modes: Modes, stretches: Sequence[Stretch], index: int) -> Stea
     if own.width_m == 0:
         nodes, weights = np.array([own.a_m]), np.ones(1)
     else:
-        nodes, weights = quadrature_within(rod.length_m, own, [x for s in stretches for x in s])
+        nodes, weights = quadrature_within(
+            rod.length_m, own, [*rod.edges_m, *(x for s in stretches for x in s)]
+        )
         weights = weights / own.width_m
     kept = weights @ modes.theta(nodes)
     dropped = [weights @ source_field(rod, s, nodes) - kept @ contributions(modes, s) for s in stretches]
@@ -350,5 +425,6 @@ def tail_left(modes: Modes, kept: int, stretch: Stretch) -> float:
 
 def _whole_square(modes: Modes, stretch: Stretch) -> float:
     """s_∞² = ∫ Ψ²/α dx of a source's steady field in closed form."""
-    x, w = quadrature(modes.rod.length_m, (stretch.a_m, stretch.b_m))
-    return float(np.sum(w * source_field(modes.rod, stretch, x) ** 2) / modes.rod.diffusivity_m2_s)
+    rod = modes.rod
+    x, w = quadrature(rod.length_m, (stretch.a_m, stretch.b_m, *rod.edges_m))
+    return float(np.sum(w * rod.area_at(x) * source_field(rod, stretch, x) ** 2) / rod.diffusivity_m2_s)

@@ -21,6 +21,7 @@ from observer.model.rod.supports import (
     restraint_of,
 )
 from observer.tables.mounting import Supports
+from observer.tables.screw import Screw
 
 _MOST_STEPS = 600
 """A search looks at as many moments of a cycle, and what it finds is judged by all."""
@@ -47,12 +48,11 @@ class MountedScrew(NamedTuple):
 
 
 class MountingProblem(NamedTuple):
-    """A screw's length and cross-section; the grid (g,), of which `travel` (g,) counts; the growth of the
+    """A screw; the grid (g,), of which `travel` (g,) counts; the growth of the
     free screw up to each place, (K, g), and of the whole of it, (K,), in µm; the largest force allowed, N.
     """
 
-    length_m: float
-    area_m2: float
+    screw: Screw
     grid_m: FloatArray
     travel: BoolArray
     along_um: FloatArray
@@ -61,7 +61,7 @@ class MountingProblem(NamedTuple):
 
     def restraint(self, supports: Supports) -> Restraint:
         """The restraint of supports on this screw."""
-        return restraint_of(supports, self.length_m, self.area_m2, self.grid_m)
+        return restraint_of(supports, self.screw, self.grid_m)
 
 
 def best_of_each(problem: MountingProblem, given: Supports | None) -> list[MountedScrew]:

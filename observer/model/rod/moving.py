@@ -80,6 +80,8 @@ class NutTable:
     source's lag with the nut at P evenly spaced centres from 0 to `screw_m`; `mean_B` (n_x,), `mean_C` (R,)
     the columns of the nut spread over its stroke, used before the first position is known. Input columns are
     those of the states x, which `turn` (n_x, n_x) takes to the plant's own, ξ; it is empty where these are x.
+    Of a screw with sections the first are those of cosines, more than there are modes, which `turn` makes of
+    them: columns are then longer inside than outside.
     """
 
     mu_1_m: FloatArray
@@ -99,6 +101,11 @@ class NutTable:
     def _asdict(self) -> dict[str, Any]:
         """Return the fields as kernels take them."""
         return {name: packed(getattr(self, name)) for name in self.__slots__}
+
+    @property
+    def states(self) -> int:
+        """How many states the columns that come out have."""
+        return len(self.turn) or len(self.mean_B)
 
     def of_lag(self) -> NutTable:
         """The table of the lag's output column alone, for a plant without modes."""
@@ -171,7 +178,11 @@ def columns(
     k, B, C = len(dt_s), len(state.B), len(state.C)
     own = {name: array.copy() for name, array in arrays_of(state).items()}
     desk = NutDesk(
-        **own, out_B=np.empty((k, B)), out_C=np.empty((k, C)), step_B=np.empty(B), step_C=np.empty(C)
+        **own,
+        out_B=np.empty((k, table.states)),
+        out_C=np.empty((k, C)),
+        step_B=np.empty(B),
+        step_C=np.empty(C),
     )
     average_columns(record(table), record(desk), dt_s, *path)
     return state_of(desk), desk.out_B, desk.out_C
@@ -200,7 +211,7 @@ def columns_at_ends(
     lag (K, R); those of the nut spread over its stroke while the ends are not known.
     """
     state, ends_m = reversals(state, path, table.stroke_m)
-    B, C = np.empty((len(dt_s), len(table.mean_B))), np.empty((len(dt_s), len(table.mean_C)))
+    B, C = np.empty((len(dt_s), table.states)), np.empty((len(dt_s), len(table.mean_C)))
     spread = (table.turn @ table.mean_B if len(table.turn) else table.mean_B), table.mean_C
     new = np.flatnonzero(np.append(True, np.any(ends_m[1:] != ends_m[:-1], axis=1)))
     for begin, end in itertools.pairwise([*new.tolist(), len(dt_s)]):

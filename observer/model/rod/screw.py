@@ -1,6 +1,8 @@
 """The screw as a one-dimensional rod: what of its geometry, material and film the heat equation sees.
 
 rho c A ∂T/∂t = k A ∂²T/∂x² − h P (T − T_amb) + Σ_j q_j w_j(x, t)        (Kim et al., eq. 1, per watt)
+
+Where sections differ, A and P are those of each place, and k A ∂²T/∂x² is ∂(k A ∂T/∂x)/∂x.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ from observer.frames import FloatArray
 from observer.physics import film
 from observer.physics.film import Air, air_at
 from observer.tables.laws import Surface
-from observer.tables.sections import Boundary, Screw
+from observer.tables.screw import Screw
+from observer.tables.sections import Boundary
 
 SpeedFilm = Callable[[FloatArray], FloatArray]
 
@@ -115,11 +118,25 @@ class End(NamedTuple):
         return self.biot_1_m == 0.0
 
 
+class Profile(NamedTuple):
+    """The pieces of a screw that is not uniform: `edges_m` (S + 1,), and of each, (S,), `area` and
+    `perimeter` as multiples of those of the screw's own diameter and bore.
+    """
+
+    edges_m: tuple[float, ...]
+    area: tuple[float, ...]
+    perimeter: tuple[float, ...]
+
+    def at(self, values: tuple[float, ...], x_m: FloatArray) -> FloatArray:
+        """Return of values (S,) those of the pieces in which places (k,) lie."""
+        return np.asarray(values)[np.searchsorted(self.edges_m[1:-1], x_m, side="right")]
+
+
 class Rod(NamedTuple):
-    """A uniform rod with a film on its lateral surface.
+    """A rod with a film on its lateral surface.
 
     `diffusivity_m2_s` is α = k/(ρ c); `conductance_W_m` is k A; `fin_1_m` is m = √(h P/(k A)), zero without a
-    film.
+    film. `profile` says where A and P are others than these, None for a uniform rod.
     """
 
     length_m: float
@@ -128,6 +145,34 @@ class Rod(NamedTuple):
     fin_1_m: float
     left: End
     right: End
+    profile: Profile | None = None
+
+    @property
+    def edges_m(self) -> tuple[float, ...]:
+        """Where one section ends and the next begins."""
+        return () if self.profile is None else self.profile.edges_m[1:-1]
+
+    @property
+    def storage_m(self) -> float:
+        """The length of a rod of the cross-section A that stores as much."""
+        if self.profile is None:
+            return self.length_m
+        return float(np.diff(self.profile.edges_m) @ self.profile.area)
+
+    def wetted_m(self, from_m: float, to_m: float) -> float:
+        """Return the length of a rod of the perimeter P with the surface of a stretch."""
+        if self.profile is None:
+            return to_m - from_m
+        inside = np.clip(self.profile.edges_m, from_m, to_m)
+        return float(np.diff(inside) @ self.profile.perimeter)
+
+    def area_at(self, x_m: FloatArray) -> FloatArray | float:
+        """Return the cross-section at places (k,), as a multiple of A."""
+        return 1.0 if self.profile is None else self.profile.at(self.profile.area, x_m)
+
+    def perimeter_at(self, x_m: FloatArray) -> FloatArray | float:
+        """Return the perimeter at places (k,), as a multiple of P."""
+        return 1.0 if self.profile is None else self.profile.at(self.profile.perimeter, x_m)
 
     @property
     def floating(self) -> bool:
@@ -146,23 +191,34 @@ def rod_of(config: Config) -> Rod:
         diffusivity_m2_s=k_W_mK / (screw.density_kg_m3 * screw.specific_heat_J_kgK),
         conductance_W_m=k_W_mK * area_m2,
         fin_1_m=math.sqrt(film_W_m2K * perimeter_m / (k_W_mK * area_m2)),
-        left=_end(config.boundary.left, k_W_mK),
-        right=_end(config.boundary.right, k_W_mK),
+        left=_end(config.boundary.left, k_W_mK, screw.pieces[0].area_m2 / area_m2),
+        right=_end(config.boundary.right, k_W_mK, screw.pieces[-1].area_m2 / area_m2),
+        profile=None if screw.uniform else _profile(screw),
     )
 
 
-def _end(boundary: Boundary, k_W_mK: float) -> End:
+def _end(boundary: Boundary, k_W_mK: float, area: float) -> End:
+    """An end of a cross-section that is such a multiple of the screw's; what it loses goes with it."""
     if boundary.kind == "prescribed":
         return End(math.inf)
-    return End((boundary.coefficient_W_m2K or 0.0) / k_W_mK)
+    return End(area * ((boundary.coefficient_W_m2K or 0.0) / k_W_mK))
+
+
+def _profile(screw: Screw) -> Profile:
+    return Profile(
+        edges_m=(0.0, *(p.to_m for p in screw.pieces)),
+        area=tuple(p.area_m2 / screw.area_m2 for p in screw.pieces),
+        perimeter=tuple(p.diameter_m / screw.diameter_m for p in screw.pieces),
+    )
 
 
 def biot_number(screw: Screw, film_W_m2K: float) -> float:
-    """Return h (V/S)/k, what a film loses over what the section conducts to it; V/S is d/4 of a solid screw.
+    """Return h (V/S)/k, what a film loses over what the section conducts to it; V/S is d/4 of a solid screw,
+    and the largest of the sections.
 
     Below 0.1 a body is nearly of one temperature across (Incropera & DeWitt 2007, eq. 5.10).
     """
-    volume_m = screw.area_m2 / (math.pi * screw.diameter_m)
+    volume_m = max(piece.area_m2 / (math.pi * piece.diameter_m) for piece in screw.pieces)
     return film.biot(film_W_m2K, volume_m, screw.conductivity_W_mK)
 
 

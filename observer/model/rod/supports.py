@@ -12,7 +12,8 @@ then pushes: H = min(D, D_1) + max(D − D_1 − δ_0, 0).
 
 Source: Kuznetsov 2021, eqs. 12 and 13. Without pre-tension and gap this is (12), with a gap that has closed
 (13). In (13) as printed the bracket holds x·P/EF where the whole screw must count, and the pre-tension's
-stretch x·P/EF is taken off although the machine is set up with it; both are left out here.
+stretch x·P/EF is taken off although the machine is set up with it; both are left out here. Of a screw with
+sections x/EF is ∫_0^x dx/EF, and L/EF that of all of it.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import numpy as np
 
 from observer.frames import FloatArray
 from observer.tables.mounting import Supports
+from observer.tables.screw import Screw
 
 UM_PER_M = 1e6
 _NEAR_SIGMAS = 2.0
@@ -47,11 +49,11 @@ class Restraint(NamedTuple):
         return self.gap_um == 0.0
 
 
-def restraint_of(supports: Supports, length_m: float, area_m2: float, grid_m: FloatArray) -> Restraint:
-    """Return the restraint of a configuration's supports at positions (g,) of a screw of a cross-section."""
-    own = length_m / (supports.elastic_modulus_Pa * area_m2)
+def restraint_of(supports: Supports, screw: Screw, grid_m: FloatArray) -> Restraint:
+    """Return the restraint of a configuration's supports at positions (g,) of a screw."""
+    own = screw.length_m / (supports.elastic_modulus_Pa * screw.spring_area_m2)
     left, right = _compliances_m_N(supports)
-    share = grid_m / length_m
+    share = screw.spring_share(grid_m)
     if math.isinf(left) and math.isinf(right):
         return Restraint(np.full_like(grid_m, 0.5), 0.0, 0.0, 0.0)
     if math.isinf(left) or math.isinf(right):

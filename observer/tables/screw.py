@@ -1,0 +1,148 @@
+"""The screw's table: geometry and material, and the sections whose diameter or bore is their own."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from observer.frames import FloatArray
+from observer.tables import quantities
+from observer.tables.quantities import Section
+
+
+class ScrewSection(Section):
+    """A stretch of the screw with a diameter or bore of its own: a journal, a blind bore."""
+
+    from_m: quantities.Position  #: where it begins
+    to_m: quantities.Position  #: where it ends
+    diameter_m: quantities.Diameter | None = None  #: its diameter; – is that of the screw
+    #: diameter of its bore, 0 where it is solid; – is that of the screw
+    bore_m: quantities.Bore | None = None
+
+
+class Piece(NamedTuple):
+    """A stretch of the screw of one diameter and bore."""
+
+    from_m: float
+    to_m: float
+    diameter_m: float
+    bore_m: float
+
+    @property
+    def area_m2(self) -> float:
+        """The cross-section that conducts, stores and holds."""
+        return math.pi * (self.diameter_m**2 - self.bore_m**2) / 4
+
+
+class Screw(Section):
+    """Geometry and material of the screw."""
+
+    #: length of the rod, between the bearings; all positions count from its left end
+    length_m: quantities.ScrewLength
+    diameter_m: quantities.Diameter  #: effective (root) diameter
+    bore_m: quantities.Bore = 0.0  #: diameter of a bore through the whole screw
+    conductivity_W_mK: quantities.Conductivity  #: heat conductivity; 45 to 60 for bearing steels
+    density_kg_m3: quantities.Density  #: density
+    specific_heat_J_kgK: quantities.SpecificHeat  #: specific heat
+    #: thermal expansion; with it the thermal error is estimated
+    expansion_1_K: quantities.Expansion | None = None
+    #: `[[screw.section]]`: [stretches with a diameter or bore of their own](#screwsection)
+    section: Annotated[tuple[ScrewSection, ...], Field(max_length=20)] = ()
+
+    @model_validator(mode="after")
+    def _some_steel_is_left(self) -> Screw:
+        if self.bore_m >= self.diameter_m:
+            raise ValueError(
+                f"bore_m = {self.bore_m} leaves nothing of diameter_m = {self.diameter_m}; fix one of them"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _sections_fit(self) -> Screw:
+        before_m = 0.0
+        for own in sorted(self.section, key=lambda s: s.from_m):
+            place = f"section {own.from_m:g} … {own.to_m:g} m"
+            if own.diameter_m is None and own.bore_m is None:
+                raise ValueError(f"{place} has nothing of its own; give diameter_m or bore_m, or remove it")
+            if not own.from_m < own.to_m:
+                raise ValueError(f"{place} is empty; the first number must be the smaller")
+            if own.to_m > self.length_m:
+                raise ValueError(f"{place} leaves the screw, length_m = {self.length_m}; fix one of them")
+            if own.from_m < before_m:
+                raise ValueError(f"{place} overlaps the one before it, which ends at {before_m:g} m; fix one")
+            piece, before_m = self._piece(own), own.to_m
+            if piece.bore_m >= piece.diameter_m:
+                raise ValueError(
+                    f"{place}: bore_m = {piece.bore_m} leaves nothing of diameter_m = {piece.diameter_m}; "
+                    "give the section both, or fix one of them"
+                )
+        return self
+
+    def _piece(self, own: ScrewSection) -> Piece:
+        diameter_m = self.diameter_m if own.diameter_m is None else own.diameter_m
+        return Piece(own.from_m, own.to_m, diameter_m, self.bore_m if own.bore_m is None else own.bore_m)
+
+    def _all_pieces(self) -> Iterator[Piece]:
+        """Yield sections and what is between them, from the left."""
+        before_m = 0.0
+        for own in sorted(self.section, key=lambda s: s.from_m):
+            if before_m < own.from_m:
+                yield Piece(before_m, own.from_m, self.diameter_m, self.bore_m)
+            yield self._piece(own)
+            before_m = own.to_m
+        if before_m < self.length_m:
+            yield Piece(before_m, self.length_m, self.diameter_m, self.bore_m)
+
+    @property
+    def pieces(self) -> tuple[Piece, ...]:
+        """The screw from left to right in stretches of one diameter and bore, as few as there can be."""
+        alike = itertools.groupby(self._all_pieces(), key=lambda p: p[2:])
+        runs = [list(run) for _, run in alike]
+        return tuple(run[0]._replace(to_m=run[-1].to_m) for run in runs)
+
+    @property
+    def uniform(self) -> bool:
+        """Whether no section differs from the screw."""
+        return all(p[2:] == (self.diameter_m, self.bore_m) for p in self.pieces)
+
+    @property
+    def area_m2(self) -> float:
+        """The cross-section that conducts, stores and holds, where no section differs."""
+        return math.pi * (self.diameter_m**2 - self.bore_m**2) / 4
+
+    def end_area_m2(self, side: str) -> float:
+        """Return the cross-section at the "left" or the "right" end."""
+        return self.pieces[0 if side == "left" else -1].area_m2
+
+    @property
+    def spring_area_m2(self) -> float:
+        """The cross-section of the uniform screw that is as stiff: L/∫dx/A."""
+        if self.uniform:
+            return self.area_m2
+        return self.length_m / sum((p.to_m - p.from_m) / p.area_m2 for p in self.pieces)
+
+    def spring_share(self, places_m: FloatArray) -> FloatArray:
+        """Return the part of the screw's compliance that lies before places (g,): ∫_0^x dx/A over all."""
+        if self.uniform:
+            return places_m / self.length_m
+        edges_m = np.array([0.0, *(p.to_m for p in self.pieces)])
+        each_1_m = [(p.to_m - p.from_m) / p.area_m2 for p in self.pieces]
+        before_1_m = np.concatenate([[0.0], np.cumsum(each_1_m)])
+        return np.asarray(np.interp(places_m, edges_m, before_1_m / before_1_m[-1]))
+
+    @property
+    def surface_m2(self) -> float:
+        """The outer surface."""
+        return math.pi * self.mean_diameter_m(0.0, self.length_m) * self.length_m
+
+    def mean_diameter_m(self, from_m: float, to_m: float) -> float:
+        """Return the mean diameter over a stretch."""
+        if self.uniform:
+            return self.diameter_m
+        shares = [max(min(p.to_m, to_m) - max(p.from_m, from_m), 0.0) for p in self.pieces]
+        return sum(w * p.diameter_m for w, p in zip(shares, self.pieces, strict=True)) / sum(shares)
