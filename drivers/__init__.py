@@ -1,7 +1,7 @@
 """Drivers: from registers, frames and recordings to readings with a time and a fault for every channel.
 
-A driver is one file, with its table of the configuration in it, and one name in `DriverSettings`; one from
-outside is named by its table: `kind = "module:Class"`, or a name of the entry-point group
+A driver is one file, with its table of the configuration in it, and one name in `DriverSettings`; an external
+one is named by its table: `kind = "module:Class"`, or a name of the entry-point group
 `ballscrew_observer.drivers`. None imports its bus library before it is opened.
 """
 
@@ -29,7 +29,7 @@ def _from_outside(value: Any, known: ValidatorFunctionWrapHandler) -> DriverTabl
         return settings
     table = outside(kind, "drivers")
     if not (isinstance(table, type) and issubclass(table, DriverTable)):
-        raise ValueError(f"{kind} is no driver's table; name a subclass of drivers.protocol.DriverTable")
+        raise ValueError(f"{kind} is not a driver's table; name a subclass of drivers.protocol.DriverTable")
     return table.model_validate(value)
 
 

@@ -1,4 +1,4 @@
-"""Cyclic CAN messages: their table in the configuration, and the way to their driver."""
+"""Cyclic CAN messages: their table in the configuration, and how it opens their driver."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class CanSettings(CanTable):
         return self
 
     def signals(self, name: str) -> Signals:
-        """The signals that it takes, inputs of a ready device map resolved."""
+        """The signals that it reads, with inputs of a ready device map resolved."""
         dbc = DBC_OF[self.device] if self.device else dbc_file(self.dbc or Path())
         channels = {
             channel: can_input(self.device or "", place) if isinstance(place, int) else place
@@ -49,19 +49,19 @@ class CanSettings(CanTable):
 
     def open(self, name: str) -> Driver:
         """Make the driver of the signals that the DBC file describes."""
-        from drivers.can_bus import BusDriver  # noqa: PLC0415  (the bus library only when it is used)
+        from drivers.can_bus import BusDriver  # noqa: PLC0415  (the bus library is imported only when it is used)
         from drivers.dbc import load_decoder  # noqa: PLC0415
 
         return BusDriver(name, self, load_decoder(self.signals(name)))
 
     def file_problems(self, name: str) -> list[str]:
-        """What is wrong with the DBC file."""
+        """Problems of the DBC file."""
         from drivers.dbc import dbc_problems  # noqa: PLC0415
 
         return [f"dbc: {problem}" for problem in dbc_problems(self.signals(name))]
 
     def decodes(self, recording: Path, name: str) -> Iterator[Reading]:
-        """The readings in a recording of the bus, through the decoding of the live one."""
+        """The readings in a recording of the bus, decoded as on the live bus."""
         from drivers.dbc import load_decoder  # noqa: PLC0415
         from drivers.recording import readings_of  # noqa: PLC0415
 

@@ -37,14 +37,14 @@ TURNS_S = {"slcan": SLCAN_TURN_S, "serial": 2**32 * 1e-3, "gs_usb": 2**32 * 1e-6
 
 # What ends a bus: its own errors, those of the file below it, and malformed frames.
 BUS_ERRORS = (can.CanError, OSError)
-Take = Callable[[can.Message | None], None]  # None: something arrived that is no frame
+Take = Callable[[can.Message | None], None]  # None: something arrived that is not a frame
 Pump = Callable[[can.BusABC, Take, threading.Event], None]
 Decode = Callable[[can.Message], Decoded | None]  # values and faults; None where a frame holds none
 Stamps = Callable[[float, float], float]  # stamp and arrival to the time on the wire
 
 
 def stamps_of(wire: CanTable) -> Stamps:
-    """What the frames' own stamps on a bus mean, to be made anew at each opening."""
+    """The interpretation of the frames' own stamps on a bus, to be recreated at each opening."""
     kept = bool(wire.options.get("preserve_timestamps"))  # of `virtual`: they are of whoever sent
     if wire.interface in WALL_CLOCKED and not kept:
         return lambda stamp_s, arrival_s: wall_time(stamp_s, arrival_s, time.time())
@@ -61,7 +61,7 @@ def receive_once(bus: can.BusABC, take: Take, timeout_s: float) -> None:
     """Wait for a frame and take it."""
     try:
         frame = bus.recv(timeout_s)
-    except (ValueError, IndexError):  # a garbled line of a serial adapter; the next one starts afresh
+    except (ValueError, IndexError):  # a garbled line of a serial adapter; the next one is independent
         take(None)
         return
     if frame is not None:
@@ -139,7 +139,7 @@ class BusDriver:
                 stop.wait(RETRY_S)
 
     async def _watch(self, deliver: Deliver, now: Clock, ended: asyncio.Event) -> None:
-        """Each period, say of every overdue channel that it is."""
+        """Each period, report every overdue channel."""
         loop = asyncio.get_running_loop()
         while not ended.is_set():
             await asyncio.sleep(self.period_s)

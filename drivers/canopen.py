@@ -17,7 +17,7 @@ from drivers.places import CanTable
 from drivers.protocol import ChannelName, Decoded, Driver, not_zero
 from observer.tables.quantities import Count, Finite
 
-if TYPE_CHECKING:  # the bus library only when it is used
+if TYPE_CHECKING:  # the bus library is imported only when it is used
     import can
 
     from drivers.can_bus import Decode, Pump, Take
@@ -69,7 +69,7 @@ class CanopenSettings(CanTable):
 
     def open(self, name: str) -> Driver:
         """Make the driver of the drive's position."""
-        from drivers.can_bus import BusDriver  # noqa: PLC0415  (the bus library only when it is used)
+        from drivers.can_bus import BusDriver  # noqa: PLC0415  (the bus library is imported only when it is used)
 
         if self.mode == "tpdo":
             return BusDriver(name, self, tpdo_decoder(self))

@@ -1,4 +1,5 @@
-"""What writes to a control, in four functions; not a driver, and nothing here reads a machine.
+"""The interface for writing to a control, in four functions; not a driver, since nothing here reads a
+machine.
 
 A correction is in whole numbers, so that what a control reads back either is what was written or is not.
 """
@@ -45,13 +46,13 @@ class ControlLink(Protocol):
     """
 
     def open(self) -> None:
-        """Connect, and have the control off, whatever it was before."""
+        """Connect, and switch the control off, whatever it was before."""
 
     def write(self, correction: AxisCorrection, valid_s: float) -> None:
-        """Have a correction followed for `valid_s`, and a sign of life advance."""
+        """Make the control follow a correction for `valid_s`, and advance the sign of life."""
 
     def read_back(self) -> ReadBack:
-        """What the control has of the last writing."""
+        """The control's state after the last write."""
 
     def release(self) -> None:
-        """Have the control go to zero by its own ramp, and hang up."""
+        """Make the control go to zero by its own ramp, and disconnect."""

@@ -1,6 +1,6 @@
 """A control behind Modbus TCP holding registers, in the layout of docs/how-to/compensate.md.
 
-One correction is one request, so that a control never sees half of one. Nothing is sent twice by itself.
+One correction is one request, so that a control never sees half of one. Nothing is retried automatically.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class ModbusControlLink:
         self._words = 0
 
     def open(self) -> None:
-        """Connect, and have the control off, whatever it was before. Raises `ControlError`."""
+        """Connect, and switch the control off, whatever it was before. Raises `ControlError`."""
         self._client.close()  # type: ignore[no-untyped-call]
         try:
             connected = self._client.connect()  # type: ignore[no-untyped-call]
@@ -52,7 +52,7 @@ class ModbusControlLink:
         self._write([LAYOUT, OFF])
 
     def write(self, correction: AxisCorrection, valid_s: float) -> None:
-        """Have a correction followed for `valid_s`. Raises `ControlError`."""
+        """Make the control follow a correction for `valid_s`. Raises `ControlError`."""
         self._beat = (self._beat + 1) & 0xFFFF
         count = len(correction.error_nm)
         line = (correction.reference_um, correction.offset_nm, correction.slope_nm_m)
@@ -67,7 +67,7 @@ class ModbusControlLink:
         self._write(words)
 
     def read_back(self) -> ReadBack:
-        """What the control has of the last writing. Raises `ControlError`."""
+        """The control's state after the last write. Raises `ControlError`."""
         words = self._read(0, self._words)
         layout, state, reason, beat = self._read(_STATE_AT, _STATE_WORDS)
         if layout != LAYOUT:
@@ -83,7 +83,7 @@ class ModbusControlLink:
         return ReadBack(correction, state == _FOLLOWING and command == FOLLOW and count == len(error), text)
 
     def release(self) -> None:
-        """Have the control go to zero by its own ramp, and hang up. Raises `ControlError`."""
+        """Make the control go to zero by its own ramp, and disconnect. Raises `ControlError`."""
         try:
             if self._client.connected:
                 self._write([LAYOUT, OFF])

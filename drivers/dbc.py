@@ -30,9 +30,9 @@ MOST_MESSAGE_BYTES = 1785  # of SAE J1939's transport protocol, the longest that
 _MOST_LISTED = 30
 _MESSAGE = re.compile(r"\bBO_\s+\d+\s+\w+\s*:\s*(\d+)")
 _SIGNAL = re.compile(r"\bSG_\s+\w+\s*\w*\s*:\s*(\d+)\s*\|\s*(\d+)")
-# What the parser raises when the text makes no sense; most of it is not said by its own errors.
+# What the parser raises for invalid text; few of these are errors of its own.
 _NO_DBC = (CantoolsError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError)
-# What it raises when a frame's bits are no value: a branch that is not there, a float that is no integer.
+# What it raises when a frame's bits are not a value: a missing branch, a float that is not an integer.
 _NO_VALUE = (CantoolsError, ValueError, LookupError, TypeError, ArithmeticError)
 
 
@@ -110,7 +110,7 @@ def load_decoder(signals: Signals) -> DbcDecoder:
 
 
 def dbc_problems(signals: Signals) -> list[str]:
-    """Return all that keeps a driver from decoding by its DBC file, a sentence each."""
+    """Return the problems that prevent a driver from decoding by its DBC file, a sentence each."""
     try:
         return _missing(_load(signals.dbc), signals)
     except UserError as error:

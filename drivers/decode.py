@@ -1,7 +1,7 @@
-"""Registers to numbers; pure.
+"""From registers to numbers; pure.
 
-Words are unsigned 16-bit integers in the order of their addresses. A value that the device itself marks as
-bad decodes to NaN with a reason, whatever plausible number stands in its register.
+Words are unsigned 16-bit integers in the order of their addresses. A value that the device itself marks
+as bad decodes to NaN with a reason, however plausible the number in its register.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def bytes_of(words: Sequence[int], word_order: str = "big") -> bytes:
 
 
 def raw_of(data: bytes, kind: str) -> float:
-    """The number that the bytes of a value stand for, before scaling."""
+    """The number encoded in the bytes of a value, before scaling."""
     number: float = struct.unpack(_FORMAT[kind], data)[0]
     return number
 

@@ -1,4 +1,4 @@
-"""A Modbus device, TCP or RTU: its table in the configuration, and the way to its driver."""
+"""A Modbus device, TCP or RTU: its table in the configuration, and how it opens its driver."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from observer.tables.quantities import Count, Number
 
 
 class ModbusTable(PolledTable):
-    """What TCP and RTU share."""
+    """The settings shared by TCP and RTU."""
 
     session = "drivers.modbus_session"
 
@@ -51,7 +51,7 @@ class ModbusTable(PolledTable):
         return None
 
     def map(self) -> dict[str, ModbusChannel]:
-        """Every channel's place, inputs of a ready device map resolved."""
+        """The register of every channel, with inputs of a ready device map resolved."""
         return {
             name: modbus_input(self.device or "", place, self.first_register)
             if isinstance(place, int)

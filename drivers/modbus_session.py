@@ -25,7 +25,7 @@ from observer.frames import Reading
 # Everything pymodbus logs also comes as the exceptions below, which are counted in the driver's status.
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
 
-CONNECT_TIMEOUT_S = 0.5  # a peer that comes back between two attempts is found by the next
+CONNECT_TIMEOUT_S = 0.5  # a peer that returns between two attempts is found by the next
 
 
 class _DeviceExceptionError(Exception):
@@ -48,7 +48,7 @@ async def connect(table: ModbusTable, now: Clock) -> ModbusSession:
 
 
 class ModbusSession:
-    """One connection to a device whose registers are read; made anew for each connection."""
+    """One connection to a device whose registers are read; recreated for each connection."""
 
     def __init__(self, table: ModbusTable, now: Clock) -> None:
         self.problem: str | None = None

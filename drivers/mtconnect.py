@@ -1,4 +1,4 @@
-"""An MTConnect agent, as many controls have one: data items by their id, asked for each period over HTTP.
+"""An MTConnect agent, as found on many controls: data items by their id, requested each period over HTTP.
 
 Channels are numbers, so an event that is a word becomes 1 where it `equals` the word that is given, else 0:
 EXECUTION is 1 while it is ACTIVE, and PROGRAM can be 1 while one program is loaded.

@@ -1,7 +1,7 @@
-"""The one file that asks an MTConnect agent: its documents over HTTP, and what they say (ANSI/MTC1.4).
+"""The one file that queries an MTConnect agent: its documents over HTTP, and their content (ANSI/MTC1.4).
 
-An answer may be anything. It is read up to a size and within the time, without document types and entities,
-and counts only where it is a document of the standard.
+An answer may be anything. It is read up to a limit of size and time, without document types and entities,
+and counts only if it is a document of the standard.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class MtConnectSession:
         root = await self._get("current", "Streams")
         header = _header(root)
         if header.get("instanceId") != self._instance:
-            raise LostError("restarted", f"{self._url}: the agent has started anew; its items are read again")
+            raise LostError("restarted", f"{self._url}: the agent has restarted; its items are read again")
         self._refuse_old(_seconds(header.get("creationTime")))
         wanted = {place.item for place in self._agent.channels.values()}
         said: dict[str, list[Element]] = {}
@@ -118,7 +118,7 @@ class MtConnectSession:
         await self._client.aclose()
 
     def _refuse_old(self, made_s: float) -> None:
-        """Refuse documents out of some cache: their time of making stands still."""
+        """Reject documents from a cache: their creation time does not advance."""
         now_s = asyncio.get_running_loop().time()
         if made_s != self._made_s:
             if made_s < self._made_s - _CLOCK_STEP_S:
@@ -131,7 +131,9 @@ class MtConnectSession:
         """Fetch a document of a kind of the standard. Raises `LostError`."""
         url = f"{self._url}/{what}"
         try:
-            async with asyncio.timeout(self._agent.timeout_s):  # the whole of it, however slowly it drips
+            async with asyncio.timeout(
+                self._agent.timeout_s
+            ):  # the whole document, however slowly it arrives
                 data = await self._body(url)
         except TimeoutError:
             raise LostError("timeout", f"{url} does not answer in time") from None
@@ -174,14 +176,14 @@ def document(data: bytes, kind: str, url: str) -> Element:
 
 
 def _item(place: MtConnectChannel, elements: list[Element]) -> _Item | str:
-    """What the probe says of a channel's item, or a sentence why it cannot be had."""
+    """A channel's item as described by the probe, or a sentence why it is not available."""
     if not elements:
         return f"the agent has no data item {place.item}; fix its item"
     if len(elements) > 1:
         return f"the agent has {len(elements)} data items {place.item}; name the device"
     item = elements[0]
     if item.get("category") == "CONDITION":
-        return f"{place.item} is a condition, which is no number; name a sample or an event"
+        return f"{place.item} is a condition, which is not a number; name a sample or an event"
     equals = place.equals or ("ACTIVE" if item.get("type") == "EXECUTION" else None)
     units = item.get("units", "")
     factor = 1.0 if equals is not None else FACTORS.get(units)

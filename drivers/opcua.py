@@ -1,7 +1,7 @@
-"""An OPC UA server, as controls and gateways have one: the values of named nodes, read each period.
+"""An OPC UA server, as found in controls and gateways: the values of named nodes, read each period.
 
-Only the Read service is ever called. A value counts where its status is plainly Good; everything else, a
-value at the limit of its sensor or one that somebody has overridden included, is a fault by the status' name.
+Only the Read service is ever called. A value counts only if its status is plain Good; everything
+else, including a value at its sensor's limit or an overridden one, is a fault named after the status.
 """
 
 from __future__ import annotations
@@ -41,9 +41,7 @@ class OpcUaSettings(PolledTable):
     @model_validator(mode="after")
     def _sensible(self) -> OpcUaSettings:
         if self.user is not None and self.certificate is None:
-            raise ValueError(
-                "a password goes over no wire in the clear; give certificate and private_key too"
-            )
+            raise ValueError("a password is never sent in the clear; give certificate and private_key too")
         check_channels(self.channels)
         return self
 
@@ -56,7 +54,7 @@ class OpcUaSettings(PolledTable):
     def file_problems(self, _name: str) -> list[str]:
         """Say which files are not there."""
         return [
-            f"{key}: {file} is no file; fix the path"
+            f"{key}: {file} is not a file; fix the path"
             for key, file in self.files.items()
-            if not os.path.isfile(file)  # one in a folder that this user may not look into is none either
+            if not os.path.isfile(file)  # one in a folder that this user may not read counts as missing too
         ]

@@ -73,22 +73,22 @@ async def connect(server: OpcUaSettings, now: Clock) -> OpcUaSession:
 
 
 def _unless(server: OpcUaSettings) -> str:
-    """What else silence may mean: servers close or ignore a connection that they cannot decipher."""
+    """Other reasons for silence: servers close or ignore a connection that they cannot decrypt."""
     if server.certificate is None:
         return ""
-    return f"; if it is there, look at server_certificate and whether it takes {server.policy}"
+    return f"; if it is up, check server_certificate and whether it accepts {server.policy}"
 
 
 def _why_not(error: Exception, server: OpcUaSettings) -> str:
-    """Why a server does not let us in, as what follows its address."""
+    """Why a server rejects the connection, to follow its address."""
     if isinstance(error, _WHO):
         if server.user is None:
-            return " asks for a name; give user and password_file"
-        return f" refuses the user {server.user}; look at user and password_file"
+            return " requires a user name; give user and password_file"
+        return f" refuses the user {server.user}; check user and password_file"
     if isinstance(error, _CERTIFICATE):
         return f" does not trust {server.certificate} ({_reason(error)}); have it trusted there"
     if server.certificate is None and "No matching endpoint" in str(error):
-        return " asks for encryption; give certificate, private_key and server_certificate"
+        return " requires encryption; give certificate, private_key and server_certificate"
     return f": {_reason(error)}"
 
 
@@ -117,7 +117,7 @@ async def _secure(client: Client, server: OpcUaSettings) -> None:
 
 
 def _file(path: Path) -> CertProperties:
-    """A file with its format by what is in it: asyncua goes by the name, and takes PEM in x.key for DER."""
+    """A file with its format by content: asyncua goes by the name, and takes PEM in x.key for DER."""
     data = path.read_bytes()
     return CertProperties(data, "pem" if b"-----BEGIN" in data else "der")
 
@@ -196,7 +196,7 @@ def _seconds(stamp: datetime | None) -> float:
 
 
 async def _end(client: Client) -> None:
-    """Say good-bye, to a server that may not be there any more."""
+    """Close the session with a server that may be gone."""
     with contextlib.suppress(Exception):  # whatever it says, the socket is closed next
         await asyncio.wait_for(client.disconnect(), _GOOD_BYE_S)
     with contextlib.suppress(Exception):

@@ -1,4 +1,4 @@
-"""Where a value is on a wire: a register, a signal of a CAN message, a node, a data item, or ready.
+"""Sources of values: a register, a signal of a CAN message, a node, a data item, or an input of a ready map.
 
 A ready map of a thermocouple module says where the value of an input is and what its fault codes mean. It
 holds for the factory settings that its docstring names; anything else is written out in the configuration.
@@ -41,7 +41,7 @@ class Place(Settings):
     @property
     @abstractmethod
     def where(self) -> object:
-        """What two channels of a driver must not share."""
+        """The identity of a source, which two channels of a driver must not share."""
 
     def value(self, number: float) -> float:
         """The value for a number on the wire."""
@@ -79,7 +79,7 @@ class ModbusChannel(Place):
 
     @property
     def where(self) -> tuple[object, ...]:
-        """What two channels of a driver must not share."""
+        """The identity of a source, which two channels of a driver must not share."""
         return self.function, self.register_, self.type
 
 
@@ -103,7 +103,7 @@ class CanChannel(Place):
 
     @property
     def where(self) -> tuple[object, ...]:
-        """What two channels of a driver must not share."""
+        """The identity of a source, which two channels of a driver must not share."""
         return self.message, self.signal
 
 
@@ -114,7 +114,7 @@ class OpcUaChannel(Place):
 
     @property
     def where(self) -> str:
-        """What two channels of a driver must not share."""
+        """The identity of a source, which two channels of a driver must not share."""
         return self.node
 
 
@@ -126,7 +126,7 @@ class MtConnectChannel(Place):
 
     @property
     def where(self) -> tuple[object, ...]:
-        """What two channels of a driver must not share."""
+        """The identity of a source, which two channels of a driver must not share."""
         return self.item, self.equals
 
 

@@ -31,8 +31,8 @@ class PlayerSettings(DriverTable):
     def _in_its_own_rhythm(self) -> PlayerSettings:
         if self.speed != 1:
             raise ValueError(
-                f"speed = {self.speed:g} would show the model a machine that heats as much in another time; "
-                "remove it, or take `observer replay`, which is as fast as the computer"
+                f"speed = {self.speed:g} would present the same heating in a different time; "
+                "remove it, or use `observer replay`, which runs as fast as the computer can"
             )
         return self
 

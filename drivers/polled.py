@@ -1,7 +1,7 @@
-"""Asking a device or server for every channel each period, for ever: what Modbus, OPC UA and MTConnect share.
+"""Polls a device or server for every channel each period, for ever: shared by Modbus, OPC UA and MTConnect.
 
-The one task that asks also connects, so a peer that comes back is met within `RETRY_S` of an attempt; what
-has not been answered when a period ends is delivered as faulty.
+The one task that polls also connects, so a peer that returns is reconnected within `RETRY_S` of an attempt;
+channels without an answer by the end of a period are delivered as faulty.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from drivers.stamps import DeviceClock
 from observer.frames import Reading
 
 RETRY_S = 0.25
-_END_S = 0.2  # to say good-bye in
+_END_S = 0.2  # for closing a session
 _AFTER_S = 1e-6
 
 
 class LostError(Exception):
-    """A poll that failed; `fault` is what the channels have meanwhile.
+    """A failed poll; `fault` is the channels' fault meanwhile.
 
     `readings` is what it found before; the connection must not be used again unless it `lasts`.
     """
@@ -37,7 +37,7 @@ class LostError(Exception):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class PolledValue:
-    """What a server said of a channel: a value or a fault, and the source's own time where it gave one."""
+    """A server's answer for a channel: a value or a fault, and the source's own time where given."""
 
     value: float = nan
     fault: str | None = None
@@ -45,7 +45,7 @@ class PolledValue:
 
 
 class Session(Protocol):
-    """One connection to a server; `problem` is a sentence where a channel cannot be had as configured."""
+    """One connection to a server; `problem` is a sentence if a channel is not available as configured."""
 
     problem: str | None
 

@@ -1,8 +1,8 @@
-"""What every driver is: a table of the configuration, and a source of readings, however its wire works.
+"""The interface of every driver: a table of the configuration, and a source of readings, whatever its bus.
 
 A driver is a table `[drivers.<name>]` whose `kind` selects it. Every kind names the channels it delivers; a
 channel either takes an input of a ready device map (`device = "wago_750_458"`, `channels = { t1_degC = 0 }`)
-or spells its place out (`channels.t1_degC = { register = 0, scale = 0.1 }`). All of it is checked without
+or spells its source out (`channels.t1_degC = { register = 0, scale = 0.1 }`). All of it is checked without
 importing any bus library.
 """
 
@@ -49,7 +49,7 @@ class DriverStatus:
     connected_before: bool = False
 
     def opened(self) -> DriverStatus:
-        """The status of a driver that is connected, again or still."""
+        """The status of a connected driver."""
         again = self.connected_before and not self.connected
         return replace(self, connected=True, reconnects=self.reconnects + again, connected_before=True)
 
@@ -76,7 +76,7 @@ class Driver(Protocol):
 
 
 def faulty(channels: Iterable[str], fault: str, time_s: float) -> Reading:
-    """A reading that says why each of these channels has no value."""
+    """A reading with the fault of each of these channels."""
     faults = dict.fromkeys(channels, fault)
     return Reading(time_s, dict.fromkeys(faults, nan), faults)
 
@@ -132,7 +132,7 @@ class Settings(BaseModel):
 
 
 class DriverTable(Settings):
-    """A table `[drivers.<name>]`: what a kind of driver says of itself, and how it is opened."""
+    """A table `[drivers.<name>]`: a kind of driver describes itself and how it is opened."""
 
     @property
     def delivered(self) -> tuple[str, ...] | None:
@@ -153,7 +153,7 @@ class DriverTable(Settings):
         """
 
     def file_problems(self, _name: str) -> list[str]:
-        """What is wrong with the files that the table names, as “key: a sentence”."""
+        """Problems of the files that the table names, as “key: a sentence”."""
         return []
 
     def occupied(self) -> dict[str, frozenset[tuple[object, ...]]]:

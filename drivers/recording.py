@@ -20,7 +20,7 @@ from observer.errors import LogError
 from observer.frames import Reading
 
 _REMEDY = "copy the recording again, or convert what is left of it to a new file"
-# What the readers of python-can raise when bytes make no sense.
+# What the readers of python-can raise for invalid bytes.
 _DAMAGE = (BLFParseError, can.CanError, sqlite3.Error, struct.error, zlib.error, LookupError, EOFError)
 _BLF_HEADER = 144
 _TAIL = 200
@@ -64,7 +64,7 @@ def messages_of(path: Path) -> Iterator[can.Message]:
 
 
 def _check_head(path: Path) -> None:
-    """Refuse what is no recording at all before a reader opens it."""
+    """Reject a file that is not a recording at all before a reader opens it."""
     try:
         with path.open("rb") as file:
             head = file.read(_BLF_HEADER)
@@ -77,7 +77,7 @@ def _check_head(path: Path) -> None:
 
 
 def how_cut(path: Path) -> str | None:
-    """Why a recording is not complete, or None where nothing says so."""
+    """Why a recording is not complete, or None without a sign of that."""
     suffix = path.suffix.lower()
     if suffix == ".blf":
         return _cut_blf(path)
@@ -94,7 +94,7 @@ def _cut_blf(path: Path) -> str | None:
         recorded: int = struct.unpack_from("<Q", file.read(_BLF_HEADER), 16)[0]
     length = path.stat().st_size
     if recorded == 0:
-        return "its header was never completed, so the recorder was stopped hard"
+        return "its header was never completed, so the recorder was killed"
     if length < recorded:
         return f"it has {length} of its {recorded} bytes"
     return None

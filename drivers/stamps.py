@@ -16,7 +16,7 @@ _LARGEST_S = 1e12  # what no clock shows
 _BLOCK_S = 5.0
 _BLOCKS = 6  # 30 s: clocks 100 ppm apart drift by 3 ms in it
 _COARSE_S = 0.005  # so long after its like, a frame with the same stamp came later than the stamp says
-_SHIFT_S = 0.05  # that every frame of a block is later by so much is no hold-up: a clock was set
+_SHIFT_S = 0.05  # if every frame of a block is later by this much, it is not a delay: a clock was set
 
 
 def wall_time(stamp_s: float, arrival_s: float, wall_s: float) -> float:
@@ -30,7 +30,7 @@ def wall_time(stamp_s: float, arrival_s: float, wall_s: float) -> float:
 
 @dataclass(slots=True)
 class _Block:
-    """What some seconds of frames say of arrival − stamp; the least alone might be a stamp that is wrong."""
+    """Arrival − stamp over some seconds of frames; the least alone might be a wrong stamp."""
 
     begin_s: float
     least_s: float = math.inf
@@ -43,8 +43,8 @@ class _Block:
 class DeviceClock:
     """Maps the stamps of one adapter, from its opening on; `wrap_s` is where its counter starts again.
 
-    time = stamp + min (arrival − stamp) over the last 30 s, each 5 s with their least but one. A stamp counts
-    for nothing, and the arrival holds, where it did not advance as time did, or while the clocks shift.
+    time = stamp + min (arrival − stamp) over the last 30 s, each 5 s with their least but one. A stamp is
+    ignored, and the arrival used, if it did not advance with time, or while the clocks shift.
     """
 
     def __init__(self, wrap_s: float | None = None) -> None:

@@ -13,10 +13,10 @@ import importlib
 import os
 from typing import TYPE_CHECKING
 
-# Matrices here are small: BLAS' threads would only wait for each other, and the more so beside other work.
+# Matrices here are small: BLAS' threads would only wait for each other, all the more on a busy computer.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-if TYPE_CHECKING:  # `import observer` alone loads nothing, for the service starts by it too
+if TYPE_CHECKING:  # `import observer` alone loads nothing, since it also starts the service
     from observer.errors import ConfigError, LogError, UserError
     from observer.files.logs import Log
     from observer.library.client import ServiceClient, ServiceStream, connect

@@ -1,7 +1,7 @@
-"""The configuration of a machine without its wires: every unit and every range, checked once, here.
+"""The configuration of a machine without its drivers: every unit and range, checked once, here.
 
-Nothing else in the package checks ranges again. What delivers the channels comes with the installation
-(`observer.installation`), which mathematics does not know.
+Nothing else in the package checks ranges again. The drivers of the channels belong to the installation
+(`observer.installation`), which mathematics does not import.
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ from observer.tables.quantities import Section
 from observer.tables.sections import Description
 
 MOST_ROWS = 1500
-"""Moving nuts times reported places: what each nut does at each place is tabulated at the start."""
+"""Limit of moving nuts times reported positions: the effect of each nut at each position is tabulated at the
+start.
+"""
 
 
 class MachineName(Section):
@@ -119,7 +121,7 @@ _BESIDE_THE_MODEL = {
 
 
 class Config(Description):
-    """What is known of a machine, and what is asked about it."""
+    """A machine and the tasks set for it."""
 
     machine: MachineName = MachineName()
     effect: Annotated[tuple[Effect, ...], Field(max_length=100)] = ()
@@ -143,7 +145,7 @@ class Config(Description):
         return self
 
     def contradictions(self) -> list[str]:
-        """What does not fit together, a sentence each."""
+        """Contradictions, a sentence each."""
         return [
             *_beyond_the_screw(self),
             *_too_much_work(self),
@@ -157,7 +159,7 @@ class Config(Description):
         ]
 
     def remade(self, table: dict[str, Any]) -> Self:
-        """Return a configuration of the same kind from another table, checked anew; raises `ConfigError`."""
+        """Return a configuration of the same kind from another table, checked again; raises `ConfigError`."""
         try:
             return self.model_validate(table)
         except ValidationError as error:
@@ -187,8 +189,8 @@ class Config(Description):
 
     @property
     def plant_digest(self) -> str:
-        """A hash of what gives an estimator's state its meaning: the tables of this class, but not those that
-        lie beside the model.
+        """A hash of everything that gives an estimator's state its meaning: the tables of this class, except
+        those that do not change the model.
         """
         tables = Config.model_fields.keys() - _BESIDE_THE_MODEL
         return hashlib.sha256(self.model_dump_json(include=tables).encode()).hexdigest()[:16]
@@ -224,7 +226,7 @@ def _logs_unknown(config: Config) -> Iterator[str]:
     given, known = config.log.sensor_period_s, [s.name for s in config.sensor]
     for name in given if isinstance(given, dict) else ():
         if name not in known:
-            yield f'log: sensor_period_s: "{name}" is no sensor; give one of {", ".join(known)}'
+            yield f'log: sensor_period_s: "{name}" is not a sensor; give one of {", ".join(known)}'
     for name in config.log.columns:
         if name not in config.channels:
             yield f'log: columns: the model reads no channel "{name}"; it reads {", ".join(config.channels)}'
@@ -313,7 +315,7 @@ def _heats_unknown(config: Config) -> Iterator[str]:
 
 
 def _following_what(config: Config) -> Iterator[str]:
-    """What heats that follow another cannot go with."""
+    """Settings incompatible with heats that follow another."""
     estimated = {s.name for s in config.source if s.estimate}
     for source in (s for s in config.source if s.follows):
         place = f"source {source.name}: follows"
@@ -326,7 +328,7 @@ def _following_what(config: Config) -> Iterator[str]:
 
 
 def untied(config: Config) -> Config:
-    """Return the configuration with every heat by itself; by their laws alone, all remains as it was."""
+    """Return the configuration with every heat independent; by their laws alone, nothing changes."""
     if not any(s.follows for s in config.source):
         return config
     apart = tuple(s.model_copy(update={"follows": False}) for s in config.source)
@@ -334,7 +336,7 @@ def untied(config: Config) -> Config:
 
 
 def effect_problems(config: Config) -> list[str]:
-    """Why effects cannot stand on this machine, a sentence each."""
+    """Why effects cannot apply to this machine, a sentence each."""
     found = []
     for effect in config.effect:
         try:

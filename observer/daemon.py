@@ -1,4 +1,4 @@
-"""The daemon's composition root: its parts put together, at the start and again where it is renewed."""
+"""The daemon's composition root: puts its parts together, at the start and at each renewal."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ log = structlog.get_logger()
 def serve(config: Installation, seconds: float | None = None, path: Path | None = None) -> None:
     """Run the daemon until it is stopped; the caller leaves the process afterwards.
 
-    With `path`, SIGHUP has the configuration read again from there.
+    With `path`, SIGHUP reloads the configuration from there.
     """
     refuse_taken(config.publish.listens, "publish.listen")
     ready, clock = _Ready.of(config), ServiceClock()
@@ -95,7 +95,7 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
 
 @dataclass(frozen=True, slots=True)
 class _Ready:
-    """A configuration for the daemon that has been checked, with what takes long to build."""
+    """A checked configuration for the daemon, with the parts that take long to build."""
 
     config: Installation
     machine: MachineModel
@@ -133,10 +133,11 @@ def _service(
     *,
     alone: bool,
 ) -> Service:
-    """Put the parts of the daemon together; `start` is where the pipeline goes on from, None if cold.
+    """Put the parts of the daemon together; `start` is the state from which the pipeline continues, None if
+    cold.
 
-    `alone` asks for nobody else to have the axis; `gap` and `zero` are what a cold start knows of the
-    prediction's gap and of where the machine was set to zero.
+    `alone` requires that no other service has the axis; `gap` and `zero` are the known state of the
+    prediction's gap and of the machine's zero for a cold start.
     """
     config, machine, pipeline = ready.config, ready.machine, ready.machine.pipeline()
     instance = secrets.token_hex(4)
@@ -191,7 +192,7 @@ def _service(
 
 
 def _recorder(ready: _Ready, start: Snapshot | None, instance: str) -> Recorder | NoRecorder:
-    """What records, from `start` on, where a folder is given."""
+    """The recorder, from `start` on, where a folder is given."""
     name, record = ready.config.machine, ready.config.record
     if record.directory is None:
         return NoRecorder()
@@ -229,10 +230,10 @@ def _publisher(ready: _Ready, instance: str, path: Path | None) -> ZenohPublishe
 
 
 def _control(config: Installation) -> Steering | NoControl:
-    """What writes the compensation to the control, where one is named."""
+    """The writer of the compensation to the control, where one is configured."""
     if (at := config.compensation.control) is None:
         return NoControl()
-    from drivers.control_modbus import ModbusControlLink  # noqa: PLC0415  (the bus library only when it is used)
+    from drivers.control_modbus import ModbusControlLink  # noqa: PLC0415  (the bus library is imported only when it is used)
 
     link = ModbusControlLink(at.host, at.port, at.unit_id, at.first_register, at.timeout_s)
     return Steering(link, LATE_PERIODS * config.estimator.period_s)
@@ -252,7 +253,7 @@ def run(
     end_s: float | None = None
 
     def left_s() -> float | None:
-        """How long is left; the time begins when it is asked for first, for a network may take seconds."""
+        """The time left; it starts at the first call, since a network may take seconds."""
         nonlocal end_s
         if seconds is None:
             return None

@@ -25,13 +25,13 @@ VIEW_END_S = 0.5
 PORTS = 100
 TERMINATED = 128 + signal.SIGTERM
 SYNC_S = 1.0
-"""What is recorded is soon to be seen on the page."""
+"""Short, so that recorded data soon show on the page."""
 SHOW_CURSOR = "\x1b[?25h"
 
 
 _FILES = {"screw": "demo.toml", "housings": "demo-housings.toml"}
 _MACHINE: dict[str, tuple[str, ...]] = {"screw": (), "housings": ("--housings",)}
-"""By where the thermocouples sit: the configuration, and options of the simulated machine."""
+"""By the position of the thermocouples: the configuration, and options of the simulated machine."""
 
 
 def run_demo(
@@ -45,7 +45,7 @@ def run_demo(
     """Run the demo until Ctrl-C or for `seconds`; returns the exit code. Raises `UserError`.
 
     `page` is where its page listens, by its default on the first free port; None is without. It records into
-    the folder `record`, or into one that is removed at the end. `sensors` is where its thermocouples sit.
+    the folder `record`, or into one that is removed at the end. `sensors` says where its thermocouples are.
     """
     import logging
 
@@ -78,7 +78,7 @@ def run_demo(
             f"simulated machine: Modbus TCP on 127.0.0.1:{wires['modbus_port']}, CAN on {wires['can_device']}"
             f"; estimates on {listen} under ballscrew/{name}/{axis}/\n"
             f"from another terminal: observer watch --connect {listen} --machine {name} --axis {axis}\n"
-            "the service gets ready; Ctrl-C ends everything",
+            "the service is starting; Ctrl-C ends everything",
             sep="",
             flush=True,
         )
@@ -92,7 +92,7 @@ def run_demo(
 def recordings(record: Path | None) -> Iterator[Path]:
     """Give the folder to record into, `record` or one that is removed. Raises `UserError`."""
     if record is None:
-        # until the service hears signals itself; without this the folder would stay
+        # until the service handles signals itself; without this the folder would stay
         before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
         try:
             with tempfile.TemporaryDirectory(prefix="observer-demo-") as folder:
@@ -123,7 +123,7 @@ def free_page() -> Page | None:
 def live_view(listen: str, machine: str, axis: str, plain: bool) -> Iterator[None]:
     """Show what is published, by a process of its own that ends when its standard input closes.
 
-    Should it end before, the service goes on and says so.
+    If it ends before, the service continues and reports that.
     """
     with _child("observer.view", listen, machine, axis, *["--plain"] * plain, end_s=VIEW_END_S) as view:
         ending = threading.Event()
@@ -133,7 +133,7 @@ def live_view(listen: str, machine: str, axis: str, plain: bool) -> Iterator[Non
             if not ending.is_set():
                 _restore_cursor()
                 print(
-                    f"observer: the view has ended (exit code {code}); the service goes on", file=sys.stderr
+                    f"observer: the view has ended (exit code {code}); the service continues", file=sys.stderr
                 )
 
         threading.Thread(target=watch_over, name="view", daemon=True).start()
@@ -168,7 +168,7 @@ def _child(*command: str, end_s: float, stdout: int | None = None) -> Iterator[s
 
 
 def _restore_cursor() -> None:
-    """Give the terminal its cursor back, which a view that was killed has left hidden."""
+    """Restore the terminal's cursor, which a killed view has left hidden."""
     if sys.stdout.isatty():
         print(SHOW_CURSOR, end="", flush=True)
 

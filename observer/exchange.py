@@ -1,4 +1,4 @@
-"""What service, publisher and outlets share: the published keys, commands and their outcomes, the status."""
+"""Shared by service, publisher and outlets: the published keys, commands and their outcomes, the status."""
 
 from __future__ import annotations
 
@@ -193,8 +193,8 @@ KEYS = {
         ),
     ),
     "alarms": Key(
-        "JSON: what somebody should [come and look for](../explanation/alarms.md), and how each heat stands "
-        "to what was learnt of it",
+        "JSON: what somebody should [come and look for](../explanation/alarms.md), and each heat compared "
+        "with what was learnt of it",
         "on change, and every 5 s, if enabled",
         asked=_LAST,
         retained=True,
@@ -218,8 +218,9 @@ KEYS = {
         ),
     ),
     "probing": Key(
-        "JSON: whether to [probe now](../how-to/probe.md#probe-now), `probe_now`, for the thermal error is "
-        "known to `within_um` at worst where the part needs `needs_um`; a probing would leave `after_um`",
+        "JSON: whether to [probe now](../how-to/probe.md#probe-now) (`probe_now`): the thermal "
+        "error is known to `within_um` at worst, the part needs `needs_um`, and probing would leave "
+        "`after_um`",
         "every 5 s, with a displacement sensor and what the part needs",
         asked=_LAST,
         retained=True,
@@ -248,16 +249,16 @@ KEYS = {
         panel=True,
     ),
     "config": Key(
-        'JSON `{"hash", "instance", "config"}`: the configuration in force and its hash, without who may '
-        "connect",
+        'JSON `{"hash", "instance", "config"}`: the configuration in force and its hash, '
+        "without credentials",
         None,
         asked="the configuration",
         retained=True,
         panel=True,
     ),
 }  # fmt: skip
-"""All that publisher, gateway, MQTT, metrics, OPC UA, page and reference page need to know of a key, besides
-what makes its document.
+"""Everything that publisher, gateway, MQTT, metrics, OPC UA, page and reference page need to know of a key,
+except the code that makes its document.
 """
 RETAINED = tuple(name for name, key in KEYS.items() if key.retained)
 
@@ -279,7 +280,7 @@ class Outcome:
 class Command:
     """One of `KINDS`, sent by `by` (as they call themselves).
 
-    `refused` is the reason where it was refused already and is only to be put on record. `asked_s` is the
+    `refused` is the reason if it was rejected already and is only to be recorded. `asked_s` is the
     moment on the monotonic clock. `answer` takes the outcome from any thread and waits for nothing. `about`
     is the alarm that is acknowledged, None for all.
     """
@@ -293,12 +294,12 @@ class Command:
 
 
 def plain_name(text: str, most: int = _NAME_LENGTH) -> str:
-    """A name as it may stand in a log: short, and of letters, digits and `_.@-` only."""
+    """A name safe for a log: short, and of letters, digits and `_.@-` only."""
     return _STRANGE.sub("_", text[:most])
 
 
 class PastReply(NamedTuple):
-    """What was found of the past; or in words why nothing was, and whether asking again goes on."""
+    """The past as found; or the reason why nothing was, and whether another query continues."""
 
     payload: bytes
     reason: str | None = None
@@ -306,7 +307,7 @@ class PastReply(NamedTuple):
 
 
 class Past(Protocol):
-    """Where the past is asked for."""
+    """Access to the past."""
 
     def ask(self, what: str, question: Mapping[str, Any]) -> PastReply:
         """Ask, and wait for the answer; from any thread."""
@@ -319,9 +320,9 @@ class Past(Protocol):
 class PublishStatus:
     """The state of publishing; `reason` is one sentence on what is wrong, None if nothing is.
 
-    `settled` says that the first attempt at a session has ended. `taken` is a sentence where another service
-    has the axis, `rival` one where another program publishes on its keys. Without `alive` nobody is answered
-    any more.
+    `settled` says that the first attempt at a session has ended. `taken` is a sentence if another service
+    has the axis, `rival` one if another program publishes on its keys. Without `alive` queries are no
+    longer answered.
     """
 
     connected: bool = False

@@ -70,7 +70,8 @@ class NutPath(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What one driver read at one moment, which `time_s` is as far as it is known: not when it was handled.
+    """One driver's reading at one moment; `time_s` is that moment as far as it is known, not the time of
+    processing.
 
     `values` maps channel names to values in the unit that ends the name; a value that cannot be used is
     NaN and has its reason in `faults` ("open_circuit", "over_range", "timeout", …). As a row of a recording,
@@ -86,7 +87,7 @@ class Reading:
 class _Cut:
     """A block that may be given its columns in one piece, as `kept`: each is cut out when it is asked for.
 
-    That is how they lie, which has a method `column(data, name)`, and the data.
+    `kept` is their layout, which has a method `column(data, name)`, and the data.
     """
 
     __slots__ = ("kept",)
@@ -251,7 +252,7 @@ class EstimateBlock(_Cut):
     `innovation_sigma_K`, NaN where no value arrived; `sensor_quality` (K, s); `quality` (K,), of type
     `EstimateQuality`; `law_W` (K, m_e), each heat by its law at the temperature of the moment; `learned`,
     `learned_sigma` (K, l), what has been learnt of the machine, in the units of its names; `heat_bound_W`
-    (K, m_e), `field_bound_K` (K, g) and `error_bound_um` like the error, what each is not off by more than
+    (K, m_e), `field_bound_K` (K, g) and `error_bound_um` like the error, the largest error of each
     (see `observer.estimators.bank`), NaN where no bound is known, as everywhere in a block that is made
     without them.
     """

@@ -92,7 +92,7 @@ def test_what_never_comes_is_reported_and_what_comes_is_returned(monkeypatch):
     assert until(lambda: next(looks)) == "there"
 
 
-async def test_the_event_loop_goes_on_meanwhile():
+async def test_the_event_loop_continues_meanwhile():
     there = threading.Event()
     asyncio.get_running_loop().call_later(0.01, there.set)
     assert await eventually(there.is_set)

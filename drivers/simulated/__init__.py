@@ -1,5 +1,5 @@
 """A simulated machine in its own process: `python -m drivers.simulated`.
 
-It shares wires with the service and nothing else; its physics is its own and knows nothing of the model that
-is to be tested against it.
+It shares only wires with the service; its physics is its own, independent of the model that
+is tested against it.
 """

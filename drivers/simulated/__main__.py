@@ -1,4 +1,4 @@
-"""`python -m drivers.simulated`: says where its wires are in one JSON line, then runs in real time.
+"""`python -m drivers.simulated`: prints the addresses of its wires in one JSON line, then runs in real time.
 
 It ends on SIGTERM, SIGINT, or when its standard input is closed, so it never outlives who started it.
 """
@@ -33,7 +33,7 @@ MAPS = {"wago_750_458": wago_750_458, "icpdas_m7018": icpdas_m7018}
 
 
 def arguments() -> argparse.Namespace:
-    """What the command line says."""
+    """The command line."""
     parser = argparse.ArgumentParser(prog="python -m drivers.simulated", description="A simulated machine.")
     parser.add_argument("--port", type=int, default=0, help="Modbus TCP port on loopback; 0 takes a free one")
     parser.add_argument("--map", choices=sorted(MAPS), default="wago_750_458", help="thermocouple module")
@@ -92,7 +92,7 @@ class MachineProcess:
     async def _work(self, axis: AxisBus) -> None:
         """Advance the machine in real time and keep its wires fed.
 
-        Held up by a busy computer, the machine is where it would have been; the frames that were not sent
+        After a delay by a busy computer the machine is where it would have been; missed frames
         are not sent late, and the next keeps half a cycle's distance.
         """
         loop = asyncio.get_running_loop()

@@ -1,10 +1,10 @@
 """`python -m drivers.simulated.control`: a control with a compensation of its own, behind Modbus TCP.
 
-It trusts nobody: it moves towards the commanded table at its own rate, refuses what is beyond its limit, and
-ramps to zero when the sign of life stops, until it has been switched off once. It says its port in one
-JSON line, obeys lines on standard input (`{"alter": true}` has it hold something else than was written,
-`{"off": true}` is the operator's switch, `{}` only asks) with what it is doing, and ends when that is closed.
-It shares nothing with the client but the page that describes the registers.
+It trusts nobody: it moves towards the commanded table at its own rate, rejects values beyond its limit, and
+ramps to zero when the sign of life stops, until it has been switched off once. It prints its port in one JSON
+line, obeys lines on standard input (`{"alter": true}` makes it hold something other than was written,
+`{"off": true}` is the operator's switch, `{}` only queries), answers each with its status, and ends when the
+input is closed. It shares only the page that describes the registers with the client.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def signed(high: int, low: int) -> int:
 
 
 class RateLimitedTable:
-    """The table in force and what it goes to, µm."""
+    """The table in force and its target, µm."""
 
     def __init__(self, rate_um_s: float, limit_um: float, longest_s: float) -> None:
         self.rate_um_s, self.limit_um, self.longest_s = rate_um_s, limit_um, longest_s
@@ -47,7 +47,7 @@ class RateLimitedTable:
         self._left_s = 0.0
 
     def write(self, words: list[int]) -> ExcCodes | None:
-        """Take a writing from the first register on; None where it is accepted."""
+        """Take a write from the first register on; None where it is accepted."""
         self.writes += 1
         if len(words) >= 2 and words[:2] == [1, 0]:
             self.stop(NOTHING)

@@ -1,7 +1,7 @@
 """The axis that the simulated machine runs: speed programme, nut, friction, screw and thermocouples.
 
-Its friction is not what a nominal heat law says: every source is about a tenth off, and the nut's drifts
-slowly, so an estimator has something to find. The screw conducts by finite volumes, implicit in time:
+Its friction deviates from the nominal heat law: every source is about a tenth off, and the nut's drifts
+slowly, so that an estimator has something to find. The screw conducts by finite volumes, implicit in time:
 
 C_i dT_i/dt = G (T_{i-1} − 2 T_i + T_{i+1}) + H (T_amb − T_i) + q_i, with insulated ends, C = ρ c A Δx,
 G = k A / Δx, H = h P Δx. Backward Euler gives a symmetric positive definite tridiagonal system (Patankar

@@ -144,7 +144,7 @@ class AxisBus:
     def _write(self, lines: bytes) -> None:
         with contextlib.suppress(OSError):
             os.read(self._master, 4096)  # commands to the adapter, which nobody answers
-        with contextlib.suppress(OSError):  # nobody takes what is on the wire, or it is closed
+        with contextlib.suppress(OSError):  # nobody reads the wire, or it is closed
             if not _hung_up(self._master):
                 os.write(self._master, lines)
 

@@ -1,1 +1,1 @@
-"""Alarms: what is wrong for so long, and matters so much, that somebody is to come and look."""
+"""Alarms: faults that last long enough and matter enough for somebody to come and look."""

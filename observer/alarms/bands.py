@@ -22,33 +22,33 @@ import numpy as np
 from observer.frames import FloatArray
 
 WINDOW_S = 600.0
-"""Running is gathered so long for one window."""
+"""Length of one window of running."""
 LEAST_SHARE = 0.15
-"""A law below this part of its largest heat is too small to compare with."""
+"""A law below this fraction of its largest heat is too small to compare with."""
 SURE = 0.3
-"""The estimate's own σ, as a part of the heat, up to which a window counts."""
+"""The largest σ of the estimate, as a fraction of the heat, at which a window counts."""
 SMOOTH_H = 6.0
-"""What is left is smoothed over so many hours of running."""
+"""Time constant, in hours of running, for smoothing the residual."""
 SETTLE_H = 20.0
-"""Whether friction has fallen since it was learnt is judged over so many."""
+"""Time constant for judging whether friction has fallen since it was learnt."""
 RUN_IN = 0.1
-"""The most, as a logarithm, that it falls by in running in: more is less heat than usual."""
+"""The largest fall, as a logarithm, that counts as running in; beyond it the heat is low."""
 RUN_IN_H = 60.0
-"""For so many hours of running after what is usual was learnt a machine may still run in."""
+"""Hours of running after learning during which a machine may still run in."""
 ALIKE_H = 1.5
-"""Errors of an estimate stay alike for about so long, so windows within it count as one."""
+"""Correlation time of an estimate's errors: windows within it count as one."""
 MEMORY_H = 15.0
-"""What is learnt in the first hours of running fades in so many: a new machine runs in."""
+"""Time constant of forgetting while learning: a new machine runs in."""
 TREND_H = 60.0
-"""The trend is that of about so many hours of running."""
+"""Time constant of the trend, in hours of running."""
 LEAST_DAYS = 1.0
 SIGMAS = 3.0
 """How many σ beyond its band a heat has to be, whatever the deadband."""
 CLEAR = 0.6
-"""The part of the limit below which it is within its band again."""
+"""The fraction of the limit below which it is within its band again."""
 _PRIOR_SIGMA = np.array([1.0, 0.2, 0.1])
 _FLOOR = 0.07
-"""How alike seasons are, at best: the film outside is not known, and moves heats by some per cent."""
+"""Smallest seasonal scatter: the ambient film is unknown and moves heats by some per cent."""
 _LEAST_RATIO = 0.02
 
 
@@ -136,7 +136,7 @@ def sigma_of(band: Band, phi: FloatArray | None = None) -> float:
 
 
 def trend_per_day(band: Band) -> float | None:
-    """Return by how much of itself the heat grows a day; None before a day is behind it."""
+    """Return by how much of itself the heat grows a day; None during the first day."""
     n, t, tt, y, ty = band.line
     spread = n * tt - t * t
     if n <= 0.0 or spread < (LEAST_DAYS * n) ** 2 / 12.0:
@@ -176,7 +176,7 @@ def _smoothed(band: Band, off: float, hours: float, learn_h: float) -> Band:
 
 
 def _traced(band: Band, time_s: float, off: float) -> Band:
-    """Take a point into the line through what is left."""
+    """Add a point to the line through the residual."""
     n, t, tt, y, ty = band.line
     days = 0.0 if math.isnan(band.at_s) else (time_s - band.at_s) / 86_400.0
     fade = math.exp(-WINDOW_S / 3600.0 / TREND_H)
@@ -199,14 +199,14 @@ def _limit(band: Band, phi: FloatArray | None, deadband: float) -> float:
 
 
 def plain_of(band: Band) -> dict[str, Any]:
-    """The band as lists and numbers, for a file."""
+    """The band as plain data, for a file."""
     plain = band._asdict()
     lists = {key: value.tolist() for key, value in plain.items() if isinstance(value, np.ndarray)}
     return plain | lists | {"at_s": None if math.isnan(band.at_s) else band.at_s}
 
 
 def band_of(plain: Mapping[str, Any]) -> Band:
-    """A band from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is none."""
+    """A band from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is not one."""
     values: dict[str, Any] = {}
     for key, like in nothing_known()._asdict().items():
         value = math.nan if key == "at_s" and plain[key] is None else plain[key]

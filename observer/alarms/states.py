@@ -32,11 +32,11 @@ class AlarmKind(NamedTuple):
 KINDS: dict[str, AlarmKind] = {
     "sensor_fault": AlarmKind(
         "major", 5.0, 10.0, False,
-        "look at the sensor's plug, its cable and the module's status; the estimate goes on without it",
+        "check the sensor's plug, its cable and the module's status; the estimate continues without it",
     ),
     "sensor_stuck": AlarmKind(
         "major", 0.0, 60.0, True,
-        "the value no longer changes: look whether the sensor has come loose and whether the module hangs",
+        "the value no longer changes: check whether the sensor has come loose or the module hangs",
     ),
     "sensor_disagrees": AlarmKind(
         "minor", 600.0, 600.0, True,
@@ -45,8 +45,8 @@ KINDS: dict[str, AlarmKind] = {
     ),
     "heat_high": AlarmKind(
         "major", 0.0, 3600.0, True,
-        "more heat than learnt for this speed and temperature: look at lubrication, preload and bearing "
-        "before the next shift; the trend says how long there is",
+        "more heat than learnt for this speed and temperature: check lubrication, preload and bearing "
+        "before the next shift; the trend shows how much time is left",
     ),
     "heat_low": AlarmKind(
         "minor", 0.0, 3600.0, True,
@@ -55,7 +55,8 @@ KINDS: dict[str, AlarmKind] = {
     ),
     "heat_off_law": AlarmKind(
         "minor", 600.0, 86_400.0, False,
-        "look at the unit and place of what this heat's law reads; `observer calibrate` fits the law anew",
+        "check unit and position of the channels that this heat's law reads; `observer calibrate` "
+        "refits the law",
     ),
     "model_inconsistent": AlarmKind(
         "minor", 0.0, 600.0, True,
@@ -63,13 +64,13 @@ KINDS: dict[str, AlarmKind] = {
     ),
     "wire": AlarmKind(
         "major", 5.0, 10.0, False,
-        "look at power, cable and address of the device; it is tried again by itself",
+        "check power, cable and address of the device; the service retries automatically",
     ),
     "disk": AlarmKind(
         "major", 10.0, 60.0, False, "free space or fix the folder that recordings are written to"
     ),
     "clock": AlarmKind(
-        "minor", 0.0, 60.0, True, "look at the computer's time service; times go on from the service's start"
+        "minor", 0.0, 60.0, True, "check the computer's time service; times continue from the service's start"
     ),
     "estimate": AlarmKind(
         "invalid", 0.0, 10.0, True,
@@ -84,7 +85,7 @@ State = Literal["pending", "unacknowledged", "acknowledged", "returned"]
 
 @dataclass(frozen=True, slots=True)
 class AlarmCause:
-    """What raises an alarm: of which kind, about what, why in words, and the figures it rests on.
+    """What raises an alarm: its kind and target, the reason in words, and the figures behind it.
 
     `name` distinguishes causes of one kind and target.
     """
@@ -97,13 +98,13 @@ class AlarmCause:
 
     @property
     def id(self) -> str:
-        """What the alarm is called by: the same again whenever the same comes back."""
+        """The alarm's id: the same whenever the same condition returns."""
         return _STRANGE.sub("_", ".".join(filter(None, (self.kind, self.target, self.name))))
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """An alarm: in which state, its condition since when, when that was seen last, and as what."""
+    """An alarm: its state, and its condition with the times it began and was last seen."""
 
     state: State
     since_s: float
@@ -112,7 +113,7 @@ class Alarm:
 
     @property
     def is_raised(self) -> bool:
-        """Whether it is shown: a condition that has not lasted yet is none."""
+        """Whether it is shown: a condition that has not lasted long enough is not."""
         return self.state != "pending"
 
 
@@ -165,7 +166,7 @@ def _without(alarm: Alarm, time_s: float) -> Alarm | None:
 
 
 def alarm_of(plain: Mapping[str, Any]) -> Alarm:
-    """An alarm from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is none."""
+    """An alarm from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is not one."""
     condition = AlarmCause(**plain["condition"])
     if condition.kind not in KINDS:
         raise ValueError(f"kind {condition.kind}")
@@ -173,15 +174,15 @@ def alarm_of(plain: Mapping[str, Any]) -> Alarm:
 
 
 SMOOTH_H = 4.0
-"""What an offset is now is smoothed over so many hours of good estimates."""
+"""Time constant of the present offset, in hours of good estimates."""
 CLEAR = 0.6
-"""The part of the limit below which a sensor has not moved any more."""
+"""The fraction of the limit below which a sensor no longer counts as moved."""
 _SURE = 1 / 3
-"""An offset whose σ exceeds this part of the limit is not judged."""
+"""An offset whose σ exceeds this fraction of the limit is not judged."""
 
 
 class KnownOffset(NamedTuple):
-    """What is known of a sensor's offset after `hours` of it: what it usually is, what it is now."""
+    """What is known of a sensor's offset after `hours`: its usual value and its present one."""
 
     hours: float = 0.0
     usual_K: float = 0.0
@@ -205,8 +206,8 @@ def taken(
 
 
 def offset_of(plain: Mapping[str, Any]) -> KnownOffset:
-    """An offset from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is none."""
+    """An offset from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is not one."""
     hours, usual_K, now_K = (float(plain[key]) for key in ("hours", "usual_K", "now_K"))
     if not math.isfinite(hours + usual_K + now_K):
-        raise ValueError("an offset is no number")
+        raise ValueError("an offset is not a number")
     return KnownOffset(hours, usual_K, now_K, bool(plain["moved"]))

@@ -26,7 +26,7 @@ from observer.frames import BoolArray, FloatArray, FrameBlock, NutPath, Reading,
 
 BLOCK = 4096
 _ABSENT = {"silent", "disconnected", "missing"}  # what an occasional channel is most of the time
-MISSING_FAULT = "missing"  # how a recording marks a reading without a value and without a fault
+MISSING_FAULT = "missing"  # marks a reading without a value and without a fault in a recording
 COMMAND_MARK = "!"  # begins a command in `flags`; in the name of a channel it would be escaped
 RESET = f"{COMMAND_MARK}reset=done"
 LATE_S = 1e-6  # a reading later than its row by less is in time: rows are a bit apart to be in order
@@ -49,9 +49,9 @@ class AlignPlan:
     """What is expected of the channels.
 
     `period_s` is the tick's; `expected_s` (c,) each channel's own, NaN where it is learned from what comes,
-    infinite where it comes only now and then; `noise_K` (c,) that of thermocouples, NaN elsewhere;
-    `positions` those whose path is kept; `limits` what is believed. `log_s` (c,) the channels' own periods in
-    logs that others wrote, NaN where learnt.
+    infinite where it is occasional; `noise_K` (c,) that of thermocouples, NaN elsewhere; `positions` those
+    whose path is kept; `limits` the plausible values. `log_s` (c,) the channels' own periods in logs that
+    others wrote, NaN where learnt.
     """
 
     channels: tuple[str, ...]
@@ -80,7 +80,7 @@ class AlignPlan:
         )
 
     def of_log(self, log: Log) -> AlignPlan:
-        """The plan with what a log that others wrote itself says of how often its channels come."""
+        """The plan with the sampling intervals found in a log from another recorder."""
         if log.step is not None:
             return self
         unknown_s = np.full(len(self.channels), np.nan)
@@ -138,7 +138,7 @@ class Aligner:
 
     @property
     def memory(self) -> Memory:
-        """What is remembered of the channels, for good."""
+        """The state of the channels, as a copy."""
         return self._walk.memory.copy()
 
     @property
@@ -173,7 +173,7 @@ class Aligner:
         return fault in _ABSENT or (fault is None and (math.isnan(value) or value == known))
 
     def ingest(self, reading: Reading) -> Reading:
-        """Take a reading; returns it as it is used, and is to be recorded: in a row later than all before."""
+        """Take a reading; returns it as used and to be recorded, in a row later than all before."""
         row_s = time_s = reading.time_s
         if time_s <= self._last_s:
             row_s = math.nextafter(self._last_s, math.inf)
@@ -285,7 +285,7 @@ def faults_of(flags: str | None) -> dict[str, str]:
 
 
 def doubts(log: Log, paths: Sequence[Mapping[str, NutPath]], config: Config) -> list[str]:
-    """List what is doubtful about a log: channels that do not fit the configuration, with their likely unit,
+    """List doubts about a log: channels that do not fit the configuration, with their likely unit,
     words that were read as missing values, and sensors without any value.
 
     `paths` are the nuts' paths in the log's frames, block by block.

@@ -1,7 +1,7 @@
-"""The times of a log from another recorder: how often each channel has a value, and in which unit they are.
+"""The times of a log from another recorder: how often each channel has a value, and the unit of the times.
 
 A recorder that asks slow or scanned sensors in turn writes a row for each question, most cells of which are
-empty. Such a cell is no missing value; one that stays empty beyond the sensor's own interval is.
+empty. Such a cell is not a missing value; one that stays empty beyond the sensor's own interval is.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from observer.frames import BoolArray, FloatArray
 OVERDUE = 1.5
 """Intervals after which an empty cell is a missing value: one value did not come."""
 LEAST_VALUES = 8
-"""Fewer say nothing of how often a channel comes."""
+"""Fewer values say nothing about a channel's interval."""
 REGULAR = 0.9
 """The least part of the times between values that lies within half of the usual one, for it to be the usual
 one. Of values that are missing at random no more than 0.8 do.
@@ -23,11 +23,11 @@ one. Of values that are missing at random no more than 0.8 do.
 MOST = 0.95
 """Part of the times between irregular values that are no gaps."""
 ROWS_FROM_S = 5.0
-"""Milliseconds make of rows that are nearer together, 5 ms, what every recorder writes."""
+"""Taken as milliseconds, closer rows are 5 ms apart, which any recorder may write."""
 SLOWEST_S = 2 * 86_400.0
-"""Screws warm and cool within hours, and every day anew; what takes longer is hardly a temperature."""
+"""Screws warm and cool within hours, every day again; whatever takes longer is hardly a temperature."""
 MOVED = 10.0
-"""Times its noise by which a sensor must vary to say how fast it does."""
+"""Multiple of its noise by which a sensor must vary to show how fast it does."""
 
 
 def intervals_s(log: Log, channels: tuple[str, ...], given_s: FloatArray) -> FloatArray:
@@ -61,7 +61,7 @@ def _learnt_s(time_s: FloatArray, there: BoolArray, *, joined: bool) -> float:
 
 
 def expected_cells(time_s: FloatArray, there: BoolArray, interval_s: float) -> BoolArray:
-    """Which cells (n,) of a channel say something: its values, and that one is overdue.
+    """Which cells (n,) of a channel carry information: its values, and overdue ones.
 
     `there` (n,): which hold a value.
     """

@@ -1,4 +1,4 @@
-"""What values are believed: limits by kind of channel, and which unit it looks like where one is beyond them.
+"""Plausible values: limits by kind of channel, and the likely unit of a value beyond them.
 
 A wrong unit or a device's code for a fault is a number like any other. These are the limits of what a ball
 screw beside a machine tool can show; `[limits]` overrides them for single channels.
@@ -206,7 +206,7 @@ def unit_hint(kind: ChannelKind, value: float, low: float, high: float, ambient_
     """Name the unit that a value looks like which should be in `low` … `high`, or a fault code."""
     if kind in {ChannelKind.SCREW, ChannelKind.NODE, ChannelKind.END, ChannelKind.AMBIENT}:
         if any(abs(abs(value) - code) < 1e-3 * code for code in _FAULT_CODES):
-            return "it looks like a device's code for a fault, which its driver should know (fault_codes)"
+            return "it looks like a device's fault code; give it to its driver as fault_codes"
         centre = 22.0 if math.isnan(ambient_degC) or not -20.0 < ambient_degC < 60.0 else ambient_degC
         fitting = [name for name, to in _TEMPERATURES if abs(to(value) - centre) <= ABOVE_AMBIENT_K]
     else:
@@ -220,7 +220,7 @@ SPEED_RATIOS = (
     ("degrees a second", 1.0 / 6.0),
     ("revolutions an hour", 1.0 / 60.0),
 )
-"""By what a speed in another unit is to be multiplied to be in rpm."""
+"""The factor from a speed in another unit to rpm."""
 _RATIOS = (
     *((factor, f"the speed looks like {unit} where rpm is expected") for unit, factor in SPEED_RATIOS),
     (1000.0, "the position looks like mm where m is expected"),
@@ -232,7 +232,7 @@ def motion_sentence(position: str, speed: str, ratio: float) -> str:
     """Describe a nut that moves `ratio` times as far as speed and lead allow, and the likely unit."""
     likely = next((text for factor, text in _RATIOS if abs(ratio / factor - 1.0) < 0.25), None)
     what = f"{position} moves {ratio:.2g} times as far as {speed} and lead_m say"
-    return f"{what}; {likely or 'look at lead_m, a gear between them, and both units'}"
+    return f"{what}; {likely or 'check lead_m, any gear between them, and both units'}"
 
 
 def ambient_of_log_degC(config: Config, values: FloatArray, channels: Sequence[str]) -> float:
@@ -277,7 +277,7 @@ def stroke_of_m(config: Config, stroke_m: tuple[float, float] | None) -> float:
 
 
 def way_ratio(parts: Sequence[NutPath], stroke_m: float) -> float | None:
-    """The way a nut made over what speed and lead allow, where samples are close enough; None if short."""
+    """The nut's path over what speed and lead allow, where samples are close enough; None if short."""
     driven, made = 0.0, 0.0
     for path in parts:
         since_s = np.diff(path.time_s)

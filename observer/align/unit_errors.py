@@ -27,13 +27,14 @@ from observer.files.logs import Log
 from observer.frames import FloatArray, NutPath
 
 MOSTLY, SOMETIMES, ALL = 0.5, 0.05, 0.99
-"""Parts of a channel's values: beyond its limits (a speed is 0 at rest), and within them once converted."""
+"""Fractions of a channel's values: beyond its limits (a speed is 0 at rest), and within them once converted.
+"""
 FIRST = 5
-"""How many values a temperature has begun with."""
+"""How many values count as a temperature's beginning."""
 OFF_STROKE = 0.1
 """How far beyond a stroke a nut may go, as a part of it."""
 LIKE = 0.25
-"""How far the way that a nut makes may be from what a unit makes of its speed, relative."""
+"""Relative tolerance between a nut's path and its speed in a unit."""
 
 
 class Misread(NamedTuple):
@@ -45,7 +46,7 @@ class Misread(NamedTuple):
 
     @property
     def text(self) -> str:
-        """What was wrong, what was done about it, and what to do, a sentence without full stop."""
+        """What was wrong, what was done about it, and what to do: a sentence without full stop."""
         return (
             f"{self.channel} is in {self.unit} where {self.expected} is expected; it was converted for this "
             f"search, so log it in {self.expected} before the configuration is used"
@@ -55,7 +56,7 @@ class Misread(NamedTuple):
 def read_rightly(
     log: Log, config: Config, paths: Sequence[Mapping[str, NutPath]] | None = None
 ) -> tuple[Log, tuple[Misread, ...]]:
-    """Return a log with every channel in the unit that its configuration names, and which were not.
+    """Return a log with every channel in its configured unit, and the channels that were not.
 
     `paths` are the nuts' paths in the frames of the log as it is, if they are known.
     """
@@ -92,7 +93,7 @@ _BEGIN_ANYWHERE = (ChannelKind.POSITION, ChannelKind.SPEED, ChannelKind.OTHER)
 def likely_unit(
     limits: Limits, j: int, column: FloatArray, air_degC: float
 ) -> tuple[str, Callable[[float], float]] | None:
-    """The unit in which a column (n,) of channel number j is plausible, and the way back from it."""
+    """The unit in which a column (n,) of channel number j is plausible, and its inverse conversion."""
     values = column[np.isfinite(column)]
     if len(values) == 0 or np.ptp(values) == 0.0:  # nothing, or a device's code for a fault
         return None
@@ -109,7 +110,7 @@ def likely_unit(
 
 
 def _usual(limits: Limits, j: int, values: FloatArray) -> bool:
-    """Whether positions (n,) lie on the stroke, and go along some of it; whatever is no position does."""
+    """Whether positions (n,) lie on the stroke and cover some of it; NaN counts as on it."""
     if limits.kinds[j] is not ChannelKind.POSITION:
         return True
     low, high = limits.usual[j]
@@ -119,7 +120,7 @@ def _usual(limits: Limits, j: int, values: FloatArray) -> bool:
 
 
 def _beyond(limits: Limits, j: int, values: FloatArray, air_degC: float) -> float:
-    """The part of values (n,) that is beyond one of the limits."""
+    """The fraction of values (n,) beyond one of the limits."""
     every = [np.asarray(beyond) for _, beyond in limits.beyond(j, values, air_degC)]
     return float(np.mean(np.any(every, axis=0)))
 

@@ -1,7 +1,7 @@
-"""The walk over rows of readings and ticks, compiled: what is remembered of each channel, and the frames.
+"""The compiled walk over rows of readings and ticks: the memory of each channel, and the frames.
 
 A value counts where it carries no fault, is a number, lies within its limits and comes from a channel that is
-not stuck. All that it needs of the past is in `Memory`, so a walk over parts gives the same bits.
+not stuck. All that it needs of the past is in `Memory`, so a walk in parts gives the same bits.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ IntArray = NDArray[np.int64]
 
 
 class Rows(NamedTuple):
-    """n rows in the order of time: what each reading said of which channel, and which rows are ticks.
+    """n rows in order of time: the channels that each reading has, and which rows are ticks.
 
     `time_s`, `late_s`, `step` (n,): a reading was true `late_s` before its row; `values`, `present`,
     `faulted` (n, c).
@@ -61,7 +61,7 @@ class Memory(NamedTuple):
     last_tick_s: FloatArray
 
     def copy(self) -> Memory:
-        """The same, for good."""
+        """A copy of it."""
         return Memory._make(array.copy() for array in self)
 
 
@@ -78,7 +78,7 @@ def nothing_yet(plan: Expected, last_tick_s: float = math.nan) -> Memory:
         value=unknown(),
         seen_s=unknown(),
         gap_s=unknown(),
-        # what comes only now and then is not missing before it came first
+        # an occasional channel is not missing before its first value
         newest=np.where(np.isinf(plan.expected_s), Quality.GOOD, Quality.MISSING).astype(np.int8),
         arrived=np.zeros(c, np.bool_),
         stuck=np.zeros(c, np.bool_),
@@ -186,8 +186,8 @@ class Walk:
         last_tick_s: float = math.nan,
         memory: Memory | None = None,
     ) -> None:
-        """Begin before the first row, or where another walk had this `memory`; `last_tick_s` is the last tick
-        before a warm start.
+        """Begin before the first row, or continue from the `memory` of another walk; `last_tick_s` is the
+        last tick before a warm start.
         """
         self._plan = plan = packed(plan)
         self._channels, self._paths = channels, tuple(channels[column] for column in plan.position)
@@ -196,7 +196,7 @@ class Walk:
         self._have_room(16)
 
     def _have_room(self, most: int) -> None:
-        """Have room for so many rows that wait for a tick."""
+        """Allocate room for so many rows waiting for a tick."""
         c = len(self._channels)
         self._rows = Rows(
             np.empty(most), np.empty(most), np.zeros(most, np.bool_), np.empty((most, c)),
@@ -221,7 +221,7 @@ class Walk:
         )
 
     def _widen(self) -> None:
-        """Have room for twice as many rows."""
+        """Double the room for rows."""
         before, count = self._rows, self._live.waiting
         self._have_room(2 * count)
         for own, given in zip(self._rows, before, strict=True):
@@ -229,7 +229,7 @@ class Walk:
         self._live.waiting = count
 
     def on(self, rows: Rows) -> FrameBlock:
-        """Go on over these rows; return the frames at the ticks among them."""
+        """Continue over these rows; return the frames at the ticks among them."""
         ticks, n = int(np.count_nonzero(rows.step)), len(rows.time_s)
         frames = _empty_frames(ticks, len(self._channels), len(self._paths), n)
         walk_rows(record(packed(rows)), n, self._plan_record, self._memory_record, record(frames))
@@ -239,7 +239,7 @@ class Walk:
     def take(
         self, time_s: float, late_s: float, values: Mapping[str, float], faulted: Collection[str]
     ) -> bool:
-        """Have a reading wait for the next tick; say whether all of it are floats of known channels."""
+        """Queue a reading for the next tick; return whether all its values are floats of known channels."""
         taken: int = put_reading(self._live, time_s, late_s, values)
         if taken < 0:
             self._widen()
@@ -249,7 +249,7 @@ class Walk:
         return taken == len(values)
 
     def tick(self, time_s: float) -> FrameBlock:
-        """Go on over the rows that wait, and a tick behind them; return its frame."""
+        """Continue over the waiting rows and a tick after them; return its frame."""
         data = tick_on(self._live, time_s)
         if data is None:
             self._widen()

@@ -1,4 +1,4 @@
-"""What leaves for a controller or for other programs."""
+"""Exports for a controller or for other programs."""
 
 from __future__ import annotations
 
@@ -66,7 +66,9 @@ def _matrices(config: Installation, kind: str, part: Path) -> Exported:
 
 
 def _reference(config: Installation, form: Form, path: Path, part: Path, progress: Progress) -> list[str]:
-    """Write what the reduced observer makes of a log; say how far it is from the configured estimator."""
+    """Write the reduced observer's estimates of a log; return how far they are from the configured
+    estimator's.
+    """
     from observer.export.reference import columns_of, run, sampled
     from observer.files.writer import write_log
 
@@ -77,7 +79,7 @@ def _reference(config: Installation, form: Form, path: Path, part: Path, progres
     at = np.clip(np.searchsorted(block.time_s, samples.time_s + 1e-6, side="right") - 1, 0, None)
     both = (found["quality"] == 0) & (block.quality[at] == EstimateQuality.GOOD)
     if not both.any():
-        return [f"In {path.name} there is no step at which both are good, so they cannot be compared."]
+        return [f"In {path.name} both are never good at the same step, so they cannot be compared."]
     facts = [f"Over {path.name}, {int(both.sum())} steps at which both are good, r.m.s. from the estimator:"]
     for name, other in (
         ("heat_W", block.heat_W),
@@ -115,8 +117,9 @@ def export_table(
     quality = EstimateQuality(int(block.quality[-1]))
     if quality != EstimateQuality.GOOD:
         raise LogError(
-            f"{log}: its last estimate is {quality.label}, so no table is made of it; give a log, or part of "
-            "one, that ends good (`observer replay` says why it is not)"
+            f"{log}: its last estimate is {quality.label}, so no table can be made from it; give a log, "
+            "or part "
+            "of one, that ends with a good estimate (`observer replay` gives the reasons)"
         )
     table = _table(config, control, axis, block)
     with results_in(output) as part:
@@ -141,7 +144,7 @@ def _table(config: Installation, control: str, axis: str, block: EstimateBlock) 
     if float(np.abs(last_um).max()) > plan.limit_um:
         raise ConfigError(
             f"the error of {np.abs(last_um).max():.0f} um is beyond compensation.limit_um = "
-            f"{plan.limit_um:g}; look for the fault, or raise the limit"
+            f"{plan.limit_um:g}; find the fault, or raise the limit"
         )
     left_um = float(np.abs(whole_um - last_um).max())
     if control == "linuxcnc":
@@ -157,7 +160,7 @@ def _table(config: Installation, control: str, axis: str, block: EstimateBlock) 
 
 
 def _refuse_learnt(config: Installation) -> None:
-    """Raise `ConfigError` where the service has learnt what the configuration does not say."""
+    """Raise `ConfigError` where the service has learnt parameters that the configuration lacks."""
     from observer.estimate.checkpoint import CheckpointFit, UnfitError
     from observer.estimate.checkpoint import load as load_checkpoint
     from observer.estimate.pipeline import MachineModel
@@ -170,6 +173,7 @@ def _refuse_learnt(config: Installation) -> None:
     except UnfitError:
         return  # of another configuration, so nothing in force was learnt
     raise ConfigError(
-        f"the service has learnt more of this machine than the configuration says ({file}), and an export "
-        "would leave it out; write it into a configuration by `observer learned`, and export that"
+        f"the service has learnt parameters of this machine that the configuration lacks ({file}), and "
+        "an export "
+        "would omit them; write them into a configuration with `observer learned`, and export that"
     )

@@ -1,4 +1,4 @@
-"""Files of others made logs of our own form."""
+"""Converts files from other recorders to logs of our own form."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ def import_log(
     time_format: str | None = None,
     timezone: str | None = None,
 ) -> Proposal:
-    """Write files as one log, by `[log]`, the options, and what is guessed; return what was made of them.
+    """Write files as one log, by `[log]`, the options and guesses; return the result.
 
-    `agree` is asked once where something is doubtful; None refuses then, naming the keys of `[log]` that
-    settle it. Raises `LogError`.
+    `agree` is asked once where something is doubtful; without it that is an error, which names the keys of
+    `[log]` that settle it. Raises `LogError`.
     """
     suffix_of(output)
     given = config.log.model_dump(exclude_unset=True)
@@ -48,7 +48,7 @@ def import_log(
     found = proposed(paths, config, how)
     if found.asked and (agree is None or not agree(found)):
         said = [f"  {key}: {doubt}" for key, doubt in found.asked.items()]
-        first = f"{output}: not written, because this is doubtful; say in the configuration:"
+        first = f"{output}: not written, because this is doubtful; clarify it in the configuration:"
         raise LogError("\n".join([first, *said, "the guess was", found.table]))
     log = found.log
     write_log(output, log.time_s, {name: log.values[:, i] for i, name in enumerate(log.channels)})

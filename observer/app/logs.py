@@ -1,4 +1,4 @@
-"""What is done with a log as it is: replay, forecast, heats, and a prediction by the laws alone; as files."""
+"""Commands that take a log as it is: replay, forecast, heats, and open-loop prediction; results as files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What changes a model: calibration, what was learnt, and the search for effects; as files."""
+"""Commands that change a model: calibration, learnt parameters, search for effects; results as files."""
 
 from __future__ import annotations
 
@@ -37,10 +37,11 @@ def calibrate(
 
 
 def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
-    """Write the configuration with what its service has learnt, by its checkpoint, as `config.toml`, and what
-    that is as `learned.json`.
+    """Write the configuration with the parameters that its service has learnt, from its checkpoint, as
+    `config.toml`, and these as `learned.json`.
 
-    Returns what has been learnt, with σ. Raises `ConfigError` where nothing is learnt or left to go by.
+    Returns the learnt parameters with σ. Raises `ConfigError` where nothing is learnt or no checkpoint
+    exists.
     """
     from observer.estimate.checkpoint import CheckpointFit, UnfitError
     from observer.estimate.checkpoint import load as load_checkpoint
@@ -50,9 +51,7 @@ def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:
     config, searched = load(config_path), config_path.read_bytes()
     machine, file = MachineModel.of(config, learns=True), config.checkpoint_file
     if (learning := machine.plant.learning) is None or not learning.names:
-        raise ConfigError(
-            f"{config_path}: estimator.learn: nothing is learnt; name what the estimator is to learn"
-        )
+        raise ConfigError(f"{config_path}: estimator.learn: nothing is learnt; name the parameters to learn")
     if file is None:
         raise ConfigError(f"{config_path}: the service keeps no checkpoint; give [checkpoint] directory")
     try:
@@ -108,7 +107,7 @@ def discover(
 
 
 def _recent(config: Installation, last_s: float) -> tuple[RunsOfLogs, list[str]]:
-    """What the service recorded lately, a run for each stretch, and what each is called."""
+    """The service's recent recordings, a run for each stretch, with their names."""
     from observer.align.plausibility import doubts_of_log
     from observer.record.recent import stretches
 

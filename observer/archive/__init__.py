@@ -1,1 +1,1 @@
-"""The past of an axis, asked by time: readings, and estimates as they were, straight from the recordings."""
+"""The past of an axis by time: readings, and estimates as they were, straight from the recordings."""

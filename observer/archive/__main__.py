@@ -1,4 +1,4 @@
-"""`python -m observer.archive`, as service and gateway start it: answers questions until its input closes."""
+"""`python -m observer.archive`, as service and gateway start it: answers queries until its input closes."""
 
 from observer.process.memory import import_sparingly
 

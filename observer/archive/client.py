@@ -1,4 +1,4 @@
-"""Asks the archive's process, which is started at a question and ended when none comes for a minute."""
+"""Queries the archive's process, which starts on demand and ends after a minute without queries."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MOST_WAITING = 4
 
 
 class Archivist:
-    """Asks about the past of an axis; from any thread, one question after the other."""
+    """Queries the past of an axis; from any thread, one query at a time."""
 
     def __init__(self, config_json: bytes, recordings: Path) -> None:
         """Take the document `config` and the folder of the recordings."""
@@ -35,7 +35,7 @@ class Archivist:
     def ask(self, what: str, question: Mapping[str, Any]) -> PastReply:
         """Ask, and wait for the answer."""
         if not self._waiting.acquire(blocking=False):
-            return PastReply(b"", "too much is asked at once; ask again in a second", unfinished=True)
+            return PastReply(b"", "too many requests at once; ask again in a second", unfinished=True)
         try:
             with self._lock:
                 return self._ask(framed(what, json.dumps(question).encode()))

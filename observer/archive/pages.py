@@ -36,7 +36,7 @@ def time_of(text: str, key: str) -> float:
             moment = datetime.fromisoformat(text)
         except ValueError:
             raise ConfigError(
-                f"{key}={text[:40]}: give seconds since 1970 or ISO 8601, as 2026-03-01T06:00:00Z"
+                f"{key}={text[:40]}: give seconds since 1970 or ISO 8601, such as 2026-03-01T06:00:00Z"
             ) from None
         found = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
     if not abs(found) <= _LATEST_S:
@@ -46,7 +46,7 @@ def time_of(text: str, key: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """What is asked for: from a time up to another, one step in every `every_s`, all where that is 0."""
+    """The requested span: from one time to another, one step per `every_s`, all steps if that is 0."""
 
     from_s: float
     to_s: float
@@ -56,7 +56,7 @@ class Span:
     def of(cls, asked: dict[str, str], now_s: float) -> Span:
         """The span that a query names; raises `ConfigError`."""
         if "from" not in asked:
-            raise ConfigError("to=… alone names no span; give from=… too")
+            raise ConfigError("to=… alone is not a span; give from=… too")
         begin_s = time_of(asked["from"], "from")
         end_s = time_of(asked["to"], "to") if "to" in asked else now_s
         every_s = asked.get("every", "0")
@@ -67,7 +67,7 @@ class Span:
         if not 0.0 <= apart_s <= LONGEST_S:
             raise ConfigError(f"every={every_s[:20]}: give seconds from 0 to {LONGEST_S:.0f}")
         if not begin_s < end_s:
-            raise ConfigError("from has to lie before to; give an earlier from or a later to")
+            raise ConfigError("from must be before to; give an earlier from or a later to")
         return cls(begin_s, end_s, apart_s)
 
     def slot(self, time_s: float) -> float:
@@ -79,8 +79,8 @@ class Span:
 class Steps:
     """The steps of a span, one after the other, until the page is full or their origin changes.
 
-    Afterwards `next_s` is where to go on, None at the end of the span; `notes` and `gaps_s` say what there is
-    to say of it, `origin` where it comes from.
+    Afterwards `next_s` is where to continue, None at the end of the span; `notes` and `gaps_s`
+    describe it, `origin` is its source.
     """
 
     archive: Archive
@@ -124,7 +124,7 @@ class Steps:
             self.gaps_s.append((last_s, end_s))
 
     def head(self) -> dict[str, Any]:
-        """What a page says of itself."""
+        """The head of a page."""
         return {
             "from_s": self.span.from_s,
             "to_s": self.span.to_s if self.next_s is None else self.next_s,
@@ -164,7 +164,7 @@ class Pages:
         return to_json({**steps.head(), "readings": []})[:-2] + b",".join(found) + b"]}"
 
     def late(self, span: Span, keys: list[str]) -> bytes:
-        """What those of the keys had published that are made of each step, marked as late, as CBOR.
+        """The messages that were published on these keys at each step, marked as late, as CBOR.
 
         `{"next": where to go on or None, "notes": sentences, "steps": [[time_s, {key: message}]]}`
         """

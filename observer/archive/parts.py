@@ -21,7 +21,7 @@ _LINE_BYTES = 1 << 16
 class RecordedPart:
     """Some rows of a recording, None where there are none, and where in the file the next part begins.
 
-    `lost` says in words what of it could not be used, None if nothing.
+    `lost` describes what could not be used, None if nothing.
     """
 
     log: Log | None
@@ -54,7 +54,7 @@ def parts(path: Path, needed: Sequence[str], begin: int = 0) -> Iterator[Recorde
 
 
 def _whole(data: bytes, *, is_last: bool) -> int:
-    """How many bytes are whole blocks; at the end of a file, or where none ends for long, whole rows."""
+    """The length in bytes of whole blocks; at the end of a file, or in a very long block, of whole rows."""
     end = data.rfind(b"\n") + 1
     mark = data.rfind(CHECKSUM, 0, end)
     if is_last or (mark < 0 and len(data) >= _MOST_BYTES):

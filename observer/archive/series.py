@@ -1,4 +1,4 @@
-"""One value of the estimates over time, as OPC UA's history asks for it: every value, or one an interval."""
+"""One value of the estimates over time, for OPC UA's history: every value, or one per interval."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Estimates and readings between two times, from the recordings: replayed, never kept a second time.
 
 A recording is replayed by the configuration it was made under, from the state beside it, so its estimates are
-those that were published, to the last bit. What is not so is said in a note. Where a replay passes, it keeps
-in memory where it stood: the next question about the same hours begins there.
+those that were published, to the last bit. Exceptions are described in a note. A replay keeps its states
+along the way in memory: the next query about the same hours begins there.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _MOST_CONFIG_BYTES = 10_000_000
 
 
 class UnfinishedError(UserError):
-    """A question took too long; what was read is remembered, so asking again goes on."""
+    """A query took too long; what was read is remembered, so the next one continues from there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class _Setup:
 
 @dataclass(frozen=True, slots=True)
 class _Stand:
-    """Where a replay stood at the end of a part: `end` in the file, rows after the last tick as `rest`."""
+    """The state of a replay at the end of a part: `end` in the file, rows after the last tick as `rest`."""
 
     end: int
     last_s: float
@@ -89,7 +89,7 @@ class _Stand:
 
 
 class Archive:
-    """The recordings of an axis, asked by time. `digest` is the hash of `config`, the one in force."""
+    """The recordings of an axis, queried by time. `digest` is the hash of `config`, the one in force."""
 
     def __init__(
         self, config: Installation, digest: str, clock: Callable[[], float] = time.monotonic
@@ -123,7 +123,7 @@ class Archive:
         estimates: bool = True,
         until_s: float = math.inf,
     ) -> Iterator[Chapter]:
-        """The steps from a time up to another, in order; `notes` gets what there is to say, a sentence each.
+        """The steps from one time to another, in order; `notes` gets remarks, a sentence each.
 
         Raises `LogError` where nothing can be read, `UnfinishedError` where the clock is past `until_s`
         before the span is reached.
@@ -192,7 +192,7 @@ class Archive:
                 return
             if last_s < from_s and self._clock() > until_s:
                 raise UnfinishedError(
-                    f"{file.path.name} has been read up to {part.end / size:.0%}; ask again to go on"
+                    f"{file.path.name} has been read up to {part.end / size:.0%}; ask again to continue"
                 )
 
     def _begin(
@@ -203,13 +203,15 @@ class Archive:
         pipeline: Pipeline[Any],
         notes: list[str],
     ) -> tuple[Walk, int]:
-        """Where a file begins: from the state beside it, or cold, which is said where it follows another."""
+        """The state at the beginning of a file: the one stored beside it, or cold, which is noted where it
+        continues another.
+        """
         plan, own = setup.machine.plan, _document(file.path)
         first = Log(file.path, np.array([file.from_s]), (), np.empty((1, 0)), np.zeros(1, np.bool_))
         start, words = start_of(first, setup.fit)
         is_first = own and (before is None or _document(before.path).get("instance") != own.get("instance"))
         if not is_first and (start is None or start.walk is None):
-            _note(notes, f"{file.path.name}: sequence numbers are counted anew")
+            _note(notes, f"{file.path.name}: sequence numbers start again")
         if start is None:
             if not is_first or words != "cold":
                 _note(notes, f"{file.path.name}: estimates start {words}")
@@ -218,7 +220,7 @@ class Archive:
         return Walk(plan.channels, plan.expected(), start.tick_s, start.walk), start.sequence
 
     def _known(self, path: Path, notes: list[str]) -> tuple[_Setup, Origin]:
-        """What a recording is replayed with: the configuration that it was made under, where that is kept."""
+        """The configuration for replaying a recording: the one it was made under, where that is kept."""
         document = _document(path)
         digest = document.get("hash")
         if digest is None:
@@ -246,7 +248,7 @@ class Archive:
         return self._setups[digest]
 
     def _stand(self, path: Path, inode: int, from_s: float) -> _Stand | None:
-        """The last stand in a file before a time."""
+        """The last known state in a file before a time."""
         own = (s for (p, i, _), s in self._stands.items() if (p, i) == (path, inode) and s.last_s < from_s)
         return max(own, key=lambda stand: stand.end, default=None)
 

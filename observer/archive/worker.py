@@ -1,7 +1,7 @@
-"""The archive's process: questions in, answers out, one after the other, and with low priority.
+"""The archive's process: queries in, answers out, one at a time and with low priority.
 
-It lasts for as long as there are questions, so what it takes does not stay, and the loop shares nothing with
-it: neither the interpreter's lock nor memory.
+It ends when there are no more queries, so its memory is released, and it shares nothing with the loop:
+neither the interpreter's lock nor memory.
 """
 
 from __future__ import annotations

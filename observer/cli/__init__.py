@@ -1,4 +1,4 @@
-"""The command line; what its verbs do is in `app`, `demo` and `report`."""
+"""The command line; the work of its verbs is in `app`, `demo` and `report`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 _SHOWING = {"demo", "import", "run", "check", "place"}
-"""The verbs whose output is what they are for, as is that of all clients; the others can be quiet."""
+"""The verbs whose purpose is their output, like all clients; the others can be quiet."""
 for _verbs in (machines.verbs, logs.verbs, fleet):
     for _info in _verbs.registered_commands:
         if _info.callback is not None and (_info.name or _info.callback.__name__) not in _SHOWING:
@@ -42,7 +42,7 @@ def _version(asked: bool) -> None:
 @app.callback()
 def about(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which version this is.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
     """A ball screw's temperature field, heat inputs and thermal error, live and from logs."""

@@ -1,4 +1,4 @@
-"""How machines in one case or several are printed for people."""
+"""Prints one or several cases of machines for people."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 _ROOM = 30
-"""So many characters of names stand side by side; where there are more, numbers do."""
+"""Names up to this many characters are printed side by side; longer ones are numbered."""
 
 
 def case_as_table(case: CaseFigures) -> RenderableType:

@@ -65,7 +65,7 @@ def health(
     client: ClientOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Ask the running service how it is; exit code 0 if it gives estimates, else 1."""
+    """Show the health of the running service; exit code 0 if it gives estimates, else 1."""
     from observer.publish.ask import ask, ask_health, gives_estimates
     from observer.publish.watch import health_table
 
@@ -95,11 +95,11 @@ def _print_answer(
 
 
 _COMMANDS = {
-    "arm": "Arm the compensation of one axis; exit code 0 if it is armed then, else 1.",
-    "disarm": "Switch the compensation of one axis off; exit code 0 if it is off then, else 1.",
-    "zero": "Say that one axis has just been homed or probed, so its compensation starts from a new zero; "
-    "exit code 0 if it does, else 1.",
-    "reset": "Have the estimator of one axis start afresh; exit code 0 if it does, else 1.",
+    "arm": "Arm the compensation of one axis; exit code 0 if it is then armed, else 1.",
+    "disarm": "Switch the compensation of one axis off; exit code 0 if it is then off, else 1.",
+    "zero": "Report that one axis has just been homed or probed, so that its compensation starts from a "
+    "new zero; exit code 0 if it does, else 1.",
+    "reset": "Restart the estimator of one axis; exit code 0 if it does, else 1.",
 }
 
 
@@ -153,7 +153,7 @@ def acknowledge(
     client: ClientOption = None,
     config_hash: HashOption = None,
 ) -> None:
-    """Say that an alarm of one axis has been seen; exit code 0 if that is noted, else 1."""
+    """Acknowledge an alarm of one axis; exit code 0 if that is noted, else 1."""
     if alarm is not None and not re.fullmatch(r"[A-Za-z0-9_.-]{1,250}", alarm):
-        raise UserError(f"{alarm!r} is no alarm; `observer watch` shows which there are")
+        raise UserError(f"{alarm!r} is not an alarm; `observer watch` lists them")
     _give("acknowledge", machine, axis, connect, timeout_s, client, config_hash, alarm)

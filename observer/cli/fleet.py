@@ -28,33 +28,33 @@ LogsArgument = Annotated[
     list[Path] | None, typer.Argument(metavar="LOGS...", help="Logs, with --config for all of them.")
 ]
 TableOption = Annotated[
-    Path | None, typer.Option(help="In place of logs, a table (.csv, .parquet): log, machine, config.")
+    Path | None, typer.Option(help="Instead of logs, a table (.csv, .parquet): log, machine, config.")
 ]
 ConfigOption = Annotated[
     Path | None, typer.Option("--config", "-c", help="Configuration of all logs, which are of its machine.")
 ]
 OutputOption = Annotated[
-    Path, typer.Option("--output", "-o", help="Folder for the results; what is done there is not done again.")
+    Path, typer.Option("--output", "-o", help="Folder for the results; logs finished there are skipped.")
 ]
 SchedulerOption = Annotated[
-    str | None, typer.Option(help="Address of a Dask cluster; else one is started on this computer.")
+    str | None, typer.Option(help="Address of a Dask cluster; default: one is started on this computer.")
 ]
 WorkersOption = Annotated[
-    int | None, typer.Option(min=1, max=1024, help="Processes to start here; as many as cores by default.")
+    int | None, typer.Option(min=1, max=1024, help="Processes to start here; default: one per core.")
 ]
 MemoryOption = Annotated[
     float | None,
     typer.Option(
-        "--memory-GB", min=0.5, help="GB for each process; one that needs more is ended. Else its share."
+        "--memory-GB",
+        min=0.5,
+        help="Memory in GB for each process; one that needs more is stopped. Default: its share.",
     ),
 ]
-LimitOption = Annotated[
-    float, typer.Option(min=1.0, help="Seconds that a piece of work may take before it is given up.")
-]
+LimitOption = Annotated[float, typer.Option(min=1.0, help="Seconds after which a job is given up.")]
 FormatOption = Annotated[Literal["csv", "parquet"], typer.Option(help="Format of the estimates.")]
 MethodOption = Annotated[
     Literal["smoother", "tikhonov", "conjugate-gradient"],
-    typer.Option(metavar="METHOD", help="How heats are found: smoother, tikhonov or conjugate-gradient."),
+    typer.Option(metavar="METHOD", help="Method: smoother, tikhonov or conjugate-gradient."),
 ]
 Verb = Literal["replay", "identify", "calibrate", "discover"]
 MOST_SHOWN = 20
@@ -67,7 +67,8 @@ _VERBS: dict[Verb, tuple[str, float, tuple[str, ...]]] = {
         ("method",),
     ),
     "identify": (
-        "Find the heats over every log at once: heats and summary.json of each, and one report of all.",
+        "Find the heats of each log from all its measurements at once: heats and summary.json of each, "
+        "and one report of all.",
         3600.0,
         (),
     ),
@@ -77,7 +78,7 @@ _VERBS: dict[Verb, tuple[str, float, tuple[str, ...]]] = {
         ("format", "method"),
     ),
     "discover": (
-        "Find the physics that every machine's model lacks, by all of its logs; one report of all.",
+        "Find the physics that each machine's model lacks, from all of its logs; one report of all.",
         7200.0,
         ("format", "method"),
     ),
@@ -127,7 +128,7 @@ def _run(
     workers: int | None,
     memory_GB: float | None,
 ) -> None:
-    """Do the work, and print what came of it; `output` is the folder as it was given."""
+    """Do the work and print the outcome; `output` is the folder as given."""
     from observer.fleet.jobs import OF_SEVERAL
     from observer.fleet.journal import done
     from observer.fleet.report import conclude
@@ -161,7 +162,7 @@ def _run(
 
 @contextmanager
 def _ended_by_signals(verb: Verb) -> Iterator[None]:
-    """End at Ctrl-C and SIGTERM in good order, with a shell's exit code for it; at a second, at once."""
+    """End in good order on Ctrl-C or SIGTERM, with the shell's exit code; on a second one, at once."""
     from observer.process.shutdown import arriving, leave
 
     received: list[int] = []
@@ -177,7 +178,7 @@ def _ended_by_signals(verb: Verb) -> Iterator[None]:
         yield
     except KeyboardInterrupt as ended:
         outcome = str(ended) or "ended"
-        typer.echo(f"observer: fleet {verb}: {outcome}; the same command goes on with the rest", err=True)
+        typer.echo(f"observer: fleet {verb}: {outcome}; the same command continues with the rest", err=True)
         leave(128 + received[0])
     finally:
         for number, handler in before.items():

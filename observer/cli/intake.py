@@ -1,4 +1,4 @@
-"""The verb that makes a log of files as others wrote them."""
+"""The verb that makes a log of files from other recorders."""
 
 from __future__ import annotations
 
@@ -21,19 +21,24 @@ def import_(
     output: Annotated[Path, typer.Option("--output", "-o", help="Log to write: .parquet, .csv or .csv.gz.")],
     column: Annotated[
         list[str] | None,
-        typer.Option(metavar="CHANNEL=COLUMN", help="Where a channel is; @UNIT behind it says its unit."),
+        typer.Option(
+            metavar="CHANNEL=COLUMN",
+            help="Column of a channel, followed by @UNIT where its name lacks the unit.",
+        ),
     ] = None,
     time: Annotated[str | None, typer.Option(help="Column of the time.")] = None,
     time_format: Annotated[
         str | None,
-        typer.Option(help="What it counts, as ms, min, excel, or how it is written, as %d.%m.%Y %H:%M:%S."),
+        typer.Option(help="Its unit (ms, min, excel …) or format (%d.%m.%Y %H:%M:%S)."),
     ] = None,
-    timezone: Annotated[str | None, typer.Option(help="Of times without one, as Europe/Berlin.")] = None,
+    timezone: Annotated[
+        str | None, typer.Option(help="Time zone of times that have none, such as Europe/Berlin.")
+    ] = None,
     yes: Annotated[
-        bool, typer.Option("--yes", help="Ask nothing; refuse where something is doubtful.")
+        bool, typer.Option("--yes", help="Ask nothing; fail where something is doubtful.")
     ] = False,
 ) -> None:
-    """Make a log of files as others wrote them, and print the table that reads them directly."""
+    """Make a log of files from other recorders, and print the table that reads them directly."""
     from observer import app as parts
     from observer.installation import load
     from observer.intake.importing import Proposal
@@ -61,5 +66,5 @@ def import_(
     span_s = float(log.time_s[-1] - log.time_s[0])
     typer.echo(f"{len(log)} rows over {span_s:.6g} s written to {output}")
     if found.zoneless:
-        typer.echo("the times name no zone and were taken as they stand; --timezone makes them UTC")
+        typer.echo("the times have no zone and were taken as they are; --timezone converts them to UTC")
     typer.echo(f"such files are read directly with this in the configuration:\n{found.table}")

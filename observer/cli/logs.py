@@ -1,4 +1,4 @@
-"""The verbs of logs: what was, what comes, what a model lacks, and what is adopted of it."""
+"""The verbs for logs: replay, forecast, fit, search and adoption."""
 
 from __future__ import annotations
 
@@ -65,14 +65,17 @@ def forecast(
     output: OutputOption,
     program: Annotated[
         Path | None,
-        typer.Option(help="What runs next, a log of the input channels, repeated; else as the log ends."),
+        typer.Option(
+            help="Program that runs next, a log of the input channels, repeated; default: as at the end "
+            "of the log."
+        ),
     ] = None,
     hours: Annotated[
         float | None, typer.Option(min=0.05, max=24.0, help="Hours ahead; else as configured.")
     ] = None,
     **accept: Any,
 ) -> None:
-    """Say what comes after a log: temperatures and thermal error with sigma, and when it has settled."""
+    """Forecast what follows a log: temperatures and thermal error with sigma, and when they settle."""
     from observer import app as parts
     from observer.installation import load
 
@@ -99,30 +102,30 @@ def identify(
     output: OutputOption,
     method: Annotated[
         Literal["smoother", "tikhonov", "conjugate-gradient"],
-        typer.Option(metavar="METHOD", help="How heats are found: smoother, tikhonov or conjugate-gradient."),
+        typer.Option(metavar="METHOD", help="Method: smoother, tikhonov or conjugate-gradient."),
     ] = "smoother",
     regularisation: Annotated[
         float | None,
-        typer.Option(help="Weight of the prior, 1 as configured; else chosen by the method."),
+        typer.Option(help="Weight of the prior, 1 as configured; default: chosen by the method."),
     ] = None,
     parameter_choice: Annotated[
         Literal["discrepancy", "gcv", "l-curve", "ico"] | None,
         typer.Option(
             metavar="RULE",
-            help="How tikhonov chooses that weight: discrepancy, gcv (default), l-curve or ico.",
+            help="Choice of that weight by tikhonov: discrepancy, gcv (default), l-curve or ico.",
         ),
     ] = None,
     order: Annotated[
         int | None,
-        typer.Option(min=0, max=1, help="Prior: 0 each heat by itself, 1 heats that walk (default)."),
+        typer.Option(min=0, max=1, help="Prior: 0 independent heats, 1 random walks (default)."),
     ] = None,
     gradient: Annotated[
         Literal["adjoint", "central-differences"] | None,
         typer.Option(
-            metavar="HOW", help="Of the conjugate gradients: adjoint (default) or central-differences."
+            metavar="HOW", help="Gradient for conjugate-gradient: adjoint (default) or central-differences."
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of what is drawn at random.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
     report: Annotated[
         bool, typer.Option("--report", help="Also temperatures, heats and errors along the screw.")
     ] = False,
@@ -132,7 +135,7 @@ def identify(
     every_min: Annotated[float, typer.Option(help="Minutes between the report's times.")] = 10.0,
     **accept: Any,
 ) -> None:
-    """Find the heats over a whole log at once: heat.csv, summary.json, heat.png."""
+    """Estimate the heats of a whole log from all its rows at once: heat.csv, summary.json, heat.png."""
     from observer import app as parts
     from observer.history.history import MethodOptions
     from observer.installation import load
@@ -176,11 +179,13 @@ def simulate(
     ] = None,
     steady: Annotated[
         bool,
-        typer.Option("--steady", help="Instead, where it settles: with inputs by --at, or a program's mean."),
+        typer.Option(
+            "--steady", help="The steady state instead: with the inputs of --at, or a program's means."
+        ),
     ] = False,
     at: Annotated[
         list[str] | None,
-        typer.Option(metavar="CHANNEL=VALUE", help="steady: an input that lasts; give one option for each."),
+        typer.Option(metavar="CHANNEL=VALUE", help="steady: a constant input; repeat the option for each."),
     ] = None,
 ) -> None:
     """Predict a run from the heat laws alone, as a log with overview.png beside it; or the steady state."""
@@ -189,7 +194,7 @@ def simulate(
 
     if steady:
         if start_degC is not None:
-            raise UserError("simulate: where a screw settles does not depend on --start-degc; leave it out")
+            raise UserError("simulate: the steady state does not depend on --start-degc; leave it out")
         found = parts.simulate_steady(load(config), assignments(at or []), program, output)
         show(found.figures, as_json=False, as_text=case_as_table)
         typer.echo(f"written to {output}: steady.csv, steady.json, steady.png")
@@ -217,14 +222,16 @@ def compare(
     ] = None,
     steady: Annotated[
         bool,
-        typer.Option("--steady", help="Where each settles: with its inputs, or the mean inputs of the log."),
+        typer.Option(
+            "--steady", help="Steady state of each: with its inputs, or the mean inputs of the log."
+        ),
     ] = False,
     minimise: Annotated[
         Literal["error"] | None,
         typer.Option(help="error: also find the mounting, preload and gap with the least thermal error."),
     ] = None,
 ) -> None:
-    """Compare variants of a machine: heats, temperatures, thermal error, force, what stays unknown."""
+    """Compare variants of a machine: heats, temperatures, thermal error, force, and the σ that remain."""
     from observer import app as parts
 
     with advancing("compare") as progress:
@@ -241,7 +248,7 @@ def calibrate(
     config: ConfigOption,
     output: OutputOption,
 ) -> None:
-    """Fit what the configuration declares free; write config.toml and calibration.json."""
+    """Fit the parameters that the configuration declares free; write config.toml and calibration.json."""
     from observer import app as parts
 
     with advancing("calibrate") as progress:
@@ -259,7 +266,7 @@ def calibrate(
 
 @verbs.command()
 def learned(config: ConfigOption, output: OutputOption) -> None:
-    """Write the configuration with what its service has learnt, such as film and offsets."""
+    """Write the configuration with the parameters its service has learnt, such as film and offsets."""
     from observer import app as parts
 
     for key, (value, sigma) in parts.learned(config, output).items():
@@ -277,7 +284,7 @@ def discover(
     ] = None,
     recent: Annotated[
         str | None,
-        typer.Option(help="In place of logs, what the service recorded in the last 90min, 8h, 2d …"),
+        typer.Option(help="Instead of logs, the service's recordings of the last 90min, 8h, 2d …"),
     ] = None,
 ) -> None:
     """Find the physical effect that the model lacks; add it, and prove that the gap shrinks."""
@@ -311,20 +318,20 @@ def discover(
 def adopt(
     config: ConfigOption,
     folder: Annotated[
-        Path | None, typer.Argument(metavar="DIR", help="What discover or calibrate has written.")
+        Path | None, typer.Argument(metavar="DIR", help="Results of discover or calibrate.")
     ] = None,
     hours: Annotated[
         float, typer.Option(min=0.001, max=1000.0, help="Hours of running over which the gap is watched.")
     ] = 24.0,
     status: Annotated[
-        bool, typer.Option("--status", help="Instead, say how the last adoption stands.")
+        bool, typer.Option("--status", help="Show the state of the last adoption instead.")
     ] = False,
-    undo: Annotated[bool, typer.Option("--undo", help="Instead, take the last adoption back.")] = False,
+    undo: Annotated[bool, typer.Option("--undo", help="Undo the last adoption instead.")] = False,
     candidate: Annotated[
-        bool, typer.Option("--candidate", help="Take candidate.toml, which explains most of an unknown.")
+        bool, typer.Option("--candidate", help="Adopt candidate.toml, which explains most of an unknown.")
     ] = False,
 ) -> None:
-    """Put a found configuration in force, watch the gap, and take it back if that has not shrunk."""
+    """Put a found configuration in force, monitor the gap, and revert it if the gap has not shrunk."""
     if [folder is not None, status, undo].count(True) != 1:
         raise UserError("adopt: name either the folder of results, or --status, or --undo")
     from observer.installation import adopt as adoptions
@@ -335,7 +342,7 @@ def adopt(
         return
     adoption = adoptions.adopt(folder, config, hours, time.time(), candidate=candidate)
     typer.echo(
-        f"{config} is now the configuration of {folder}; the one before is in {adoption.before}.\n"
-        f"A running service puts it in force within seconds, watches the gap for {hours:g} h of running, "
-        "and takes it back if that has not shrunk."
+        f"{config} is now the configuration of {folder}; the previous one is in {adoption.before}.\n"
+        f"A running service puts it in force within seconds, monitors the gap for {hours:g} h of running, "
+        "and reverts it if the gap has not shrunk."
     )

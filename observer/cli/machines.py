@@ -1,4 +1,4 @@
-"""The verbs of a machine: the demo, the daemon, and what comes before it runs."""
+"""The verbs for a machine: the demo, the daemon, and its preparation."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ def demo(
         str, typer.Option(help="Where the demo's Zenoh router listens.", callback=endpoint)
     ] = DEFAULT_ENDPOINT,
     plain: Annotated[
-        bool, typer.Option("--plain", help="One line a second in place of the live table.")
+        bool, typer.Option("--plain", help="One line per second instead of the live table.")
     ] = False,
     page: Annotated[
-        str | None, typer.Option(help="Where the page listens; by itself the first free port from 8080 on.")
+        str | None, typer.Option(help="Address of the page; default: the first free port from 8080 on.")
     ] = None,
     no_page: Annotated[bool, typer.Option("--no-page", help="Without the page.")] = False,
     record: Annotated[
         Path | None,
-        typer.Option(help="Keep the recordings in this folder; without, they are not kept."),
+        typer.Option(help="Keep the recordings in this folder; default: not kept."),
     ] = None,
     sensors: Annotated[
         Literal["screw", "housings"],
@@ -71,12 +71,13 @@ def demo(
 def run(
     config: Annotated[list[Path], typer.Option("--config", "-c", help="Configuration (TOML).")],
     seconds: SecondsOption = None,
-    log_format: Annotated[Literal["text", "json"], typer.Option(help="How messages are written.")] = "text",
+    log_format: Annotated[Literal["text", "json"], typer.Option(help="Format of the messages.")] = "text",
 ) -> None:
     """Run the daemon of one axis beside the CNC until SIGTERM or Ctrl-C."""
     if len(config) > 1:
         raise UserError(
-            "run: one --config, for a process serves one axis; for several, `observer service install` makes "
+            "run: give one --config, since a process serves one axis; for several, `observer service "
+            "install` makes "
             "an instance of the service for each, and a container runs one each (docs/how-to/fleet.md)"
         )
     from observer.process.memory import import_sparingly, not_found
@@ -98,17 +99,17 @@ def run(
 
 
 _QUESTIONS = {
-    "machine": "Name of the machine, as lathe-7",
+    "machine": "Name of the machine, such as lathe-7",
     "axis": "Its axis",
-    "screw": "Screw, diameter x lead in mm, as 40 x 10",
+    "screw": "Screw, diameter x lead in mm, such as 40 x 10",
     "steel": "Its steel: bearing, case, carbon, stainless",
-    "length_m": "Length between the bearings, as 1000 mm or 1.0 m",
-    "stroke_m": "Stroke of the nut's middle from the left bearing, as 150 800 mm",
-    "sensors_m": "Positions of the thermocouples from there, as 50 500 950 mm",
+    "length_m": "Length between the bearings, such as 1000 mm or 1.0 m",
+    "stroke_m": "Stroke of the nut's middle from the left bearing, such as 150 800 mm",
+    "sensors_m": "Positions of the thermocouples from there, such as 50 500 950 mm",
     "module": "Module that reads them: wago_750_458, icpdas_m7018, micro800_tc2, css_canmod_temp, "
     "peak_mu_thermocouple1",
     "module_at": "Its address: 192.168.0.20, /dev/ttyUSB0 or can0",
-    "ambient": "Air, as 21.5 °C, or input: the module's next input",
+    "ambient": "Air temperature, such as 21.5 °C, or input: the module's next input",
     "control": "Where the position comes from: canopen, modbus, can, opcua, mtconnect, or none yet",
     "control_at": "Its address: 192.168.0.21, can0, /dev/ttyACM0, opc.tcp://192.168.0.21:4840, "
     "http://192.168.0.21:5000",
@@ -136,11 +137,11 @@ _USUAL = {
 
 def init(
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="File to write; one that is there is not overwritten.")
+        Path, typer.Option("--output", "-o", help="File to write; an existing one is not overwritten.")
     ] = Path("observer.toml"),
     **given: str | None,
 ) -> None:
-    """Write a first configuration: asks for what is not given as an option."""
+    """Write a first configuration; asks for whatever is not given as an option."""
     from observer.installation.first_configuration import write_new
 
     def ask(name: str, usual: str | None, trouble: str) -> str:
@@ -150,7 +151,7 @@ def init(
 
     write_new(output, given, ask if sys.stdin.isatty() else None)
     typer.echo(
-        f'written: {output}. What is marked "look" in it is a usual value. Next:\n'
+        f'written: {output}. Values marked "look" in it are typical ones. Next:\n'
         f"  observer check --config {output}           what it means\n"
         f"  observer check --config {output} --wires   what each device delivers\n"
         f"  observer run --config {output}             the service"
@@ -171,7 +172,9 @@ def check(
     config: ConfigOption,
     wires: Annotated[
         bool,
-        typer.Option("--wires", help="Instead, read every device once; exit code 0 if every channel came."),
+        typer.Option(
+            "--wires", help="Read every device once instead; exit code 0 if every channel delivered a value."
+        ),
     ] = False,
     plot: Annotated[
         Path | None,
@@ -179,7 +182,7 @@ def check(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what a configuration means: modes, observability, poles, noise gain, warnings."""
+    """Show what a configuration means: modes, observability, poles, noise gain, warnings."""
     from observer.installation.examine import examine
     from observer.report.check_text import as_text, wires_as_text
 
@@ -200,7 +203,7 @@ def check(
 
 
 def _wires(config: Installation) -> dict[str, Any]:
-    """What every device delivers in a few seconds. Raises `UserError` for a file that it cannot use."""
+    """The values that every device delivers within a few seconds. Raises `UserError` for an unusable file."""
     from observer.align.plausibility import Limits
     from observer.live.one_look import look
 
@@ -216,32 +219,38 @@ def _wires(config: Installation) -> dict[str, Any]:
 def place(
     config: ConfigOption,
     sensors: Annotated[
-        int | None, typer.Option(min=1, max=32, help="How many sensors at most; else two more than heats.")
+        int | None,
+        typer.Option(min=1, max=32, help="Largest number of sensors; default: two more than heats."),
     ] = None,
     budget: Annotated[
         float | None,
-        typer.Option(min=0.0, help="What they may cost, in the unit of their costs; else no limit."),
+        typer.Option(min=0.0, help="Budget, in the unit of the costs; default: no limit."),
     ] = None,
     candidates: Annotated[
         Path | None,
-        typer.Option(help="What can be mounted: a file of candidate tables; else the configuration's."),
+        typer.Option(
+            help="File of candidate tables: what can be mounted; default: those of the configuration."
+        ),
     ] = None,
     by: Annotated[
-        Literal["all", "heat", "field", "error"], typer.Option(help="By whose σ sets are judged.")
+        Literal["all", "heat", "field", "error"], typer.Option(help="The σ by which sets are judged.")
     ] = "all",
     keep: Annotated[
         bool, typer.Option("--keep", help="Keep the configured sensors, and add to them.")
     ] = False,
     spacing_m: Annotated[
         float | None,
-        typer.Option(min=1e-4, help="Without candidates: spacing of places on the screw in m; else 41."),
+        typer.Option(
+            min=1e-4,
+            help="Without candidates: spacing of positions on the screw in m; default: 41 positions.",
+        ),
     ] = None,
     plot: Annotated[
         Path | None, typer.Option(help="Also draw σ against cost into this file (.png, .svg, .pdf).")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Find the sensors, of what can be mounted, that leave least unknown for their cost."""
+    """Find the sensors, among those that can be mounted, that leave the smallest σ for their cost."""
     from observer.library.machine import load
     from observer.report.placing import as_text
 
@@ -265,7 +274,7 @@ def export(
         Literal["c99", "st", "fmu", "npz", "mat", "json", "table"],
         typer.Option(
             help="c99: C without a library; st: IEC 61131-3 structured text; fmu: FMU 3.0 of observer and "
-            "plant; npz, mat, json: the plant's matrices; table: the compensation of a log's end."
+            "plant; npz, mat, json: the plant's matrices; table: the compensation at the end of a log."
         ),
     ] = "c99",
     log: Annotated[
@@ -273,10 +282,10 @@ def export(
         typer.Option(help="c99, st, fmu: run the reference over this log as well; table: the log."),
     ] = None,
     control: Annotated[
-        Literal["linuxcnc", "klipper", "sinumerik"], typer.Option(help="table: which control reads it.")
+        Literal["linuxcnc", "klipper", "sinumerik"], typer.Option(help="table: the control that reads it.")
     ] = "linuxcnc",
-    axis: Annotated[str, typer.Option(help="table: the axis as the control names it.")] = "X",
-    single: Annotated[bool, typer.Option("--single", help="st: REAL in place of LREAL.")] = False,
+    axis: Annotated[str, typer.Option(help="table: the control's name of the axis.")] = "X",
+    single: Annotated[bool, typer.Option("--single", help="st: REAL instead of LREAL.")] = False,
 ) -> None:
     """Write the constant-gain observer as code for a controller, the plant, or a table."""
     from observer import app as parts
@@ -285,7 +294,9 @@ def export(
     if single and format != "st":
         raise UserError("export: --single belongs to --format st; C99 has a macro for it")
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,31}", axis):
-        raise UserError(f"export: --axis {axis!r} is no name of an axis, which is of letters and digits")
+        raise UserError(
+            f"export: --axis {axis!r} is not the name of an axis, which consists of letters and digits"
+        )
     with counting("export", "estimating", "comparing and writing") as progress:
         if format == "table":
             if log is None:
@@ -304,12 +315,12 @@ def service(
     action: Annotated[Literal["install", "remove"], typer.Argument(help="What is to be done.")],
     config: Annotated[
         list[Path] | None,
-        typer.Option("--config", "-c", help="install: the configuration (TOML); given again, another axis."),
+        typer.Option("--config", "-c", help="install: the configuration (TOML); repeat for each axis."),
     ] = None,
-    root: Annotated[Path, typer.Option(help="Put the files below another folder, and run nothing.")] = Path(
+    root: Annotated[Path, typer.Option(help="Put the files below another folder and run nothing.")] = Path(
         "/"
     ),
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would be done.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would be done.")] = False,
 ) -> None:
     """Install the service with systemd (unit, user, folders), or remove it; configuration and data stay."""
     if (action == "install") != bool(config):

@@ -34,12 +34,12 @@ OutputOption = Annotated[
     Path, typer.Option("--output", "-o", help="Folder for the results; made if missing.")
 ]
 SecondsOption = Annotated[
-    float | None, typer.Option(min=0, help="Stop by itself after this many seconds; else run on.")
+    float | None, typer.Option(min=0, help="Stop after this many seconds; default: run on.")
 ]
 
 
 def endpoint(option: typer.CallbackParam, text: str) -> str:
-    """Refuse what is no endpoint before anything is started."""
+    """Reject an invalid endpoint before anything is started."""
     from observer.tables.publishing import checked_endpoint
 
     try:
@@ -54,32 +54,34 @@ ConnectOption = Annotated[
 
 
 def picture(path: Path | None) -> None:
-    """Refuse a name that is no picture's before anything is worked out."""
+    """Reject a name that is not a picture's before anything is computed."""
     if path is not None and path.suffix not in (".png", ".svg", ".pdf"):
-        raise UserError(f"--plot: {path}: write a picture's name, ending in .png, .svg or .pdf")
+        raise UserError(f"--plot: {path}: give the name of a picture, ending in .png, .svg or .pdf")
 
 
 def _name(option: typer.CallbackParam, text: str) -> str:
-    """Refuse what cannot be the name of a machine or axis before anything is asked."""
+    """Reject an invalid name of a machine or axis before anything is asked."""
     if not re.fullmatch(r"[A-Za-z0-9_.-]{1,64}|\*", text):
-        raise UserError(f"{option.opts[0]}: {text!r} is no name; names are of letters, digits and _.-")
+        raise UserError(
+            f"{option.opts[0]}: {text!r} is not a valid name; names consist of letters, digits and _.-"
+        )
     return text
 
 
-MachineOption = Annotated[str, typer.Option(help="Machine; * for whichever is there.", callback=_name)]
-AxisOption = Annotated[str, typer.Option(help="Axis; * for whichever is there.", callback=_name)]
+MachineOption = Annotated[str, typer.Option(help="Machine; * for any.", callback=_name)]
+AxisOption = Annotated[str, typer.Option(help="Axis; * for any.", callback=_name)]
 OneMachineOption = Annotated[str, typer.Option("--machine", help="Which machine.", callback=_name)]
 OneAxisOption = Annotated[str, typer.Option("--axis", help="Which axis.", callback=_name)]
 TimeoutOption = Annotated[float, typer.Option(min=0.1, help="Seconds to wait for an answer.")]
 ClientOption = Annotated[
-    Path | None, typer.Option("--client", help="Who asks: certificates and password (TOML).")
+    Path | None, typer.Option("--client", help="Client credentials: certificates and password (TOML).")
 ]
 LogArgument = Annotated[
     Path, typer.Argument(help="Log (.csv, .csv.gz, .parquet) or CAN recording (.asc, .blf …).")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="For programs.")]
 HashOption = Annotated[
-    str | None, typer.Option(help="Hash of the configuration that is meant; else the one in force.")
+    str | None, typer.Option(help="Hash of the configuration meant; default: the one in force.")
 ]
 
 
@@ -91,7 +93,9 @@ def assignments(texts: Iterable[str]) -> dict[str, float]:
         try:
             found[name.strip()] = float(value)
         except ValueError:
-            raise UserError(f"--at {text}: give a channel and its value, as --at speed_rpm=500") from None
+            raise UserError(
+                f"--at {text}: give a channel and its value, such as --at speed_rpm=500"
+            ) from None
     return found
 
 
@@ -114,7 +118,7 @@ def quietable(verb: Callable[..., None]) -> Callable[..., None]:
 
 
 def accepting(verb: Callable[..., None]) -> Callable[..., None]:
-    """Let a verb that hands `**accept` to the reader of logs show what that may accept."""
+    """Give a verb that passes `**accept` to the reader of logs the options for it."""
     options = {
         "accept_truncated": "Drop a last row that was cut off.",
         "accept_damaged": "Drop rows whose checksum is wrong.",

@@ -1,4 +1,4 @@
-"""What verbs print for people: progress, warnings, tables, and the sentence at which they end."""
+"""What verbs print for people: progress, warnings, tables, and the sentence of an error."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 _REGIMES = {
-    "points": "the position of {name} is sampled less than 2.5 times a traverse; its heat is spread over "
-    "the sampled places of the last 20 s",
+    "points": "the position of {name} is sampled fewer than 2.5 times per traverse; its heat is spread "
+    "over the positions sampled in the last 20 s",
     "undetermined": "the position of {name} is sampled in step with its motion, so its path is not in the "
-    "log; record it faster, at least ten samples a traverse",
+    "log; record it faster, with at least ten samples per traverse",
 }
 
 
 def say(error: UserError) -> None:
-    """Print the sentence at which a command ends."""
+    """Print the sentence of the error that ends a command."""
     sys.stdout.flush()
     print(_fitted(f"observer: {error}", sys.stderr), file=sys.stderr)
 
@@ -45,7 +45,7 @@ def show_sentence(sentence: str) -> None:
 
 
 def _fitted(text: str, stream: TextIO) -> str:
-    """A text without words broken at the end of a terminal's lines; elsewhere as it is."""
+    """A text wrapped between words in a terminal; elsewhere unchanged."""
     if not stream.isatty():
         return text
     width = get_terminal_size().columns
@@ -59,7 +59,7 @@ def _fitted(text: str, stream: TextIO) -> str:
 
 
 def warn_of_paths(regimes: dict[str, str]) -> None:
-    """Print of which nuts the path is not in the log."""
+    """Print the nuts whose path is not in the log."""
     for name, regime in regimes.items():
         if regime != "path":
             typer.echo(f"warning: {_REGIMES[regime].format(name=name)}", err=True)
@@ -84,8 +84,8 @@ def silent() -> Iterator[None]:
 
 @contextmanager
 def counting(name: str, doing: str, then: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar for work of known length: call with the rows done and their total; `doing` and `then` name
-    what is being done until they are all done, and afterwards.
+    """Show a bar for work of known length: call with the rows done and their total; `doing` and
+    `then` name the work until all are done, and afterwards.
     """
     with _bar() as bar:
         task = bar.add_task(f"{name}: reading", total=None)
@@ -99,7 +99,7 @@ def counting(name: str, doing: str, then: str) -> Iterator[Callable[[int, int], 
 
 @contextmanager
 def advancing(name: str) -> Iterator[Callable[..., None]]:
-    """Show a bar for work in stages: call with what is being done and, where known, the part behind."""
+    """Show a bar for work in stages: call with the stage and, where known, the fraction done."""
     with _bar() as bar:
         task = bar.add_task(name, total=None)
         yield lambda text, done=None: bar.update(

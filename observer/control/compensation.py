@@ -1,11 +1,11 @@
-"""What a control corrects the thermal error with: a table over the travel and a straight line.
+"""The correction of the thermal error for a control: a table over the travel and a straight line.
 
 Pure: estimates go in, frozen states come out. Everything is the *error* in the machine's coordinates: where
 the nut stands minus where its encoder says it stands. The table and the line follow the estimate at a
 limited rate, with a limited gradient, and only while the compensation is armed. It is armed by hand, and the
 first estimate that is not good, that comes late, or that lies beyond the absolute limit, disarms it for good:
-it is armed again by hand only. So does the first whose bound, of how far a sensor's fault may have taken
-it, is beyond that limit, or is not known though the estimator has bounds.
+it is armed again by hand only. So does the first whose bound (how far a sensor's fault may have shifted
+it) is beyond that limit, or is unknown although the estimator has bounds.
 
 A machine that is homed or probed is set to zero at a place and a time, whatever the thermal error there was.
 From then on the compensation is the error since: less the error there and then, everywhere (`zeroed`).
@@ -27,8 +27,8 @@ LATE_PERIODS = 3.0
 """An armed compensation whose next estimate does not come within so many periods is off."""
 NOT_ARMED = "not armed yet"
 _ROUNDING_UM = 1e-6
-"""Sums along the table differ by less from what they are sums of; published values have as many digits."""
-_MISSED = "the machine was set to zero when the error there was not known; zero it again, then arm"
+"""Rounding of sums along the table stays below this; published values have as many digits."""
+_MISSED = "the machine was zeroed while the error there was unknown; zero it again, then arm"
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class CompensationLine:
 
 @dataclass(frozen=True, slots=True)
 class CompensationPlan:
-    """Where and how fast a compensation may go.
+    """Range and rate of a compensation.
 
     `screw_m`, `machine_m` (n,) are the table's points on the screw and in the machine, whose zero is `zero_m`
     on the screw and which runs in its `direction`, +1 or −1. `reference_m` is the line's reference in the
@@ -128,7 +128,9 @@ def table_of(plan: CompensationPlan, grid_m: FloatArray, error_um: FloatArray) -
 
 
 class _Goal(NamedTuple):
-    """Where table and line are to go: the whole error, then what the limits leave; `why_not` if nowhere."""
+    """The targets of table and line: the whole error, then what the limits leave; `why_not` if there are
+    none.
+    """
 
     whole_um: FloatArray
     table_um: FloatArray
@@ -137,7 +139,7 @@ class _Goal(NamedTuple):
 
 
 def _goal(plan: CompensationPlan, zero: ZeroPoint, block: EstimateBlock, grid_m: FloatArray) -> _Goal:
-    """Return where an estimate, a block of one, leads. The limit holds for the error and for that since the
+    """Return the targets of an estimate, a block of one. The limit holds for the error and for that since the
     zero.
     """
     found = since(zero, block)
@@ -237,7 +239,7 @@ def zeroed(
     why_not = _why_not_zeroed(block, at_m) or _goal(plan, NEVER, block, grid_m).why_not
     if why_not is not None:
         missed = replace(state, zero=replace(state.zero, missed=True))
-        return off(missed, f"{by} has set the machine to zero, but {why_not}; zero it again, then arm")
+        return off(missed, f"{by} has zeroed the machine, but {why_not}; zero it again, then arm")
     stays = state.armed and not plan.absorbs_all
     left_um = plan.direction * float(np.interp(at_m, plan.screw_m, state.table_um)) if stays else 0.0
     columns = (block.error_um, block.error_sigma_um, block.error_bound_um)
@@ -246,7 +248,7 @@ def zeroed(
     if stays:
         return replace(state, zero=zero)
     goal = _goal(plan, zero, block, grid_m)
-    reason = f"{by} has set the machine to zero; arm again" if state.armed else state.reason
+    reason = f"{by} has zeroed the machine; arm again" if state.armed else state.reason
     if state.zero.missed:
         reason = NOT_ARMED
     return CompensationState(reason, state.time_s, goal.table_um, goal.ends_um, zero=zero)
@@ -258,7 +260,7 @@ def _why_not_zeroed(block: EstimateBlock, at_m: float) -> str | None:
     if quality != EstimateQuality.GOOD or not np.isfinite(block.error_um).all():
         return f"the estimate is {quality.label}"
     if not math.isfinite(at_m):
-        return "it is not known where the nut stands (compensation.zero_at_m can say where)"
+        return "the nut's position is not known (compensation.zero_at_m can give it)"
     return None
 
 

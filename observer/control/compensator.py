@@ -1,4 +1,4 @@
-"""The compensation of one axis: follows its estimates, obeys, and makes the documents to publish."""
+"""The compensation of one axis: follows its estimates, obeys commands, and makes the documents to publish."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Compensator:
         self._asked = False
 
     def zero(self, by: str) -> None:
-        """Take that somebody has set the machine to zero; with the next estimate it counts from there."""
+        """Note that the machine has been zeroed; the next estimate counts from there."""
         self._zero_by, self._asked = by, False
 
     @property
@@ -78,7 +78,7 @@ class Compensator:
         return self._state
 
     def see_clock(self, offset_s: float) -> None:
-        """Take how far the computer's clock is ahead of the service's time; where it was set, disarm.
+        """Note how far the computer's clock is ahead of the service's time; if it was set, disarm.
 
         A control compares the time up to which a document holds with a clock of its own.
         """
@@ -127,7 +127,7 @@ class Compensator:
         }
 
     def _values(self, block: EstimateBlock) -> dict[str, Any]:
-        """Table and line in force; all null while it is off, so that nobody can take them for good."""
+        """Table and line in force; all null while it is off, so that nobody takes them for good."""
         plan, state = self._plan, self._state
         if not state.armed:
             return dict.fromkeys(_VALUES)

@@ -1,8 +1,8 @@
-"""Write the compensation to a control, in a thread; release the control at every doubt.
+"""Write the compensation to a control, in a thread; release the control whenever in doubt.
 
-It decides nothing. What the loop's compensation publishes as armed is written; the first document that is not
-armed, a writing that fails and the end of the service release the control. A sign of life is only sent with a
-document of the loop's, so that a loop that stands still is for the control the same as one that is dead.
+It decides nothing. What the loop's compensation publishes as armed is written; the first document
+that is not armed, a failed write and the end of the service release the control. A sign of life is only
+sent with a document from the loop, so that to the control a stalled loop looks like a dead one.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ log = structlog.get_logger()
 
 @dataclass(frozen=True, slots=True)
 class _Job:
-    """What to write, and until when; None is to let go."""
+    """What to write, and until when; None releases the control."""
 
     correction: AxisCorrection | None
     until_s: float
 
 
 class Steering:
-    """Writes to one control; the loop waits for nothing in it. `valid_s` is how long a document holds."""
+    """Writes to one control; the loop never waits for it. `valid_s` is how long a document holds."""
 
     def __init__(self, control: ControlLink, valid_s: float) -> None:
         self._control = control
@@ -66,7 +66,7 @@ class Steering:
             self._changed.notify()
 
     def close(self, timeout_s: float) -> bool:
-        """Let go of the control; False where that did not end in time, and its dead-man must do it."""
+        """Release the control; False where that did not end in time, and its dead-man must do it."""
         with self._changed:
             self._closing = True
             self._changed.notify()
@@ -96,7 +96,7 @@ class Steering:
             self._let_go()
 
     def _write(self, job: _Job, correction: AxisCorrection) -> None:
-        """Make sure that what was written last still holds, write, and make sure again."""
+        """Verify what was written last, write, and verify again."""
         if self._written is not None:
             self._check(self._written)
         else:
@@ -116,7 +116,9 @@ class Steering:
         if back.reason is not None or not back.following:
             raise ControlError(f"it does not follow: {back.reason or 'it is off'}")
         if back.correction != written:
-            raise ControlError("it reads back something else than was written; find who else writes to it")
+            raise ControlError(
+                "it reads back something other than was written; find out what else writes to it"
+            )
 
     def _why(self) -> str:
         """The control's own reason for refusing, if it gives one."""
@@ -127,7 +129,7 @@ class Steering:
         return f"; {reason}" if reason else ""
 
     def _let_go(self) -> None:
-        """Release the control, once; where that cannot be, its dead-man does it."""
+        """Release the control, once; where that fails, its dead-man does it."""
         self._written = None
         for _ in range(_ATTEMPTS if self._held else 0):
             try:

@@ -1,11 +1,11 @@
-"""Where and when a machine was last set to zero, and what the thermal error has been since.
+"""Where and when a machine was last zeroed, and the thermal error since.
 
 Homing on a switch, or a work offset that is probed, absorbs the error of that place and moment e(x₀, t₀) at
-every position alike; what remains to be compensated is e(x, t) − e(x₀, t₀). It is not the whole profile of
-that moment that becomes zero: between the place and the rest of the screw the error stays.
+every position alike; what remains to be compensated is e(x, t) − e(x₀, t₀). Not the whole profile of
+that moment becomes zero: the error between x₀ and the rest of the screw stays.
 
-How the errors of two moments are correlated is not known, so their uncertainties add up: the standard
-deviation of a difference is never more than the sum of both, and a bound of it neither.
+The correlation of the errors of two moments is unknown, so their uncertainties are added:
+neither the standard deviation of a difference nor its bound exceeds the sum of both.
 """
 
 from __future__ import annotations

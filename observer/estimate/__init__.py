@@ -1,1 +1,1 @@
-"""Frames to estimates: the one path of the live service and of a replay, and its state on disk."""
+"""From frames to estimates: the one path of live service and replay, and its state on disk."""

@@ -1,8 +1,8 @@
 """The state of a service as bytes: drive, estimator and compensation after a step, to the last bit.
 
 A checkpoint is a first line that names its format, the SHA-256 of what follows, and a CBOR document. It holds
-numbers, texts and arrays only, which are taken over field by field where they fit the parts that are there;
-nothing in it is ever run. The same bytes begin a recording made after a warm start, in a file beside it.
+only numbers, texts and arrays, which are taken over field by field where they fit the present parts; nothing
+in it is ever executed. The same bytes begin a recording made after a warm start, in a file beside it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _MOMENTS = frozenset({"time_s", "last_s", "begin_s"})  # fields that hold a mome
 
 
 class UnfitError(Exception):
-    """A checkpoint cannot be gone on from; the message says why, to follow on its name and a colon."""
+    """A checkpoint cannot be resumed; the message gives the reason, to follow its name and a colon."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +147,7 @@ def recent(snapshot: Snapshot, now_s: float, oldest_s: float) -> Snapshot:
 
 
 def shifted(snapshot: Snapshot, by_s: float) -> Snapshot:
-    """A snapshot with all its moments moved, for a service whose time was set anew."""
+    """A snapshot with all its times shifted, for a service whose time was reset."""
     drive, estimator = _moved(snapshot.drive, by_s), _moved(snapshot.estimator, by_s)
     gap, held = _moved(snapshot.gap, by_s), _moved(snapshot.compensation, by_s)
     return replace(
@@ -163,7 +163,7 @@ def shifted(snapshot: Snapshot, by_s: float) -> Snapshot:
 def _document(data: bytes) -> Mapping[str, Any]:
     head, body = data[: len(_FORMAT) + 32], data[len(_FORMAT) + 32 :]
     if not head.startswith(_FORMAT):
-        raise UnfitError("it is no checkpoint of this program")
+        raise UnfitError("it is not a checkpoint of this program")
     if hashlib.sha256(body).digest() != head[len(_FORMAT) :]:
         raise UnfitError("it is damaged (its checksum is wrong)")
     try:
@@ -171,7 +171,7 @@ def _document(data: bytes) -> Mapping[str, Any]:
     except (cbor2.CBORError, ValueError, OverflowError, RecursionError, MemoryError):
         document = None
     if not isinstance(document, dict):
-        raise UnfitError("it is no checkpoint of this program")
+        raise UnfitError("it is not a checkpoint of this program")
     return document
 
 

@@ -1,4 +1,6 @@
-"""A prediction by the heat laws alone, frames in and output rows out, and how far readings are from it."""
+"""Open-loop prediction by the heat laws alone: frames in, output rows out; and the readings' distance from
+it.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames in, estimates out: the one path that the live service and a replay share."""
+"""Frames in, estimates out: the one path shared by the live service and a replay."""
 
 from __future__ import annotations
 
@@ -62,12 +62,12 @@ class Live:
         self._fields = own.fields
 
     def step(self, data: bytes) -> EstimateBlock:
-        """The estimate of the next frame; after an exception, where the parts stand is not known."""
+        """The estimate of the next frame; after an exception the state of the parts is unknown."""
         return EstimateBlock.of(self._fields, step_frame(self._record, data))
 
     @property
     def inputs(self) -> Inputs:
-        """What drove the plant in the last step, for good."""
+        """What drove the plant in the last step, as a copy."""
         return self._drive.keep_inputs()
 
 
@@ -105,7 +105,7 @@ class Pipeline(Generic[State]):
         self._states: list[Any] = [drive.initial(), *self._begin()]
         self._past: tuple[tuple[Finding, int], ...] = ()
         self._live: Live | None = None
-        self._is_live = self._is_ahead = False  # whether the live parts stand there too, or further on
+        self._is_live = self._is_ahead = False  # whether the live parts are in that state too, or ahead of it
         self._rests = False  # whether something of the last step is still to be done
         self._kept: list[Any] = []
         self._inputs: Any = None
@@ -173,7 +173,7 @@ class Pipeline(Generic[State]):
         return estimates
 
     def _finish(self) -> None:
-        """Do what can wait until an estimate is on its way."""
+        """Do the work that can wait until an estimate has been sent."""
         if self._rests and self._live is not None:
             self._rests, self._kept = False, [part.keep() for part in self._live.parts]
             self._take(self._live.inputs)
@@ -198,20 +198,20 @@ class Pipeline(Generic[State]):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What self-test and screening find wrong now."""
+        """The present findings of self-test and screening."""
         self._settle()
         found = () if self._test is None else self._test.findings(self._states[2])
         return (*found, *screening_findings(self._estimator.layout, self._states[1]))
 
     @property
     def history(self) -> tuple[tuple[Finding, int], ...]:
-        """What self-test and screening have ever found wrong, and in how many steps."""
+        """All findings of self-test and screening so far, with their numbers of steps."""
         self._settle()
         found = () if self._test is None else self._test.history(self._states[2])
         return (*self._past, *found, *screening_history(self._estimator.layout, self._states[1]))
 
     def reset(self) -> None:
-        """Have the estimator start afresh; what the drive remembers of the nut's path stays true."""
+        """Restart the estimator; the drive's memory of the nut's path stays."""
         self._past = self.history
         self._states[1:], self._is_live = self._begin(), False
         if self.gap is not None:
@@ -235,7 +235,7 @@ class Pipeline(Generic[State]):
         gap: GapState | None = None,
         test: SelfTestState | None = None,
     ) -> None:
-        """Go on from where another pipeline of the same parts stood, its self-test too where it is given."""
+        """Continue from the state of another pipeline of the same parts, with its self-test where given."""
         self._settle()
         self._states[:2], self._is_live = [drive, estimator], False
         if self._test is not None and test is not None:
@@ -298,7 +298,7 @@ class MachineModel:
         return self._estimator
 
     def self_test(self) -> SelfTest:
-        """What holds the estimates against the model and the laws."""
+        """The self-test: compares the estimates with the model and the laws."""
         return SelfTest(self.plant, self.with_law)
 
     def gap(self) -> GapWatch | None:
@@ -306,14 +306,14 @@ class MachineModel:
         return None if self._tolerant is None else GapWatch(self._tolerant, self.plant.layout.sensors)
 
     def pipeline(self, estimator: Estimator | None = None) -> Pipeline[Any]:
-        """Frames in, estimates out, of the quality that they earn; by another estimator if one is given.
+        """Frames in, estimates out, with their quality; by another estimator if one is given.
 
         Raises `ConfigError` where a displacement is no linear function of the state.
         """
         restraint, moved = self.plant.rows.restraint, self.plant.layout.displacements
         if moved and restraint is not None and not restraint.linear:
             raise ConfigError(
-                f"sensor {moved[0]}: with supports.gap_m a displacement bends where the play closes, "
-                "which no estimator here follows; calibrate with it; to estimate, remove sensor or play"
+                f"sensor {moved[0]}: with supports.gap_m a displacement bends where the play closes, which "
+                "no estimator here can follow; calibrate with it, but remove sensor or play to estimate"
             )
         return Pipeline(self.drive, estimator or self.estimator(), self.self_test(), self.gap(), self.shown)

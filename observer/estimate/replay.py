@@ -33,8 +33,8 @@ _LABELS = np.array([quality.label for quality in EstimateQuality])
 def estimates_of(
     log: Log, plan: AlignPlan, pipeline: Pipeline[Any], progress: Progress, start: Snapshot | None = None
 ) -> Iterator[tuple[FrameBlock, EstimateBlock]]:
-    """The frames of a log in blocks, and their estimates, by a pipeline that begins cold or, with `start`,
-    there. `progress` gets the rows done and their total.
+    """The frames of a log in blocks, and their estimates, by a pipeline that begins cold or from
+    `start`. `progress` gets the rows done and their total.
     """
     walk = None
     if start is not None:
@@ -245,7 +245,7 @@ def _by_name(names: tuple[str, ...], values: FloatArray) -> dict[str, float | No
 
 
 def program_of(log: Log, config: Config) -> Log:
-    """The program that a log is; sensors that it does not hold count as missing. Raises `LogError`."""
+    """A log as a program; sensors that it lacks count as missing. Raises `LogError`."""
     sensors = {s.channel for s in config.sensor}
     needed = [c for c in config.channels if c not in sensors or c in log.channels]
     log = log.with_channels(needed)

@@ -1,4 +1,4 @@
-"""What is shown of an estimate: every estimated heat, with those that follow another as their parts of it."""
+"""The shown part of an estimate: every estimated heat, and those that follow another as a fraction of it."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class ShownHeats(NamedTuple):
 
 
 def _with_heats(block: EstimateBlock, of: Callable[[FloatArray], FloatArray]) -> EstimateBlock:
-    """Estimates with all that belongs to heats made anew."""
+    """Estimates with all columns of heats rebuilt."""
     return replace(
         block,
         heat_W=of(block.heat_W),

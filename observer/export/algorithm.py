@@ -1,11 +1,11 @@
-"""One step of the reduced observer, in the small part of Python that `dialect` writes in other languages.
+"""One step of the reduced observer, in the subset of Python that `dialect` translates to other languages.
 
 Constants are in `c`; inputs, outputs and what is remembered or worked on are in `v`, all zero at first. Loops
-have a constant number of turns, and no number is divided by that could be zero. What each array is, with its
-shape, says `data`. What follows the estimate, and the order of all parts, is in `sequence`.
+have a constant number of turns, and no number is divided by that could be zero. `data` describes each array
+with its shape. The steps after the estimate, and the order of all parts, are in `sequence`.
 
 The arithmetic is that of the constant gain of `observer.kernels.fixed_gain` in its steady state, with one
-step length. What differs is in docs/how-to/export-to-a-controller.md.
+step length. The differences are listed in docs/how-to/export-to-a-controller.md.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ real = float
 
 
 def read(c: Any, v: Any) -> None:
-    """Take values that came and are plausible; the others stay at their last, a step older."""
+    """Take values that arrived and are plausible; the others keep their last one, a step older."""
     for i in range(c.INPUTS):
         v.came[i] = v.fresh[i] and (v.reading[i] >= c.LOW[i] and v.reading[i] <= c.HIGH[i])
         if v.came[i]:
@@ -105,7 +105,7 @@ def follow(c: Any, v: Any) -> None:
 
 
 def begin(c: Any, v: Any) -> None:
-    """Put the columns of what does not move in place, at the first step."""
+    """Set the columns of fixed sources, at the first step."""
     if not v.begun:
         for j in range(c.SOURCES):
             for a in range(c.STATES):
@@ -113,7 +113,9 @@ def begin(c: Any, v: Any) -> None:
 
 
 def predict(c: Any, v: Any) -> None:
-    """One exact step of a diagonal plant: decay, heats and known inputs, and what heats are beyond laws."""
+    """One exact step of a diagonal plant: decay, heats and known inputs, and the heats' deviations from their
+    laws.
+    """
     v.begun = True
     if v.started:
         for a in range(c.STATES):
@@ -162,7 +164,7 @@ def expect(c: Any, v: Any) -> None:
 
 
 def level(c: Any, v: Any) -> None:
-    """End the start: the median of what the usable sensors make of the screw's temperature."""
+    """End the start: the median of the screw temperatures implied by the usable sensors."""
     if not v.started and v.count > 0:
         for i in range(c.SENSORS):
             if c.SEEN[i] > 0.5:
@@ -190,7 +192,9 @@ def level(c: Any, v: Any) -> None:
 
 
 def choose(c: Any, v: Any) -> None:
-    """The gain for sensors not late and, once judged, not refused; a wide one for a state that was opened."""
+    """The gain for sensors that are not late and, once judged, not rejected; a larger one for an inflated
+    state.
+    """
     first: int = c.SENSORS
     second: int = c.SENSORS
     absent: int = 0
@@ -209,7 +213,9 @@ def choose(c: Any, v: Any) -> None:
 
 
 def gate(c: Any, v: Any) -> None:
-    """Refuse what is too far off; accept all where more than half have been refused three times running."""
+    """Reject readings that are too far off; accept all if more than half have been rejected three times
+    running.
+    """
     present: int = 0
     refused: int = 0
     for i in range(c.SENSORS):

@@ -120,7 +120,7 @@ def _function(name: str, part: str, text: str, lines: list[str]) -> str:
 
 
 def _uses(body: str, arrow: str) -> bool:
-    """Whether a body reads or writes what a pointer points to."""
+    """Whether a body uses a pointer's target."""
     at = body.find(arrow)
     while at >= 0:
         if at == 0 or not (body[at - 1].isalnum() or body[at - 1] == "_"):

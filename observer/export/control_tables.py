@@ -26,7 +26,7 @@ class ControlTable(NamedTuple):
     facts: tuple[str, ...]
 
     def leaving(self, left_um: float) -> ControlTable:
-        """Return the table with a word on what a limited slope leaves uncorrected, if it leaves something."""
+        """Return the table, with a sentence on any error that the slope limit leaves uncorrected."""
         if left_um < 0.05:
             return self
         words = f"compensation.gradient_limit_um_m limits the slope, which leaves {left_um:.1f} um at most."

@@ -1,4 +1,4 @@
-"""The reduced observer of a configuration as a form: its constants, inputs, outputs and what it remembers."""
+"""The reduced observer of a configuration as a form: its constants, inputs, outputs and state."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _STALE_PERIODS = 2.0
 """An input is stale when it is older than so many of its periods, as in the aligner."""
 _MOST_POINTS = 64
 _SANE = 1e6
-"""A state beyond this (K, W) is none; the observer then starts again."""
+"""A state beyond this (K, W) is invalid; the observer then restarts."""
 _PARTS_OF_NUT = 4
 """Of its length, as far apart as the places at most for which a nut's columns are tabulated."""
 UNITS = ("degC", "K", "m", "um", "rpm", "W", "s")
@@ -89,7 +89,7 @@ def _facts(config: Config, gains: GainSets) -> list[str]:
 
 
 def plant_constants(own: Exportable) -> dict[str, Any]:
-    """What a step does to the states, what rows read of them, and the columns of moving nuts."""
+    """The step of the states, the output rows, and the columns of moving nuts."""
     plant, step = own.plant, own.step
     n_x, m_e, rows = len(plant.decay_1_s), len(plant.heat_decay_1_s), plant.rows
     lag_of = [plant.modes + nut.index for nut in plant.moving]
@@ -140,7 +140,7 @@ def _columns(nut: MovingSource, places_m: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def input_constants(own: Exportable) -> dict[str, Any]:
-    """Which inputs there are, what is believed of them, and what they drive."""
+    """The inputs, their plausible values, and their effects."""
     config, read = own.config, own.drive.read
     limits, sensors = Limits.of(config), [s.channel for s in config.sensor]
     usual_s = [config.sample_s.get(name, own.period_s) for name in config.channels]
@@ -256,7 +256,7 @@ def _outputs(own: Exportable) -> list[Slot]:
 
 
 def _remembered(c: dict[str, Any]) -> list[Slot]:
-    """What a step remembers and works on."""
+    """The state and scratch arrays of a step."""
     n, n_x, s, i, m, p = (c[k] for k in ("STATES", "STATES", "SENSORS", "INPUTS", "SOURCES", "KNOWN"))
     n += c["HEATS"]
     nuts, places = c["NUTS"], c.get("PLACES", 0)

@@ -1,6 +1,6 @@
-"""From the parts of a form to another language: the walk that all dialects share.
+"""Translates the parts of a form to another language: the traversal shared by all dialects.
 
-What is known when the code is written, loops without a turn and conditions on constants, is left out of it.
+Conditions on constants and empty loops are resolved when the code is written.
 """
 
 from __future__ import annotations

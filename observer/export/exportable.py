@@ -1,4 +1,4 @@
-"""What a controller could not follow, in words."""
+"""Describes models that cannot be exported."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def refuse_unexportable(config: Config, plant: Plant | None = None, drive: Drive
     """Raise `ConfigError`, with the remedy, for a model that varies in other ways than a nut that moves."""
     if is_outside(config.estimator.kind, "estimators"):
         raise ConfigError(
-            f'estimator.kind = "{config.estimator.kind}" is a class from outside, which no controller '
-            'can run; export with kind = "kalman" or "luenberger"'
+            f'estimator.kind = "{config.estimator.kind}" is an external class, which no '
+            'controller can run; export with kind = "kalman" or "luenberger"'
         )
     if following := [s.name for s in config.source if s.follows]:
         raise ConfigError(
@@ -40,7 +40,8 @@ def refuse_unexportable(config: Config, plant: Plant | None = None, drive: Drive
                     )
     if any(sensor.kind == "displacement" for sensor in config.sensor):
         raise ConfigError(
-            "a displacement comes now and then, and the export has constant gains for thermocouples; remove "
+            "displacements come at irregular times, and the export has constant gains for "
+            "thermocouples; remove "
             'the sensors of kind = "displacement"'
         )
     if config.surface.speed_channel is not None:

@@ -1,4 +1,4 @@
-"""The intermediate form that all code is written from: what goes in and out, constants, parts."""
+"""The intermediate form from which all code is written: inputs, outputs, constants, parts."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Form:
 
     @property
     def title(self) -> str:
-        """One line that says what this is of."""
+        """One line that identifies the form."""
         return (
             f"{self.name} of {self.machine}, axis {self.axis}; period {self.period_s:g} s; configuration "
             f"{self.digest}; ballscrew-observer {self.version}"
@@ -109,13 +109,13 @@ PROGRAM REAL REGISTER REPEAT RETURN RIGHT SEL SHORT SIGNED SINT SIZEOF STATIC ST
 THEN TIME TO TOD TRUE TRUNC TYPE UDINT UINT UNION UNTIL USINT VAR VOID WHILE WITH WORD XOR
 """
 _RESERVED = frozenset(_WORDS.split())
-"""Words that C or structured text have for themselves, in capitals."""
+"""Reserved words of C or structured text, in capitals."""
 
 
 def identifiers(names: Sequence[str]) -> tuple[str, ...]:
     """Return names as identifiers of any language: letters, digits and single underscores.
 
-    Raises `ConfigError` where two become one.
+    Raises `ConfigError` where two become equal.
     """
     found: dict[str, str] = {}
     made = []
@@ -124,8 +124,8 @@ def identifiers(names: Sequence[str]) -> tuple[str, ...]:
         own = f"in_{own}" if not own or own[0].isdigit() or own.upper() in _RESERVED else own
         if (other := found.setdefault(own.lower(), name)) != name:
             raise ConfigError(
-                f'"{other}" and "{name}" are both "{own}" in a controller\'s language, which knows letters, '
-                "digits and _ alone; rename one"
+                f'"{other}" and "{name}" are both "{own}" in a controller\'s language, which allows '
+                "only letters, digits and _; rename one"
             )
         made.append(own)
     return tuple(made)

@@ -27,13 +27,13 @@ from observer.model.plant import Plant
 _MOST_GAINS = 40_000
 """Numbers in the table of gains up to which two absent sensors have gains, too: 320 kB in double."""
 _GROWTH_AT_MOST_1_S = 1e-5
-"""Of an error while a nut stands: e-fold in more than a day, which is longer than one stands."""
+"""Permitted growth of an error while a nut stands: e-fold in more than a day, longer than any standstill."""
 _CAUTIONS = (1.0, 10.0, 100.0, 1e3, 1e4)
-"""How many times the sensors' noise a gain is designed for, the first that will do."""
+"""Multiples of the sensors' noise for the design of a gain; the first that works is used."""
 _SETTLED_SIGMA = 1.1
 """The heats count as settled once their σ are within a tenth of the steady ones."""
 LONG = 30_000
-"""What counters of steps stop at: it fits into 16 bits."""
+"""The value at which step counters stop: it fits into 16 bits."""
 
 
 class GainSets(NamedTuple):
@@ -90,7 +90,7 @@ def gain_sets(config: Config, plant: Plant, step: StepMatrices) -> GainSets:
         steady.append((K, _variance(plant, found.P_pred) + offset_K2))
         wide.append((K0, S0 + offset_K2))
     number[number < 0] = 2 * len(steady)
-    nothing = (np.zeros((n, s)), steady[0][1])  # without a gain readings are judged all the same
+    nothing = (np.zeros((n, s)), steady[0][1])  # without a gain readings are judged nevertheless
     K_all, S_all = zip(*steady, *wide, nothing, strict=True)
     gate_K2 = config.estimator.gate_sigma**2 * np.array(S_all)
     gains = np.array(K_all).transpose(0, 2, 1)
@@ -100,8 +100,8 @@ def gain_sets(config: Config, plant: Plant, step: StepMatrices) -> GainSets:
 def _gain(
     plant: Plant, step: StepMatrices, present: np.ndarray, config: Config, omega: float | None
 ) -> FloatArray | Refusal:
-    """The gain of the estimator, or a more cautious one under which no error runs away while a nut stands:
-    gains are designed for the mean of the stroke, and nobody watches a controller.
+    """The gain of the estimator, or a more cautious one under which no error diverges while a nut stands:
+    gains are designed for the mean of the stroke, and a controller is unattended.
     """
     names = tuple(itertools.compress(plant.layout.sensors, present))
     for caution in _CAUTIONS:
@@ -139,7 +139,7 @@ def _corrected(plant: Plant, P: FloatArray, K: FloatArray) -> FloatArray:
 
 
 def _settled(plant: Plant, step: StepMatrices, K: FloatArray, first: FloatArray, last: FloatArray) -> int:
-    """After how many steps under a gain the heats' σ are near their steady ones; at most `LONG` − 1."""
+    """The number of steps under a gain until the heats' σ are near their steady ones; at most `LONG` − 1."""
     heats = slice(len(plant.decay_1_s), None)
     steady_W2 = np.diag(last)[heats]
     M, away = closed_loop(plant, step, K), first - last

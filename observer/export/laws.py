@@ -1,4 +1,4 @@
-"""Heat laws as sums that a controller can work out, found by what each law gives."""
+"""Heat laws as sums that a controller can compute, identified from the values of each law."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from observer.tables.sections import law_channels
 
 _PROBES = (-1700.0, -3.0, 0.0, 0.5, 41.0, 2300.0)
 _SAME = 1e-9
-"""Relative difference up to which a sum is the law it stands for: laws multiply in another order."""
+"""Relative tolerance between a sum and its law: laws multiply in another order."""
 
 
 class LawTerms(NamedTuple):
@@ -40,8 +40,8 @@ def law_terms(config: Config) -> LawTerms:
         found = _terms_of(law, len(columns))
         if not _agrees(law, found, len(columns)):
             raise ConfigError(
-                f"source {source.name}: its heat law is no multiple of a speed or a power, which is what a "
-                "controller is given; give torque_Nm or heat_W_rpm that fits the speeds in use"
+                f"source {source.name}: its heat law is not a multiple of a speed or a power, "
+                "which is all a controller has; give torque_Nm or heat_W_rpm that fits the speeds in use"
             )
         terms.constant[j] = found.constant[0]
         for to, given in zip(terms[1:], found[1:], strict=True):
@@ -56,7 +56,7 @@ def _at(law: Law, values: FloatArray) -> float:
 
 
 def _terms_of(law: Law, count: int) -> LawTerms:
-    """What a law of `count` channels would be as a sum, by its values on the axes."""
+    """A law of `count` channels as a sum, by its values on the axes."""
     one = np.zeros((1, count))
     terms = LawTerms(np.array([_at(law, np.zeros(count))]), one, one.copy(), one.copy(), one.copy())
     for i, axis in enumerate(np.eye(count)):

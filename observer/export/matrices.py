@@ -1,4 +1,4 @@
-"""The reduced plant as matrices with names and units, for numpy, MATLAB and whatever reads JSON."""
+"""The reduced plant as matrices with names and units, for numpy, MATLAB and any reader of JSON."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ _MOST_STEPS = 1_000_000
 
 
 class Samples(NamedTuple):
-    """What came before each of K steps: `time_s` (K,), `reading` and `fresh` (K, c)."""
+    """The samples before each of K steps: `time_s` (K,), `reading` and `fresh` (K, c)."""
 
     time_s: FloatArray
     reading: FloatArray
@@ -27,13 +27,13 @@ class Samples(NamedTuple):
 def sampled(log: Log, channels: tuple[str, ...], period_s: float) -> Samples:
     """Return the newest value of each channel since the step before, at an even period from the first row on.
 
-    A channel that the log does not have never comes. Raises `LogError` for more than a million steps.
+    A channel that the log lacks is never fresh. Raises `LogError` for more than a million steps.
     """
     count = int((log.time_s[-1] - log.time_s[0]) / period_s) + 1
     if count > _MOST_STEPS:
         raise LogError(f"{log.path}: makes {count} steps of {period_s:g} s; give a part of it")
     time_s = log.time_s[0] + period_s * np.arange(count)
-    # a row at a step's very time belongs to it, whatever the last digit of the times says
+    # a row at a step's time belongs to it, whatever the rounding
     end = np.searchsorted(log.time_s, time_s + 1e-3 * period_s, side="right")
     begin = np.concatenate([[0], end[:-1]])
     reading, fresh = np.zeros((count, len(channels))), np.zeros((count, len(channels)), np.bool_)

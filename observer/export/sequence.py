@@ -1,4 +1,4 @@
-"""What follows an estimate, in the same small part of Python as `algorithm`, and the order of all parts."""
+"""The steps after an estimate, in the same subset of Python as `algorithm`, and the order of all parts."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ def judge(c: Any, v: Any) -> None:
 def compensate(c: Any, v: Any) -> None:
     """The table that a control adds, at a limited rate, within a limited slope; armed by a rising `enable`.
 
-    It is off at the first estimate that is not good, that is too large, or where the heartbeat has stood
-    still: the table then goes to zero at that rate, and only `enable` set anew arms it again.
+    It is off at the first estimate that is not good or too large, or when the heartbeat has stopped:
+    the table then goes to zero at that rate, and only a new rising edge of `enable` arms it again.
     """
     if v.heartbeat == v.heartbeat_before:
         if v.still < c.LONG:
@@ -154,7 +154,7 @@ ESTIMATE = (
 )  # fmt: skip
 """The parts of a step, in order."""
 COMPENSATE = (compensate,)
-"""What follows where the machine's thermal error is known …"""
+"""The parts where the machine's thermal error is known …"""
 AT_NUT = (at_nut,)
 """… and where a nut's position is."""
 MODEL = (begin, hold, follow, predict, warm, report, sense)

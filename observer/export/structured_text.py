@@ -78,7 +78,7 @@ class StructuredText(Dialect):
         return f"{own}({', '.join(map(bare, arguments))})"
 
     def taken(self) -> list[str]:
-        """Every name that is taken once all parts are written, but for those of single inputs."""
+        """Every name in use once all parts are written, except those of single inputs."""
         return [*self._names.values(), *map(self.local, self.locals), *map(self.constant, self.used)]
 
     def types(self, kind: Kind, shape: tuple[int, ...]) -> str:

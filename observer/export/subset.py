@@ -1,4 +1,4 @@
-"""What can be said of the parts of a form before they are written in any language."""
+"""Static analysis of the parts of a form, before they are written in any language."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ def write_st(form: Form, folder: Path, real: str = "LREAL") -> list[str]:
 
 
 def write_fmus(observer: Form, model: Form, folder: Path) -> tuple[list[str], list[str]]:
-    """Write an FMU of each; return their names and what is to be said of them."""
+    """Write an FMU of each; return their names, with remarks."""
     shim, first = template("fmi3.c"), "    model_step(&own->state, &own->in, &own->out);\n"
     made = [write_fmu(observer, shim, folder), write_fmu(model, shim, folder, first)]
     return [name for name, _ in made], [text for _, text in made]

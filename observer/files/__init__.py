@@ -1,1 +1,1 @@
-"""Files that users give and get: logs in, tables and folders of results out, whole or not at all."""
+"""Files from and for users: logs in, tables and folders of results out, whole or not at all."""

@@ -18,7 +18,7 @@ OWNER_ONLY = 0o600
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder that only its owner may look into; one that is there already stays as it is."""
+    """Make a folder that only its owner may read; an existing one stays as it is."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     folder.mkdir(mode=0o700, exist_ok=True)
 
@@ -70,7 +70,7 @@ def _as_open_as(fd: int, like: Path) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Have the folder's own entry on the disk, so that the new name survives a power cut."""
+    """Sync the folder's own entry to disk, so that the new name survives a power cut."""
     fd = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(fd)

@@ -63,7 +63,7 @@ def without(data: bytes, parts: Sequence[tuple[int, int]]) -> bytes:
 
 
 def rows_of(data: bytes, part: tuple[int, int]) -> str:
-    """Which rows a part is, as a reader counts: rows from 1, lines with the header."""
+    """The rows of a part, counted from 1, and their lines, counted with the header."""
     first = data.count(b"\n", 0, part[0]) + 1
     last = max(first, data.count(b"\n", 0, part[1]))
     return f"rows {first - 1} to {last - 1} (lines {first} to {last})"
@@ -85,8 +85,8 @@ def refuse_other_units(path: Path, column: str, time_s: FloatArray, rows_apart_s
         raise LogError(
             f"{path}: by {column} the rows are {_long(apart_s)} apart and the log lasts "
             f"{_long(float(time_s[-1] - time_s[0]))}, which looks like milliseconds where seconds are "
-            f"expected; divide the column by 1000, or, if they really are so far apart, say [log] "
-            f"rows_apart_s = {1.5 * apart_s:.2g} in the configuration"
+            f"expected; divide the column by 1000, or, if they really are so far apart, "
+            f"set [log] rows_apart_s = {1.5 * apart_s:.2g} in the configuration"
         )
 
 
@@ -111,8 +111,8 @@ class Words:
         say, read = ("cell says", "was read") if self.cells == 1 else ("cells say", "were read")
         words = ", ".join(self.say[:MOST_LISTED]) + (", …" if len(self.say) > MOST_LISTED else "")
         return (
-            f"channel {self.column}: {self.cells} {say} {words} and {read} as missing; look why the recorder "
-            "wrote that, and leave empty what is missing"
+            f"channel {self.column}: {self.cells} {say} {words} and {read} as missing; check why the "
+            "recorder wrote that, and leave missing cells empty"
         )
 
 

@@ -232,7 +232,7 @@ def _check_names(path: Path, header: Sequence[str]) -> None:
         raise LogError(f"{path}: the first column is {first}; name it {TIME} and give seconds in it")
     for name in header:
         if name and header.count(name) > 1:
-            raise LogError(f'{path}: column "{name}" stands there twice; rename or remove one')
+            raise LogError(f'{path}: column "{name}" occurs twice; rename or remove one')
 
 
 def _wanted(path: Path, header: Sequence[str], needed: Sequence[str]) -> list[str]:
@@ -302,13 +302,13 @@ def _without_damage(path: Path, data: bytes, accept: bool) -> bytes:
 
 
 def _place(data: bytes, row: int) -> str:
-    """Where data row `row` (from 0) stands, as a reader counts: rows from 1, lines with the header."""
+    """Data row `row` (from 0) as row number from 1 and line number with the header."""
     lines = [number for number, line in enumerate(data.splitlines(), 1) if line.strip()]
     return f"row {row + 1} (line {lines[row + 1]})" if row + 1 < len(lines) else f"row {row + 1}"
 
 
 def _problems(data: bytes, header: list[str], wanted: list[str], error: Exception) -> Iterator[str]:
-    """A sentence for each cell that is no number, and each row of another length."""
+    """A sentence for each cell that is not a number, and each row of another length."""
     numeric = [i for i, name in enumerate(header) if name in wanted and not _is_flags(name, header)]
     reader = csv.reader(io.StringIO(data.decode("utf-8", "replace"), newline=""))
     found, lines = False, [n for n, line in enumerate(data.splitlines(), 1) if line.strip()]

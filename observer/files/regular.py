@@ -1,4 +1,4 @@
-"""Read a file that a user names, which may be anything: its bytes, or the table of a TOML file."""
+"""Reads a file named by a user, which may be anything: its bytes, or the table of a TOML file."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def refuse_irregular(path: Path, what: str, opened: int | None = None) -> None:
     """
     mode = os.stat(path if opened is None else opened).st_mode
     if not stat.S_ISREG(mode):
-        kind = "a folder" if stat.S_ISDIR(mode) else "no ordinary file"
+        kind = "a folder" if stat.S_ISDIR(mode) else "not an ordinary file"
         raise UserError(f"{path}: cannot be read, it is {kind}; give {what}")
 
 
@@ -60,12 +60,12 @@ def read_toml(path: Path, what: str = "a configuration with --config") -> dict[s
     except UserError as error:
         raise ConfigError(str(error)) from None
     except RecursionError:
-        raise ConfigError(f"{path}: tables in tables without end; a configuration is flat") from None
+        raise ConfigError(f"{path}: tables nested without end; a configuration is flat") from None
     except ValueError as error:  # not TOML, a number of thousands of digits, a path that no file can have
         reason = one_line(str(error))
         raise ConfigError(f"{path}: not valid TOML ({reason}); fix that line") from None
     if _depth(table) > MOST_DEPTH:
-        raise ConfigError(f"{path}: holds more than {MOST_DEPTH} tables in tables; a configuration is flat")
+        raise ConfigError(f"{path}: holds more than {MOST_DEPTH} nested tables; a configuration is flat")
     return table
 
 
@@ -101,7 +101,7 @@ def _text(path: Path, key: str, *, secret: bool = True) -> str:
     try:
         return read_named(path, key, secret=secret).decode()
     except UnicodeDecodeError:
-        raise ConfigError(f"{key}: {path} is no text in UTF-8; write it anew") from None
+        raise ConfigError(f"{key}: {path} is not UTF-8 text; write it again") from None
 
 
 def read_password(path: Path, key: str, *, secret: bool = True) -> str:
@@ -123,5 +123,5 @@ def read_users(path: Path, key: str) -> dict[str, str]:
             raise ConfigError(f"{key}: {path}, line {number}: write name:password, nothing else")
         users[name] = password.strip()
     if not users:
-        raise ConfigError(f"{key}: {path} names nobody; write a line name:password for each user")
+        raise ConfigError(f"{key}: {path} names no user; write a line name:password for each")
     return users

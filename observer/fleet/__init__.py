@@ -1,1 +1,1 @@
-"""Many machines: thousands of their logs worked through side by side."""
+"""Many machines: processes thousands of their logs in parallel."""

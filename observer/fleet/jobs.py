@@ -21,7 +21,7 @@ OF_SEVERAL: tuple[Verb, ...] = ("calibrate", "discover")
 """The verbs that take all logs of a machine together."""
 COLUMNS = ("log", "machine", "config")
 TAKEN = ("results.parquet", "report.html")
-_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}")  # a name becomes a folder: no dot in front
+_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}")  # a name becomes a folder: no leading dot
 
 
 class TableRow(NamedTuple):
@@ -61,21 +61,21 @@ def read_table(path: Path) -> list[TableRow]:
         raise UserError(f"{path}: names no log; give it rows of {', '.join(COLUMNS)}")
     if not any(line.log.is_file() for line in lines):
         raise UserError(
-            f"{path}: none of its {len(lines)} logs is there, {lines[0].log} for one; paths are "
+            f"{path}: none of its {len(lines)} logs exists, for instance {lines[0].log} for one; paths are "
             "relative to the table's own folder"
         )
     return lines
 
 
 def _lines_of(where: str, folder: Path, log: str, machine: str, config: str) -> Iterator[TableRow]:
-    """What a row says: a line, or one for each file that a pattern fits."""
+    """The lines of a row: one, or one for each file that matches a pattern."""
     for column, cell in zip(COLUMNS, (log, machine, config), strict=True):
         if not cell:
             raise UserError(f"{where}: {column} is empty; fill it or remove the row")
     if not _NAME.fullmatch(machine) or machine in TAKEN:
         raise UserError(
-            f"{where}: {machine[:70]!r} is no machine's name; names are of letters, digits and _.-, 64 at "
-            f"most, without a dot in front, and not {' or '.join(TAKEN)}"
+            f"{where}: {machine[:70]!r} is not a valid machine name; names consist of at most 64 letters, "
+            f"digits and _.-, without a leading dot, and are not {' or '.join(TAKEN)}"
         )
     by = _below(folder, config)
     if not by.is_file():
@@ -94,7 +94,7 @@ def _lines_of(where: str, folder: Path, log: str, machine: str, config: str) -> 
 
 
 def _check_once(path: Path, numbered: Sequence[tuple[int, TableRow]]) -> None:
-    """Refuse a log that its machine has already, or another machine by the same configuration."""
+    """Reject a log that is listed twice for a machine, or for two machines of the same configuration."""
     seen: dict[tuple[str, str | Path], tuple[int, str]] = {}
     for number, line in numbered:
         log, machine, where = os.path.realpath(line.log), line.machine, f"{path}: row {number}: {line.log}"
@@ -170,7 +170,7 @@ def _below(folder: Path, cell: str) -> Path:
 
 
 def _rows(path: Path) -> list[dict[str, Any]]:
-    """The rows of a table with the columns of a fleet's, as they stand."""
+    """The rows of a fleet's table, unchecked."""
     import pyarrow as pa
     from pyarrow import csv, parquet
 

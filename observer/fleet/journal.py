@@ -1,4 +1,4 @@
-"""What is done is in its own folder, with what it was made of: there with the results or not at all.
+"""Finished work is in a folder of its own, with a record of its inputs: there with the results or not at all.
 
 There is no other list that could disagree with the files, be cut off, or be written by two at a time.
 """
@@ -26,7 +26,7 @@ DONE = "done.json"
 WORK = ".work"
 WHY = "why"
 ALIVE = "alive"
-"""A file in the folder of a run: a worker whose folder was removed beneath it makes that again."""
+"""A file in the folder of a run: a worker whose folder was removed recreates it."""
 TRIES = 2
 
 Row = dict[str, Any]
@@ -34,7 +34,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """What is done to every job: the verb, its options, where results go, and how long one may take."""
+    """The options of a run: the verb, its options, the folder for results, and the time limit of a job."""
 
     verb: Verb
     output: Path
@@ -42,16 +42,16 @@ class RunOptions:
     method: Method = "smoother"
     limit_s: float = 3600.0
     run: str = ""
-    """Names the folder beneath `.work` of one run of the command, which goes when that ends."""
+    """The name of the run's folder below `.work`, which is removed when the run ends."""
 
     @property
     def work(self) -> Path:
-        """The folder that is worked in."""
+        """The working folder."""
         return self.output / WORK / self.run
 
     @property
     def has_ended(self) -> bool:
-        """Whether the run that gave the job is over: nobody waits for what is left of it."""
+        """Whether the run that issued the job is over, so that nobody waits for it."""
         return bool(self.run) and not (self.work / ALIVE).exists()
 
     @property
@@ -66,7 +66,7 @@ class RunOptions:
 
 
 class GivenUpError(UserError):
-    """Work that will not be tried again."""
+    """A job that will not be retried."""
 
 
 def provenance(job: Job, options: RunOptions) -> dict[str, Any]:
@@ -116,7 +116,7 @@ def _digest(path: Path) -> str:
 
 
 def begin(job: Job, options: RunOptions) -> Path:
-    """Make the folder that a job is worked on in. Those of earlier tries remain if their process died.
+    """Make the working folder of a job. Those of earlier tries remain if their process died.
 
     Raises `GivenUpError` where the time was up, or two tries have ended with their process.
     """
@@ -128,18 +128,18 @@ def begin(job: Job, options: RunOptions) -> Path:
         with suppress(OSError):
             raise GivenUpError((part / WHY).read_text(encoding="utf-8"))
     raise GivenUpError(
-        f"{job.logs[0]}: the process that worked on it has died {TRIES} times, perhaps for want of memory; "
+        f"{job.logs[0]}: the process that worked on it has died {TRIES} times, perhaps for lack of memory; "
         "try it alone, with a larger --memory-GB, or shorten it"
     )
 
 
 def _base(job: Job) -> str:
-    """What the folders of all tries of a job begin with."""
+    """The common prefix of the folders of all tries of a job."""
     return hashlib.sha256(str(job.folder).encode()).hexdigest()[:24]
 
 
 def finish(part: Path, job: Job, options: RunOptions, made_of: Mapping[str, Any], row: Row) -> None:
-    """Move the results to their folder, with what they were made of; older ones go."""
+    """Move the results to their folder, with the record of their inputs; older ones are removed."""
     write_json(part / DONE, {"made_of": made_of, "row": row})
     folder = options.output / job.folder
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -179,7 +179,7 @@ def exclusive(output: Path) -> Iterator[Path]:
                     raise BlockingIOError
             except BlockingIOError:
                 raise UserError(
-                    f"{output}: another run is at work there; wait for it, or name another folder"
+                    f"{output}: another run is working there; wait for it, or give another folder"
                 ) from None
             try:
                 shutil.rmtree(work, ignore_errors=True)  # left by a run that was killed

@@ -22,12 +22,12 @@ from observer.fleet.journal import Row, rows_in
 from observer.report.page import Html, document, paragraph, safe, section, table, tiles
 
 NEAR = 0.2
-"""Speeds within this part of each other are compared; beyond, friction depends on speed in its own way."""
+"""Speeds within this fraction of each other are compared; beyond it friction depends on speed."""
 LEAST_OTHERS = 3
 HOT_SHARE = 0.2
 HOT_DEVIATIONS = 3.0
 LEAST_GOOD = 0.5
-"""The least share of a log's estimates that are good for its mean heats to stand as firmly as any."""
+"""Smallest fraction of good estimates at which a log's mean heats count as reliable."""
 _NORMAL_MAD = 1.4826  # of a normal distribution: its standard deviation over its median absolute deviation
 
 
@@ -48,7 +48,7 @@ class MeanHeat:
 
 @dataclass(frozen=True, slots=True)
 class Beside(MeanHeat):
-    """The heat of a machine's source beside that of its like: `usual_W` at the same speed.
+    """The heat of a machine's source, compared with that of similar machines: `usual_W` at the same speed.
 
     `usual_W` is None where fewer than three other machines run at about that speed.
     """
@@ -213,7 +213,7 @@ def page(rows: Sequence[Row], failures: Sequence[Row]) -> str:
 
 
 def _counting(name: str) -> list[tuple[int, str]]:
-    """What sorts names as people count: 2 before 10."""
+    """Sort key for natural order: 2 before 10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
@@ -275,7 +275,7 @@ def _good(b: Beside) -> str:
 
 
 def _greyed(text: str, b: Beside) -> Html:
-    """A figure, grey where hardly any estimate behind it was good."""
+    """A figure, grey where hardly any of its estimates was good."""
     return Html(f'<span class="doubtful">{safe(text)}</span>') if b.doubtful else safe(text)
 
 
@@ -319,7 +319,7 @@ def _unbroken(text: str) -> str:
 
 
 def _gap(own: Sequence[Row]) -> str:
-    """What the models missed before and after, of the machine in the middle."""
+    """The gaps of the models before and after, for the median machine."""
     gaps = [row["found"]["gap"] for row in own]
     before, after = (statistics.median(gap[key] for gap in gaps) for key in ("before_rms_K", "after_rms_K"))
     return _unbroken(f"{before:.2g} → {after:.2g}")
@@ -361,7 +361,7 @@ def _failures(failures: Sequence[Row]) -> Html:
 
 
 def _doubted(rows: Sequence[Row]) -> Html:
-    """What the commands doubt about logs that they could use."""
+    """The commands' doubts about logs that they could use."""
     said = dict.fromkeys((row["machine"], doubt) for row in rows for doubt in row["found"].get("doubts", ()))
     lines = [[machine, doubt] for machine, doubt in sorted(said, key=lambda each: _counting(each[0]))]
     return _bounded("Doubted", ("machine", "what"), lines)

@@ -1,4 +1,4 @@
-"""Jobs given to the processes of a Dask cluster, and their rows gathered."""
+"""Distributes jobs to the processes of a Dask cluster, and gathers their rows."""
 
 # Dask has no type annotations.
 # mypy: disable-error-code="no-untyped-call"
@@ -29,7 +29,7 @@ from observer.signals import blocked
 WAIT_S = 30.0
 MOST_JOBS = 8
 BATCHES_PER_WORKER = 4
-"""At least, so that the last one to end keeps the others waiting for a quarter of their time at most."""
+"""Minimum batches per worker, so that the last batch delays the end by at most a quarter."""
 Progress = Callable[[int, int], None]
 
 
@@ -42,7 +42,7 @@ def run(
     memory_GB: float | None = None,
     address: str | None = None,
 ) -> tuple[list[Row], int]:
-    """Do what is not done yet; returns the rows of all jobs, failed ones too, and how many were done before.
+    """Do the unfinished jobs; returns the rows of all jobs, failed ones too, and how many were done before.
 
     The workers are `workers` processes of this computer, each with at most `memory_GB`, or those of the
     cluster at `address`, which see logs and output under the same paths. Raises `UserError` where there is no
@@ -63,7 +63,7 @@ def run(
 
 
 def batches(jobs: Sequence[Job], workers: int) -> list[tuple[Job, ...]]:
-    """Put a few jobs of the same configuration together: what is built for one log then serves the next.
+    """Group a few jobs of the same configuration, so that parts built for one log serve the next.
 
     A job on all logs of a machine is a batch of its own.
     """
@@ -92,7 +92,7 @@ def _results(client: Client, jobs: Sequence[Job], options: RunOptions) -> Iterat
             yield future.result()
         elif client.status != "running" or future.status in ("cancelled", "lost"):
             raise UserError(
-                "fleet: the cluster has gone; start it and give the same command again, which goes on here"
+                "fleet: the cluster is gone; start it and give the same command again, which continues here"
             )
         else:
             cause = type(future.exception()).__name__
@@ -119,7 +119,7 @@ def _client(workers: int, memory_GB: float | None, address: str | None, folder: 
         stack.enter_context(dask.config.set(settings))
         runner = _blocking_ctrl_c()
         stack.callback(runner.stop)
-        with blocked(signal.SIGINT, signal.SIGTERM):  # half a cluster cannot be ended in good order
+        with blocked(signal.SIGINT, signal.SIGTERM):  # half a cluster cannot be shut down cleanly
             cluster = stack.enter_context(_cluster(runner, workers, memory_GB, folder))
         client = stack.enter_context(Client(cluster))
         try:
@@ -187,7 +187,7 @@ def _existing(address: str) -> Iterator[Client]:
 
 
 def _check_versions(client: Client, address: str) -> None:
-    """Refuse workers that do not have this version of the program."""
+    """Reject workers with another version of the program."""
     here = version("ballscrew-observer")
     for worker, there in client.run(_version, on_error="return").items():
         if there != here:

@@ -1,4 +1,4 @@
-"""What a worker does with a batch of jobs: one after another, with parts that are built once.
+"""A worker's batch of jobs: done one after another, with parts that are built once.
 
 No kernel steps several logs at a time; the logs of a batch share the machine, its estimator and the loaded
 kernels, which cost more than a short log does.
@@ -35,7 +35,8 @@ from observer.history.history import MethodOptions
 from observer.installation import Installation, load
 
 _TURN = threading.Lock()
-"""One job at a time in a process, for pictures and its time are its own, however many its threads."""
+"""One job at a time in a process, whatever its number of threads: figures and time limits belong to one job.
+"""
 _KEPT = 8
 _EXIT = 70
 
@@ -43,7 +44,7 @@ _EXIT = 70
 def work(jobs: Sequence[Job], options: RunOptions) -> list[Row]:
     """Do a batch of jobs; a row for each, in which `problem` says what was wrong with it.
 
-    A worker of a cluster outlives the command: what is left when that has ended is left.
+    A worker of a cluster outlives the command: jobs that remain when that has ended are dropped.
     """
     with _TURN:
         rows = [_one(job, options) for job in jobs if not options.has_ended]
@@ -163,7 +164,7 @@ def _heats(config: Installation, summary: dict[str, Any]) -> dict[str, Any]:
 
 
 def _type_of(config: Installation) -> dict[str, Any]:
-    """What machines that may be compared have in common: the screw's size, and the names of what heats it."""
+    """The key of comparable machines: the screw's size, and the names of its heat sources."""
     screw = config.screw
     return {
         "type": f"{screw.length_m:g} m × {1000 * screw.diameter_m:g} mm",
@@ -173,7 +174,7 @@ def _type_of(config: Installation) -> dict[str, Any]:
 
 @lru_cache(maxsize=_KEPT)
 def _machine(config: Path, _text: bytes) -> tuple[Installation, MachineModel]:
-    """What is built of a configuration, kept for the logs to come as long as its text is the same."""
+    """The parts built from a configuration, cached for later logs while its text is the same."""
     settings = load(config)
     return settings, MachineModel.of(settings, learns=True)
 

@@ -1,4 +1,4 @@
-"""What Home Assistant needs to show a machine: one retained document that describes it, and its state.
+"""Discovery for Home Assistant: one retained document that describes the machine, and its state.
 
 The document is that of device-based discovery (Home Assistant 2024.11 or later). All entities read one flat
 JSON object. A value that is not `good`, or not known, is null there, which Home Assistant shows as unknown;
@@ -136,7 +136,7 @@ def state_of(latest: Latest) -> dict[str, Any] | None:
 
 
 def _nut_m(latest: Latest) -> float | None:
-    """Where the first nut stands: NaN while that is not known, None where there is none."""
+    """The position of the first nut: NaN while unknown, None where there is none."""
     sources = latest.document("config").get("config", {}).get("source", ())
     channel = next((s["position_channel"] for s in sources if s.get("position_channel")), None)
     if channel is None:
@@ -156,7 +156,7 @@ def _identity(start: Start) -> str:
 
 
 def _plain(name: str) -> str:
-    """A name as Home Assistant takes it in topics, ids and templates."""
+    """A name as Home Assistant accepts it in topics, ids and templates."""
     return _STRANGE.sub("_", name).replace("-", "_")
 
 
@@ -164,17 +164,17 @@ class HomeAssistantEntry:
     """What is to be published for Home Assistant: description and state where they changed, once a second."""
 
     def __init__(self, wanted: bool | str | None, start: Start, latest: Latest, topic: str) -> None:
-        """Take whether it is wanted, under which prefix, and the machine's own topic."""
+        """Take the discovery prefix, None if it is not wanted, and the machine's own topic."""
         self._wanted, self._start, self._latest, self._topic = wanted, start, latest, topic
         self._sent: dict[str, bytes] = {}
         self._looked_s = -math.inf
 
     def begin(self) -> None:
-        """Publish all anew: the broker may know nothing."""
+        """Publish everything again: the broker may have lost it."""
         self._sent, self._looked_s = {}, -math.inf
 
     def news(self, now_s: float) -> Iterator[tuple[str, bytes]]:
-        """Yield topics with what is to be retained there; an empty message removes what is."""
+        """Yield topics with the messages to retain there; an empty one removes the old one."""
         if self._wanted is None or now_s - self._looked_s < _EVERY_S:
             return
         self._looked_s = now_s

@@ -1,8 +1,8 @@
-"""What a broker missed, sent late: from the recordings, in order, beside the live values.
+"""Sends late what a broker missed: from the recordings, in order, beside the live values.
 
-Every live value may get lost unnoticed. So now and then a retained `true` on `alive` follows them at QoS 1: a
-connection keeps the order of its messages, so once it is acknowledged, so is all before it. Late values are
-sent at QoS 1 themselves, each once the one before is acknowledged.
+Any live value may get lost unnoticed. So a retained `true` on `alive` follows them periodically at QoS 1: a
+connection keeps the order of its messages, so its acknowledgement covers everything before it. Late values
+are sent at QoS 1 themselves, each once the previous one is acknowledged.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _OF_EVERY_STEP = ("estimate", "heat", "readings")  # field and error are publish
 _MARK_S = 1.0
 _SAVE_S = 5.0
 _LOOK_S = 0.2
-_SETTLE_S = 3.0  # until those who listen are back too, and the rows of the outage's end on the disk
+_SETTLE_S = 3.0  # until subscribers are back too, and the rows of the outage's end are on disk
 _RETRY_S = 10.0
 _ACKNOWLEDGED_S = 0.005
 _SAVE_LATE_S = 1.0
@@ -43,7 +43,7 @@ log = structlog.get_logger()
 
 
 class PastOfStart:
-    """Whom an outlet asks about the past, made at the first question: the configuration is known by then."""
+    """An outlet's access to the past, created at the first query: the configuration is known by then."""
 
     def __init__(self, start: Start, latest: Latest) -> None:
         self._start, self._latest = start, latest
@@ -63,7 +63,9 @@ class PastOfStart:
 
 
 class LateSender:
-    """Follows what a broker has got, and sends what it missed. `send` publishes at QoS 1 below the prefix."""
+    """Tracks what a broker has received, and sends what it missed. `send` publishes at QoS 1 below the
+    prefix.
+    """
 
     def __init__(self, start: Start, latest: Latest, send: Send, is_connected: Callable[[], bool]) -> None:
         assert start.mqtt is not None
@@ -81,19 +83,19 @@ class LateSender:
         self._past = PastOfStart(start, latest)
 
     def connected(self) -> None:
-        """Take that there is a connection, from any thread: the next estimate is the first that arrives."""
+        """Note a connection, from any thread: the next estimate is the first that arrives."""
         self._connection += 1
         self._connected_s = time.monotonic()
         self._resumes = True
 
     def disconnected(self) -> None:
-        """Take that it has ended; from any thread."""
+        """Note the end of the connection; from any thread."""
         self._connection += 1
         self.backlog.save()
 
     @property
     def is_settling(self) -> bool:
-        """Whether those who listen may not be back yet: a broker keeps for them what comes at QoS 1."""
+        """Whether subscribers may not be back yet: a broker keeps messages at QoS 1 for them."""
         return time.monotonic() - self._connected_s < _SETTLE_S
 
     @property
@@ -102,7 +104,7 @@ class LateSender:
         return self.is_settling or time.monotonic() - self._resumed_s < _SETTLE_S
 
     def may_go(self, key: str, payload: bytes) -> bool:
-        """Take that a message is about to go live; returns False for the rest of a step that went before."""
+        """Note that a message is about to go live; returns False for the rest of a step already sent."""
         if self._resumes and key in STEP_KEYS:
             if key != "estimate":
                 return False
@@ -114,7 +116,7 @@ class LateSender:
         return True
 
     def gone(self, key: str, payload: bytes) -> None:
-        """Take that a message has gone live; let a mark follow the last one of a step where it is time."""
+        """Note that a message has gone live; send a mark after the last one of a step when due."""
         every_s, now_s = self._settings.late_every_s, time.monotonic()
         if key in self._went and every_s == 0.0:
             self._look_for_overtaken(key, payload)
@@ -129,7 +131,7 @@ class LateSender:
             self._marks[self._send("alive", b"true").mid] = connection, time_s
 
     def _look_for_overtaken(self, key: str, payload: bytes) -> None:
-        """Note the steps of which a busy computer has passed on the next message of a key only."""
+        """Note the steps whose messages were overtaken by newer ones on a busy computer."""
         document = decode_estimate(payload) if key == "estimate" else json.loads(payload)
         number, time_s = int(document["sequence"]), float(document["time_s"])
         before, last_s = self._went[key]
@@ -192,6 +194,6 @@ class LateSender:
         await asyncio.to_thread(self.backlog.save)
 
     def close(self) -> None:
-        """Keep how far it came, and end."""
+        """Save the progress, and end."""
         self.backlog.save()
         self._past.close()

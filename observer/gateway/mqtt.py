@@ -2,7 +2,7 @@
 
 State is retained, so that late subscribers get it; `alive` is `false` as the last will, and `quality` is the
 quality of the estimates in one word, `stale` once the service is silent. Nothing waits for a missing broker:
-once it answers, it gets the newest of everything, and what it missed follows late (`observer.gateway.late`).
+once it answers, it gets the newest of everything, and what it missed is sent late (`observer.gateway.late`).
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ class _Broker:
         return self._client.publish(f"{self._topic}/{key}", payload, _AT_LEAST_ONCE, retain=retained)
 
     async def look(self) -> None:
-        """Publish the quality, and what Home Assistant shows, whenever they change, for ever."""
+        """Publish the quality and Home Assistant's state whenever they change, for ever."""
         while True:
             quality = "stale" if self._latest.is_stale else self._latest.document("heat").get("quality")
             if quality != self._quality and quality is not None and self._client.is_connected():
@@ -126,7 +126,7 @@ class _Broker:
         """On the library's thread: publish all retained messages, or report why the broker refuses."""
         if code.is_failure:
             broker = self._settings.broker
-            self._report(f"the broker at {broker} refuses: {code}; look at mqtt.user and its password")
+            self._report(f"the broker at {broker} refuses: {code}; check mqtt.user and its password")
             return
         self._let_in = True
         if self.late is not None:
@@ -156,7 +156,7 @@ class _Broker:
         """Why there is no connection, from the error being handled when the library calls back."""
         if isinstance(error, ssl.SSLError):
             why = getattr(error, "verify_message", None) or error.reason
-            return f"the broker at {self._settings.broker} is not trusted ({why}); look at mqtt.ca"
+            return f"the broker at {self._settings.broker} is not trusted ({why}); check mqtt.ca"
         return self._no_broker()
 
     def _report(self, reason: str) -> None:

@@ -138,7 +138,7 @@ class _Tree:
         self._written: dict[tuple[str, ...], tuple[str, float]] = {}
 
     async def write(self, value: Value) -> None:
-        """Write a variable, unless it is as it was."""
+        """Write a variable if it has changed."""
         if self._written.get(value.path) == (value.quality, value.time_s):
             return
         self._written[value.path] = (value.quality, value.time_s)

@@ -1,8 +1,8 @@
-"""OPC UA's HistoryRead of estimates, answered from the recordings: raw values, and one an interval.
+"""OPC UA's HistoryRead of estimates, answered from the recordings: raw values, and one per interval.
 
-asyncua answers raw reads from a storage; here that is the archive, which keeps nothing of its own. Processed
-reads (part 11, 6.5.4) it does not know; Average, Minimum and Maximum are added, a page of values at a time
-with a continuation point, which is the time to go on at.
+asyncua answers raw reads from a storage; here that is the archive, which keeps nothing of its own. It does
+not know processed reads (part 11, 6.5.4); Average, Minimum and Maximum are added, a page of values at a time
+with a continuation point, which is the time to continue from.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _FUNCTIONS: dict[Any, str] = {
     ObjectIds.AggregateFunction_Maximum: "maximum",
 }
 _OPEN = datetime(1602, 1, 1, tzinfo=UTC).timestamp()
-"""An earlier time stands for none (part 11, 6.5.3.2)."""
+"""An earlier time means none (part 11, 6.5.3.2)."""
 
 _TICK_S = 1e-6  # both ends are included, and OPC UA's times are cut to 0.1 µs
 
@@ -113,7 +113,7 @@ class PastValues(HistoryStorageInterface):
             )
         interval_s = interval_s or end_s - start_s
         stop_s = min(end_s, start_s + _MOST_INTERVALS * interval_s, start_s + max(interval_s, _SPAN_S))
-        if stop_s < end_s:  # whole intervals, so that the next answer goes on with one
+        if stop_s < end_s:  # whole intervals, so that the next answer starts with one
             stop_s = start_s + interval_s * max(1, math.floor((stop_s - start_s) / interval_s + 1e-9))
         question = {"node": path, "from_s": start_s, "to_s": stop_s, "interval_s": interval_s, "by": by}
         found = await self._ask("aggregated", question)
@@ -128,7 +128,7 @@ class PastValues(HistoryStorageInterface):
         return self._paths[node_id]
 
     async def _ask(self, what: str, question: dict[str, Any]) -> dict[str, Any]:
-        """Ask the archive, again where it is still on its way; raises `ServiceError`."""
+        """Query the archive, again while it is still reading; raises `ServiceError`."""
         reply = PastReply(b"")
         for _ in range(_ATTEMPTS):
             reply = await asyncio.to_thread(self._archivist().ask, what, question)
@@ -152,7 +152,7 @@ _SPAN_S = 6 * 3600.0
 
 
 class PastManager(HistoryManager):
-    """Answers processed reads too, and errors by node in place of a fault for all."""
+    """Answers processed reads too, and reports errors by node instead of one fault for all."""
 
     async def _read_history(self, details: Any, rv: ua.HistoryReadValueId) -> ua.HistoryReadResult:
         storage = self.storage
@@ -166,7 +166,7 @@ class PastManager(HistoryManager):
 
 
 def give_history(server: Server, storage: PastValues) -> None:
-    """Have a server answer by a storage; before it is started."""
+    """Make a server answer from a storage; before it is started."""
     server.iserver.history_manager = PastManager(server.iserver)
     server.iserver.history_manager.set_storage(storage)
 

@@ -81,12 +81,15 @@ async def _identify(server: Server, certificate: Path, key: Path) -> str | None:
         await server.load_private_key(secret, None, _format(secret))
     except (ValueError, TypeError) as error:  # TypeError: the key has a passphrase
         raise ConfigError(
-            f"opcua.certificate: {certificate} and {key} are no certificate and key without a passphrase "
+            f"opcua.certificate: {certificate} and {key} are not a certificate and a key without a "
+            "passphrase "
             f"({error}); name files in PEM or DER"
         ) from None
     ours, private = server.iserver.certificate, server.iserver.private_key
     if not isinstance(private, RSAPrivateKey) or private.key_size < _LEAST_BITS:
-        raise ConfigError(f"opcua.key: OPC UA asks for RSA with {_LEAST_BITS} bits or more; make {key} anew")
+        raise ConfigError(
+            f"opcua.key: OPC UA requires RSA with {_LEAST_BITS} bits or more; create {key} again"
+        )
     if private.public_key() != ours.public_key():
         raise ConfigError(f"opcua.key: {key} is not the key of {certificate}; name the two that go together")
     return _name_in(ours)
@@ -106,7 +109,7 @@ def _name_in(certificate: x509.Certificate) -> str | None:
 
 
 class _Readers(UserManager):
-    """Admits readers, nobody who may write; `asking` is the address of the client that logs in."""
+    """Admits readers, and nobody with write access; `asking` is the address of the client that logs in."""
 
     def __init__(self, users: Users | None, *, encrypted: bool) -> None:
         self._users, self._encrypted = users, encrypted
@@ -119,7 +122,7 @@ class _Readers(UserManager):
         password: str | None = None,
         certificate: bytes | None = None,
     ) -> User | None:
-        """Whoever that is, None where it is nobody; who does not encrypt has no `certificate`."""
+        """The user, None if unknown; a client that does not encrypt has no `certificate`."""
         if self._encrypted and not certificate:
             return None
         if self._users is None:
@@ -133,14 +136,14 @@ class _Readers(UserManager):
 
 
 class _Guarded(InternalServer):
-    """The services below the wire, without those that would let somebody in by another way."""
+    """The services behind the transport, without those that would let somebody in by another way."""
 
     def __init__(self, readers: _Readers) -> None:
         super().__init__(user_manager=readers)
         self._readers = readers
 
     async def load_standard_address_space(self, _shelf_file: Path | None = None) -> None:
-        """Make of what OPC UA itself defines what is used here."""
+        """Create the standard OPC UA nodes that are used here."""
         await asyncio.to_thread(fill, self.node_mgt_service)
 
     def lookup_external_session(self, _auth_token: ua.NodeId) -> InternalSession | None:
@@ -148,7 +151,7 @@ class _Guarded(InternalServer):
         return None
 
     def register_external_session(self, session: InternalSession) -> None:
-        """Keep no list of them, which would keep each that was never taken up."""
+        """Keep no list of them, which would hold every unused one."""
 
     def register_server(self, _server: Any, _conf: Any = None) -> None:
         """Refuse: this is no directory of others."""
@@ -164,7 +167,7 @@ class _Guarded(InternalServer):
 
 _CHUNK = 65535
 _MOST_BYTES = 512 * 1024
-"""Of a message: a question for some ten thousand values. Chunks have 8 kB or more (part 6, 6.7.2)."""
+"""Largest message: a request for some ten thousand values. Chunks have 8 kB or more (part 6, 6.7.2)."""
 _MOST_CONNECTIONS = 100
 _ACTIVE_WITHIN_S = 10.0
 _MOST_WAITING = 8  # connections of one address without a session
@@ -182,7 +185,7 @@ def bound(server: Server) -> None:
 
 
 class _Connection(binary_server_asyncio.OPCUAProtocol):
-    """A connection that is closed where its client takes too much."""
+    """A connection that is closed if its client takes too much."""
 
     _asked = 0
 
@@ -196,7 +199,7 @@ class _Connection(binary_server_asyncio.OPCUAProtocol):
         super().connection_made(transport)
 
     def data_received(self, data: bytes) -> None:
-        """Take what has come, and no more than a chunk of what is not yet a message."""
+        """Take received data, and at most a chunk of an incomplete message."""
         for start in range(0, len(data), _PIECE):
             super().data_received(data[start : start + _PIECE])
             if len(self._buffer) > _CHUNK + _PIECE:
@@ -240,7 +243,7 @@ _USED_KINDS_OF_OBJECTS = {
 
 
 def fill(service: NodeManagementService) -> None:
-    """Make the nodes, and give up the code that describes them all, 16 MB."""
+    """Create the nodes, and release the code that describes them all, 16 MB."""
     from asyncua.server.standard_address_space.standard_address_space import (  # noqa: PLC0415
         fill_address_space,
     )
@@ -261,11 +264,11 @@ class _Chosen:
     def try_add_nodes(
         self, items: Iterable[ua.AddNodesItem], *, check: bool = True
     ) -> Iterator[ua.AddNodesItem]:
-        """Add nodes; yields those that something not there yet is wanted for."""
+        """Add nodes; yields those whose parent does not exist yet."""
         return self._service.try_add_nodes([item for item in items if self._is_used(item)], check=check)
 
     def try_add_references(self, items: Iterable[ua.AddReferencesItem]) -> Iterator[ua.AddReferencesItem]:
-        """Add references; yields those whose source is not there yet."""
+        """Add references; yields those whose source does not exist yet."""
         return self._service.try_add_references(
             [item for item in items if not {item.SourceNodeId, item.TargetNodeId} & self._left_out]
         )

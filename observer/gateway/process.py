@@ -86,7 +86,7 @@ async def _supervised(name: str, start: Start, latest: Latest) -> None:
             reason = f'{name}: {error.name} is missing; install it: pip install "ballscrew-observer[{extra}]"'
         except (OSError, UserError) as error:
             reason = f"{name}: {error}"
-        except Exception as error:  # whatever it is, the others are served on and health reports it
+        except Exception as error:  # whatever it is, the others continue and health reports it
             log.error("an outlet failed", outlet=name, exc_info=True)
             reason = f"{name}: {type(error).__name__}: {error}"
         say({"reason": reason})

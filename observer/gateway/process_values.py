@@ -1,7 +1,7 @@
 """Estimates and readings as process values of the machinery companion specification (OPC 40001-2).
 
 Of that specification and of PADIM (OPC 30081), from which it derives, only the types that are used here are
-made, by hand, under their published namespaces and numbers. It is therefore no conforming implementation.
+made, by hand, under their published namespaces and numbers. It is therefore not a conforming implementation.
 There are no deviation alarms: their types belong to those that `opcua_server` leaves out.
 """
 
@@ -104,7 +104,7 @@ class ProcessValueTree:
         return cls(server, index, padim, await axis.add_object(index, "ProcessValues"), kind)
 
     async def write(self, signal: ProcessSignal, data: ua.DataValue) -> None:
-        """Write a value, unless it is as it was."""
+        """Write a value if it has changed."""
         if self._written.get(signal.name) == (signal.quality, signal.time_s):
             return
         self._written[signal.name] = (signal.quality, signal.time_s)

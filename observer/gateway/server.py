@@ -80,7 +80,7 @@ class _Server(uvicorn.Server):
 
 @contextlib.contextmanager
 def _bound(listen: str, table: str) -> Iterator[socket.socket]:
-    """A socket that listens at an address; raises `OSError` that gives the remedy if it cannot be."""
+    """A socket that listens at an address; raises `OSError` with the remedy if that fails."""
     host, port = host_and_port(listen)
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
@@ -88,7 +88,7 @@ def _bound(listen: str, table: str) -> Iterator[socket.socket]:
         with socket.socket(family, kind, protocol) as bound:
             bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             bound.bind(address)
-            bound.listen(_BACKLOG)  # who comes before the server has started waits
+            bound.listen(_BACKLOG)  # clients that connect before the server has started wait
             yield bound
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
@@ -99,7 +99,7 @@ def _bound(listen: str, table: str) -> Iterator[socket.socket]:
 
 
 class Connection(H11Protocol):
-    """A connection that is closed where its request does not come in time, or others wait for its place."""
+    """A connection that is closed if its request does not arrive in time or others need its place."""
 
     _since_s = 0.0
     _late: asyncio.TimerHandle | None = None

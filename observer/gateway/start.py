@@ -54,7 +54,7 @@ class Start(BaseModel):
 
     @property
     def prefix(self) -> str:
-        """Where everything about the axis is published."""
+        """The key prefix of everything published about the axis."""
         return f"ballscrew/{self.machine}/{self.axis}"
 
 

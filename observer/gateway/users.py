@@ -29,7 +29,7 @@ class Users:
         return len(self._recent(address)) >= _FAILURES
 
     def is_right(self, name: str, password: str, address: str) -> bool:
-        """Whether that is the password of that name; takes as long for a name that nobody has."""
+        """Whether name and password match; takes as long for an unknown name."""
         right = self._users.get(name, self._key)
         same = hmac.compare_digest(self._digest(right), self._digest(password.encode()))
         if not same or name not in self._users:

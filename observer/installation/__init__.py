@@ -1,4 +1,5 @@
-"""A configuration's file: the machine, and the drivers that deliver its channels; all problems in words.
+"""The configuration file: the machine, and the drivers that deliver its channels; problems are described in
+words.
 
 The file is TOML with the unit in the name of each key. `load` returns frozen objects.
 """
@@ -29,7 +30,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Installation(Config):
-    """A whole configuration: the machine, its wires, and what the service keeps and reports."""
+    """A whole configuration: the machine, its drivers, and what the service stores and reports."""
 
     drivers: dict[Name, DriverSettings] = Field(default_factory=dict, max_length=64)
     publish: Publish = Publish()
@@ -42,12 +43,12 @@ class Installation(Config):
     opcua: Opcua | None = None
 
     def contradictions(self) -> list[str]:
-        """What does not fit together, a sentence each."""
+        """Contradictions, a sentence each."""
         return [*super().contradictions(), *_delivered_twice(self)]
 
     @property
     def sample_s(self) -> dict[str, float]:
-        """How often each channel comes, by what is said of its driver."""
+        """The period of each channel, from the tables of its driver."""
         return {
             channel: driver.sample_s
             for driver in self.drivers.values()
@@ -68,7 +69,7 @@ class Installation(Config):
         return None if file is None else file.with_suffix(".alarms.json")
 
     def undelivered(self) -> list[str]:
-        """Say which channels are read and delivered by no driver, as far as the drivers name theirs."""
+        """Report channels that are read but delivered by no driver, as far as drivers name theirs."""
         offers = [driver.delivered for driver in self.drivers.values()]
         offered = {channel for offer in offers for channel in offer or ()}
         wanted = dict.fromkeys((*self.channels, self.compensation.zero_channel))
@@ -102,7 +103,7 @@ def load(path: Path) -> Installation:
 
 
 def load_client(path: Path) -> Client:
-    """Read and check how a command shows who it is; raises `ConfigError`."""
+    """Read and check a client's credentials; raises `ConfigError`."""
     return _checked(Client, read_toml(path, "a client's file with --client"), str(path))
 
 
@@ -138,9 +139,9 @@ def _checked(model: type[Model], table: dict[str, Any], place: str) -> Model:
 def write_back(text: str, values: Mapping[str, float]) -> str:
     """Return the text with the values of the given keys replaced or added.
 
-    Keys are dotted, a source going by its name and a link by those of its ends. Comments, order and spacing
-    stay. Values are rounded to five digits, far below any interval. Raises `ConfigError` for one that the
-    text does not have.
+    Keys are dotted; a source is addressed by its name and a link by those of its ends. Comments, order and
+    spacing stay. Values are rounded to five digits, far below any interval. Raises `ConfigError` for one that
+    the text does not have.
     """
     document = tomlkit.parse(text)
     for key, value in values.items():
@@ -150,7 +151,7 @@ def write_back(text: str, values: Mapping[str, float]) -> str:
 
 
 def with_effects(text: str, effects: Sequence[EffectTable]) -> str:
-    """Return the text with an `[[effect]]` table more for each effect."""
+    """Return the text with an `[[effect]]` table added for each effect."""
     if not effects:
         return text
     document = tomlkit.parse(text)

@@ -1,7 +1,7 @@
-"""A found configuration in the place of the one in force, with a way back; what is done stands beside it.
+"""Puts a found configuration in place of the one in force, with a way back; a record lies beside it.
 
 Beside `machine.toml` lie then `machine.toml.before-adopt`, the configuration that it has replaced, and
-`machine.toml.adopted.json`, by which a running service knows that there is something to read and to watch.
+`machine.toml.adopted.json`, which shows a running service that there is something to read and to monitor.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ State = Literal["watching", "kept", "taken_back", "undone", "replaced"]
 
 
 class Adoption(BaseModel):
-    """What became of an adopted configuration.
+    """The outcome of an adopted configuration.
 
     `sha256` is that of the file's text, `hash` that of its meaning, as Zenoh's `config` gives it. Of the
     `watched_h` hours in which the machine ran so far, `hours` are wanted; the sums of the squares of both
@@ -53,7 +53,7 @@ class Adoption(BaseModel):
 
     @property
     def before_rms_K(self) -> float | None:
-        """The gap that the configuration before has over the hours watched."""
+        """The gap of the previous configuration over the hours watched."""
         return math.sqrt(self.before_squares_K2 / self.values) if self.values else None
 
     @property
@@ -78,7 +78,8 @@ class Adoption(BaseModel):
         said = f"adopted {datetime.fromtimestamp(self.adopted_s, UTC):%Y-%m-%d %H:%M} UTC: "
         said += {
             "watching": f"watched for {self.watched_h:.3g} of {self.hours:g} h of running",
-            "replaced": "replaced by another configuration since, which is not touched",
+            "taken_back": "reverted",
+            "replaced": "since replaced by another configuration, which is left as it is",
         }.get(self.state, self.state.replace("_", " "))
         if self.rms_K is not None and self.before_rms_K is not None:
             said += f"; open-loop gap {self.before_rms_K:.3g} K rms before, {self.rms_K:.3g} K now"
@@ -86,9 +87,9 @@ class Adoption(BaseModel):
 
 
 def adoption_of(config: Path) -> Adoption | None:
-    """What was adopted last in the place of a configuration, None where nothing was.
+    """The last adoption in place of a configuration, None without one.
 
-    Raises `ConfigError` where the record cannot be read or is none.
+    Raises `ConfigError` where the record cannot be read or is invalid.
     """
     path = _beside(config, RECORD)
     try:
@@ -104,12 +105,12 @@ def adoption_of(config: Path) -> Adoption | None:
 
 
 def note(config: Path, adoption: Adoption) -> None:
-    """Write what became of an adoption beside its configuration. Raises `UserError`."""
+    """Write the outcome of an adoption beside its configuration. Raises `UserError`."""
     _write({_beside(config, RECORD): _text(adoption)}, config)
 
 
 def adopt(folder: Path, config: Path, hours: float, now_s: float, *, candidate: bool = False) -> Adoption:
-    """Put the configuration that a search has written in the place of the one it has searched.
+    """Put the configuration written by a search in place of the one it has searched.
 
     The `candidate` of an unknown is put there only on demand.
 
@@ -119,7 +120,7 @@ def adopt(folder: Path, config: Path, hours: float, now_s: float, *, candidate: 
     config = config.resolve()
     before, watched = load(config), adoption_of(config)
     if watched is not None and watched.state == "watching" and watched.sha256 == sha256(config):
-        raise UserError(f"{config}: {watched.sentence()}; wait for its end, or take it back with --undo")
+        raise UserError(f"{config}: {watched.sentence()}; wait for its end, or undo it with --undo")
     path = _found(folder, config, candidate=candidate)
     new = load(path)
     refuse_unlike(before, new, path)
@@ -133,7 +134,7 @@ def adopt(folder: Path, config: Path, hours: float, now_s: float, *, candidate: 
 
 
 def take_back(config: Path, adoption: Adoption, state: State, reason: str = "") -> Adoption:
-    """Put the configuration before an adoption in its place again; returns what is on record then.
+    """Restore the configuration from before an adoption; returns the record then.
 
     Raises `UserError` where somebody has changed the configuration since, which is left as it is then, or
     where a file is missing or cannot be written.
@@ -141,34 +142,34 @@ def take_back(config: Path, adoption: Adoption, state: State, reason: str = "") 
     config = config.resolve()
     if sha256(config) != adoption.sha256:
         raise UserError(
-            f"{config}: has been changed since it was adopted, and stays as it is; what was before lies in "
+            f"{config}: has been changed since it was adopted, and is left as it is; the previous one is in "
             f"{before_of(config, adoption)}"
         )
     before = before_of(config, adoption)
     if sha256(before) != adoption.before_sha256:
-        raise UserError(f"{before}: is not the configuration any more that was in force; put it back by hand")
+        raise UserError(f"{before}: is no longer the configuration that was in force; restore it by hand")
     ended = adoption.model_copy(update={"state": state, "reason": reason})
     _write({config: before.read_bytes(), _beside(config, RECORD): _text(ended)}, config)
     return ended
 
 
 def before_of(config: Path, adoption: Adoption) -> Path:
-    """Where the configuration lies that an adopted one has replaced."""
+    """The path of the configuration that an adopted one has replaced."""
     return config.with_name(Path(adoption.before).name)
 
 
 def undo(config: Path) -> Adoption:
-    """Take an adopted configuration back because somebody asks for it. Raises `UserError`."""
+    """Revert an adopted configuration on request. Raises `UserError`."""
     adoption = adoption_of(config.resolve())
     if adoption is None:
-        raise UserError(f"{config}: nothing was adopted in its place, so there is nothing to take back")
+        raise UserError(f"{config}: nothing was adopted in its place, so there is nothing to undo")
     if adoption.state in {"taken_back", "undone"}:
-        raise UserError(f"{config}: {adoption.sentence()}; there is nothing to take back")
+        raise UserError(f"{config}: {adoption.sentence()}; there is nothing to undo")
     return take_back(config, adoption, "undone")
 
 
 def refuse_unlike(before: Installation, new: Installation, place: Path) -> None:
-    """Raise `ConfigError` where a configuration is not one of the same machine and wires."""
+    """Raise `ConfigError` where a configuration is not of the same machine and drivers."""
     for key, was, now in (
         ("machine.name", before.machine.name, new.machine.name),
         ("machine.axis", before.machine.axis, new.machine.axis),
@@ -192,7 +193,7 @@ def sha256(path: Path) -> str:
 
 
 def _found(folder: Path, config: Path, *, candidate: bool) -> Path:
-    """The configuration that a folder of results has, if it was found for this one."""
+    """The configuration in a folder of results, if it was found for this one."""
     result = _result(folder)
     path = folder / ("candidate.toml" if candidate else "config.toml")
     offered = _table(result.get("partial")).get("candidate") is not None
@@ -226,7 +227,7 @@ def _table(value: object) -> Mapping[str, Any]:
 
 
 def _result(folder: Path) -> Mapping[str, Any]:
-    """What a search says of its results; the newer one, where two were written into a folder."""
+    """The result of a search; the newer one, where two were written into a folder."""
     there = [folder / name for name in RESULTS if (folder / name).is_file()]
     if not there:
         raise ConfigError(
@@ -248,7 +249,7 @@ def _beside(config: Path, suffix: str) -> Path:
 
 
 def _free(config: Path) -> Path:
-    """A name for the configuration before, that none has yet: nothing is lost by adopting twice."""
+    """An unused name for the previous configuration: nothing is lost by adopting twice."""
     path, number = _beside(config, BEFORE), 1
     while path.exists():
         number += 1
@@ -261,13 +262,13 @@ def _text(adoption: Adoption) -> bytes:
 
 
 def _write(files: Mapping[Path, bytes], like: Path) -> None:
-    """Write all or none; the record comes last, for by it the service knows that all the rest is there."""
+    """Write all or none; the record comes last, since it shows the service that all the rest is there."""
     try:
         write_together(files, like)
     except OSError as error:
         place = error.filename or like.parent
         raise UserError(
-            f"{like}: nothing is changed, for {place} cannot be written ({error.strerror}); let this user "
+            f"{like}: nothing is changed, since {place} cannot be written ({error.strerror}); let this user "
             "write there, or free space"
         ) from None
 

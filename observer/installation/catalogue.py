@@ -1,4 +1,4 @@
-"""What `observer init` offers: screws, steels, thermocouple modules, and ways to get the nut's position."""
+"""The catalogue of `observer init`: screws, steels, thermocouple modules, sources of the nut's position."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ SCREWS = {
 
 @dataclass(frozen=True, slots=True)
 class Steel:
-    """What a screw is made of, near room temperature."""
+    """A screw's steel, near room temperature."""
 
     conductivity_W_mK: float
     density_kg_m3: float
@@ -85,11 +85,11 @@ MODULES = {
 }
 
 CONTROLS = ("canopen", "modbus", "can", "opcua", "mtconnect", "none")
-"""Where the nut's position comes from."""
+"""A source of the nut's position."""
 
 
 def _typed(read: Callable[[str], Any]) -> BeforeValidator:
-    """Reads what was typed; a value that is one already stays."""
+    """Parses typed text; a value passes unchanged."""
     return BeforeValidator(lambda given: read(given) if isinstance(given, str) else given)
 
 
@@ -101,7 +101,7 @@ def _air(text: str) -> object:
 
 def _ascending(ends: tuple[float, float]) -> tuple[float, float]:
     if not ends[0] < ends[1]:
-        raise ValueError("write both ends, the smaller first, as 150 800 mm")
+        raise ValueError("give both ends, the smaller first, such as 150 800 mm")
     return ends
 
 

@@ -1,4 +1,6 @@
-"""All problems that prevent a configuration from being used: in its tables, and with the files they name."""
+"""Finds all problems that prevent a configuration from being used: in its tables, and with the files they
+name.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,7 @@ def examine(path: Path, *, runs_here: bool = True) -> Installation:
 
 
 def _drivers(table: dict[str, Any]) -> Iterator[tuple[str, DriverSettings]]:
-    """The drivers that are right by themselves, in a configuration that is not."""
+    """The valid drivers of an invalid configuration."""
     drivers = table.get("drivers")
     for name, settings in drivers.items() if isinstance(drivers, dict) else ():
         try:
@@ -54,7 +56,7 @@ def _drivers(table: dict[str, Any]) -> Iterator[tuple[str, DriverSettings]]:
 
 
 def _may_be_written(directory: Path) -> bool:
-    """Whether a directory is there and may be written, or could be made."""
+    """Whether a directory exists and is writable, or could be made."""
     at = directory.absolute()
     while not os.path.lexists(at) and at != at.parent:
         at = at.parent
@@ -74,11 +76,11 @@ def paths_in(part: BaseModel, place: str = "") -> Iterator[tuple[str, Path]]:
 
 
 def file_problems(config: BaseModel) -> Iterator[str]:
-    """Say which files this user cannot read; drivers report theirs, and folders are created."""
+    """Report files that this user cannot read; drivers report theirs, and folders are created."""
     for key, path in paths_in(config):
         if key.startswith("drivers.") or key.endswith((".directory", ".reports")):
             continue
         if not os.path.isfile(path):
-            yield f"{key}: {path} is no file; correct the path"
+            yield f"{key}: {path} is not a file; correct the path"
         elif not os.access(path, os.R_OK):
-            yield f"{key}: {path} may not be read by this user; try as the service's user, or with sudo"
+            yield f"{key}: {path} cannot be read by this user; try as the service's user, or with sudo"

@@ -43,7 +43,7 @@ def agreed(given: Mapping[str, str | None], ask: Ask | None) -> Answers:
         except UserError as error:
             if ask is None or said == before:
                 raise
-            trouble = f"{error}\nOnce more; Enter keeps your answer.\n"
+            trouble = f"{error}\nTry again; Enter keeps your answer.\n"
         else:
             return found
 
@@ -78,7 +78,7 @@ def answers(
         elif field.is_required():
             missing.append(option(name))
     if missing:
-        raise UserError(f"init: no terminal to ask at; give {', '.join(missing)}")
+        raise UserError(f"init: no terminal to ask on; give {', '.join(missing)}")
     return found
 
 
@@ -99,7 +99,7 @@ def _fits(found: Answers, name: str) -> None:
     """Raise `UserError` where the answer just given does not fit those before it."""
     if name in ("stroke_m", "sensors_m") and max(getattr(found, name)) > getattr(found, "length_m", math.inf):
         beyond_m = max(getattr(found, name))
-        raise UserError(f"{beyond_m:g} m lies beyond the screw's end, which is at {found.length_m:g} m")
+        raise UserError(f"{beyond_m:g} m is beyond the screw's end, at {found.length_m:g} m")
     if name == "module":
         _inputs(found, len(getattr(found, "sensors_m", ())))
     if name == "ambient":
@@ -127,7 +127,7 @@ def _inputs(answers: Answers, needed: int) -> None:
 def write_new(path: Path, given: Mapping[str, str | None], ask: Ask | None) -> None:
     """Write a configuration by the answers. Raises `UserError` if the file exists, or cannot be written."""
     if path.exists():  # before anything is asked
-        raise UserError(f"{path}: is there already and is not overwritten; name another file with --output")
+        raise UserError(f"{path}: already exists and is not overwritten; give another file with --output")
     content = checked(agreed(given, ask))
     try:
         path.write_text(content, encoding="utf-8")
@@ -193,7 +193,7 @@ def _line(text: str, comment: str) -> str:
 
 
 _HEAD = """\
-# Written by `observer init`. What is marked "look" is a typical value: correct it where you know better.
+# Written by `observer init`. Values marked "look" are typical ones: correct them where you know better.
 # Every key: docs/reference/configuration.md. Ask what it means:  observer check --config <this file>
 """
 _NO_LAW = """no channel gives the speed, so the heats have no law; they are estimated
@@ -215,7 +215,7 @@ def _machine(answers: Answers) -> list[FileTable]:
     film = Note(15.0, "look: still air 10, a fast screw 30; `observer calibrate` finds it")
     air: dict[str, object] = {"temperature_degC": answers.ambient}
     if answers.ambient == "input":
-        air = {"channel": Note("ambient_degC", "of the air near the screw, in the shade of its heat")}
+        air = {"channel": Note("ambient_degC", "of the air near the screw, shielded from its heat")}
     keys = f"names the Zenoh keys: ballscrew/{answers.machine}/{answers.axis}/…"
     return [
         FileTable("[machine]", {"name": answers.machine, "axis": answers.axis}, keys),
@@ -243,7 +243,7 @@ def _sources(answers: Answers) -> list[FileTable]:
         nut |= {"position_channel": "nut_position_m", "lead_m": screw.lead_mm / 1000}
     about = _NO_LAW
     if answers.has_speed:
-        about = "what warms the screw; the laws are where the estimator begins, the heats are estimated"
+        about = "what warms the screw; the estimator starts from the laws and estimates the heats"
         nut |= {
             "speed_channel": "screw_speed_rpm",
             "torque_Nm": Note(screw.torque_Nm, "look: friction with preload; a starting value"),

@@ -27,14 +27,14 @@ def number(text: str) -> float:
     try:
         return float(text.strip().replace(",", "."))
     except ValueError:
-        raise ValueError("write a number, as 1000 or 0.5") from None
+        raise ValueError("give a number, such as 1000 or 0.5") from None
 
 
 def length_m(text: str) -> float:
     """Return one length in m: `1000 mm`, `1,0` and `1 m` are the same."""
     found = re.fullmatch(_ITEM, text.strip().replace(",", "."))
     if found is None:
-        raise ValueError("write a length with its unit, as 1000 mm or 1.0 m")
+        raise ValueError("give a length with its unit, such as 1000 mm or 1.0 m")
     return _in_m(found[1], found[2] or "m")
 
 
@@ -55,7 +55,7 @@ def places_m(text: str, count: int | None = None) -> tuple[float, ...]:
     lists = [each for each in lists if each and count in (None, len(each))]
     if len(lists) > 1:
         one, two = (" ".join(value for value, _ in each) for each in lists)
-        raise ValueError(f"is it {one} or {two}? write a point in a number, and blanks between numbers")
+        raise ValueError(f"is it {one} or {two}? use a decimal point, and separate numbers by spaces")
     if not lists:
         many = "the places" if count is None else f"{count} places"
         raise ValueError(
@@ -69,7 +69,7 @@ def _in_m(value: str, unit: str) -> float:
     """A length by its number and unit."""
     factor = _M.get(unit.lower())
     if factor is None:
-        raise ValueError(f"{unit} is no unit of length; write m, mm, cm or in")
+        raise ValueError(f"{unit} is not a unit of length; use m, mm, cm or in")
     found_m = round(float(value) * factor, 9)
     if found_m > MOST_M:
         slip = f"; did you mean {value} mm?" if unit.lower() == "m" else ""
@@ -81,7 +81,7 @@ def degC(text: str) -> float:
     """Return a temperature in °C: `12 °C`, `12,5`, `68 °F`, `293 K`."""
     found = re.fullmatch(_DEGC, text.strip().replace(",", "."))
     if found is None:
-        raise ValueError("write a temperature with its unit, as 21.5 °C, or input")
+        raise ValueError("give a temperature with its unit, such as 21.5 °C, or input")
     value, unit = float(found[1]), (found[2] or "c").lower()[-1]
     return round({"c": value, "f": (value - 32.0) / 1.8, "k": value - ZERO_DEGC_K}[unit], 6)
 
@@ -104,5 +104,5 @@ def key_name(text: str) -> str:
     plain = unicodedata.normalize("NFKD", text.lower().translate(_SPELT)).encode("ascii", "ignore").decode()
     name = re.sub(r"[^a-z0-9_.]+", "-", plain).strip("-.")[:64]
     if not name:
-        raise ValueError("no name is left of it; write one with letters or digits")
+        raise ValueError("nothing is left of the name; use letters or digits")
     return name

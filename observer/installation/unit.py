@@ -158,7 +158,7 @@ def _refuse_conflicts(axes: Sequence[ServiceAxis]) -> None:
                 claims[table.listen] = f"{key}.listen"
         for claim, key in claims.items():
             if (other := taken.setdefault(claim, axis.path)) is not axis.path:
-                raise UserError(f"{axis.path}: {key}: {claim} is taken by {other} already; {_REMEDY[key]}")
+                raise UserError(f"{axis.path}: {key}: {claim} is already used by {other}; {_REMEDY[key]}")
 
 
 _OWN_PORT = "give each axis a port of its own"
@@ -207,7 +207,7 @@ def carry_out(plan: ServicePlan, root: Path) -> None:
     """
     live = root == Path("/")
     if live and os.geteuid() != 0:
-        raise UserError("service: only root may do this; write sudo before it, or look with --dry-run")
+        raise UserError("service: only root may do this; run it with sudo, or preview it with --dry-run")
     for path in plan.configurations:
         _not_another(root / path.relative_to("/"), plan.files[path])
     if live:
@@ -221,7 +221,7 @@ def carry_out(plan: ServicePlan, root: Path) -> None:
 def _not_another(there: Path, text: str | None) -> None:
     if there.exists() and there.read_text(encoding="utf-8") != text:
         raise UserError(
-            f"service: {there} is there already and is another one; give it with --config, or move it away"
+            f"service: {there} already exists and is different; give it with --config, or move it away"
         )
 
 
@@ -256,9 +256,9 @@ def _files_are_seen(config: Installation) -> None:
             continue  # a folder that it makes there, or a file that comes with the drivers
         if not path.is_absolute() or f"{path}/".startswith(_HIDDEN):
             remedy = (
-                f"write a name alone, for a folder in {STATE}"
+                f"give a name without a path, for a folder in {STATE}"
                 if folder
-                else f"put it into {CONFIG.parent} and write its whole path"
+                else f"put it in {CONFIG.parent} and give its full path"
             )
             raise UserError(f"{key}: the service does not see {path}; {remedy}")
 

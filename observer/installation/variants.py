@@ -49,7 +49,7 @@ def variants_of(table: Mapping[str, Any], place: str, base: Mapping[str, Any]) -
     for key in table:
         if key not in _TABLES:
             raise ConfigError(
-                f'{place}: "{key}" is no table of a variants\' file; give inputs, variant or sweep'
+                f'{place}: "{key}" is not a table of a variants file; give inputs, variant or sweep'
             )
     named = list(_named(table, place))
     if not named:
@@ -91,7 +91,7 @@ def _short(value: Any) -> str:
 
 def _table(value: Any, place: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
-        raise ConfigError(f"{place}: is no table; write its keys below it, as in supports.gap_m = 1e-5")
+        raise ConfigError(f"{place}: is not a table; write its keys below it, as in supports.gap_m = 1e-5")
     return value
 
 
@@ -151,13 +151,13 @@ def _is_list(value: Any) -> bool:
 
 
 def _called(key: str, entry: Mapping[str, Any]) -> str:
-    """What an entry of a list goes by: a link by both its ends."""
+    """The name of a list's entry; that of a link has both its ends."""
     name = entry.get(_NAMES.get(key, "name"), "")
     return " - ".join(map(str, name)) if isinstance(name, list) else str(name)
 
 
 def _entry_of(entries: list[Any], key: str, name: str, own: Mapping[str, Any], here: str) -> None:
-    """Put overrides into the entry of a name, or add one that says its own name."""
+    """Put overrides into the named entry, or add an entry that gives its own name."""
     found = [entry for entry in entries if _called(key, entry) == name]
     if not found and _called(key, own) == name:
         entries.append(dict(own))
@@ -176,7 +176,7 @@ def _unknown(entries: list[Any], key: str, name: str) -> str:
 
 
 def _take_away(table: dict[str, Any], path: str, here: str) -> None:
-    """Take a key, a table or an entry away."""
+    """Remove a key, a table or an entry."""
     owner: Any = table
     parts = path.split(".")
     for i, part in enumerate(parts):

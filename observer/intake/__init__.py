@@ -1,1 +1,1 @@
-"""Logs as others wrote them: read, mapped to channels and units, joined, and checked."""
+"""Logs from other recorders: read, mapped to channels and units, joined, and checked."""

@@ -1,4 +1,4 @@
-"""Text to numbers: decimals, thousands, and what a recorder writes where it has no value."""
+"""From text to numbers: decimals, thousands, and recorders' words for a missing value."""
 
 from __future__ import annotations
 

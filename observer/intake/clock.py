@@ -1,4 +1,4 @@
-"""The clock of a sheet: which columns hold the time, and what they count."""
+"""The clock of a sheet: its columns of times, and their unit."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ HOUR_S = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class SheetClock:
-    """The times of a sheet's rows and what is known of them.
+    """The times of a sheet's rows, with what is known of them.
 
-    `time_s` (n,), NaN where a row has none; `since_1970` whether they count from then, `on_wall` whether they
-    are of a clock on a wall without a zone. `columns` are the names of what holds them, `unit` what a number
-    counts, `sure` whether the file says so.
+    `time_s` (n,), NaN where a row has none; `since_1970` whether they count from then, `on_wall` whether
+    they are wall-clock times without a zone. `columns` are the names of their columns, `unit` that of a
+    number, `sure` whether the file states it.
     """
 
     time_s: FloatArray
@@ -49,7 +49,7 @@ class SheetClock:
 def clock_of(sheet: Sheet, how: Logs) -> SheetClock | None:
     """The clock of a sheet, as given or found; None where it has none.
 
-    Times of a wall's clock are as UTC where `[log] timezone` gives their zone.
+    Wall-clock times are converted to UTC where `[log] timezone` gives their zone.
     """
     if sheet.time_s is not None and how.time is None:
         return _zoned(SheetClock(sheet.time_s, sheet.since_1970, sheet.on_wall and sheet.since_1970), how)
@@ -142,7 +142,7 @@ def _of_moments(found: Moments, names: tuple[str, ...]) -> SheetClock | None:
 def _of_numbers(
     values: FloatArray, column: RawColumn, names: tuple[str, ...], given: str | None, *, by_name: bool
 ) -> SheetClock | None:
-    """The clock of a column of numbers: an epoch, days of a spreadsheet, or what its unit says."""
+    """The clock of a column of numbers: an epoch, days of a spreadsheet, or in its stated unit."""
     there = values[np.isfinite(values)]
     rising = np.diff(there)
     if given is None and not by_name and (len(there) < 3 or (rising <= 0).any() or there[0] < 0.0):
@@ -164,14 +164,14 @@ def _of_numbers(
 
 
 def _is_serial(first: float, last: float, apart: float, name: str) -> bool:
-    """Whether numbers are days of a spreadsheet: dates of our times, and rows seconds apart."""
+    """Whether numbers are days of a spreadsheet: recent dates, and rows seconds apart."""
     if not _SERIALS[0] < first <= last < _SERIALS[1] or not 0.0 < apart < 1.0:
         return False
     return apart < 5e-4 or (apart < 0.01 and bool(_DATE.search(name)))
 
 
 def _zoned(clock: SheetClock, how: Logs) -> SheetClock:
-    """The clock as UTC where its zone is given, with what a change of the clocks leaves in doubt."""
+    """The clock as UTC where its zone is given, with any ambiguity of a change to or from summer time."""
     if not clock.on_wall:
         return clock
     if how.timezone is not None and clock.since_1970:
@@ -180,7 +180,7 @@ def _zoned(clock: SheetClock, how: Logs) -> SheetClock:
 
 
 def _changed(time_s: FloatArray) -> list[str]:
-    """Whether a clock on a wall was put forward or back by an hour within a log."""
+    """Whether a wall clock was put forward or back by an hour within a log."""
     there = time_s[np.isfinite(time_s)]
     if len(there) < 3:
         return []
@@ -192,7 +192,7 @@ def _changed(time_s: FloatArray) -> list[str]:
         at = at[(of_day_h > 0.9) & (of_day_h < 3.1)]
         if len(at) == 1 and usual < HOUR_S / 4:
             return [
-                f"the clock goes {words} by an hour, as at a change of daylight saving time; say "
-                '[log] timezone, as "Europe/Berlin"'
+                f"the clock goes {words} by an hour, as at a change of daylight saving time; set "
+                '[log] timezone, such as "Europe/Berlin"'
             ]
     return []

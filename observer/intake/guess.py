@@ -1,4 +1,4 @@
-"""Which column is which channel, by name, unit and plausible values; what is doubtful about it."""
+"""Matches columns to channels, by name, unit and plausible values, with the doubts about it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from observer.intake.units import (
 from observer.tables.logs import LogColumn, Logs
 
 SURE, APART = 0.75, 0.15
-"""The least score of a match that is not doubtful, and by how much the next best column is behind."""
+"""The smallest score of a match without doubt, and its lead over the next best column."""
 TEMPERATURES = (ChannelKind.SCREW, ChannelKind.NODE, ChannelKind.END, ChannelKind.AMBIENT)
 _WORDS = {
     ChannelKind.SCREW: r"temp|lager|bearing|mutter|nut|spindel|screw|tc|pt100|therm",
@@ -54,7 +54,7 @@ class ColumnValues:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """`[log.columns]` with what was found, and why it is doubtful by channel; channels without any column."""
+    """`[log.columns]` as found, the doubts by channel, and channels without any column."""
 
     columns: dict[str, LogColumn]
     doubts: dict[str, str]
@@ -62,7 +62,7 @@ class Guess:
 
 
 def guessed(sources: Sources, config: Config, how: Logs) -> Guess:
-    """Find the column of each channel that is neither given nor plain. Raises no error."""
+    """Find the column of each channel that is neither given nor obvious. Raises no error."""
     placed, missing = placed_columns(sources, config, how, [])
     taken = {full_name(p.column) for parts in placed.values() for p in parts}
     spare = [c for s in sources.timed for c in _numeric(s) if c.name not in taken]
@@ -98,7 +98,7 @@ def guessed(sources: Sources, config: Config, how: Logs) -> Guess:
 
 
 def _numeric(source: TimedSheet) -> list[ColumnValues]:
-    """The columns of numbers of a sheet, but for its clock's."""
+    """The columns of numbers of a sheet, except its clock's."""
     found = []
     for column in source.sheet.columns:
         name = full_name(column)
@@ -111,14 +111,14 @@ def _numeric(source: TimedSheet) -> list[ColumnValues]:
 
 
 def _says_unit(found: ColumnValues, config: Config, limits: Limits, channel: str) -> bool:
-    """Whether the file says a unit of a column that is one of a channel's."""
+    """Whether the file gives a unit for a column that suits the channel."""
     to = unit_of_channel(channel, limits.kinds[config.channels.index(channel)])
     named = found.column.unit or split_name(found.name)[1]
     return bool(named and to) and fits(unit_of_column(found.column, to), resolved(to))
 
 
 def _score(limits: Limits, config: Config, channel: str, found: ColumnValues) -> float:
-    """How much speaks for a column being a channel's: its name, its unit, its values; 0 for nothing."""
+    """The score for a column being a channel's, by its name, unit and values; 0 for no evidence."""
     j = config.channels.index(channel)
     kind, to = limits.kinds[j], unit_of_channel(channel, limits.kinds[j])
     unit = unit_of_column(found.column, to)
@@ -139,7 +139,7 @@ def _score(limits: Limits, config: Config, channel: str, found: ColumnValues) ->
 
 
 def _plausible(limits: Limits, j: int, values: FloatArray) -> bool:
-    """Whether values (n,) are what a channel shows, in its unit or in one that is mistaken for it."""
+    """Whether values (n,) are plausible for a channel, in its unit or in one mistaken for it."""
     there = values[np.isfinite(values)]
     beyond = [np.asarray(each) for _, each in limits.beyond(j, there, np.nan)]
     within = not len(there) or not np.any(beyond, axis=0).mean() > 0.05
@@ -154,7 +154,7 @@ def _with_unit(
     columns: dict[str, LogColumn],
     doubts: dict[str, str],
 ) -> None:
-    """Add the unit that the values look like where the file says none, and say so where it says another."""
+    """Add the unit that the values suggest where the file gives none; report where it gives another."""
     j = config.channels.index(channel)
     to = unit_of_channel(channel, limits.kinds[j])
     own = resolved(to) if to else ""
@@ -178,7 +178,7 @@ def _alike_in_unit(
     columns: dict[str, LogColumn],
     doubts: dict[str, str],
 ) -> None:
-    """Suspect °F of every temperature whose unit the file does not say, where it is plain of one of them."""
+    """Suspect °F for every temperature without a unit in the file, where one of them is clearly in °F."""
     warm = [
         channel
         for channel, entry in columns.items()

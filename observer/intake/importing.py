@@ -1,4 +1,4 @@
-"""What `observer import` proposes: the `[log]` table by which files become a log, and what it doubts."""
+"""The proposal of `observer import`: the `[log]` table that makes files a log, and its doubts."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from observer.tables.logs import LogColumn, Logs
 
 SHOWN_ROWS = 4
 MOST_APART_S = 20.0
-"""Rows that are further apart, by numbers without a unit, may be milliseconds or minutes."""
+"""If numbers without a unit are further apart, they may be milliseconds or minutes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposal:
-    """A log as it would be written, the table that reads it, and why to ask: sentences by key of `[log]`."""
+    """A log as it would be written, the table that reads it, and the doubts: sentences by key of `[log]`."""
 
     log: Log
     how: Logs
@@ -44,7 +44,7 @@ class Proposal:
 
 
 def proposed(paths: Sequence[Path], config: Config, how: Logs) -> Proposal:
-    """Read files by what is given and guessed. Raises `LogError` with all that cannot be guessed."""
+    """Read files by given and guessed keys. Raises `LogError` with all that cannot be guessed."""
     sources = sources_of(paths, how)
     name = " + ".join(map(str, paths))
     if not sources.timed:
@@ -63,7 +63,7 @@ def proposed(paths: Sequence[Path], config: Config, how: Logs) -> Proposal:
 
 
 def _of_time(sources: Sources, how: Logs) -> dict[str, str]:
-    """What is doubtful about the clocks, by the key that settles it."""
+    """Doubts about the clocks, by the key that settles them."""
     asked = dict[str, str]()
     for source in sources.timed:
         clock = source.clock
@@ -76,7 +76,7 @@ def _of_time(sources: Sources, how: Logs) -> dict[str, str]:
             asked["[log] timezone" if "timezone" in doubt else "[log] time_format"] = doubt
     walls = {s.clock.on_wall for s in sources.timed if s.clock.since_1970}
     if len(walls) > 1:
-        asked["[log] timezone"] = "some clocks name their zone and others do not; say the zone of these"
+        asked["[log] timezone"] = "some clocks have a zone and others do not; give the zone of these"
     return asked
 
 
@@ -104,7 +104,7 @@ def _rows(sources: Sources, config: Config, how: Logs) -> list[tuple[str, ...]]:
 
 
 def table_of(how: Logs) -> str:
-    """A `[log]` table as TOML, without what is not said."""
+    """A `[log]` table as TOML, without unset keys."""
     given: dict[str, Any] = how.model_dump(exclude_unset=True, exclude_none=True, exclude={"columns"})
     lines = ["[log]", *(f"{key} = {_toml(value)}" for key, value in given.items())]
     if how.columns:

@@ -10,7 +10,7 @@ import numpy as np
 from observer.frames import BoolArray, FloatArray
 
 SAME_S = 2e-6
-"""Times that are nearer are one: a double of seconds since 1970 has no finer digits to spare."""
+"""Times closer than this count as equal: a double of seconds since 1970 resolves no finer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +43,7 @@ def joined(parts: Sequence[ChannelSamples]) -> tuple[FloatArray, FloatArray, boo
 
 
 def with_steps(time_s: FloatArray, values: FloatArray, inputs: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Rows with one put in just before each at which an input changes, in which the inputs are as they were.
+    """Rows, with one inserted just before each change of an input, in which the inputs keep their values.
 
     `inputs` (c,) are the channels that hold their value until the next row; the others have none in such a
     row.

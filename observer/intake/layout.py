@@ -1,4 +1,4 @@
-"""Where a table begins in a file: preamble, header, row of units, data; and by what its cells are parted."""
+"""Finds a table in a file: preamble, header, row of units, data; and its separator."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ class TableLayout:
 
 
 def split_lines(lines: Sequence[str], separator: str) -> list[list[str]]:
-    """The cells of lines; a separator of one blank stands for any number of them."""
+    """The cells of lines; a separator of one blank matches any number of them."""
     if separator == " ":
         return [line.split() for line in lines]
     return list(csv.reader(lines, delimiter=separator)) if lines else []
 
 
 def separator_of(lines: Sequence[str]) -> str:
-    """The character that parts the columns in most lines so that most cells are values."""
+    """The character that separates the columns in most lines so that most cells are values."""
     return max(_SEPARATORS, key=lambda mark: (_score(split_lines(lines, mark)), -_SEPARATORS.index(mark)))
 
 
 def _score(rows: Sequence[Sequence[str]]) -> float:
-    """How much of some rows is a table of values: its cells that are, less those that are not, by rows."""
+    """The score of some rows as a table of values: cells that are, less those that are not, per row."""
     begin, end, width = data_block(rows)
     if width < 2:
         return 0.0
@@ -95,7 +95,7 @@ def _has_values(row: Sequence[str]) -> bool:
 def layout_of(
     rows: Sequence[Sequence[str]], skip_rows: int | None = None, units_row: bool | None = None
 ) -> TableLayout:
-    """Where things are in the first rows of a table, as far as it is not given."""
+    """The layout of the first rows of a table, as far as it is not given."""
     begin, _, width = data_block(rows)
     if skip_rows is not None:
         header = skip_rows
@@ -115,7 +115,7 @@ def layout_of(
 
 
 def _is_units(row: Sequence[str]) -> bool:
-    """Whether most cells of a row are units, or say how a time is written."""
+    """Whether most cells of a row are units or formats of a time."""
     cells = [cell.strip().strip("[]()") for cell in row if cell.strip()]
     known = sum(1 for cell in cells if known_unit(cell) or _FORMAT.match(cell) or cell in "-")
     return bool(cells) and 2 * known > len(cells) - 1 and any(known_unit(cell) for cell in cells)
@@ -135,7 +135,7 @@ def names_of(header: Sequence[str], units: Sequence[str], width: int) -> list[tu
 
 
 def decimal_of(rows: Sequence[Sequence[str]]) -> str:
-    """What parts the decimals of the numbers in some rows."""
+    """The decimal separator of the numbers in some rows."""
     cells = [cell.strip() for row in rows for cell in row]
     commas = sum(
         bool(re.match(r"[+-]?(?:\d{1,3}(?:\.\d{3})+|\d*),\d+(?:[eE][+-]?\d+)?%?$", c)) for c in cells

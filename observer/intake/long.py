@@ -1,4 +1,4 @@
-"""Files with one signal in a row, turned to a column for each signal."""
+"""Converts files in long form, one signal per row, to a column for each signal."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MOST_SIGNALS = 500
 
 
 def long_form_of(sheet: Sheet) -> LongForm | None:
-    """The columns of name and value of a sheet that has one signal in a row; None where it has not."""
+    """The columns of name and value of a sheet in long form; None for any other."""
     names = [c for c in sheet.columns if c.is_text and _NAME.match(c.name.strip().replace("_", ""))]
     values = [c for c in sheet.columns if _VALUE.match(c.name.strip().replace("_", ""))]
     for column in names:

@@ -1,4 +1,4 @@
-"""Sheets to a log: each channel's column, in the channel's unit, on one clock; all problems at once."""
+"""From sheets to a log: each channel's column, in the channel's unit, on one clock; all problems at once."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from observer.intake.units import converted, fits, resolved, shown_unit, split_n
 from observer.tables.logs import LogColumn, Logs
 
 MOST_WORDS = 0.5
-"""Part of a column's cells that may be words; more, and it is no column of numbers."""
+"""Fraction of a column's cells that may be words; with more it is not a column of numbers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +41,7 @@ class Placed:
 def read_foreign(
     paths: Sequence[Path], config: Config, *, spare: Collection[str] = (), accept_truncated: bool = False
 ) -> Log:
-    """Read files as others wrote them, by `[log]` and by what is plain; channels in `spare` may be missing.
+    """Read files from other recorders, by `[log]` and obvious names; channels in `spare` may be missing.
 
     Raises `LogError` with all problems.
     """
@@ -93,8 +93,8 @@ def mapped(
 
 
 def keeps_its_value(kind: ChannelKind) -> bool:
-    """Whether a channel of a kind may keep its value until the next row: what is commanded, not what warms
-    or moves.
+    """Whether a channel of a kind may keep its value until the next row: commanded values may, temperatures
+    and positions may not.
     """
     return kind not in (ChannelKind.SCREW, ChannelKind.NODE, ChannelKind.POSITION)
 
@@ -105,7 +105,7 @@ def no_clock(sources: Sources, how: Logs) -> str:
     if how.time is not None or how.time_format is not None:
         given = how.time if isinstance(how.time, str) else " and ".join(how.time or ("the time",))
         return (
-            f'[log] time: no column "{given}" with times in it as [log] time_format says; there are {names}'
+            f'[log] time: no column "{given}" with times in the form of [log] time_format; there are {names}'
         )
     return f'no column of increasing times was found; name it with [log] time = "…", one of {names}'
 
@@ -113,7 +113,7 @@ def no_clock(sources: Sources, how: Logs) -> str:
 def placed_columns(
     sources: Sources, config: Config, how: Logs, problems: list[str]
 ) -> tuple[dict[str, list[Placed]], list[str]]:
-    """Where each channel's values are, and the channels that are nowhere."""
+    """The columns of each channel, and the channels without any."""
     kinds, placed, missing = kinds_of(config), dict[str, list[Placed]](), list[str]()
     for channel in config.channels:
         given = how.columns.get(channel)
@@ -140,7 +140,7 @@ def placed_columns(
 
 
 def unit_of_column(column: RawColumn, to: str) -> str:
-    """The unit that a file says a column is in; that of its channel where it says none."""
+    """The unit of a column by its file; that of its channel where the file gives none."""
     written = column.unit or split_name(column.name)[1]
     if not written:
         return to
@@ -152,7 +152,7 @@ def unit_of_column(column: RawColumn, to: str) -> str:
 
 
 def _column(source: TimedSheet, channel: str, given: LogColumn | None) -> RawColumn | None:
-    """A channel's column in a sheet, where that is given or plain."""
+    """A channel's column in a sheet, where that is given or obvious."""
     sheet = source.sheet
     if given is not None:
         return sheet.named(given.column)
@@ -168,12 +168,12 @@ def _column(source: TimedSheet, channel: str, given: LogColumn | None) -> RawCol
 
 
 def plain_name(name: str) -> str:
-    """A name without what people write differently: letters and digits in lower case."""
+    """A name in canonical form: letters and digits in lower case."""
     return "".join(c for c in name.casefold() if c.isalnum())
 
 
 def _without(missing: Sequence[str], sources: Sources) -> str:
-    """The sentence for channels that no column is plainly meant for."""
+    """The sentence for channels without an obvious column."""
     spare = [
         full_name(c) for s in sources.timed for c in s.sheet.columns if full_name(c) not in s.clock.columns
     ]
@@ -184,8 +184,8 @@ def _without(missing: Sequence[str], sources: Sources) -> str:
     noun, verb = ("column", "is") if len(names) == 1 else ("columns", "are")
     there = ", ".join(dict.fromkeys(spare[:12])) + (", …" if len(spare) > 12 else "")
     return (
-        f"{noun} {', '.join(names)} {verb} missing; say which are meant in [log.columns], or let "
-        f"`observer import` find out; there are {there}"
+        f"{noun} {', '.join(names)} {verb} missing; name their columns in [log.columns], "
+        f"or let `observer import` find them; there are {there}"
     )
 
 
@@ -219,7 +219,7 @@ def _values(placed: Placed, problems: list[str], words: list[Words]) -> FloatArr
 def _one_after_another(
     channel: str, parts: Sequence[Placed], values: Sequence[FloatArray], problems: list[str]
 ) -> ChannelSamples:
-    """The samples of a channel that goes on from file to file."""
+    """The samples of a channel that continues from file to file."""
     order = sorted(range(len(parts)), key=lambda i: float(parts[i].source.clock.time_s[0]))
     times = [parts[i].source.clock.time_s for i in order]
     if any(b[0] <= a[-1] for a, b in itertools.pairwise(times)):

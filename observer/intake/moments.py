@@ -1,4 +1,4 @@
-"""Written times to moments: ISO 8601, German and other dates, clocks without a date, any `strptime`
+"""From written times to numbers: ISO 8601, German and other dates, clocks without a date, any `strptime`
 format.
 """
 
@@ -214,9 +214,9 @@ def _by_format(cells: list[str | None], time_format: str) -> Moments | None:
 
 
 def localised(wall_s: FloatArray, zone: str) -> FloatArray:
-    """Times (n,) of a clock on a wall, in s since 1970 as if of UTC, as UTC by their zone.
+    """Wall-clock times (n,), in s since 1970 as if in UTC, converted to UTC by their zone.
 
-    The hour that comes twice in autumn is the first one until the clock goes back.
+    The repeated hour in autumn is taken as the first one until the clock goes back.
     """
     place, there = ZoneInfo(zone), np.isfinite(wall_s)
     quarters = np.where(there, np.floor(np.where(there, wall_s, 0.0) / 900.0), 0).astype(np.int64)

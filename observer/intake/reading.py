@@ -1,4 +1,4 @@
-"""The one way in which commands read a log: in our own form as it stands, any other by `[log]`."""
+"""The one way in which commands read a log: directly if in our own form, by `[log]` otherwise."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def read_channels(
 
 
 def held(log: Log, config: Config) -> Log:
-    """A log whose inputs keep their value until the next row: rows are put in where they change."""
+    """A log whose inputs keep their value until the next row: rows are inserted where they change."""
     kinds = kinds_of(config)
     keeping = np.array([keeps_its_value(kinds.get(name, ChannelKind.SCREW)) for name in log.channels])
     time_s, values = with_steps(log.time_s, log.values, keeping)
@@ -54,7 +54,7 @@ def held(log: Log, config: Config) -> Log:
 
 
 def own_header(path: Path, how: Logs) -> list[str] | None:
-    """The columns of a log in our own form; None for one that others wrote, or whose columns `[log]` names.
+    """The columns of a log in our own form; None for any other, or where `[log]` names columns.
 
     A file that cannot be read is taken for ours, so that reading it says why.
     """

@@ -1,4 +1,4 @@
-"""What every reader of a format returns: sheets of plain columns, nothing converted yet."""
+"""The result of every format's reader: sheets of plain columns, nothing converted yet."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class RawColumn:
     """A column as its file has it.
 
     `values` (n,): float64 with NaN for an empty cell, `datetime64[ns]` with NaT, or a pyarrow array of
-    strings with nulls. `unit` is what the file says of it, empty for nothing. `utc`: moments are of UTC, and
-    not of a clock on a wall.
+    strings with nulls. `unit` is the one in the file, empty for none. `utc`: times are in
+    UTC, not wall-clock times.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Sheet:
     doubts: tuple[str, ...] = ()
 
     def place(self, row: int) -> str:
-        """Where a row stands, as its reader counts."""
+        """The place of a row, as its reader counts."""
         sheet = f'"{self.name}", ' if self.name else ""
         if self.lines is not None:
             return f"{sheet}line {self.lines[row]}"

@@ -47,7 +47,7 @@ class Sources:
 
 
 def sources_of(paths: Sequence[Path], how: Logs, *, accept_truncated: bool = False) -> Sources:
-    """Read files and find the clock of each of their sheets. Raises `LogError` where one cannot be read."""
+    """Reads files and finds the clock of each of their sheets. Raises `LogError` where one cannot be read."""
     timed, problems, doubts, without, long = list[TimedSheet](), list[str](), list[str](), list[Sheet](), None
     for path in paths:
         before = f"{path.name}: " if len(paths) > 1 else ""
@@ -89,7 +89,7 @@ def _in_order(sheet: Sheet, clock: SheetClock) -> TimedSheet:
 def _sound(
     sheet: Sheet, clock: SheetClock, problems: list[str], doubts: list[str], before: str
 ) -> TimedSheet:
-    """A sheet without rows that have no time; says which go back."""
+    """A sheet without the rows that lack a time; reports those that go back."""
     doubts += [before + sentence for sentence in clock.doubts]
     there = np.isfinite(clock.time_s)
     if not there.all():
@@ -110,7 +110,7 @@ def _going_back(sheet: Sheet, clock: SheetClock) -> Iterator[str]:
     steps = np.diff(clock.time_s)
     for row in np.flatnonzero(steps < 0.0):
         if clock.on_wall and abs(steps[row] + HOUR_S) < 0.2 * HOUR_S:
-            hint = 'looks like the end of daylight saving time; say [log] timezone, as "Europe/Berlin"'
+            hint = 'looks like the end of daylight saving time; set [log] timezone, such as "Europe/Berlin"'
         else:
             hint = "sort the rows, or split the log there"
         yield f"{sheet.place(int(row) + 1)}: the time goes back by {-steps[row]:.6g} s; {hint}"

@@ -1,7 +1,7 @@
 """Units as recorders write them, and their conversion to those of the channels.
 
-The usual ones are known by the ways in which they are written; pint knows the others, and is imported only
-where something is converted.
+Common units are recognised by their usual spellings; pint knows the others, and is imported
+only for a conversion.
 """
 
 from __future__ import annotations
@@ -58,12 +58,12 @@ EXPECTED = dict.fromkeys(ChannelKind, "degC") | {
     ChannelKind.SPEED: "rpm",
     ChannelKind.OTHER: "",
 }
-"""The unit of a channel whose name does not say it."""
+"""The unit of a channel whose name does not give it."""
 _PLAIN = {"degC": "°C", "degF": "°F", "kelvin": "K", "um": "µm", "percent": "%", "N*m": "Nm"}
 
 
 def known_unit(written: str) -> str:
-    """The unit that a text is one of the usual ways to write; empty where it is none."""
+    """The unit of which a text is a usual spelling; empty where it is none."""
     return _ALIAS.get(written.strip().casefold().replace(" ", "_"), "")
 
 
@@ -98,7 +98,7 @@ def _registry() -> Any:
 
 @cache
 def resolved(written: str) -> str:
-    """The unit that a text means, as pint takes it. Raises `LogError` for none."""
+    """The unit that a text means, for pint. Raises `LogError` for an unknown one."""
     if unit := known_unit(written):
         return unit
     import pint  # noqa: PLC0415
@@ -106,7 +106,7 @@ def resolved(written: str) -> str:
     try:
         return str(_registry().Unit(written))
     except (pint.PintError, ValueError, TypeError, AssertionError, AttributeError):
-        raise LogError(f'"{written}" is no unit; write it as degC, degF, mm, 1/min, kW …') from None
+        raise LogError(f'"{written}" is not a known unit; write it as degC, degF, mm, 1/min, kW …') from None
 
 
 def is_unit(written: str) -> bool:
@@ -134,5 +134,5 @@ def converted(values: FloatArray, unit: str, to: str) -> FloatArray:
 
 
 def factor(unit: str, to: str) -> float:
-    """How many of one unit are one of the other."""
+    """The factor from one unit to the other."""
     return float(converted(np.ones(1), unit, to)[0])

@@ -1,1 +1,1 @@
-"""The library behind `import observer`: a machine, what is asked of it, and results with named signals."""
+"""The library behind `import observer`: a machine, its methods, and results with named signals."""

@@ -1,4 +1,4 @@
-"""A machine in one case, in figures: where it settles, or the most of a cycle; to be read side by side."""
+"""The key figures of a machine in one case: its steady state, or the maxima of a cycle; for comparison."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from observer.model.survey import NODE, Growth, Survey, displaced, growth_of, su
 
 @dataclass(frozen=True, slots=True)
 class CaseFigures:
-    """What is compared of a machine in a case.
+    """The compared figures of a machine in a case.
 
     In the steady state: temperatures along the screw at `position_m` (g,), `field_degC` (g,), and of sensors
     and nodes by name; heats by source; the thermal error (g,), empty without an expansion coefficient; the
-    axial force, tension positive; the time constant of what is slowest to settle, None of a cycle.
+    axial force, tension positive; the slowest time constant, None for a cycle.
     Of a cycle: the highest temperature at each place, the mean heats, and error and force where they are
     largest by size. `largest_error_um` is the largest by size within the travel, at `largest_at_m`. `biot` is
     the Biot number of the screw in the largest film of the case.
@@ -77,7 +77,7 @@ class SurveyedCase(NamedTuple):
 def steady_case(
     name: str, config: Installation, inputs: Mapping[str, float], log: Log | None
 ) -> SurveyedCase:
-    """Return where a machine settles with inputs that last, or with the mean inputs of a log.
+    """Return the steady state of a machine with constant inputs, or with the mean inputs of a log.
 
     `inputs` replace channels of the log. Raises `ConfigError` or `LogError`.
     """
@@ -94,7 +94,7 @@ def steady_case(
 
 
 def cycle_case(name: str, config: Installation, inputs: Mapping[str, float], log: Log) -> SurveyedCase:
-    """Return the most that a machine warms and grows over a log, by its heat laws alone.
+    """Return the maxima of a machine's temperature and growth over a log, by its heat laws alone.
 
     `inputs` replace channels of the log. Raises `ConfigError` or `LogError`.
     """
@@ -116,7 +116,7 @@ def cycle_case(name: str, config: Installation, inputs: Mapping[str, float], log
 
 
 def with_inputs(log: Log, inputs: Mapping[str, float], survey: Survey) -> Log:
-    """The program that a log is, with channels that last in place of its own. Raises `LogError`."""
+    """A log as a program, with constant inputs in place of its own channels. Raises `LogError`."""
     own = [c for c in log.channels if c not in inputs]
     columns = [log[c] for c in own] + [np.full(len(log), value) for value in inputs.values()]
     whole = replace(log, channels=(*own, *inputs), values=np.column_stack(columns))
@@ -133,7 +133,7 @@ def _case(
     loss_1_s: float,
     slowest_s: float | None,
 ) -> SurveyedCase:
-    """The figures of output rows (K, R), with the largest loss that goes with the speed."""
+    """The figures of output rows (K, R), with the largest loss that depends on the speed."""
     plant, g = survey.plant, len(survey.grid_m)
     hottest = rows.max(axis=0)
     travel = travel_of(config, plant)[:g]

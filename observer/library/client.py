@@ -27,14 +27,14 @@ from observer.publish.session import client_config, close_within
 
 Message = TypeVar("Message", ServiceHeat, ServiceField, ServiceThermalError, ServiceHealth, ServiceAlarms)
 _STEP_S, _REPORT_S = 3.0, 15.0
-"""What should have been renewed by then is stale, unless three of its usual gaps are longer."""
+"""A message older than this is stale, unless three of its usual intervals are longer."""
 
 
 class ServiceStream(Generic[Message]):
     """The messages of one kind: `async for message in stream`, beginning with the last one if there is any.
 
-    A slow reader gets the newest and is never behind. Where nothing is heard for a while, the last message
-    comes once more with the quality `stale`, as it is in `last` from then on.
+    A slow reader gets the newest and is never behind. If nothing is heard for a while, the last message
+    comes once more with the quality `stale`, and so it stays in `last`.
     """
 
     def __init__(self, kind: type[Message], silent_s: float) -> None:
@@ -89,7 +89,7 @@ class ServiceStream(Generic[Message]):
 class ServiceClient:
     """A running service: `async with observer.connect(…) as service`.
 
-    `machine` and `axis` are whose it is. `heat`, `field`, `error`, `health` and `alarms` are streams, each
+    `machine` and `axis` identify it. `heat`, `field`, `error`, `health` and `alarms` are streams, each
     with its `last` message, there from the beginning where the service has one.
     """
 
@@ -155,7 +155,7 @@ class ServiceClient:
         return f"ballscrew/{self.machine}/{self.axis}"
 
     def _answer(self, key: str) -> bytes | None:
-        """The last message of a key, None where nobody has one."""
+        """The last message of a key, None without one."""
         for reply in self._session.get(f"{self._prefix}/{key}", timeout=self._timeout_s):
             if reply.ok is not None:
                 return bytes(reply.ok.payload.to_bytes())
@@ -180,7 +180,7 @@ def connect(
 ) -> ServiceClient:
     """Connect to a running service: `async with observer.connect() as service`.
 
-    Without `machine` and `axis` it is the one that answers first at the endpoint. Entering raises
+    Without `machine` and `axis` it is the first that answers at the endpoint. Entering raises
     `UserError`, a sentence, where none answers within `timeout_s`, with the axes that do.
     """
     return ServiceClient(endpoint, machine, axis, timeout_s)

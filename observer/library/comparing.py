@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _OF_SENSORS = ("sensor", "estimator", "tolerance")
-"""Variants that differ in these are compared by what they leave unknown, too."""
+"""Variants that differ in these are also compared by the σ that remain."""
 Aim = Literal["error"]
 GivenVariants = str | Path | Mapping[str, Any]
 """A variants' file, or the table of one."""
@@ -122,12 +122,12 @@ def compare_variants(
     minimise: Aim | None,
     progress: Callable[[str, float], None] = lambda _text, _done: None,
 ) -> Comparison:
-    """Compare variants: where they settle, or over the cycle that a log is.
+    """Compare variants: in their steady states, or over a log's cycle.
 
     Raises `ConfigError` or `LogError`.
     """
     if log is None and not steady:
-        raise ConfigError("compare: say whether the steady state is meant, or give a log of a cycle")
+        raise ConfigError("compare: ask for the steady state, or give a log of a cycle")
     found, mounted, sentences = [], {}, dict[str, None]()
     for i, variant in enumerate(variants):
         progress(variant.name, i / len(variants))
@@ -174,7 +174,7 @@ def _mounted(variant: Variant, case: SurveyedCase) -> list[MountedScrew]:
 
 
 def _kept_fixed(config: Installation) -> Iterator[str]:
-    """What a search for the best mounting leaves as it is, a sentence each."""
+    """What a search for the best mounting leaves unchanged, a sentence each."""
     yield "L-I lets the screw slide at both ends: its error counts from the screw's middle"
     for source in config.source:
         if source.nut_friction is not None and source.nut_friction.preload_N:

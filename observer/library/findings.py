@@ -1,4 +1,4 @@
-"""What a fit, a search, a check and a ranking say, as values of the library."""
+"""The results of a fit, a search, a check and a ranking, as values of the library."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from observer.report.wording import interval, unit_text
 
 @dataclass(frozen=True, slots=True)
 class FoundValue:
-    """A value that was found, its unit, and the interval in which it is with 95 %."""
+    """An estimated value, its unit, and its 95 % interval."""
 
     value: float
     ci95: tuple[float, float]
@@ -51,12 +51,12 @@ class CheckFindings:
 
     @property
     def usable(self) -> bool:
-        """Whether an estimator can be made of it."""
+        """Whether an estimator can be designed from it."""
         return bool(self.document["verdict"]["usable"])
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What to look at, a sentence each."""
+        """The warnings, a sentence each."""
         return tuple(self.document["warnings"])
 
     def __getitem__(self, key: str) -> Any:

@@ -1,4 +1,4 @@
-"""Calibration: logs as runs, the fit, and the configuration with what was fitted."""
+"""Calibration: logs as runs, the fit, and the configuration with the fitted values."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from observer.installation import Installation, write_back
 
 
 class RunsOfLogs(NamedTuple):
-    """The frames of each log, what is doubtful about the logs as they are, and what was in another unit."""
+    """The frames of each log, the doubts about the logs as they are, and the channels in another unit."""
 
     frames: list[list[FrameBlock]]
     odd: list[str]
@@ -45,7 +45,7 @@ def runs_of(logs: Sequence[Log], config: Installation, *, rightly: bool = False)
 
 
 def _refuse_twice(logs: Sequence[Log]) -> None:
-    """Raise `LogError` where two logs are one: it would be the proof of what was found in it."""
+    """Raise `LogError` where two logs are identical: one would prove what was found in itself."""
     seen: dict[bytes, Path] = {}
     for log in logs:
         content = hashlib.sha256(log.time_s.tobytes())
@@ -62,7 +62,7 @@ def text_of(source: bytes) -> str:
 
 
 def about(source: bytes, names: Sequence[str]) -> dict[str, Any]:
-    """What a result was made of: program, logs, and the text of the configuration."""
+    """The inputs of a result: program, logs, and the text of the configuration."""
     return {
         "version": version("ballscrew-observer"),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -73,7 +73,7 @@ def about(source: bytes, names: Sequence[str]) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class FittedLogs:
-    """What a calibration found: the content of `calibration.json`, and the text of `config.toml`."""
+    """The result of a calibration: the content of `calibration.json`, and the text of `config.toml`."""
 
     document: dict[str, Any]
     text: str

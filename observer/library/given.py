@@ -1,4 +1,4 @@
-"""Logs as a user of the library has them: files, tables of pandas, columns, results of a simulation."""
+"""Logs as users of the library have them: files, pandas tables, columns, results of a simulation."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ def recorded(path: Path, config: Installation, **accept: bool) -> Log:
 
 
 def read_program(path: Path, config: Installation, spare: Iterable[str] = ()) -> Log:
-    """A log of what a machine is to do, the channels of its inputs; those of sensors, and others that are to
-    spare, may be missing.
+    """A program: a log of the channels of a machine's inputs; those of sensors, and optional
+    ones, may be missing.
     """
     return read_channels(path, config, spare={s.channel for s in config.sensor} | set(spare))
 
 
 def as_log(given: GivenLog, config: Installation, name: str = "log") -> Log:
-    """Return what was given as a log of a configuration's channels. Raises `LogError`."""
+    """Return the given log, with a configuration's channels. Raises `LogError`."""
     if isinstance(given, str | Path):
         return recorded(Path(given), config)
     log = _in_memory(given, name).with_channels(config.channels)
@@ -64,7 +64,7 @@ def as_log(given: GivenLog, config: Installation, name: str = "log") -> Log:
 
 
 def as_program(given: GivenLog, config: Installation, name: str = "log", spare: Iterable[str] = ()) -> Log:
-    """Return what was given as a log of inputs, as `read_program` does. Raises `LogError`."""
+    """Return the given log of inputs, as `read_program` does. Raises `LogError`."""
     if isinstance(given, str | Path):
         return read_program(Path(given), config, spare)
     return _in_memory(given, name)
@@ -88,7 +88,8 @@ def _in_memory(given: Any, name: str) -> Log:
     columns = getattr(given, "columns", None)
     if columns is None or not hasattr(given, "__getitem__"):
         raise LogError(
-            f"{name}: a {type(given).__name__} is no log; give a path, a Log, a DataFrame or a dict of its "
+            f"{name}: a {type(given).__name__} is not a log; give a path, a Log, a DataFrame or a dict "
+            "of its "
             "columns"
         )
     table = {str(column): given[column] for column in columns}

@@ -1,4 +1,4 @@
-"""A machine by its configuration, and all that can be asked of it."""
+"""A machine by its configuration, with everything that can be done with it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Machine:
     """A machine and its sensors as a configuration describes them; `observer.load` reads one.
 
     Wherever a log is asked for, give a path, an `observer.Log`, a `pandas.DataFrame` with `time_s` as a
-    column or as its index, a dict of columns, or the result of `simulate`. What cannot be used raises
+    column or as its index, a dict of columns, or the result of `simulate`. Unusable input raises
     `observer.UserError` with one sentence that names the place and the remedy.
     """
 
@@ -54,7 +54,7 @@ class Machine:
     source: bytes
     """The text of the configuration's file."""
     file: str = "configuration"
-    """What errors call it."""
+    """Its name in errors."""
 
     def __repr__(self) -> str:
         machine = self.config.machine
@@ -91,17 +91,17 @@ class Machine:
     def forecast(
         self, log: GivenLog, *, program: GivenLog | None = None, hours: float | None = None
     ) -> ForecastRun:
-        """Say what comes after a log: temperatures and thermal error, and when they have settled.
+        """Forecast what follows a log: temperatures and thermal error, and when they settle.
 
-        What runs next is learnt from the log's end, or is the `program`, a log of the input channels that is
-        repeated. Raises `LogError`.
+        The next program is learnt from the log's end, or given as `program`, a log of the input channels
+        that is repeated. Raises `LogError`.
         """
         follows = None if program is None else as_program(program, self.config, "program")
         return forecast_run(as_log(log, self.config), self.config, follows, hours, quietly)
 
     @in_words
     def identify(self, log: GivenLog, method: Method = "smoother", **options: Any) -> IdentifiedHeats:
-        """Estimate the heats over a whole log at once, each from all measurements before and after it.
+        """Estimate the heats of a whole log, each from all measurements before and after it it.
 
         `options` are `regularisation`, `parameter_choice`, `order`, `gradient` and `seed`, as of `observer
         identify`. Raises `LogError` or `UserError`.
@@ -114,7 +114,9 @@ class Machine:
     def calibrate(
         self, logs: GivenLog | Sequence[GivenLog], *, progress: Callable[[str], None] = lambda _text: None
     ) -> CalibrationResult:
-        """Fit what the configuration declares free to a log, or to a list of them. Raises `UserError`."""
+        """Fit the parameters that the configuration declares free to a log, or to a list of logs. Raises
+        `UserError`.
+        """
         found = fitted(self.config, self.source, as_several(logs, self.config), progress)
         return CalibrationResult(self.of_text(found.text, self.file), found)
 
@@ -129,7 +131,7 @@ class Machine:
         """Find the physical effect that the model lacks, and prove that the gap shrinks; some minutes.
 
         The last of several logs, or the end of a single one, is kept as proof. `progress(what, part done)`
-        follows the work, half of which is done by a process beside this one unless `alone`. Raises
+        reports the progress of the work, half of which is done by a second process unless `alone`. Raises
         `ConfigError` or `LogError`.
         """
         from observer.library.searching import searched
@@ -143,14 +145,14 @@ class Machine:
 
     @in_words
     def settle(self, inputs: Mapping[str, float], *, program: GivenLog | None = None) -> SteadyScrew:
-        """Say where it settles with inputs that last, or a program's mean. Raises `UserError`."""
+        """Return the steady state with constant inputs, or a program's means. Raises `UserError`."""
         from observer.library.steady import steady_screw
 
         return steady_screw(self.config, inputs, program)
 
     @in_words
     def compare(self, variants: GivenVariants, log: GivenLog | None = None, **how: Any) -> Comparison:
-        """Compare variants over a log of inputs or, with `steady=True`, where they settle.
+        """Compare variants over a log of inputs or, with `steady=True`, in their steady states.
 
         `minimise="error"` also finds mounting, preload and gap. Raises `UserError`.
         """
@@ -170,7 +172,8 @@ class Machine:
         spacing_m: float | None = None,
         progress: Callable[[str], None] = lambda _text: None,
     ) -> PlacedSensors:
-        """Say which sets of up to `count` sensors, within a `budget`, leave least unknown for their cost.
+        """Return the sets of up to `count` sensors, within a `budget`, that leave the smallest σ for their
+        cost.
 
         `candidates` are a file, or tables as `[[candidate]]` of a configuration, which they replace; without
         any, nodes in the air and places on the screw, `spacing_m` apart. Judged `by` the σ of `"heat"`,
@@ -189,7 +192,7 @@ class Machine:
 
     @in_words
     def check(self) -> CheckFindings:
-        """Say what the configuration means: modes, observability, poles, noise gain, warnings.
+        """Return what the configuration means: modes, observability, poles, noise gain, warnings.
 
         Raises `UserError` where no estimator can be designed.
         """
@@ -204,7 +207,7 @@ class Machine:
         Inputs are `heat_<source>_W` and the known temperatures in °C, outputs `sensor_<name>_degC` and, as in
         `estimates.csv`, `field_<mm>_degC` and `error_<mm>_um` (a `.` in a name is `_`). A nut that moves is
         spread over its stroke; losses that change with speed or temperature are left out. Raises
-        `ConfigError` for supports with play, of which the error is no linear output.
+        `ConfigError` for supports with play, whose error is not a linear output.
         """
         from observer.config import untied
         from observer.model.build import build_plant
@@ -215,7 +218,7 @@ class Machine:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CalibrationResult:
-    """What a calibration found: `machine` is the one with the fitted values."""
+    """The result of a calibration: `machine` is the one with the fitted values."""
 
     machine: Machine
     _found: FittedLogs
@@ -245,7 +248,7 @@ class CalibrationResult:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DiscoveryResult:
-    """What a search found; printed, it says so in sentences."""
+    """The result of a search; printed, it describes itself in sentences."""
 
     _machines: Mapping[str, Machine]
     _file: str
@@ -279,12 +282,12 @@ class DiscoveryResult:
 
     @property
     def document(self) -> Mapping[str, Any]:
-        """The content of `result.json`, but for the next command."""
+        """The content of `result.json`, without the next command."""
         return self._found.document
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What was found, in words."""
+        """The result in words."""
         from observer.report.wording import as_sentences
 
         return tuple(as_sentences(self._found.found, self._found.document))

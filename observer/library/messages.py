@@ -1,4 +1,4 @@
-"""What a running service publishes, as typed objects; a message that is not what it should be is none."""
+"""The messages of a running service as typed objects; an invalid message is None."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class ServiceHealth:
 
 @dataclass(frozen=True, slots=True)
 class ServiceAlarm:
-    """What somebody should come and look for, and what is to be done."""
+    """An alarm: what somebody should come and look at, and its remedy."""
 
     id: str
     severity: str
@@ -100,7 +100,7 @@ def message_from(kind: type[Message], data: bytes | Mapping[str, Any]) -> Messag
 
 
 def documents_of(estimate: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """The documents of heat, field and error in a decoded estimate, so far as it holds them."""
+    """The documents of heat, field and error in a decoded estimate, as far as it contains them."""
     known = {key: _numbers(value) for key, value in estimate.items() if isinstance(value, np.ndarray | list)}
     about = {key: estimate.get(key) for key in ("time_s", "quality")}
     columns = zip(*(known.get(key, []) for key in ("heat_W", "heat_sigma_W", "heat_bound_W")), strict=False)
@@ -116,6 +116,6 @@ def documents_of(estimate: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _numbers(values: Any) -> list[Any]:
-    """Plain values, None in place of what is no number."""
+    """Plain values, None in place of anything but a number."""
     plain = np.asarray(values).tolist()
     return [None if isinstance(v, float) and not math.isfinite(v) else v for v in plain]

@@ -11,11 +11,11 @@ from observer.errors import UserError, install_remedy
 Given = ParamSpec("Given")
 Answer = TypeVar("Answer")
 _BY_THEMSELVES = ("pandas", "xarray")
-"""What no extra contains, for only some users have it."""
+"""Packages in no extra, since only some users need them."""
 
 
 def in_words(work: Callable[Given, Answer]) -> Callable[Given, Answer]:
-    """Have a function raise `UserError` with the remedy where it needs a package that is not installed."""
+    """Make a function raise `UserError` with the remedy where it needs a package that is not installed."""
 
     @functools.wraps(work)
     def wrapped(*args: Given.args, **kwargs: Given.kwargs) -> Answer:

@@ -1,4 +1,4 @@
-"""Where sensors are worth their cost: candidates, the search over their sets, and what remains unknown."""
+"""Finds sensors that are worth their cost: candidates, the search over their sets, and the σ that remain."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from observer.tables.candidates import PROBING_S, SensorCandidate
 from observer.tables.sections import AMBIENT, Sensor
 
 Quantity = Literal["all", "heat", "field", "error"]
-"""What a set of sensors is judged by."""
+"""The criterion for a set of sensors."""
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 DEFAULT_PLACES = 41
-"""Places along a screw where nothing is said of what can be mounted."""
+"""Number of positions along a screw if no candidates are given."""
 SEARCH_STEP_S, SAID_STEP_S = 60.0, 20.0
 """Steps over the shift: coarse to rank many sets, as fine as those of `check` for the few that are shown."""
-_TOGETHER = 32  # sets worked out at once
-_MORE_THAN_HEATS = 2  # how many more sensors than heats are tried unless something else is asked
+_TOGETHER = 32  # sets evaluated at once
+_MORE_THAN_HEATS = 2  # how many more sensors than heats are tried by default
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ class PlacedSensors:
 
     @in_words
     def draw(self, path: str | Path) -> None:
-        """Draw what remains unknown against the cost into a file (.png, .svg, .pdf). Raises `UserError`."""
+        """Draw the σ that remain against the cost into a file (.png, .svg, .pdf). Raises `UserError`."""
         from observer.report.placing import write_costs
 
         write_costs(Path(path), self.document)
@@ -100,8 +100,8 @@ class PlacedSensors:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """What is asked of a search: how many sensors at most, what they may cost, by what they are judged, and
-    whether the configured ones stay; None is the default.
+    """The options of a search: largest number of sensors, budget, criterion, and whether
+    the configured ones stay; None is the default.
     """
 
     sensors: int | None = None
@@ -202,7 +202,7 @@ class _Bench:
         return np.asarray(np.exp(np.mean([np.log(each) for each in rms.values()], axis=0)))
 
     def places(self, chosen: SensorSet, cost: float, found: SetSigmas, v: int) -> SensorPlaces:
-        """The v-th of the sets worked out, for people."""
+        """The v-th of the evaluated sets, for people."""
         field_K = found.field_K[v, self.travelled]
         error_um = found.error_um[v, self.travelled] if found.error_um.size else None
         return SensorPlaces(
@@ -223,14 +223,14 @@ def candidates_of(
     """Return the sensors that could be mounted: those `given`; without any the nodes that the air touches,
     and places along the screw, `spacing_m` apart.
 
-    The screw is left alone where the configuration has nodes and all its sensors sit on these, unless a
-    spacing is asked for. Raises `UserError` for one together with candidates that are given.
+    Positions on the screw are left out if the configuration has nodes and all its sensors are on these,
+    unless a spacing is given. Raises `UserError` for one together with candidates that are given.
     """
     if given:
         if spacing_m is not None:
             raise UserError(
-                "place: --spacing-m is for places where nothing is said of candidates; give spacing_m to the "
-                "[[candidate]] instead"
+                "place: --spacing-m is for use without candidates; give spacing_m "
+                "to the [[candidate]] instead"
             )
         return [Mountable(sensor, one.cost, one.probing_s) for one in given for sensor in one.sensors]
     thermocouples = [s for s in config.sensor if s.kind == "temperature"]
@@ -250,7 +250,7 @@ def candidates_of(
 
 
 def _in_the_air(config: Config) -> list[str]:
-    """The nodes on which something can be screwed: those that the air touches, else all."""
+    """The nodes on which a sensor can be mounted: those in contact with air, else all."""
     touched = {end for link in config.link if AMBIENT in link.between for end in link.between}
     names = [node.name for node in config.node]
     return [name for name in names if name in touched] or names

@@ -1,4 +1,4 @@
-"""What comes: a run by the heat laws alone, and what follows the end of a log."""
+"""Predictions: a run by the heat laws alone, and the time after the end of a log."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def simulated_run(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ForecastRun(SignalTable):
-    """What comes after a log: temperatures and thermal error with their sigma, and when they have settled.
+    """The forecast after a log: temperatures and thermal error with their sigma, and when they settle.
 
     `sentences` say it in words, `document` is the content of `forecast.json`.
     """

@@ -22,7 +22,7 @@ MOST_PLACES = 400
 
 
 class Report(NamedTuple):
-    """What is asked: places every `every_m`, m, or where `[output]` has them; times every `every_s`, s."""
+    """The grid of a report: positions every `every_m`, m, or as in `[output]`; times every `every_s`, s."""
 
     every_m: float | None = None
     every_s: float = 600.0

@@ -65,7 +65,7 @@ def replayed(
 
 
 def title_of_replay(log: Log) -> str:
-    """What the picture of a replay is called."""
+    """The title of a replay's picture."""
     return f"replay of {log.path.name}"
 
 

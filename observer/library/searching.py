@@ -1,4 +1,4 @@
-"""The search for what a model lacks: its result, and the configurations and the report that follow."""
+"""The search for a model's missing physics: its result, and the configurations and the report that follow."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from observer.report.advice import candidate_comment, next_step
 
 @dataclass(frozen=True, slots=True)
 class SearchedLogs:
-    """What a search found, the content of `result.json` but for the next step, and the configurations by the
-    names of their files.
+    """The result of a search: the content of `result.json` without the next step, and the configurations by
+    the names of their files.
     """
 
     found: Discovery
@@ -84,7 +84,9 @@ def write_program(path: Path, config: Config, cycle: FrameBlock) -> None:
 
 
 def configurations(given: str, found: Discovery, result: dict[str, Any]) -> dict[str, str]:
-    """What was named as `config.toml`, or what explains most of an unknown as `candidate.toml`, if any."""
+    """The named effects as `config.toml`, or the one that explains most of an unknown as `candidate.toml`, if
+    any.
+    """
     partial = result["partial"]
     if found.verdict.kind == "named":
         name, fit, comment = "config.toml", found.verdict.fit, ""

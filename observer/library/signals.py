@@ -1,4 +1,4 @@
-"""What a result over time is: named signals, Arrow underneath."""
+"""Results over time: named signals, with Arrow underneath."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class SignalTable(ABC):
     def __getitem__(self, name: str) -> Any:
         """A signal (n,): numbers, NaN where nothing is known, or words. Raises `KeyError`."""
         if name not in self._table.column_names:
-            raise KeyError(f"{name!r} is no signal of this result; .signals has their names")
+            raise KeyError(f"{name!r} is not a signal of this result; .signals lists them")
         return self._table.column(name).to_numpy()
 
     def __len__(self) -> int:
@@ -135,7 +135,7 @@ class SignalTable(ABC):
 
 
 def _mean(values: Any) -> str:
-    """The mean of a signal in words; of words, the one that is there most often."""
+    """The mean of a signal as text; of words, the most frequent one."""
     if values.dtype.kind not in "fiu":
         words, counts = np.unique(values.astype(str), return_counts=True)
         return html.escape(str(words[np.argmax(counts)]))

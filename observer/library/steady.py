@@ -25,7 +25,7 @@ STEADY = "steady state"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SteadyScrew:
-    """Where a machine settles: `figures`, and `document`, the content of `steady.json`."""
+    """The steady state of a machine: `figures`, and `document`, the content of `steady.json`."""
 
     figures: CaseFigures
     document: Mapping[str, Any]
@@ -58,7 +58,7 @@ class SteadyScrew:
 
 
 def steady_screw(config: Installation, inputs: Mapping[str, float], program: GivenLog | None) -> SteadyScrew:
-    """Return where a machine settles with inputs that last, or with the mean inputs of a program.
+    """Return the steady state of a machine with constant inputs, or with the mean inputs of a program.
 
     Raises `ConfigError` or `LogError`.
     """

@@ -1,1 +1,1 @@
-"""The daemon: drivers, the loop, and what follows each of its steps."""
+"""The daemon: drivers, the loop, and the observers of each step."""

@@ -1,4 +1,4 @@
-"""Commands of those who may act: obeyed between two steps, answered, logged and recorded."""
+"""Commands from authorised clients: obeyed between two steps, answered, logged and recorded."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import structlog
 from observer.exchange import Command, Outcome
 from observer.live.observers import Answer, StepObserver
 
-_FRESH_S = 5.0  # who asked longer ago has stopped waiting, and must not be surprised
+_FRESH_S = 5.0  # a client that asked longer ago has stopped waiting, and must not be surprised
 _NOBODY = {
     "arm": "there is no compensation; set enabled = true in [compensation]",
     "disarm": "there is no compensation; set enabled = true in [compensation]",
@@ -23,9 +23,9 @@ log = structlog.get_logger()
 
 
 class Commands:
-    """Has the estimator and the observers of one service carry out what was asked of it.
+    """Makes the estimator and the observers of one service carry out its commands.
 
-    `reset` starts the estimator afresh; `record(time_s, kind, outcome)` puts a command on record.
+    `reset` restarts the estimator; `record(time_s, kind, outcome)` records a command.
     """
 
     def __init__(
@@ -46,21 +46,21 @@ class Commands:
             if command.refused is not None:
                 self._close(command, Outcome(False, command.refused, time_s))
             elif time.monotonic() - command.asked_s > self._fresh_s:
-                self._close(command, Outcome(False, "not done: it waited for too long; ask again", time_s))
+                self._close(command, Outcome(False, "not done: it waited too long; ask again", time_s))
             elif command.kind == "reset":
                 self._reset()
                 self._asked(command)
-                self._close(command, Outcome(True, "the estimator starts afresh", time_s))
+                self._close(command, Outcome(True, "the estimator restarts", time_s))
             else:
                 self._obeyed += [(command, answer) for answer in self._asked(command)]
 
     def _asked(self, command: Command) -> list[Answer]:
-        """Ask every observer; returns the answers, of nobody's the reason."""
+        """Ask every observer; returns the answers, or the reason why none applies."""
         answers = [answer for observer in self._observers if (answer := observer.obey(command))]
         return answers or [lambda: (False, _NOBODY.get(command.kind, ""))]
 
     def after_step(self, tick_s: float) -> None:
-        """Answer by what came of the commands in the step."""
+        """Answer with the outcome of the commands in the step."""
         obeyed, self._obeyed = self._obeyed, []
         for command, answer in obeyed:
             self._close(command, Outcome(*answer(), tick_s))

@@ -56,7 +56,7 @@ def is_wanted(machine: MachineModel) -> bool:
 
 
 class Forecaster(StepObserver):
-    """Computes a forecast now and then from the newest state; no method waits for it."""
+    """Computes forecasts periodically from the newest state; no method waits for it."""
 
     def __init__(
         self, machine: MachineModel, instance: str, publish: Callable[[Mapping[str, Any]], None]
@@ -76,7 +76,7 @@ class Forecaster(StepObserver):
         self._thread.start()
 
     def follow(self, step: Step) -> None:
-        """Take a step of the loop, all of which is frozen, and once a second where the estimator stands."""
+        """Take a step of the loop, all of it frozen, and once a second the estimator's state."""
         if step.now_s - self._looked_s >= _LOOK_S:
             self._looked_s, snapshot = step.now_s, step.snapshot()
             self._newest = None if snapshot is None else snapshot.estimator
@@ -98,7 +98,7 @@ class Forecaster(StepObserver):
                     found = self._document(last)
                     if not self._closing.is_set():
                         self._publish(found)
-            except Exception:  # a forecast is an extra: the service goes on without
+            except Exception:  # a forecast is an extra: the service continues without
                 log.error("the forecast failed", exc_info=True)
 
     def _gather(self) -> EstimateBlock | None:

@@ -1,4 +1,5 @@
-"""The daemon's loop: readings in as they come, and at each tick frame → estimate → subscribers → recording.
+"""The daemon's loop: takes readings as they come, and at each tick frame → estimate → subscribers →
+recording.
 
 The loop knows neither buses nor networks nor the model: drivers, clock, pipeline, publisher, recorder and
 what follows each step are handed in. Nothing in it waits for anything but the next tick.
@@ -31,7 +32,7 @@ from observer.quality.health import HEALTH_PERIOD_S, Health, assess
 from observer.record.recorder import NoRecorder, Recorder
 
 _LOOK_S = 0.5
-_LATE_S = 1.0  # a reading may have waited so long on its way
+_LATE_S = 1.0  # a reading may be delayed this long
 _SETTLE_S = 6.0
 _SETTLE_LOOK_S = 0.02
 _DRIVERS_END_S = 0.3
@@ -42,7 +43,7 @@ log = structlog.get_logger()
 
 
 class Clock(Protocol):
-    """What the loop knows of time."""
+    """The loop's clock."""
 
     def now(self) -> float:
         """Seconds since the epoch, ever increasing."""
@@ -71,7 +72,7 @@ class Publisher(Protocol):
         """Publish a block of one estimate."""
 
     def readings(self, frame: FrameBlock, sequence: int) -> None:
-        """Publish what the estimate of this number was made of: a frame of one step."""
+        """Publish the readings behind the estimate of this number: a frame of one step."""
 
     def document(self, key: str, document: Mapping[str, Any]) -> None:
         """Publish a document under a key; called by any thread."""
@@ -86,7 +87,7 @@ class Service:
 
     `notify` reports to the service manager (`sd_notify`), `observers` follow each step in their order.
     `instance` names a start, `start` is the state that the pipeline continues from, None if cold. With
-    `alone` it makes sure, before the first tick, that no other service has the axis. `sensors` maps sensors'
+    `alone` it verifies before the first tick that no other service has the axis. `sensors` maps sensors'
     channels to their names.
     """
 
@@ -185,7 +186,7 @@ class _Cycles:
         self._sent_s = self._looked_s = -math.inf
 
     def snapshot(self) -> Snapshot | None:
-        """Where the pipeline stands after its last step, None while the estimator knows nothing yet."""
+        """The pipeline's state after its last step, None before the first estimate."""
         snapshot = self._service.start
         if self._last is not None:
             snapshot = Snapshot(float(self._last.frame.time_s[0]), *self._pipeline.snapshot())
@@ -196,7 +197,7 @@ class _Cycles:
         return snapshot
 
     def _standing(self) -> Snapshot | None:
-        """All that the next recording goes on from, if this one ends with the step just done."""
+        """The state from which the next recording continues, if this one ends with the step just done."""
         if self._failure is not None or (snapshot := self.snapshot()) is None:
             return None
         memory, test = self._aligner.memory, self._pipeline.test_state
@@ -208,7 +209,9 @@ class _Cycles:
         self._service.recorder.command(self._aligner.ingest(Reading(time_s, {})).time_s, kind, outcome)
 
     def _take(self, name: str, reading: Reading) -> None:
-        """Take a reading: none from the future; a late one keeps its time, one far too late is a fault."""
+        """Take a reading: none from the future; a late one keeps its time, one that is far too late is a
+        fault.
+        """
         now_s = self._service.clock.now()
         if reading.time_s > now_s:
             reading = Reading(now_s, reading.values, reading.faults)
@@ -224,7 +227,7 @@ class _Cycles:
             self._service.recorder.reading(self._aligner.ingest(news))
 
     async def tick_until_renewed(self) -> Renewal[Any] | None:
-        """Tick at the whole multiples of the period, until the parts are to be built anew.
+        """Tick at whole multiples of the period, until the parts are to be rebuilt.
 
         A tick that is missed is counted and left out.
         """
@@ -240,11 +243,11 @@ class _Cycles:
                 return replace(renewal, snapshot=self.snapshot(), last=self._last)
 
     def _tick(self, time_s: float) -> None:
-        self.wires.drain()  # what came while this tick was waiting for its turn belongs to it
+        self.wires.drain()  # what arrived while this tick was waiting belongs to it
         asked = [command for observer in self._service.observers for command in observer.asks()]
         self._commands.before_step([*self._service.publisher.commands(), *asked], time_s)
         frame = self._aligner.tick(time_s)
-        changed = self._estimate_of(frame)  # first: what nobody waits for comes after
+        changed = self._estimate_of(frame)  # first: work that nobody waits for comes after
         for observer in self._service.observers:
             observer.see(frame)
         self._service.recorder.tick(float(frame.time_s[0]), self._standing)
@@ -295,7 +298,7 @@ class _Cycles:
         return all(part.alive for part in parts)
 
     def _notices(self) -> Iterator[str]:
-        """What is wrong beside the estimates."""
+        """Problems beside the estimates."""
         if not self.wires.alive:
             yield "drivers: their thread has ended; restart the service"
         for observer in self._service.observers:

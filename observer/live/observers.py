@@ -1,4 +1,4 @@
-"""What follows the loop beside the estimates, one step after the other."""
+"""The observers of the loop's steps: what follows each estimate."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ _CONTROL_END_S = 0.3
 
 Publish = Callable[[Mapping[str, Any]], None]
 Answer = Callable[[], tuple[bool, str]]
-"""Whether a command was done, and what came of it in words; asked after the next step."""
+"""Whether a command was done, and its outcome in words; asked after the next step."""
 
 log = structlog.get_logger()
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What the loop took in and gave out at a tick at `now_s` of its clock; blocks of one.
+    """The loop's inputs and outputs at a tick at `now_s` of its clock; blocks of one.
 
     `sequence` is the estimate's number, `clock_offset_s` how far the computer's clock is ahead. `snapshot`
-    gives the state of the pipeline after the step, None while the estimator knows nothing yet; it is only to
-    be asked in `follow`.
+    gives the state of the pipeline after the step, None before the first estimate; it may only
+    be called in `follow`.
     """
 
     frame: FrameBlock
@@ -72,7 +72,7 @@ class StepObserver:
         """Take a step that succeeded, once its estimate is published."""
 
     def miss(self, time_s: float, sequence: int, reason: str) -> None:
-        """Take that the step of a tick has failed."""
+        """Note that the step of a tick has failed."""
 
     def obey(self, command: Command) -> Answer | None:
         """Carry out a command; returns the answer, None where the command is not for this observer."""
@@ -123,7 +123,7 @@ class CompensationObserver(StepObserver):
             self._signal.hear(reading)
 
     def asks(self) -> list[Command]:
-        """Set to zero when the signal says so."""
+        """Zero when the signal rises."""
         return [] if self._signal is None else self._signal.commands()
 
     def follow(self, step: Step) -> None:
@@ -160,7 +160,7 @@ class CompensationObserver(StepObserver):
             self._compensator.zero(command.by)
             return self._zeroed
         if command.kind == "reset":
-            self._compensator.disarm("the estimator was started afresh; arm again")
+            self._compensator.disarm("the estimator was restarted; arm again")
         return None
 
     def _armed(self) -> tuple[bool, str]:
@@ -175,14 +175,14 @@ class CompensationObserver(StepObserver):
         return True, text if reason is None else f"{text}; off: {reason}"
 
     def notices(self) -> tuple[str, ...]:
-        """Why the control does not follow, and that a zero was missed."""
+        """Why the control does not follow, and whether a zero was missed."""
         failure, missed = self._control.failure, self._compensator.zero_point.missed
         found = [] if failure is None else [failure]
         found += [self._compensator.reason or ""] if missed else []
         return tuple(f"compensation: {text}" for text in found)
 
     def remember(self, snapshot: Snapshot) -> Snapshot:
-        """Add what is in force."""
+        """Add the table and line in force."""
         return replace(snapshot, compensation=self._compensator.held)
 
     def finish(self, _snapshot: Snapshot | None) -> None:
@@ -218,16 +218,16 @@ class AlarmObserver(StepObserver):
 
     def finished(self) -> str | None:
         """Wait until the alarms are on the disk."""
-        return None if self._desk.close(_END_S) else "what is known of alarms could not be kept in time"
+        return None if self._desk.close(_END_S) else "the state of the alarms could not be saved in time"
 
 
 def stored(
     path: Path, fit: CheckpointFit, now_s: float, oldest_s: float
 ) -> tuple[Snapshot | None, GapState | None, ZeroPoint | None]:
-    """Where the service stood when it ran last, None for a cold start; the log says which and why.
+    """The service's state when it last ran, None for a cold start; the log says which and why.
 
-    Beside it what was known, however long ago, of the prediction's gap and of the machine's zero; None if
-    nothing.
+    Also the last known state of the prediction's gap and of the machine's zero, however old;
+    None without.
     """
     gap: GapState | None = None
     zero: ZeroPoint | None = None
@@ -249,7 +249,7 @@ def carried(
     now: CheckpointFit,
     over: Callable[[], Snapshot | None] = lambda: None,
 ) -> Snapshot | None:
-    """A snapshot for parts that are built anew, None where there is no way; the log says why.
+    """A snapshot for rebuilt parts, None where it cannot be carried over; the log says why.
 
     `over` carries it over where it is of another model.
     """
@@ -281,7 +281,7 @@ class Keeper(StepObserver):
         self._reason: str | None = None
 
     def follow(self, step: Step) -> None:
-        """Write where the service stands after a step, if it is time again."""
+        """Write the state of the service after a step, if due."""
         if step.now_s - self._given_s >= self._period_s and not self._writing.is_alive():
             self._given_s = step.now_s
             self.finish(step.snapshot())
@@ -312,6 +312,8 @@ class Keeper(StepObserver):
             self._reason = None
         except OSError as error:
             self._reason = f"{self._path}: cannot be written ({error.strerror}); free space or repair it"
-        except Exception as error:  # a defect: the service goes on, and health says that it cannot be resumed
+        except (
+            Exception
+        ) as error:  # a defect: the service continues, and health reports that it cannot be resumed
             self._reason = f"{self._path}: cannot be written ({error!r}); report this"
             log.error("checkpoint failed", exc_info=True)

@@ -1,4 +1,5 @@
-"""One look at the wires, for `observer check --wires`: drivers run for a few seconds, and what came is noted.
+"""Reads every device once, for `observer check --wires`: drivers run for a few seconds, and their readings
+are noted.
 
 A driver is run as the service runs it, so nothing is sent that a normal run would not send.
 """
@@ -19,10 +20,10 @@ from observer.process.clock import ServiceClock
 from observer.quality.reasons import remedy_for
 
 LOOK_S = 5.0
-"""How long is waited for a value of every channel; half as long again as a period, where that is longer."""
+"""Time allowed for a value of every channel; one and a half periods, where that is longer."""
 LONGEST_S = 15.0
 ENOUGH = 4
-"""Readings of a driver that are enough for its rate."""
+"""Number of readings of a driver that gives its rate."""
 _END_S = 2.0
 _LOOK_AGAIN_S = 0.05
 
@@ -31,7 +32,7 @@ Implausible = Callable[[str, float], str | None]
 
 @dataclass
 class _Seen:
-    """What one driver has delivered: the newest value, fault and arrival of each channel."""
+    """The readings of one driver: the newest value, fault and arrival of each channel."""
 
     readings: int = 0
     first_s: float = math.nan
@@ -58,7 +59,8 @@ class _Seen:
 
 
 def look(drivers: Sequence[Driver], implausible: Implausible, look_s: float = LOOK_S) -> dict[str, Any]:
-    """Run drivers until each of their channels has come, or for `look_s`; return what came, as plain data.
+    """Run drivers until each of their channels has arrived, or for `look_s`; return the readings as plain
+    data.
 
     `implausible(channel, value)` says why a value cannot be right, None where it may be.
     """

@@ -1,4 +1,4 @@
-"""The advice to probe now: when the thermal error is no longer known as well as the part needs it."""
+"""The advice to probe now: when the thermal error is no longer known well enough for the part."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ PERIOD_S = 5.0  # no more often is a bound worked out
 
 
 def is_advised(config: Config) -> bool:
-    """Whether probing is advised: there is something to probe with, and it is said what the part needs."""
+    """Whether probing can be advised: there is a probe, and the part's need is configured."""
     moved = any(sensor.kind == "displacement" for sensor in config.sensor)
     return moved and config.needs_um is not None
 
 
 class ProbingAdvisor(StepObserver):
-    """Publishes every five seconds whether to probe now, and what that would bring."""
+    """Publishes every five seconds whether to probe now, and what that would gain."""
 
     def __init__(
         self, config: Config, plant: Plant, instance: str, publish: Callable[[Mapping[str, Any]], None]
@@ -51,8 +51,8 @@ def advice(
 ) -> dict[str, Any]:
     """Return the document of `probing` for the last step of an estimate, with its covariance P (n, n).
 
-    The thermal error is known to within its bound, or to 2 σ where no bound is known; a probing takes as
-    large a part off that as off σ.
+    The thermal error is known to within its bound, or to 2 σ where no bound is known; probing reduces
+    that by the same factor as σ.
     """
     sigma_um, bound_um = estimate.error_sigma_um[-1], estimate.error_bound_um[-1]
     within_um = np.where(np.isfinite(bound_um), bound_um, 2.0 * sigma_um)

@@ -1,4 +1,4 @@
-"""What ends a service's parts to build them anew: a configuration read again, or a clock that was set."""
+"""Renewal of a service's parts: after a reloaded configuration, or a reset clock."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from observer.model.drive import DriveState
 from observer.process.clock import stepped
 
 SETTLED_S = 3.0
-"""The new time of a clock that was set is believed once it has been as far for so long …"""
+"""The new time of a reset clock is accepted once its offset has been stable for so long …"""
 _SAME_S = 0.1
 """… to within this."""
 NOTICE_S = 600.0
-"""A configuration that was refused stays a reason in health for so long."""
+"""A rejected configuration stays a reason in health for so long."""
 
 Prepared = TypeVar("Prepared")
 log = structlog.get_logger()
@@ -33,7 +33,7 @@ log = structlog.get_logger()
 
 @dataclass(frozen=True, slots=True)
 class Renewal(Generic[Prepared]):
-    """Why the parts are built anew, with what, and where they stood.
+    """Why the parts are rebuilt, with what, and their last state.
 
     `prepared` is what a configuration that was read again comes to, None for the one in force; `new_time`
     says that the service's time begins anew as well. `last` is the step before.
@@ -47,10 +47,12 @@ class Renewal(Generic[Prepared]):
 
 
 class Renewals(Generic[Prepared]):
-    """Watches for both; lives longer than the parts. `reload` may be called from any thread."""
+    """Watches for both; outlives the parts. `reload` may be called from any thread."""
 
     def __init__(self, reread: Callable[[], Prepared] | None = None) -> None:
-        """Take what reads and checks the configuration again; it raises `UserError` where it is refused."""
+        """Take the function that reloads and checks the configuration; it raises `UserError` for an invalid
+        one.
+        """
         self._reread = reread
         self._lock = threading.Lock()
         self._asked = False
@@ -61,11 +63,11 @@ class Renewals(Generic[Prepared]):
 
     @property
     def can_reload(self) -> bool:
-        """Whether there is a configuration to read again."""
+        """Whether there is a configuration to reload."""
         return self._reread is not None
 
     def reload(self) -> None:
-        """Read the configuration again, beside the running service; asked meanwhile, it is read once more."""
+        """Reload the configuration, beside the running service; if asked meanwhile, once more."""
         if self._reread is not None and not self._asked:
             self._asked = True
             threading.Thread(target=self._read, args=(self._reread,), name="reload", daemon=True).start()
@@ -81,13 +83,13 @@ class Renewals(Generic[Prepared]):
                 self._refuse(str(error))
             except (
                 Exception
-            ) as error:  # the service goes on with what it has, whatever is wrong with the new one
+            ) as error:  # the service continues with what it has, whatever is wrong with the new one
                 log.error("reading the configuration failed", exc_info=True)
                 self._refuse(repr(error))
 
     def _refuse(self, why: str) -> None:
         self._refused = (time.monotonic(), why)
-        log.error("configuration refused; the one in force stays", reason=why)
+        log.error("configuration rejected; the one in force stays", reason=why)
 
     def due(self, now_s: float, offset_s: float) -> Renewal[Prepared] | None:
         """The renewal that is due at a time of the service, None if none is."""
@@ -108,7 +110,7 @@ class Renewals(Generic[Prepared]):
         """Reasons for health."""
         if self._refused is None or time.monotonic() - self._refused[0] > NOTICE_S:
             return ()
-        return (f"the new configuration was refused, the old one is in force: {self._refused[1]}",)
+        return (f"the new configuration was rejected, the old one is in force: {self._refused[1]}",)
 
 
 def carried_over(
@@ -116,9 +118,9 @@ def carried_over(
 ) -> Snapshot | None:
     """A snapshot for another model of the same screw: its field and heats with their σ.
 
-    What had been learnt of the old model begins anew, and so do the watch over its gap and all that counts
-    from a start. None where nothing was known yet, where the two models have nothing in common, or where one
-    of the estimators has states of its own.
+    What had been learnt of the old model starts again, and so do the watch over its gap and everything
+    counted from a start. None where nothing was known yet, where the two models have nothing in common, or
+    where one of the estimators has states of its own.
     """
     estimator = now.estimator()
     if not (isinstance(before.estimator(), CarriesOver) and isinstance(estimator, CarriesOver)):
@@ -136,7 +138,7 @@ def carried_over(
 
 
 def _with_paths(drive: DriveState, before: DriveState) -> DriveState:
-    """What is remembered of nuts' paths, where the nuts are the same and the states as many."""
+    """The memory of nuts' paths, where the nuts and the number of states are the same."""
     if [len(nut.B) for nut in drive.nuts] != [len(nut.B) for nut in before.nuts]:
         return drive
     return replace(drive, nuts=before.nuts, turns=before.turns)

@@ -1,8 +1,8 @@
-"""An adopted configuration on trial: its open-loop gap beside that of the one before, over the same hours.
+"""An adopted configuration on trial: its open-loop gap compared with the previous one's, over the same hours.
 
 Both predict the readings from the heat laws alone, by the same frames, beginning from the same readings.
-After so many hours in which the machine ran, the adopted one is kept if its gap is smaller, else the one
-before is put back. A thread of its own does it, a minute of frames at a time: no tick waits for it.
+After so many hours in which the machine ran, the adopted one is kept if its gap is smaller, else the previous
+one is restored. This runs in a thread of its own, a minute of frames at a time: no tick waits for it.
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ from observer.installation.adopt import Adoption, adoption_of, before_of, note, 
 from observer.live.observers import StepObserver
 
 SHRUNK = 0.95
-"""The adopted configuration is kept if its gap is at most this part of the other's over the same hours."""
+"""The adopted configuration is kept if its gap is at most this fraction of the other's over the same hours.
+"""
 LOOK_S = 2.0
 BLOCK_S = 60.0
 NOTE_S = 600.0
-"""So often what has been watched is written down: a restart loses no more."""
+"""Interval of saving the progress: a restart loses no more."""
 PAUSE_S = 30.0
-"""After a pause of so much nobody knows what the screw did: both predictions begin again from the sensors."""
+"""After such a pause the screw's state is unknown: both predictions restart from the sensors."""
 NOTICE_S = 600.0
 _MOST_FRAMES = 100_000
 
@@ -41,7 +42,7 @@ log = structlog.get_logger()
 
 
 class Pair:
-    """Two open-loop predictions of the same readings, and what of an adoption they have gathered."""
+    """Two open-loop predictions of the same readings, with the adoption's sums so far."""
 
     def __init__(self, before: Installation, now: Installation) -> None:
         self._machines = tuple(MachineModel.of(config) for config in (before, now))
@@ -52,7 +53,7 @@ class Pair:
         self._loops = [OpenLoop(machine.plant, machine.drive) for machine in self._machines]
 
     def see(self, adoption: Adoption, frames: FrameBlock) -> Adoption:
-        """Add frames to what has been watched."""
+        """Add frames to the sums."""
         if float(frames.dt_s.max(initial=0.0)) > PAUSE_S:
             self._begin()
             return adoption
@@ -84,7 +85,7 @@ def has_shrunk(adoption: Adoption) -> bool:
 
 
 class AdoptionTrial(StepObserver):
-    """Watches the file of a configuration for what is adopted in its place, and what comes of it.
+    """Watches a configuration's file for adoptions, and judges them.
 
     `reload` has the service read its configuration again.
     """
@@ -108,7 +109,7 @@ class AdoptionTrial(StepObserver):
         self._thread.start()
 
     def in_force(self, config: Installation) -> None:
-        """Take that another configuration is in force from now on."""
+        """Note that another configuration is in force from now on."""
         self._hash = config.digest
         self._forget()
 
@@ -137,18 +138,18 @@ class AdoptionTrial(StepObserver):
         return (*reasons, f"adoption: {self._reported[1]}")
 
     def close(self, timeout_s: float) -> None:
-        """Write down how far it has come, and end."""
+        """Save the progress, and end."""
         self._closing.set()
         self._thread.join(timeout_s)
 
     def _supervised(self) -> None:
-        """Watch until closed; whatever goes wrong is reported, and the service goes on."""
+        """Watch until closed; whatever goes wrong is reported, and the service continues."""
         while not self._closing.wait(LOOK_S):
             try:
                 self.look()
             except UserError as error:
                 self._fail(str(error))
-            except Exception as error:  # a defect in here is no reason to end a service
+            except Exception as error:  # a defect in here must not end a service
                 log.error("watching the adopted configuration failed", exc_info=True)
                 self._fail(repr(error))
         if self._watching() and self._adoption is not None and self._adoption.values:
@@ -160,7 +161,7 @@ class AdoptionTrial(StepObserver):
         self._problem = why
 
     def look(self) -> None:
-        """See whether something was adopted or taken back by hand, and work through the frames so far."""
+        """Check whether something was adopted or reverted by hand, and process the frames so far."""
         try:
             adoption = adoption_of(self._path)
         except UserError as error:
@@ -169,7 +170,7 @@ class AdoptionTrial(StepObserver):
         if self._key(adoption) != self._seen:
             self._adoption, self._seen, self._problem = adoption, self._key(adoption), None
             self._forget()
-            log.info("a configuration was adopted or taken back", says=adoption and adoption.sentence())
+            log.info("a configuration was adopted or reverted", says=adoption and adoption.sentence())
             self._reload()
             return
         if (adoption := self._adoption) is None:
@@ -195,7 +196,7 @@ class AdoptionTrial(StepObserver):
             self._note(adoption)
 
     def _due(self, adoption: Adoption) -> Sequence[FrameBlock]:
-        """The frames so far, once they are of a minute, or of a tenth of what is to be watched."""
+        """The frames so far, once they cover a minute, or a tenth of the time to watch."""
         frames = self._frames
         waiting = len(frames)
         if waiting < 2 or float(frames[-1].time_s[0] - frames[0].time_s[0]) < min(
@@ -211,10 +212,12 @@ class AdoptionTrial(StepObserver):
         try:
             adoption = take_back(self._path, adoption, "taken_back", "the gap has not shrunk")
         except UserError as error:
-            raise UserError(f"the gap has not shrunk, but it cannot be taken back: {error}") from None
+            raise UserError(
+                f"the gap has not shrunk, but the configuration cannot be reverted: {error}"
+            ) from None
         self._adoption, self._seen = adoption, self._key(adoption)
         self._reported = (time.monotonic(), adoption.sentence())
-        log.warning("adopted configuration taken back", says=adoption.sentence())
+        log.warning("adopted configuration reverted", says=adoption.sentence())
         self._reload()
 
     def _end(self, adoption: Adoption) -> None:
@@ -223,9 +226,9 @@ class AdoptionTrial(StepObserver):
         self._note(adoption)
 
     def _note(self, adoption: Adoption) -> None:
-        """Write down how it stands, unless that is there, or somebody has undone or adopted meanwhile.
+        """Save the state if it has changed, unless somebody has undone or adopted meanwhile.
 
-        What cannot be written is tried again at the next look, if the watch has ended.
+        A failed write is retried at the next check, if the watch has ended.
         """
         self._noted_s = time.monotonic()
         try:

@@ -23,7 +23,7 @@ from observer.frames import Reading
 MAX_WAITING = 10_000  # readings; some minutes of a machine, far longer than the loop is ever busy
 RESTART_S = 1.0
 _BEAT_S = 0.5
-_DEAF_S = 10.0  # a thread that has not come round for so long reads nothing any more
+_DEAF_S = 10.0  # a thread that has not responded for so long no longer reads
 _END_S = 0.25
 _TURN_S = 0.001  # with Python's own 5 ms, two busy threads keep a third waiting for up to 0.5 s
 
@@ -31,7 +31,7 @@ log = structlog.get_logger()
 
 
 def take_short_turns() -> None:
-    """Have a thread that computes let another one in after 1 ms: who stamps must not wait."""
+    """Make computing threads yield after 1 ms: time stamps must not wait."""
     sys.setswitchinterval(_TURN_S)
 
 
@@ -65,7 +65,7 @@ class Wires:
         return self._thread.is_alive() and time.monotonic() - self._beat_s < _DEAF_S
 
     def statuses(self) -> dict[str, DriverStatus]:
-        """How each driver fares, with what was dropped on the way from it."""
+        """The status of each driver, with the readings dropped on their way."""
         return {
             driver.name: dataclasses.replace(
                 driver.status, drops=driver.status.drops + self._dropped[driver.name]
@@ -74,7 +74,7 @@ class Wires:
         }
 
     def drain(self) -> None:
-        """Take everything that waits, in its order; on the event loop that takes."""
+        """Take everything that waits, in order; on the receiving event loop."""
         self._called = False
         while self._waiting:
             self._take(*self._waiting.popleft())

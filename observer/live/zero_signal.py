@@ -1,4 +1,4 @@
-"""The signal of a control that the machine has just been set to zero, made the command that it stands for."""
+"""Turns a control's signal that the machine has just been zeroed into the command `zero`."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _HIGH = 0.5
 
 
 class ZeroSignal:
-    """Watches one channel's readings as they come, before the tick makes one value of them."""
+    """Watches one channel's readings as they come, before the tick reduces them to one value."""
 
     def __init__(self, channel: str, late_s: float) -> None:
-        """Take the channel, and after how long without a value it is lost."""
+        """Take the channel, and the time without a value after which it is lost."""
         self._channel, self._late_s = channel, late_s
         self._was_high: bool | None = None
         self._heard_s = -math.inf

@@ -1,1 +1,1 @@
-"""The page: what the service knows, for a person at a screen, a phone or a wall."""
+"""The page: the service's state for a person at a screen, a phone or a wall display."""

@@ -1,4 +1,4 @@
-"""The page: its routes, and what is answered."""
+"""The page: its routes and their answers."""
 
 from __future__ import annotations
 
@@ -55,7 +55,8 @@ _OF_AN_AXIS = {
 }
 _GIVES_WAY = 10
 _IN_THE_CLEAR = (
-    '<p class="hint plain">This connection is not encrypted: whoever is on the way can read the password.</p>'
+    '<p class="hint plain">This connection is not encrypted: anybody on the network path can read the '
+    "password.</p>"
 )
 
 
@@ -97,7 +98,7 @@ def application(
 
 
 class _Pages:
-    """What is answered."""
+    """The answers."""
 
     def __init__(
         self,
@@ -112,7 +113,7 @@ class _Pages:
         self._login, self._acknowledge = login, acknowledge
         self._axes, self._notes = axes, Notes(start.recordings, f"{start.machine}-{start.axis}")
         self._send_notes()
-        # one reader for all viewers: what they ask for together takes neither more memory nor another core
+        # one reader for all viewers: concurrent requests take neither more memory nor another core
         self._reader = ThreadPoolExecutor(1, "recordings", _give_way)
         self._digests, self._turn = Digests(), asyncio.Lock()
         folder = files("observer.page") / "assets"
@@ -219,7 +220,7 @@ class _Pages:
         return JSONResponse({"noted": True})
 
     def _by(self, request: Request, form: dict[str, str]) -> str:
-        """Who asks: the user, or, where nobody logs in, whoever another axis's page says."""
+        """The user who asks, or, without a login, the one named by another axis's page."""
         said = form.get("by", "")
         trusted = self._login is None and 0 < len(said) <= _MOST_NAME and said.isprintable()
         return said if trusted else str(request.scope["user"])
@@ -238,7 +239,7 @@ class _Pages:
         return StreamingResponse(axis.viewer(), media_type="text/event-stream")
 
     async def axis(self, request: Request) -> Response:
-        """What the page of another axis answers."""
+        """The answer of another axis's page."""
         path, axis = request.path_params["path"], self._axis(request)
         if axis is None or not _OF_AN_AXIS["POST" if request.method == "POST" else "GET"].fullmatch(path):
             return PlainTextResponse("no such axis, or nothing of it under that name\n", 404)
@@ -291,7 +292,7 @@ def _give_way() -> None:
 
 
 async def _form(request: Request) -> dict[str, str]:
-    """The fields of a short form; raises `HTTPException` where it is none.
+    """The fields of a short form; raises `HTTPException` for an invalid one.
 
     Starlette's own parser needs python-multipart and sets no limit of bytes for a plain form.
     """
@@ -303,7 +304,7 @@ async def _form(request: Request) -> dict[str, str]:
                 raise HTTPException(413, f"a form has at most {_MOST_FORM_BYTES} bytes\n")
         fields: dict[str, Any] = parse_qs(body.decode("utf-8", "replace"), max_num_fields=_MOST_FIELDS)
     except ClientDisconnect:
-        raise HTTPException(400, "the form has no end\n") from None
+        raise HTTPException(400, "the form is incomplete\n") from None
     except ValueError:
         raise HTTPException(400, f"a form has at most {_MOST_FIELDS} fields\n") from None
     return {name: values[0] for name, values in fields.items()}

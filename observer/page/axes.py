@@ -1,4 +1,4 @@
-"""Other axes on this page: their own pages on this computer are followed and asked for those who look here.
+"""Other axes on this page: their own pages on this computer are followed and queried for viewers here.
 
 Each axis is a service of its own with a page of its own. This server reads the events of the others once, for
 all of its viewers, so a browser needs to reach, and trust, one address only.
@@ -70,7 +70,7 @@ class Neighbour(Viewers):
         super().end()
 
     def summary(self) -> dict[str, Any]:
-        """What is said of it among other axes; `reason` says why nothing comes."""
+        """Its summary among other axes; `reason` says why nothing comes."""
         gone = {"state": "stale", "reason": self._reason} if self._reason else {"reason": None}
         return {**self._said, "address": self.address, **gone}
 
@@ -133,7 +133,7 @@ class Neighbour(Viewers):
 
 
 def summaries(documents: dict[str, Any], axes: Sequence[Neighbour]) -> list[dict[str, Any]]:
-    """What is said of this axis, by its documents, and of the others."""
+    """The summaries of this axis, by its documents, and of the others."""
     return [summary(documents), *(axis.summary() for axis in axes)]
 
 

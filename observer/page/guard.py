@@ -1,7 +1,7 @@
-"""Checks before every answer: the host asked for, the origin of the request, and who is asking.
+"""Checks before every answer: the requested host, the origin of the request, and the user.
 
-By hand rather than with Starlette's middleware: its sessions live in the cookie, so logging out could not end
-a stolen one, and its trusted hosts cannot allow every address of this computer and no foreign name.
+Written here rather than with Starlette's middleware: its sessions live in the cookie, so logging out could
+not end a stolen one, and its trusted hosts cannot allow every address of this computer and no foreign name.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'self'; sandbox"
 )
-"""A report is a file that may come from elsewhere: it may be displayed but run nothing."""
+"""A report is a file that may come from elsewhere: it may be displayed but not run anything."""
 _HEADERS = {
     "x-content-type-options": "nosniff",
     "referrer-policy": "no-referrer",
@@ -124,7 +124,7 @@ class Logins(Users):
         secure: bool,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Take who may look, and whether cookies go over TLS only."""
+        """Take the users, and whether cookies go over TLS only."""
         super().__init__(users, clock)
         self._secure = secure
         self._sessions: dict[str, tuple[str, float]] = {}
@@ -142,7 +142,7 @@ class Logins(Users):
         return self._header("", 0)
 
     def end(self, cookie: str | None) -> None:
-        """Invalidate a cookie, whoever still has it."""
+        """Invalidate a cookie, including copies of it."""
         self._sessions.pop(cookie or "", None)
 
     def user_of(self, cookie: str | None) -> str | None:

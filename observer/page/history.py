@@ -2,8 +2,8 @@
 
 The files are long: only the rows asked for are read, a block at a time, so memory depends neither on the size
 of a file nor on that of a span. Reading a day takes longer than a viewer waits, so a `Digest` keeps minimum,
-maximum, sum and count of each channel in bins of seconds or minutes. It grows for as long as there is time,
-and continues when it is asked again, from the end of a file that has grown meanwhile too.
+maximum, sum and count of each channel in bins of seconds or minutes. It grows until a time limit, and
+continues at the next request, also from the end of a file that has grown meanwhile.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from observer.record.spans import Recorded, channels_of, header, offset
 _MARGIN_S = 30.0
 """Rows stand in the order of their use, so their times may go back a little."""
 _BINS = 2.0
-"""A part that is shorter than so many bins is read from the file itself."""
+"""A part shorter than this many bins is read from the file itself."""
 _PATIENCE_S = 0.35
-"""So long a request may read before it answers with what there is; to compare days two are asked for."""
+"""Reading time of a request before it answers with what there is; comparing days takes two requests."""
 MOST_POINTS = 2000
 _LEAST_S, _MOST_S = 1e-3, 1e11  # of a span; of a time, which is the year 5138
 _BLOCK_BYTES = 1 << 19
@@ -215,7 +215,7 @@ def merged(keys: NDArray[np.int64], bins: ChannelBins) -> tuple[NDArray[np.int64
 
 
 class Digest:
-    """What is kept of each channel of a file in bins, as far as it has been read."""
+    """Each channel of a file in bins, as far as it has been read."""
 
     def __init__(self, path: Path, bin_s: float) -> None:
         self._path, self._bin_s = path, bin_s
@@ -260,7 +260,7 @@ class Digest:
 
 
 class Digests:
-    """The digests of the files that were looked at, those that were wanted last."""
+    """The digests of the files viewed last."""
 
     def __init__(self, most_bytes: int = _MOST_BYTES) -> None:
         self._digests: dict[tuple[Path, float], Digest] = {}
@@ -275,7 +275,7 @@ class Digests:
         return digest
 
     def tidy(self, wanted: Iterable[tuple[Path, float]]) -> None:
-        """Drop what is too much, the oldest first and never what is wanted, and what is of files gone."""
+        """Drop digests beyond the limit, oldest first and none in use, and those of removed files."""
         wanted, in_all = set(wanted), sum(digest.size for digest in self._digests.values())
         for key, digest in list(self._digests.items()):
             if not os.path.lexists(key[0]) or (in_all > self._most_bytes and key not in wanted):

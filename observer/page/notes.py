@@ -1,6 +1,6 @@
 """Notes: what somebody writes about a moment, kept beside the recordings, one JSON object a line.
 
-A line is `{"time_s", "text", "by", "written_s"}`; a line that is none is left out.
+A line is `{"time_s", "text", "by", "written_s"}`; an invalid line is left out.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Notes:
         self._path = None if folder is None else folder / f"{name}.notes.jsonl"
 
     def listed(self) -> list[dict[str, Any]]:
-        """The newest notes, in the order of the times they are about; none where they cannot be read."""
+        """The newest notes, in the order of their moments; none where they cannot be read."""
         if self._path is None:
             return []
         try:
@@ -38,18 +38,18 @@ class Notes:
         return sorted(found, key=lambda note: float(note["time_s"]))
 
     def add(self, time_s: str, text: str, by: str) -> None:
-        """Write a note to disk; raises `ValueError` with one sentence where it is none or cannot be kept."""
+        """Write a note to disk; raises `ValueError` with one sentence if it is invalid or cannot be kept."""
         text = " ".join(text.split())
         try:
             about_s = float(time_s)
         except ValueError:
             about_s = math.nan
         if not abs(about_s) <= _LATEST_S:
-            raise ValueError("a note is about a time; give time_s in seconds since 1970")
+            raise ValueError("a note needs a time; give time_s in seconds since 1970")
         if not text or len(text) > MOST_TEXT or not text.isprintable():
-            raise ValueError(f"a note is text of 1 to {MOST_TEXT} characters")
+            raise ValueError(f"a note needs a text of 1 to {MOST_TEXT} characters")
         if self._path is None:
-            raise ValueError("notes stand beside the recordings; name a folder in record.directory")
+            raise ValueError("notes are kept beside the recordings; name a folder in record.directory")
         note = {"time_s": about_s, "text": text, "by": by, "written_s": round(time.time(), 3)}
         try:
             file = os.open(self._path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o600)

@@ -1,4 +1,4 @@
-"""The page as an outlet of the gateway: served until cancelled, with what it reports back to the service."""
+"""The page as an outlet of the gateway: served until cancelled, with its reports to the service."""
 
 from __future__ import annotations
 

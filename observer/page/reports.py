@@ -1,4 +1,4 @@
-"""The reports of discover: which there are, what each would change, and the page of one."""
+"""The reports of discover: their list, what each would change, and the page of one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What viewers of this axis are sent: the service's messages, and the last hour."""
+"""The data sent to viewers of this axis: the service's messages, and the last hour."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class Recent:
         self._instance: str | None = None
 
     def take(self, key: str, data: bytes) -> None:
-        """Take a document; raises `ValueError` where it is no JSON."""
+        """Take a document; raises `ValueError` where it is not JSON."""
         if key not in {"estimate", "heat", "error", "readings", "field"}:
             return
         self._newest[key] = document = json.loads(data)
@@ -174,7 +174,7 @@ def _rounded(values: list[float | None]) -> list[float | None]:
 
 
 _LATE = 1.5
-"""A reading is late when the one before is older than so many times what lay between the last two."""
+"""A reading is late when the last one is older than this many times the last interval."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +196,7 @@ class Innovations:
         self._instance: str | None = None
 
     def take(self, estimate: Mapping[str, Any]) -> None:
-        """Keep what is known; another instance of the service, or a clock that went back, begins anew."""
+        """Keep the newest; another instance of the service, or a clock that went back, starts again."""
         time_s, instance = estimate["time_s"], estimate.get("instance")
         if instance != self._instance or any(time_s < last.time_s for last in self._last.values()):
             self._last, self._instance = {}, instance

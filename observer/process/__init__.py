@@ -1,1 +1,1 @@
-"""What a process needs from its system: time, signals, messages, memory, the service manager."""
+"""A process's access to its system: time, signals, messages, memory, the service manager."""

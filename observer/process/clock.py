@@ -14,8 +14,8 @@ STEP_S = 0.5
 class ServiceClock:
     """The epoch as it was at the start, plus what a monotonic clock has counted since.
 
-    When somebody sets the computer's clock, the service's time goes on evenly and `offset_s` is how far
-    the two are apart.
+    When the computer's clock is set, the service's time continues evenly and `offset_s` is the
+    difference of the two.
     """
 
     def __init__(
@@ -43,5 +43,5 @@ class ServiceClock:
 
 
 def stepped(offset_s: float) -> str | None:
-    """Say that the computer's clock is not that of the service any more, None while it is."""
+    """A sentence if the computer's clock has departed from the service's, else None."""
     return f"the computer's clock was set, by {offset_s:+.1f} s" if abs(offset_s) > STEP_S else None

@@ -1,4 +1,4 @@
-"""What the daemon does without: what libraries take along unasked, and memory that only the start needed."""
+"""Memory that the daemon saves: modules that libraries import needlessly, and what only the start needed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 def import_sparingly() -> None:
     """Import structlog without rich's tracebacks.
 
-    No garbage is looked for until `leave_in_peace`: what is imported stays.
+    Garbage collection is off until `leave_in_peace`: what is imported stays.
     """
     gc.disable()
     with not_found("rich"):

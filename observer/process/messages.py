@@ -1,4 +1,4 @@
-"""The daemon's own messages: structlog to standard error, as text or one JSON object a line."""
+"""The daemon's own messages: structlog to standard error, as text or one JSON object per line."""
 
 from __future__ import annotations
 

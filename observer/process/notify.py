@@ -10,7 +10,8 @@ _SEND_S = 0.05
 
 
 def service_manager() -> Callable[[str], object]:
-    """Return what notifies the service manager; where it reads nothing, a message is dropped after 50 ms.
+    """Return the function that notifies the service manager; if it does not read, a message is dropped after
+    50 ms.
 
     Its socket holds ten messages. A manager that is held up must not hold up the estimator.
     """

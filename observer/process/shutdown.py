@@ -1,6 +1,6 @@
 """Leaving on SIGTERM or SIGINT within a bound, whatever the process is stuck in; SIGHUP asks to reload.
 
-Commands that end by themselves are left by an exception, which is raised where it is not lost.
+Commands that end by themselves are interrupted by an exception, raised where it is not lost.
 """
 
 from __future__ import annotations

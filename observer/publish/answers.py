@@ -40,14 +40,14 @@ _LOG_S = 10.0
 _DIGITS = 6
 _LONGEST_ID = 250
 _OF_THE_PAST = {"estimate": PAGE_ENCODING, "readings": JSON_ENCODING}
-_TOO_MUCH = "too much is asked at once; ask again in a second"
+_TOO_MUCH = "too many requests at once; ask again in a second"
 _NOT_RECORDED = "nothing is recorded; name a folder in record.directory"
 
 log = structlog.get_logger()
 
 
 class Budget:
-    """A limit on the bytes sent: so many a second, and as many at once."""
+    """A limit on the bytes sent: per second, and at once."""
 
     def __init__(self, per_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._per_s = self._left = per_s
@@ -67,14 +67,14 @@ class Budget:
 
 
 class Responder:
-    """Answers queries about one axis, and takes the commands of those who may give them."""
+    """Answers queries about one axis, and takes commands from authorised clients."""
 
     def __init__(
         self, prefix: str, config_json: bytes, history: int, instance: str, past: Past | None = None
     ) -> None:
         """Take what stays; `config_json` has the `hash` that every command must name.
 
-        `past` answers for times gone by, None where nothing is recorded.
+        `past` answers for past times, None where nothing is recorded.
         """
         self._past = past
         self._found_later: deque[tuple[str, Any, PastReply]] = deque()
@@ -148,7 +148,7 @@ class Responder:
             query.reply(f"{self._prefix}/{key}", payload, encoding=encoding)
 
     def _ask_past(self, key: str, query: Any) -> None:
-        """Have a thread ask about the past: nobody here waits for a disk."""
+        """Query the past in a thread: nothing here waits for a disk."""
         given = {name: query.parameters.get(name) for name in ("from", "to", "every")}
         asked = {name: value for name, value in given.items() if value is not None}
 
@@ -170,13 +170,13 @@ class Responder:
                 query.reply(f"{self._prefix}/{key}", found.payload, encoding=_OF_THE_PAST[key])
 
     def _found(self, key: str, query: Any) -> tuple[bytes, str] | str:
-        """An answer with its encoding, or in words why there is none."""
+        """An answer with its encoding, or the reason why there is none."""
         if key == "config":
             return self._config, JSON_ENCODING
         if key == "estimate":
             return self._last(query.parameters.get("last"))
         if key == "compensation" and query.parameters.get("arm") is not None:
-            return f"ask {self._prefix}/command/arm with config=HASH; compensation itself arms no more"
+            return f"ask {self._prefix}/command/arm with config=HASH; compensation itself no longer arms"
         if key not in self.documents:
             return "no health report yet" if key == "health" else f"no {key} yet"
         return self.documents[key], JSON_ENCODING
@@ -195,8 +195,10 @@ class Responder:
         kind = key.removeprefix("command/")
         refused = self._refusal(key, query)
         if len(self._commands) >= _WAITING:
-            refused = "too many commands wait; ask again in a second"
-        elif str(query.key_expr) == f"{self._prefix}/{key}":  # a wildcard is no command, so not on record
+            refused = "too many commands are waiting; ask again in a second"
+        elif (
+            str(query.key_expr) == f"{self._prefix}/{key}"
+        ):  # a wildcard is not a command, so it is not recorded
             by = plain_name(query.parameters.get("by") or "") or "somebody"
             answer = partial(self._answer_later, kind, query)
             about = plain_name(query.parameters.get("id") or "", _LONGEST_ID) or None
@@ -206,14 +208,16 @@ class Responder:
                 query.reply_err(refused)
 
     def _refusal(self, key: str, query: Any) -> str | None:
-        """Why a command is none; None where key and hash are those of this axis and its configuration."""
+        """Why a command is invalid; None where key and hash are those of this axis and its configuration."""
         if str(query.key_expr) != f"{self._prefix}/{key}":
-            return f"a command names one axis: ask {self._prefix}/{key}, without a wildcard"
+            return f"a command must name one axis: ask {self._prefix}/{key}, without a wildcard"
         given = query.parameters.get("config")
         if given is None:
-            return f"a command names the configuration: add config=HASH, as {self._prefix}/config answers it"
+            return (
+                f"a command must name the configuration: add config=HASH, as given by {self._prefix}/config"
+            )
         if not self._digest or given != self._digest:
-            return "config names another configuration than the one in force; look at it and ask again"
+            return "config names a configuration that is not in force; check it and ask again"
         return None
 
     def _answer_later(self, kind: str, query: Any, outcome: Outcome) -> None:

@@ -26,7 +26,7 @@ _LONGEST = 300
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """A JSON object, or in words why there is none; and the machine and axis it is from."""
+    """A JSON object, or the reason why there is none; and the machine and axis it is from."""
 
     document: dict[str, Any] | None
     problem: str = ""
@@ -60,7 +60,7 @@ def command(
     digest: str | None = None,
     about: str | None = None,
 ) -> Reply:
-    """Have a running service do something; whether it did stands in the answer under `done`.
+    """Send a command to a running service; `done` in the answer says whether it was carried out.
 
     The command names the configuration it is meant for, by its hash `digest`; where none is given, it is the
     one in force now. `about` names the alarm that is acknowledged.
@@ -78,7 +78,7 @@ def command(
 
 
 def _myself() -> str:
-    """User and computer, for the record only; they admit nobody."""
+    """User and computer, for the record only; they grant nothing."""
     try:
         user = getpass.getuser()
     except (KeyError, OSError):
@@ -87,11 +87,11 @@ def _myself() -> str:
 
 
 def ask(connect: str, machine: str, axis: str, wanted: str, timeout_s: float, client: Client | None) -> Reply:
-    """Query an axis until it answers or the time is over; then name the axes that do answer."""
+    """Query an axis until it answers or the time is up; then name the axes that do answer."""
     config = client_config((connect,), client)
     until_s = time.monotonic() + timeout_s
     selector = f"ballscrew/{machine}/{axis}/{wanted}"
-    nobody = f"no service answers at {connect}, or it does not let this client in"
+    nobody = f"no service answers at {connect}, or it rejects this client"
     problem = nobody
     while time.monotonic() < until_s:
         try:
@@ -121,14 +121,14 @@ def answer_of(data: bytes) -> Reply:
     try:
         document = json.loads(data)
     except (ValueError, RecursionError):
-        return Reply(None, "what came back is not JSON; is this the service?")
+        return Reply(None, "the answer is not JSON; is this the service?")
     if not isinstance(document, dict):
-        return Reply(None, "what came back is not a JSON object; is this the service?")
+        return Reply(None, "the answer is not a JSON object; is this the service?")
     return Reply(document)
 
 
 def refusal_of(data: bytes) -> str:
-    """The words of a refusal, fit for a terminal."""
+    """The text of a refusal, safe for a terminal."""
     text = data[:_LONGEST].decode("utf-8", "replace")
     return "".join(c for c in text if c.isprintable()) or "refused without a reason"
 

@@ -1,7 +1,7 @@
-"""What a destination has not got, in spans of time: kept in a file, so that it outlives a restart.
+"""The spans of time that a destination lacks: kept in a file, so that they survive a restart.
 
-Live values go on past an outage at once; what lies between the last value that arrived and the first one
-after the outage is sent late, from the recordings (store and forward, as in Ignition or OIBus).
+Live values resume at once after an outage; what lies between the last value that arrived and the first
+one after it is sent late, from the recordings (store and forward, as in Ignition or OIBus).
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class MissingSpan(NamedTuple):
 class Backlog:
     """The spans that one destination lacks, the oldest first, each from a time up to another.
 
-    What came before the first value that ever went there is not missing. From any thread.
+    What precedes the first value ever sent there is not missing. From any thread.
     """
 
     def __init__(self, path: Path, destination: str) -> None:
-        """Go on from a file; one that is of another destination, or damaged, begins anew."""
+        """Continue from a file; one of another destination, or a damaged one, is discarded."""
         self._path, self._destination = path, destination
         self._lock = threading.Lock()
         self._got_s: float | None = None
@@ -61,7 +61,7 @@ class Backlog:
 
     @property
     def left_s(self) -> float:
-        """How long the missing spans are in all."""
+        """The total length of the missing spans."""
         with self._lock:
             return sum(span.to_s - span.from_s for span in self._missing)
 

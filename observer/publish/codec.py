@@ -1,4 +1,4 @@
-"""What the messages hold: an estimate as CBOR for programs and as JSON for people.
+"""The content of messages: an estimate as CBOR for programs and as JSON for people.
 
 CBOR carries everything a step returns; its arrays are float32, typed by RFC 8746 (tag 85, little-endian).
 JSON has no NaN, so a value that is not known is null.
@@ -122,7 +122,7 @@ class EstimateEncoder:
             "error": self.error,
             "learned": self.learned,
         }
-        """What is made of each step beside the estimate itself, by key."""
+        """The documents of each step beside the estimate itself, by key."""
         self._fields: Any = None  # of the last estimate, and how the kernel makes a message of it
         self._message: Any = None
 
@@ -214,7 +214,7 @@ def to_json(document: Any) -> bytes:
 def config_json(config: Config, instance: str) -> str:
     """The configuration in force and its hash, as the `config` queryable answers.
 
-    Who may connect, and by which files, is left out: everybody who may look can read the answer.
+    Credentials and their files are left out: every reader can see the answer.
     """
     kept = config.model_dump(mode="json", by_alias=True, exclude=_ACCESS)
     return json.dumps({"hash": config.digest, "instance": instance, "config": kept})

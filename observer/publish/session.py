@@ -19,14 +19,14 @@ from observer.errors import ConfigError
 from observer.files.regular import read_named, read_password, read_users
 from observer.tables.publishing import Access, Client, Login, Publish, Tls
 
-RETRY_MS = 250  # Zenoh's own pauses grow to 4 s; a router that returns is to be met within a second
+RETRY_MS = 250  # Zenoh's own pauses grow to 4 s; reconnect within a second of a router's return
 LEASE_MS = 2000
 MOST_BYTES = 65_536
-"""The largest message that a service takes in: what comes is a query with a few words, or a forgery."""
+"""The largest message that a service accepts: genuine ones are queries of a few words."""
 _CLIENT_MOST_BYTES = 16_777_216  # what a service answers may be a long history
 _CONNECT_MS = 1000
 _SESSIONS = 128
-_STALLED_US = 1_000_000  # an asker who does not take his answer is cut off, so that the others get theirs
+_STALLED_US = 1_000_000  # a client that does not take its answer is cut off, so that the others get theirs
 
 
 def session_config(
@@ -77,7 +77,7 @@ def service_config(settings: Publish) -> zenoh.Config:
 
 
 def ear_config(settings: Publish) -> zenoh.Config | None:
-    """A session beside a peer's, which gets what its router does not pass to peers; None for all others."""
+    """A second session for a peer, for what its router does not pass to peers; None for all others."""
     if settings.mode != "peer" or not settings.connect:
         return None
     alone = {"mode": "client", "listen": (), "access": None}
@@ -94,8 +94,8 @@ def client_config(connect: tuple[str, ...], client: Client | None = None) -> zen
 def _tls(tls: Tls, place: str, *, listens: bool) -> dict[str, Any]:
     """Zenoh's keys for certificates.
 
-    Zenoh has one switch for showing one's certificate and for asking others for theirs; who only connects
-    shows what he has.
+    Zenoh has one switch for showing a certificate and for requiring the other's; a client that only
+    connects shows its own.
     """
     settings: dict[str, Any] = {}
     context = ssl.create_default_context()
@@ -124,7 +124,7 @@ def _try(load: Callable[[], object], place: str) -> None:
 
 
 def _login(login: Login, place: str) -> dict[str, Any]:
-    """Zenoh's keys for names and passwords; it would pass over a line that is wrong."""
+    """Zenoh's keys for names and passwords; Zenoh itself would ignore a wrong line."""
     settings: dict[str, Any] = {}
     if login.users_file is not None:
         read_users(login.users_file, f"{place}.users_file")
@@ -229,7 +229,7 @@ def close(session: Closable) -> None:
 
 
 def short(error: Exception) -> str:
-    """The first sentence of an error, without the places in its own source."""
+    """The first sentence of an error, without locations in Zenoh's source."""
     return str(error).split(" at /", 1)[0].splitlines()[0].rstrip(".")
 
 
@@ -251,6 +251,6 @@ def _is_taken(host: str, port: int) -> bool:
         with socket.socket(family, kind, protocol) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(address)
-    except (OSError, OverflowError) as error:  # an address that is not there yet is waited for
+    except (OSError, OverflowError) as error:  # an address that does not exist yet is waited for
         return isinstance(error, OSError) and error.errno == errno.EADDRINUSE
     return False

@@ -1,6 +1,6 @@
 """The subscriber's side: the newest of every message of one axis, and the tables made of them.
 
-Anybody may have sent what arrives, so nothing is taken for what it should be: what is no number is unknown.
+Anybody may have sent a message, so nothing is trusted: whatever is not a number is unknown.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Subscription:
         close_within(self._session, 1.0)
 
     def absent(self) -> str | None:
-        """Which axes live where this one does not, in a sentence."""
+        """The axes that are there where this one is not, in a sentence."""
         return absent(self._session, *self._asked)
 
     def latest(self) -> dict[str, dict[str, Any]]:
@@ -120,7 +120,7 @@ def live_table(latest: Mapping[str, Mapping[str, Any]]) -> RenderableType:
 def health_table(
     health: Mapping[str, Any], alarms: Mapping[str, Any], axis: str, now_s: float
 ) -> RenderableType:
-    """A health report for people: state, why, what to do, channels and drivers, and how old all that is."""
+    """A health report for people: state, reasons, remedies, channels and drivers, and its age."""
     state, quality, time_s = (
         _word(health.get("state")),
         _word(health.get("quality")),
@@ -164,7 +164,7 @@ def _reasons(health: Mapping[str, Any]) -> list[Text]:
 
 
 def _alarms(document: Mapping[str, Any], *, remedies: bool = False) -> list[Text]:
-    """A line for each alarm: how bad, in which state, and why; below it, on demand, what to do."""
+    """A line for each alarm: severity, state and reason; below it, on demand, the remedy."""
     lines = []
     for alarm in map(_table, _items(document.get("alarms"))):
         severity, state = _word(alarm.get("severity")), _word(alarm.get("state"))
@@ -186,7 +186,7 @@ def _style(quality: str) -> str:
 
 
 def _word(value: object) -> str:
-    """A text of bearable length that does nothing to a terminal but stand there."""
+    """A text of limited length without control characters."""
     if not isinstance(value, str):
         return _UNKNOWN
     return "".join(c for c in value[:_LONGEST_TEXT] if c.isprintable())

@@ -1,6 +1,6 @@
-"""Publish estimates on Zenoh: nothing here waits for a network, and what could not be sent is counted.
+"""Publishes estimates on Zenoh: nothing here waits for a network, and what could not be sent is counted.
 
-The session opens in a thread of its own and tries for ever, so a missing router delays nothing.
+The session opens in a thread of its own, which retries for ever, so a missing router delays nothing.
 Publishers drop rather than wait (`CongestionControl.DROP`): a slow subscriber must not stall the estimator.
 """
 
@@ -35,8 +35,8 @@ from observer.publish.session import (
 from observer.tables.publishing import Publish
 
 _LOOK_S = 0.05
-_LINKED_S = 1.5  # a peer's link to its router is there by then, or the router is not
-_GONE_S = LEASE_MS / 1000 + 1.0  # the token of a service that has died is gone by then
+_LINKED_S = 1.5  # by then a peer is linked to its router, or there is none
+_GONE_S = LEASE_MS / 1000 + 1.0  # by then the token of a dead service is gone
 
 log = structlog.get_logger()
 
@@ -128,7 +128,7 @@ class ZenohPublisher:
 
     @property
     def status(self) -> PublishStatus:
-        """How publishing stands."""
+        """The state of publishing."""
         link = self._link
         rival = link.rivals.reason if link is not None else None
         alive = self._thread.is_alive() or self._thread.ident is None or self._closing.is_set()
@@ -148,8 +148,8 @@ class ZenohPublisher:
     def start(self) -> None:
         """Begin to open the session; returns at once.
 
-        A process that leaves it open closes it as it exits: Python ends threads where they stand, and one
-        that it ends within Zenoh takes the process with it, by SIGABRT.
+        A process that leaves it open closes it on exit: Python ends threads wherever they
+        are, and one ended within Zenoh aborts the process (SIGABRT).
         """
         atexit.register(self.close)
         self._thread.start()
@@ -182,11 +182,11 @@ class ZenohPublisher:
         return slot != before
 
     def readings(self, frame: FrameBlock, sequence: int) -> None:
-        """Publish what the estimate of this number was made of: a frame of one step."""
+        """Publish the readings behind the estimate of this number: a frame of one step."""
         self._put("readings", self._encoder.readings(frame, 0, sequence))
 
     def document(self, key: str, document: Mapping[str, Any]) -> None:
-        """Publish a document, which also answers those who ask for it; from any thread."""
+        """Publish a document, which also answers queries for it; from any thread."""
         self._put(key, to_json(document))
 
     def close(self, timeout_s: float = 1.0) -> bool:

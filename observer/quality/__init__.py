@@ -1,1 +1,3 @@
-"""The state of a service: conditions, and health, alarms and sentences made of them; the open-loop gap."""
+"""The state of a service: conditions, and the health, alarms and sentences derived from them; the open-loop
+gap.
+"""

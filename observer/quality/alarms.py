@@ -28,12 +28,12 @@ from observer.tables.sections import law_channels
 _KEPT_S = 60.0
 _MOST_STEP_S = 30.0
 _LOOK_S = 60.0
-"""Learnt offsets are looked at after so much of good estimates."""
+"""Learnt offsets are checked after this time of good estimates."""
 _BELIEVED = (EstimateQuality.GOOD, EstimateQuality.DEGRADED)
 _FORMAT = 1
 _STUCK, _DISCONNECTED = "stuck", "disconnected"
 _RESTLESS = 3.0
-"""A scatter so many times the configured noise raises an alarm."""
+"""Scatter beyond this multiple of the configured noise raises an alarm."""
 
 _ALARMS: dict[Trouble | Fault, tuple[str, str, str | None]] = {
     Trouble.STEP_FAILED: ("estimate", "estimator", None),
@@ -51,8 +51,8 @@ _ALARMS: dict[Trouble | Fault, tuple[str, str, str | None]] = {
     Trouble.HEAT_LOW: ("heat_low", "", None),
     Trouble.HEATS_TOGETHER: ("heat_off_law", "", None),
 }
-"""Of each condition that calls somebody to the machine: the kind of alarm, its target where the condition is
-about none, and the name that distinguishes it from others of its kind.
+"""For each condition that calls somebody to the machine: the kind of alarm, its target where the condition
+has none, and the name that distinguishes it from others of its kind.
 """
 _FOUND = ("value", "expected", "since_s")
 _EVIDENCE: dict[Trouble | Fault, tuple[str, ...]] = {
@@ -60,7 +60,7 @@ _EVIDENCE: dict[Trouble | Fault, tuple[str, ...]] = {
     Trouble.DEPARTED: ("rms_K", "allowed_K", "since_s"),
     Trouble.OFFSET_MOVED: ("offset_K", "usual_K"),
 }
-"""What the figures of a condition are called in the document."""
+"""The names of a condition's figures in the document."""
 
 log = structlog.get_logger()
 
@@ -115,7 +115,7 @@ class AlarmDesk:
             self._restore(file)
 
     def see(self, estimate: EstimateBlock, frame: FrameBlock, air_degC: float) -> None:
-        """Take one estimate, for what is usual of heats and sensors."""
+        """Take one estimate, to learn the usual heats and offsets."""
         dt_s = float(frame.dt_s[0])
         if estimate.quality[0] not in _BELIEVED or not 0.0 < dt_s <= _MOST_STEP_S:
             return
@@ -140,7 +140,7 @@ class AlarmDesk:
         self._bands[source] = bands.learnt(self._bands[source], window, settings.learn_h, settings.deadband)
 
     def _see_sensors(self, estimate: EstimateBlock, dt_s: float) -> None:
-        """Take from time to time what the learnt offset of each sensor is."""
+        """Take the learnt offset of each sensor periodically."""
         self._good_s += dt_s
         if self._good_s < _LOOK_S:
             return
@@ -169,7 +169,7 @@ class AlarmDesk:
         return changed
 
     def acknowledge(self, name: str | None) -> str | None:
-        """Note that somebody has seen an alarm, or all; returns in words why not, None if it is done."""
+        """Acknowledge an alarm, or all; returns None, or a sentence why that is not possible."""
         raised = [n for n, alarm in self._alarms.items() if alarm.is_raised]
         if name is not None and name not in raised:
             there = ", ".join(raised) or "none"
@@ -178,7 +178,7 @@ class AlarmDesk:
         return None
 
     def document(self, time_s: float) -> dict[str, Any]:
-        """What is published: the alarms that are raised, and what is known of the heats."""
+        """The published document: the raised alarms, and the state of the heats."""
         return {
             "time_s": time_s,
             "alarms": [_document_of(name, alarm) for name, alarm in self._alarms.items() if alarm.is_raised],
@@ -228,7 +228,7 @@ class AlarmDesk:
                 yield Condition(kind, name, learn_h, value=about["ratio"], expected=trend)
 
     def _off_together(self) -> dict[str, list[str]]:
-        """The channels by which several heats go that are off together, with the names of those."""
+        """The channels on which several heats depend that are off together, with the names of these."""
         found, settings = {}, self._settings
         for channel in dict.fromkeys(channel for source in self._sources for channel in source.channels):
             own = [source.name for source in self._sources if channel in source.channels]
@@ -239,14 +239,14 @@ class AlarmDesk:
     def _cause(self, condition: Condition) -> AlarmCause | None:
         """The alarm that a condition raises; None if it does not call for somebody at the machine.
 
-        The self-test judges what an estimate is good for, and a hundredth of a kelvin lowers that: means and
-        correlations of innovations are reasons of the quality, and no alarms.
+        The self-test judges the quality of an estimate, which a hundredth of a kelvin can lower: means
+        and correlations of innovations are reasons for the quality, not alarms.
         """
         kind, target, name = _ALARMS.get(condition.kind, (None, "", None))
         about = condition.about or target
         if condition.kind is Trouble.CHANNEL and condition.quality is not None:
             name, about = condition.detail or condition.quality.label, self._sensors.get(about, about)
-            if name == _DISCONNECTED:  # the wire has an alarm of its own
+            if name == _DISCONNECTED:  # the driver has an alarm of its own
                 return None
             kind = "sensor_stuck" if name == _STUCK else kind
         restless = condition.kind is not Fault.NOISY or condition.value >= _RESTLESS
@@ -264,7 +264,7 @@ class AlarmDesk:
         return {name: value if math.isfinite(value) else None for name, value in pairs} or None
 
     def _keep(self, time_s: float, *, now: bool) -> None:
-        """Write what is known now and then, in a thread of its own: a slow disk holds up no tick."""
+        """Save the state periodically, in a thread of its own: a slow disk delays no tick."""
         if self._file is None or not (now or time_s - self._kept_s >= _KEPT_S):
             return
         if self._writing is not None and self._writing.is_alive():
@@ -285,7 +285,7 @@ class AlarmDesk:
         }
 
     def _restore(self, file: Path) -> None:
-        """Take what a service before this one has kept, as far as it fits; the rest starts anew."""
+        """Take over the saved state of an earlier service, as far as it fits; the rest starts again."""
         try:
             kept = json.loads(file.read_bytes())
             if kept["format"] != _FORMAT:

@@ -1,7 +1,7 @@
-"""What is not as it should be: one list of typed conditions, of which health, alarms and words are made.
+"""Problems as one list of typed conditions, from which health, alarms and sentences are made.
 
 A condition is identified by its kind and by what it is about. Its sentence is made last (`quality.reasons`)
-and is never compared or taken apart.
+and is never compared or parsed.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Trouble(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One thing that is not as it should be.
+    """One problem.
 
     `about` is the sensor, channel, source or driver, and `other` one that shares it; `detail` a fault or a
     phase in one word, or the words of whoever reports it; `value`, `expected` and `unit` as in `Finding`, NaN
@@ -61,7 +61,7 @@ class Condition:
 
     @property
     def identity(self) -> tuple[Any, ...]:
-        """What makes it the same condition, whatever its figures are by now."""
+        """The identity of the condition, whatever its present figures."""
         return self.kind, self.about, self.other, self.detail, self.quality
 
     def document(self, reason: str) -> dict[str, Any]:
@@ -76,7 +76,7 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """All that conditions and a health report are made of, gathered at one moment.
+    """The facts behind conditions and a health report, gathered at one moment.
 
     `frame` and `estimate` are those of the last cycle, None before the first; `had_estimate` says that a
     valid estimate has been there; `failure` is the error of the last cycle; `findings` those of the self-test
@@ -122,7 +122,7 @@ def of_channel(name: str, quality: Quality, fault: str | None = None) -> Conditi
 
 
 def conditions(facts: Facts) -> tuple[Condition, ...]:
-    """Everything that is not as it should be; what is unexplained only where nothing else is found."""
+    """All problems; an unexplained one only where nothing else is found."""
     return tuple(_found(facts)) or tuple(_unexplained(facts))
 
 

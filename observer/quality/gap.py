@@ -2,9 +2,9 @@
 
 Beside the estimator, which corrects its heats until they agree with the sensors, a prediction runs whose
 heats follow the laws; it may only be off as far as `[tolerance]` and the laws' `law_uncertainty` allow (see
-`observer.estimators.tolerant`). What is left then, and what may be left, is gathered by sensor and phase of
-the machine's work. While it is more than may be, nothing more is learnt of the machine: what has appeared
-stays to be seen.
+`observer.estimators.tolerant`). The residual, and its allowed size, are gathered by sensor and phase of the
+machine's work. While the residual exceeds what is allowed, nothing more is learnt of the machine, so that the
+departure stays visible.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from observer.frames import FloatArray, Inputs
 from observer.model.cycle import DWELL_S, FAST, PHASES
 
 STEP_S = 60.0
-"""Inputs are gathered so long for a step of the prediction."""
+"""Length of a step of the prediction."""
 HOURS = 4.0
-"""What is gathered fades in so many hours of the work that it is of."""
+"""Time constant of the sums, in hours of the work concerned."""
 LEAST_H = 1.0
-"""Nothing is reported before so many hours of work …"""
+"""Hours of work before anything is reported …"""
 LEAST_REST_H = 0.25
-"""… or of a machine at rest, before so many."""
+"""… or hours at rest."""
 LIMIT, LIMIT_OFF = 1.3, 1.0
-"""How much more than allowed a sensor's gap must be to be reported, and how small for the report to end."""
+"""Ratios of a sensor's gap to the allowed one at which a report begins and ends."""
 BREAK_S = 300.0
-"""After so long without an input the prediction restarts from the sensors."""
+"""After this time without an input the prediction restarts from the sensors."""
 HARDLY_WARM_K = 1.0
-"""A machine that does not work and is hardly warmer than the air is at rest: only sensors are judged."""
+"""A machine that neither works nor is much warmer than the air is at rest: only sensors are judged."""
 WORKS = 0.02
-"""The machine is at work if a law exceeds this part of the largest heat of any law."""
+"""The machine is at work if a law exceeds this fraction of the largest heat of any law."""
 FASTEST_FADES_S = 4 * 86_400.0
-"""In what time the fastest warming that was seen is forgotten."""
-_COMPACT = 256  # blocks that are kept apart, whatever the period
+"""Time constant for forgetting the fastest warming seen."""
+_COMPACT = 256  # number of blocks kept separate, whatever the period
 _REST = PHASES.index("isothermal")
 _WARM, _STEADY = PHASES.index("heat_up"), PHASES.index("steady")
 _DWELL, _COOL = PHASES.index("dwell"), PHASES.index("cool_down")
@@ -147,11 +147,11 @@ class GapWatch:
         u = u._replace(dt_s=np.array([time_s - state.time_s]))
         after, gap = self._tolerant.ahead(before, u, learn=math.isnan(state.last_s))
         if not all(np.isfinite(array).all() for array in (after.x, after.theta, after.P)):
-            return self.initial()  # no estimate hangs on it, so it may not end one
+            return self.initial()  # no estimate depends on it, so it must not end one
         return self._judged(state, u, after, gap)
 
     def _judged(self, state: GapState, u: Inputs, after: TolerantState, gap: ModelGap) -> GapState:
-        """The state after a step of the prediction, its gap gathered under what the machine was doing."""
+        """The state after a step of the prediction, with its gap added to the sums of the machine's phase."""
         dt_s, rise_K = float(u.dt_s[0]), float(np.mean(gap.rise_K))
         heat_W = float(np.max(np.abs(u.law_W), initial=0.0))
         rate_K_s = 0.0 if math.isnan(state.rise_K) else (rise_K - state.rise_K) / dt_s
@@ -192,7 +192,7 @@ class GapWatch:
 
     @property
     def of_allowed(self) -> float:
-        """The largest gap of any sensor over what it may be."""
+        """The largest ratio of any sensor's gap to the allowed one."""
         return float(np.max(_ratios(self.state.sums), initial=0.0))
 
     @property
@@ -245,7 +245,7 @@ class GapWatch:
 
 
 def _resolved(state: GapState, phase: int) -> GapState:
-    """The state once it is known what a standstill was."""
+    """The state once the kind of a standstill is known."""
     if state.stood_s == 0.0:
         return state
     spent_s = float(state.waiting[:, 2].max())

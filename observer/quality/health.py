@@ -16,7 +16,7 @@ from observer.record.recorder import RecordStatus
 HEALTH_PERIOD_S = 5.0
 _DIGITS, _DIGITS_OF_DISPLACEMENT = 4, 9
 _LEFT_OUT = {Fault.EXCLUDED: "K", Fault.SWAPPED: "K", Fault.LEAPT: "m"}
-"""What has a channel left out, and the unit of what that reads too much."""
+"""The findings that exclude a channel, and the unit of its excess."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class Health:
 
     @property
     def essence(self) -> tuple[Any, ...]:
-        """What makes a report worth sending at once when it changes: all but ages, counts and figures."""
+        """The part of a report whose change is sent at once: all but ages, counts and figures."""
         found = tuple(condition.identity for condition in self.conditions)
         return self.state, self.quality, found, tuple((n, c["quality"]) for n, c in self.channels.items())
 
@@ -86,7 +86,7 @@ def assess(facts: Facts) -> Health:
 
 
 def _quality(facts: Facts) -> EstimateQuality:
-    """The estimates' own quality, whatever is wrong beside them."""
+    """The estimates' own quality, whatever other problems there are."""
     if facts.failure or facts.estimate is None:
         return EstimateQuality.INVALID
     return facts.estimate
@@ -121,7 +121,7 @@ def _channels(facts: Facts) -> dict[str, dict[str, Any]]:
 
 
 def _excess(facts: Facts) -> dict[str, dict[str, Any]]:
-    """Of the channels that are left out, what they read too much."""
+    """The excess of excluded channels."""
     channels = {sensor: channel for channel, sensor in facts.sensors.items()}
     found = {}
     for finding in facts.findings:

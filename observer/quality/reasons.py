@@ -1,4 +1,4 @@
-"""Words: the sentence of each condition, made last and never read back, and what to do about a channel."""
+"""The sentence of each condition, made last and never parsed, and the remedy for a channel."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def sentence(condition: Condition) -> str:
 
 
 def clock(time_s: float) -> str:
-    """A time as people read it: hour and minute, or seconds where a log counts from its own start."""
+    """A time for people: hour and minute, or seconds where a log counts from its own start."""
     if time_s < _EPOCH_FROM_S:
         return f"{time_s:.0f} s"
     return f"{datetime.fromtimestamp(time_s).astimezone():%H:%M}"
@@ -71,51 +71,52 @@ _SENTENCES: dict[Trouble | Fault, str] = {
     Trouble.DEPARTED: "the model's prediction has departed from sensor {about} since {since}, most {phase}: "
     "{value:.1f} K rms where its tolerances allow {expected:.1f} K; run `observer discover --recent 8h`",
     Trouble.NOTICE: "{detail}",
-    Trouble.CLOCK: "the computer's clock stepped by {value:+.1f} s; times go on from the service's start",
+    Trouble.CLOCK: "the computer's clock stepped by {value:+.1f} s; times continue from the service's start",
     Trouble.NO_ESTIMATE: "no estimate yet: the first step is still to come",
-    Trouble.UNEXPLAINED: "the estimate is {quality} although no channel and no test says why; an estimator "
-    "of your own may set this itself, else reset it and report this",
+    Trouble.UNEXPLAINED: "the estimate is {quality} although no channel and no test gives a reason; an "
+    "estimator of your own may set this itself, otherwise reset it and report this",
     Trouble.OFFSET_MOVED: "{about} reads {more:+.2f} K beside what it did in its first {detail} h, by the "
     "offset that is learnt",
     Trouble.HEAT_HIGH: "the heat of {about} is {value:.2f} times what was learnt for its speed and "
     "temperature in {detail} h of running{trend}",
     Trouble.HEAT_LOW: "the heat of {about} has fallen to {value:.2f} of what was learnt for its speed and "
     "temperature in {detail} h of running{trend}",
-    Trouble.HEATS_TOGETHER: "all heats that go by {about} are {value:.2f} times what was learnt in "
+    Trouble.HEATS_TOGETHER: "all heats that depend on {about} are {value:.2f} times what was learnt in "
     "{detail} h of running: that channel reads wrong, or the film or all lubrication has changed",
-    Fault.BIASED: "{about} and the model disagree by {value:+.2g} σ on average: an offset, a place, or "
-    "film and ambient",
-    Fault.COLOURED: "what {about} shows beyond the model is no noise: one sample deviates as the last did "
+    Fault.BIASED: "{about} and the model disagree by {value:+.2g} σ on average: an offset, a position, "
+    "or film and ambient",
+    Fault.COLOURED: "the residual of {about} is not noise: each sample deviates as the last did "
     "(mean product {value:+.2g} σ², that of noise is 0)",
-    Fault.NOISY: "{about} is {value:.1f} times as restless as its noise and the model say",
-    Fault.REFUSED: "{about} is refused: {value:+.2f} K from what the model and the other sensors expect",
+    Fault.NOISY: "{about} scatters {value:.1f} times as much as its noise and the model explain",
+    Fault.REFUSED: "{about} is rejected: {value:+.2f} K from what the model and the other sensors expect",
     Fault.UNKNOWN: "the heat of {about} is not known yet (σ {value:.3g} W, {expected:.3g} W at the start)",
     Fault.OFF_LAW: "the heat of {about} is {value:.3g} W where its law says {expected:.3g} W: a unit, a "
     "sensor, the nut's position, or the model",
     Fault.ALL_OFF_LAW: "all heats together are off their laws by {value:+.1f} σ: film, ambient, or something "
     "that all sensors share",
-    Fault.LEAPT: "{about} has leapt by {value:+.3f} m, which the speed does not explain: homed anew, or a "
-    "slipped encoder; where the nut is is not known until a reset",
-    Fault.EXCLUDED: "{about} reads {value:.1f} ± {expected:.1f} K too {way} and is left out; look at it",
-    Fault.SWAPPED: "{about} have taken each other's place and are left out; look at their connectors",
-    Fault.SHARED_OFFSET: "all sensors began to read {value:.2f} K too {way} at once, as by a reference "
-    "junction; it is taken out of them",
-    Fault.GAIN: "all sensors began to show {value:.0%} of their rise above the air at once; look at the "
-    "converter's range, then reset",
-    Fault.UNEXPLAINED: "all sensors stepped at once, which no heat does; look at the converter, then reset",
-    Fault.DRIFTING: "all sensors together depart from what laws and air say, faster than they may drift; "
-    "look at what they share and at the laws, then reset",
-    Fault.AMBIGUOUS: "the sensors do not agree with each other, and it is unclear which of them is wrong; "
-    "look at all of them, then reset",
-    Fault.AIR_LEAPT: "the air's temperature has leapt by {value:+.1f} K, which no air does; look at its "
-    "sensor, then reset",
-    Fault.SETTLING: "the estimate settles, after readings that stepped, came back, or do not agree",
+    Fault.LEAPT: "{about} has jumped by {value:+.3f} m, which the speed does not explain: homed again, or "
+    "a slipped encoder; the nut's position is unknown until a reset",
+    Fault.EXCLUDED: "{about} reads {value:.1f} ± {expected:.1f} K too {way} and is excluded; check it",
+    Fault.SWAPPED: "{about} are exchanged and excluded; check their connectors",
+    Fault.SHARED_OFFSET: "all sensors began to read {value:.2f} K too {way} at once, as from a "
+    "reference junction; this is corrected",
+    Fault.GAIN: "all sensors began to show {value:.0%} of their rise above the air at once; check "
+    "the converter's range, then reset",
+    Fault.UNEXPLAINED: "all sensors stepped at once, which no heat can cause; check the converter, then "
+    "reset",
+    Fault.DRIFTING: "all sensors together depart from laws and air, faster than they may "
+    "drift; check what they share, and the laws, then reset",
+    Fault.AMBIGUOUS: "the sensors do not agree with each other, and it is unclear which of them is "
+    "wrong; check all of them, then reset",
+    Fault.AIR_LEAPT: "the air's temperature has jumped by {value:+.1f} K, which air cannot do; check "
+    "its sensor, then reset",
+    Fault.SETTLING: "the estimate is settling, after readings that stepped, came back, or do not agree",
 }
 _OF_DISPLACEMENTS: dict[Trouble | Fault, str] = {
-    Fault.REFUSED: "{about} is refused: {value:+.1f} µm from what the model and the other sensors expect",
-    Fault.EXCLUDED: "{about} reads {value:.1f} ± {expected:.1f} µm too {way} and is left out; look at it",
+    Fault.REFUSED: "{about} is rejected: {value:+.1f} µm from what the model and the other sensors expect",
+    Fault.EXCLUDED: "{about} reads {value:.1f} ± {expected:.1f} µm too {way} and is excluded; check it",
 }
-"""What is said otherwise of a sensor that measures a displacement."""
+"""Sentences for a sensor that measures a displacement."""
 
 
 class NotGood:
@@ -140,7 +141,7 @@ class NotGood:
             self._found[Condition(Trouble.UNEXPLAINED, quality=worst)] += int(n)
 
     def note(self, found: Iterable[tuple[Finding, int]]) -> None:
-        """Take what the self-test found, each in how many steps, up to its end or a reset."""
+        """Take the findings of the self-test, with their numbers of steps, up to its end or a reset."""
         for finding, steps in found:
             self._found[of_finding(finding)] += steps
 
@@ -157,47 +158,47 @@ class NotGood:
 
 
 _REMEDIES = {
-    "disconnected": "look whether the device is on, cabled, and at the address or port of its table",
-    "timeout": "the wire is there and nothing answers: look at unit_id, baud rate and parity, and timeout_s",
-    "bad_reply": "what answers is no reply to this question: look at unit_id, and for a second master",
-    "silent": "the bus carries no such message: look at bit rate, cable, identifier and sender",
-    "short_frame": "the message is shorter than its description: look at the DBC file or position_byte",
-    "bad_frame": "the message does not fit its description: look at the DBC file",
-    "open_circuit": "a thermocouple's wire is broken or not connected: look at the terminals of this input",
+    "disconnected": "check that the device is on, cabled, and at the address or port of its table",
+    "timeout": "connected, but nothing answers: check unit_id, baud rate, parity and timeout_s",
+    "bad_reply": "the reply does not match the request: check unit_id, and look for a second master",
+    "silent": "the bus carries no such message: check bit rate, cable, identifier and sender",
+    "short_frame": "the message is shorter than its description: check the DBC file or position_byte",
+    "bad_frame": "the message does not fit its description: check the DBC file",
+    "open_circuit": "a thermocouple's wire is broken or not connected: check the terminals of this input",
     "cold_junction": "the module cannot measure its terminals' temperature: check the module, replace it",
     "under_range": "the thermocouple is the wrong way round, or of another type than the module is set to",
     "over_range": "the thermocouple is of another type than the module is set to, or its wire is open",
     "out_of_range": "the thermocouple's type or its connection is wrong, or low and high are too narrow",
     "register_communication": "the module waits for register commands: switch its control byte back",
-    "not_ready": "the module is starting, or not configured: look at its project in the controller",
-    "module_error": "the module reports an error of its own: look at its lamps and its manual",
-    "not_a_number": "the device sends what is no number: look at type and word_order",
-    "unreadable": "the value cannot be read as a number: look at the column or the signal",
+    "not_ready": "the module is starting, or not configured: check its project in the controller",
+    "module_error": "the module reports an error of its own: check its lamps and its manual",
+    "not_a_number": "the device sends something that is not a number: check type and word_order",
+    "unreadable": "the value cannot be read as a number: check the column or the signal",
     "end_of_log": "the log that is played has ended",
-    "never_came": "nothing came in time: look at the driver's last error and at period_s",
+    "never_came": "nothing came in time: check the driver's last error and period_s",
 }
 _EXCEPTIONS = {
     1: 'the device does not know this function: give function = "holding" or "input"',
-    2: "the device has no such register: look at register, counted from 0, and first_register",
-    3: "the device refuses so many registers: look at register and type",
-    4: "the device failed to read its own data: look at its lamps and its manual",
-    6: "the device is busy: raise period_s, and look for a second master",
-    10: "the gateway has no way to the unit: look at unit_id and the gateway's lines",
-    11: "the unit behind the gateway does not answer: look at unit_id, power and cable",
+    2: "the device has no such register: check register, counted from 0, and first_register",
+    3: "the device rejects so many registers: check register and type",
+    4: "the device failed to read its own data: check its lamps and its manual",
+    6: "the device is busy: raise period_s, and check for a second master",
+    10: "the gateway has no path to the unit: check unit_id and the gateway's lines",
+    11: "the unit behind the gateway does not answer: check unit_id, power and cable",
 }
 
 
 def remedy_for(fault: str | None, implausible: str | None) -> str | None:
     """What to do about a channel; None where nothing is wrong with it.
 
-    An implausible value says itself what it looks like; so the rest is where to fix it.
+    The sentence of an implausible value says what it looks like; the rest says where to fix it.
     """
     if fault is not None:
         if fault.startswith("exception_") and fault[10:].isdigit():
             return _EXCEPTIONS.get(
-                int(fault[10:]), "the device refuses: look up this exception in its manual"
+                int(fault[10:]), "the device rejects the request: look up this exception in its manual"
             )
         return _REMEDIES.get(fault, "look up this fault in the device's table and its manual")
     if implausible is not None:
-        return "look at scale, offset, type and unit of the channel; if the value is right, at [limits]"
+        return "check scale, offset, type and unit of the channel; if the value is right, check [limits]"
     return None

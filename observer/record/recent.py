@@ -63,7 +63,7 @@ def duration_s(text: str) -> float:
     found = re.fullmatch(r"\s*(\d{1,6}(?:\.\d{1,6})?)\s*(min|h|d)\s*", text)
     if found is None or float(found[1]) == 0.0:
         raise ConfigError(
-            f"--recent: {text!r} is no duration; give a number and min, h or d, as in 90min or 8h"
+            f"--recent: {text!r} is not a duration; give a number and min, h or d, as in 90min or 8h"
         )
     return float(found[1]) * _UNITS_S[found[2]]
 

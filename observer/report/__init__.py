@@ -1,1 +1,1 @@
-"""Pictures of what was estimated or predicted."""
+"""Pictures and pages of estimates and predictions."""

@@ -1,4 +1,4 @@
-"""What is to be done after a search, in sentences and commands."""
+"""The next step after a search, in sentences and commands."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from observer.report.wording import during, kelvin, name_of, um
 
 
 def look_sentence(partial: dict[str, Any], logs: Sequence[str]) -> str:
-    """Which sensor, log and phase to look at for what an effect leaves, without a full stop."""
+    """Where the largest residual of an effect is: sensor, log and phase, without a full stop."""
     doing = "" if partial["phase"] is None else f" {during(partial['phase'])}"
     return f"Look at {partial['most_on']} in {logs[partial['log'] - 1]}{doing}, where most of it remains"
 
@@ -40,7 +40,7 @@ def next_step(result: dict[str, Any], logs: str, config: str, output: str) -> di
     elif test is not None:
         text, command = "Record the test as a log, NEW, and search again with it", with_more
     elif verdict == "none":
-        text = "Nothing is to be added; to keep the calibrated values, write them"
+        text = "Nothing needs to be added; to keep the calibrated values, write them"
         fitted = f"observer calibrate {logs} --config {config} --output {output}"
         command = None if logs.startswith("--") else fitted
     moved = result["displacements"]
@@ -53,7 +53,7 @@ def next_step(result: dict[str, Any], logs: str, config: str, output: str) -> di
 
 
 def candidate_comment(partial: dict[str, Any]) -> str:
-    """The head of a candidate's configuration: that it is none that was found, and what it leaves."""
+    """The header of a candidate's configuration: that it is not a result, and what it leaves unexplained."""
     proof, worth = partial["proof"], partial["worth"]
     before_K, after_K = (kelvin(proof[f"{key}_rms_K"]) for key in ("before", "after"))
     leaves = f"the gap on data held back goes from {before_K} to {after_K} rms"

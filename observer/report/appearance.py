@@ -1,4 +1,4 @@
-"""What pictures, reports and the page share: the colours of temperature, units, and what runs where.
+"""Shared by pictures, reports and the page: the colours of temperature, units, and axes.
 
 Time runs to the right, and position upwards beside it; position runs to the right where there is no time.
 """
@@ -15,7 +15,7 @@ TEMPERATURE_COLOURS = (
 MM_PER_M = 1000.0
 """Positions are shown in mm."""
 SYMBOLS = {"degC": "°C", "um": "µm", "Nm": "N m", "m_s": "m/s", "W_m2K": "W/(m² K)"}
-"""How a unit at the end of a name is written, where it is not written alike."""
+"""The spelling of a unit where it differs from the end of a name."""
 
 
 def document() -> dict[str, Any]:

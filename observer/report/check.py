@@ -31,14 +31,14 @@ from observer.tables.sections import Source
 
 TRANSIENT_S = (0.5, 10.0)
 MOST_DESIGNED = 200
-"""A design costs the cube of the modes: seconds here, minutes at twice as many."""
+"""The cost of a design grows with the cube of the modes: seconds here, minutes at twice as many."""
 NEAR = 1e-3
-"""Positions closer than this part of the screw's length count as one."""
+"""Positions closer than this fraction of the screw's length count as one."""
 _DEVIATION_OF_STEPS = 1.0 / math.sqrt(12.0)  # what rounding to whole steps of 1 adds
 
 
 def findings(config: Installation) -> dict[str, Any]:
-    """Return what must be known of a configuration. Raises `UserError` where no design exists."""
+    """Return the key facts of a configuration. Raises `UserError` where no design exists."""
     if (config.model.modes or 0) > MOST_DESIGNED:
         raise ConfigError(
             f"model.modes = {config.model.modes}: an estimator is designed for {MOST_DESIGNED} modes at "
@@ -81,7 +81,7 @@ def findings(config: Installation) -> dict[str, Any]:
 
 
 def _verdict(design: DesignReport, warnings: list[str]) -> dict[str, Any]:
-    """Whether the configuration can be used, and the sentence that a check opens with."""
+    """Whether the configuration can be used, and the opening sentence of a check."""
     if not design.placed:
         return {"usable": False, "text": f"not usable: {design.warnings[0]}"}
     if not warnings:
@@ -91,7 +91,7 @@ def _verdict(design: DesignReport, warnings: list[str]) -> dict[str, Any]:
 
 
 def _left_out(config: Installation, plant: Plant) -> float:
-    """The largest part of a source's steady field that the modes alone would leave out."""
+    """The largest fraction of a source's steady field that the modes alone would leave out."""
     machine = realise(config).config
     modes = solve_modes(rod_of(machine), max(plant.mode_index))
     kept = modes.take([i - 1 for i in plant.mode_index])
@@ -132,7 +132,8 @@ def _model_warnings(config: Installation, design: DesignReport, biot: Mapping[st
     if biot["number"] > BIOT_LIMIT:
         warnings.append(
             f"the Biot number is {biot['number']:.2g}, above {BIOT_LIMIT:g}: under a film of "
-            f"{biot['film_W_m2K']:.3g} W/m²K the screw is not of one temperature across, as in the model; "
+            f"{biot['film_W_m2K']:.3g} W/m²K the temperature is not uniform across the screw, as the "
+            "model assumes; "
             "check surface.convection_W_m2K, or expect the core to differ from what the sensors read"
         )
     if rod.floating and not any(isinstance(t, SpeedLoss | StretchFilm | Radiation) for t in machine.terms):
@@ -142,7 +143,8 @@ def _model_warnings(config: Installation, design: DesignReport, biot: Mapping[st
         )
     beside, period_s = attached(there, ()), there.estimator.period_s
     warnings += [
-        f"node {beside.names[node]} and the screw meet within {beside.network.capacity_J_K[node] / G:.2g} s, "
+        f"node {beside.names[node]} and the screw equalise within "
+        f"{beside.network.capacity_J_K[node] / G:.2g} s, "
         f"faster than the period of {period_s:g} s: the step is not exact under a nut that moves; join it "
         "with a neighbour"
         for node, source, G in beside.ties
@@ -168,7 +170,7 @@ def _model_warnings(config: Installation, design: DesignReport, biot: Mapping[st
 
 
 def _supports(config: Installation, plant: Plant) -> dict[str, Any] | None:
-    """What the supports do to a screw that is 10 K warm all over; None where none are configured."""
+    """The effect of the supports on a screw that is uniformly 10 K warm; None where none are configured."""
     held, screw = plant.rows.restraint, config.screw
     if held is None or config.supports is None or screw.expansion_1_K is None:
         return None
@@ -200,7 +202,7 @@ def _finite(value: float) -> float | None:
 
 
 def doubts(config: Installation) -> list[str]:
-    """What is possible but unlikely to be meant, a sentence each."""
+    """Settings that are valid but unlikely to be intended, a sentence each."""
     return [
         *_unusual(config.model_dump(exclude_unset=True)),
         *_same_places(config),

@@ -1,4 +1,4 @@
-"""What a configuration means, and what came over its wires, for people: `observer check`."""
+"""What a configuration means, and what its devices delivered, for people: `observer check`."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _grid(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
 
 
 def _costs(rows: list[dict[str, Any]]) -> Table:
-    """σ over the standard shift: as configured, with one tolerance at nothing, with all."""
+    """σ over the standard shift: as configured, with one tolerance at zero, with all at zero."""
     there = rows[0]["error_sigma_um"] is not None
     heats = [f"{name}, W" for name in rows[0]["heat_sigma_W"]]
     lines = []
@@ -123,7 +123,7 @@ UNITS = {"degC": "°C", "um": "µm"} | {unit: unit for unit in ("m", "mm", "rpm"
 
 
 def wires_as_text(found: dict[str, Any]) -> RenderableType:
-    """Lay out what came: a line for each driver, below it one for each of its channels."""
+    """Lay out the readings: a line for each driver, below it one for each of its channels."""
     table = Table(show_header=False, box=None, pad_edge=False)
     for _ in range(4):
         table.add_column(overflow="fold")
@@ -138,7 +138,7 @@ def wires_as_text(found: dict[str, Any]) -> RenderableType:
                 remedies.setdefault(one["remedy"], []).append(channel)
     if not found["drivers"]:
         return Text("no drivers: write a [drivers.…] table for each device", style="yellow")
-    verdict = "every channel came" if found["good"] else "warning: not every channel came with a usable value"
+    verdict = "every channel came" if found["good"] else "warning: not every channel delivered a usable value"
     lines = (Text(f"{', '.join(channels)}: {remedy}") for remedy, channels in remedies.items())
     return Group(table, Text(verdict, style="green" if found["good"] else "yellow"), *lines)
 

@@ -1,4 +1,4 @@
-"""Samples for a picture, from a stream of blocks whose length nobody knows beforehand."""
+"""Samples for a picture, from a stream of blocks of unknown length."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _extremes(buckets: FloatArray, first: NDArray[np.int64]) -> FloatArray:
 
 
 class ReplaySamples(Decimator):
-    """What the overview of a replay shows, of the blocks of a replay as they come.
+    """The data of a replay's overview, collected from its blocks as they come.
 
     With m_e estimated sources, g grid points and s sensors, the columns are `time_s` (n,); `heat_W`,
     `heat_sigma_W`, `law_W` (n, m_e); `field_degC`, `field_sigma_K` (n, g); `error_um`, `error_sigma_um`
@@ -106,7 +106,7 @@ _OF_ESTIMATES = (
 
 
 def simulated(inputs: Inputs, rows: FloatArray, meaning: OutputRows) -> dict[str, FloatArray]:
-    """What the overview of a simulation shows of a block of inputs and the output rows (K, R) they predict.
+    """The data of a simulation's overview, from a block of inputs and the predicted output rows (K, R).
 
     `time_s` (K,); `law_W` (K, m) of every source; `field_degC` (K, g); `error_um` (K, g) or (K, 0);
     `predicted_degC` and `measured_degC` (K, s), the latter NaN where the program has no such channel.

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class DrawnCase(Protocol):
-    """What is drawn of a case."""
+    """The drawn data of a case."""
 
     @property
     def name(self) -> str: ...  # noqa: D102
@@ -41,7 +41,7 @@ _BESIDE = 1.45  # how much wider than the bars, for the key
 
 
 def draw_cases(figure: Figure, cases: Sequence[DrawnCase], title: str, words: str) -> list[Axes]:
-    """Draw cases of one machine; `words` says what the figures are, of a steady state or of a cycle."""
+    """Draw cases of one machine; `words` describes the figures, of a steady state or of a cycle."""
     figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 0.955), hspace=0.05, wspace=0.04)
     (field, error), (heats, force) = figure.subplots(2, 2, gridspec_kw={"width_ratios": (1.2, 1.0)})
     inks = [colour(i) for i in range(len(cases))] if len(cases) <= _DISTINCT else ordered_colours(len(cases))

@@ -1,4 +1,4 @@
-"""`report.html`: what a discovery found, on one page that is read in two minutes."""
+"""`report.html`: the result of a discovery, on one page that takes two minutes to read."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def tolerated(known: Tolerance) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What is compared: two configurations as before and after, what each is, and their errors (n,) in K.
+    """A comparison: two configurations as before and after, their descriptions, and their errors (n,) in K.
 
     Without any effect added, before is as configured and after is calibrated.
     """
@@ -164,7 +164,7 @@ def _maps(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequence
     framed = " The frame marks what no effect explains." if box is not None else ""
     caption = (
         "Each row is a sensor, each column half a minute; both maps have one scale. Vermilion: measured is "
-        f"warmer than predicted; blue: colder. The strip says what was fitted and what is proof.{framed}"
+        f"warmer than predicted; blue: colder. The strip shows what was fitted and what is proof.{framed}"
     )
     places = [p for p in result["where"] if p["regressor"] != "event"][:PLACES]
     rows = [
@@ -246,7 +246,7 @@ def _displacements(result: dict[str, Any]) -> Html:
 
 
 def site(sensor: Sensor) -> str:
-    """Where a sensor sits, on the screw or on a node."""
+    """The position of a sensor, on the screw or on a node."""
     return f"{sensor.position_m:g} m" if sensor.on is None else sensor.on
 
 
@@ -255,7 +255,7 @@ def _caption(first: int, log: str) -> str:
 
 
 def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
-    """The ranking of the first round, and how each of several effects stood against the next best."""
+    """The ranking of the first round, and each of several effects compared with the next best."""
     chosen = {t.candidate.name for t in found.search.chosen}
     best = chosen | {c.name for each in found.verdict.sets for c in each}
     rows = [
@@ -269,8 +269,9 @@ def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
         for t in result["ranking"]
     ]
     note = (
-        "Evidence is the fall of the misfit (twice the log-likelihood) when the effect is added and all "
-        f"else fitted anew. To be accepted an effect must earn {ACCEPT:.0f}, and {PER_PARAMETER:.0f} more "
+        "Evidence is the decrease of the misfit (twice the log-likelihood) when the effect is "
+        f"added and all else refitted. To be accepted an effect must earn {ACCEPT:.0f}, and "
+        f"{PER_PARAMETER:.0f} more "
         f"for each parameter beyond its first; explain {100 * MATERIAL:.0f} % of the misfit on parts of the "
         "logs that it was not fitted to; and stay off its bounds."
     )
@@ -283,9 +284,7 @@ def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
     heads_more = ["Effect, beside the others", "evidence", "next best in its place", "evidence"]
     return section(
         "Candidates",
-        paragraph(
-            note if rows else "No effect of the library promised to explain anything that is left.", "note"
-        ),
+        paragraph(note if rows else "No effect of the library promised to explain any of the rest.", "note"),
         table(heads, rows, (2,), stacked=True),
         table(heads_more, more, (1, 3), stacked=True),
     )
@@ -359,7 +358,7 @@ def _limits(found: Discovery, logs: Sequence[str]) -> Html:
 
 
 def _duration(time_s: FloatArray) -> str:
-    """How long the half minutes that end at these times last together."""
+    """The total length of the half minutes that end at these times."""
     return duration_text(len(np.unique(time_s)) * panels.MEAN_S) if len(time_s) else "–"
 
 

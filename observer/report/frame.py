@@ -1,4 +1,4 @@
-"""The frame of a discovery's report: verdict and figures above, what to do next, and of what it was made."""
+"""The frame of a discovery's report: verdict and figures at the top, the next step, and its inputs."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def header(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Htm
 
 
 def next_step(result: dict[str, Any]) -> Html:
-    """What to do, and in which words the thermal error is meant."""
+    """The next step, and the definition of the thermal error."""
     step, worth = result.get("next"), result["worth"]
     meant = (
         Html("")
@@ -55,7 +55,7 @@ def next_step(result: dict[str, Any]) -> Html:
 
 
 def made_of(result: dict[str, Any]) -> Html:
-    """Of what this page was made, and when."""
+    """The inputs of this page, and its date."""
     rows = [
         [name, Html(code(str(result[key])))]
         for name, key in (
@@ -86,6 +86,6 @@ def arrow(before_K: float, after_K: float) -> str:
 
 
 def beyond(gap: dict[str, Any]) -> str:
-    """What of a gap no tolerance explains, calibrated without an effect and with those found."""
+    """The part of a gap that no tolerance explains, calibrated without an effect and with those found."""
     before_K, after_K = (gap["beyond_tolerances"][f"{key}_rms_K"] for key in ("before", "after"))
     return wording.kelvin(after_K) if before_K == after_K else arrow(before_K, after_K)

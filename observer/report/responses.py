@@ -36,7 +36,7 @@ def write_responses(path: Path, config: Installation, found: dict[str, Any]) -> 
         if answer is None:
             for axes in (step, gain, phase):
                 axes.set_axis_off()
-            step.text(0.0, 0.9, "No gain serves, so there is no response.", transform=step.transAxes)
+            step.text(0.0, 0.9, "No gain works, so there is no response.", transform=step.transAxes)
         else:
             _responses(step, gain, phase, answer, plant.layout.sources)
 

@@ -94,7 +94,7 @@ def headline(verdict: Verdict, result: dict[str, Any]) -> str:
     if verdict.kind == "named":
         return f"The model lacks {joined([lack_of(e['kind'], e['target']) for e in result['effects']])}"
     if verdict.kind == "none":
-        missing = "no effect is missing that shows"
+        missing = "no missing effect is visible"
         doubted = f"The logs themselves are in doubt; {missing}"
         return doubted if verdict.suspected else f"The calibrated model explains the logs; {missing}"
     if verdict.kind == "ambiguous":
@@ -103,9 +103,9 @@ def headline(verdict: Verdict, result: dict[str, Any]) -> str:
         lacks = "one of these effects" if family is None else family_text(family)
         return f"The model lacks {lacks}; the logs cannot distinguish its possible causes: {every}"
     if verdict.suspected:
-        return "The logs themselves are in doubt, so nothing is said to be missing"
+        return "The logs themselves are in doubt, so no effect is reported as missing"
     if verdict.kind == "unknown":
-        left = f" that the library does not hold: an error remains {verdict.remains}"
+        left = f" that the library does not contain: an error remains {verdict.remains}"
         return f"Something is missing{f', but {verdict.reason}' if verdict.unproved else left}"
     return f"Whether an effect is missing is not identifiable from these logs: {'; '.join(verdict.lacking)}"
 

@@ -24,7 +24,7 @@ def _learnt(heats, law_W: float = 10.0):
     return band
 
 
-def test_a_heat_off_its_law_is_what_is_usual_once_it_is_learnt():
+def test_a_heat_off_its_law_is_usual_once_learnt():
     band = _learnt([13.0] * 300)
     assert band.side == 0
     assert math.exp(band.left) == pytest.approx(1.0, abs=0.02)

@@ -35,7 +35,7 @@ def test_an_alarm_is_raised_acknowledged_and_gone():
     assert advance(alarms, [], 116.0) == {}
 
 
-def test_what_was_there_for_a_moment_is_no_alarm():
+def test_a_momentary_condition_raises_no_alarm():
     alarms = advance(advance({}, [PLUG], 100.0), [], 103.0)
     assert alarms == {}
     assert _states(advance(alarms, [PLUG], 106.0)) == {"sensor_fault.t3.open_circuit": "pending"}
@@ -52,7 +52,7 @@ def test_one_that_is_latched_stays_until_somebody_has_seen_it():
     assert _states(acknowledged(alarms, "another")) == {name: "returned"}
 
 
-def test_one_that_is_not_latched_goes_by_itself():
+def test_an_alarm_that_is_not_latched_clears_itself():
     alarms = advance(advance({}, [PLUG], 100.0), [PLUG], 110.0)
     assert advance(alarms, [], 120.0) == {}
 

@@ -312,7 +312,7 @@ def test_the_plan_s_period_is_the_estimator_s():
 # ---- what is taken in ----
 
 
-def test_a_fault_without_a_name_is_unknown_and_the_mark_of_a_missing_value_is_none():
+def test_a_fault_without_a_name_is_unknown_and_a_missing_value_has_none():
     aligner = Aligner(plan())
     used = aligner.ingest(Reading(0.1, {"t1_degC": 20.0, "x": 1.0}, {"t1_degC": "", "t2_degC": "missing"}))
     assert used.faults == {"t1_degC": "unknown"}
@@ -341,7 +341,7 @@ def test_a_late_reading_is_as_old_as_its_source_says():
     assert aligner.tick(5.2).age_s[0, :2] == pytest.approx([0.6, 0.2])
 
 
-def test_a_warm_start_goes_on_from_the_last_tick():
+def test_a_warm_start_continues_from_the_last_tick():
     assert Aligner(plan(), last_tick_s=2.0).tick(3.0).dt_s[0] == 1.0
     values = np.full((2, 3), 20.0)
     log = Log(Path("x.csv"), np.array([3.0, 3.5]), CHANNELS, values)

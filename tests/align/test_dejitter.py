@@ -83,7 +83,7 @@ def test_only_the_samples_of_the_step_are_touched_and_what_goes_with_them_goes_a
     np.testing.assert_array_equal(passed, [0.06, 3.0])
 
 
-def test_a_nut_at_rest_is_sampled_each_period_and_a_repeat_within_a_quarter_is_none():
+def test_a_nut_at_rest_is_sampled_each_period_without_early_repeats():
     kept = []
     for apart in (0.24, 0.26, 1.0):
         samples = _samples([0.02, 0.02 + apart * PERIOD_S, 0.08], np.array([5.0, 5.0, 5.0]))
@@ -96,7 +96,7 @@ def test_a_nut_at_rest_is_sampled_each_period_and_a_repeat_within_a_quarter_is_n
     assert samples[1, 0] == 5.0
 
 
-def test_what_is_not_after_the_last_step_is_left_out():
+def test_samples_before_the_last_step_are_left_out():
     samples = _samples([0.02, 0.019, 0.0201], np.array([1.0, 2.0, 3.0]))
     passed = _passed(0.02, 1.0)
     assert even_out(samples, 0, 3, passed, PERIOD_S) == 1

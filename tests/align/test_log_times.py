@@ -80,12 +80,12 @@ def test_the_interval_may_be_given(given):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("{ t9 = 4.0 }", 'sensor_period_s: "t9" is no sensor; give one of t1'),
+        ("{ t9 = 4.0 }", 'sensor_period_s: "t9" is not a sensor; give one of t1'),
         ("-1.0", "sensor_period_s"),
         ('"often"', "sensor_period_s"),
     ],
 )
-def test_an_interval_that_cannot_be_is_refused(given, said):
+def test_an_impossible_interval_is_rejected(given, said):
     with pytest.raises(ConfigError, match=said):
         _config(f"sensor_period_s = {given}\n")
 
@@ -105,7 +105,7 @@ def test_milliseconds_are_named(seconds):
     assert doubt_of_times(_log(reading, seconds), _config()) is None
 
 
-def test_a_row_a_minute_for_weeks_is_no_millisecond():
+def test_a_row_a_minute_for_weeks_is_not_taken_for_milliseconds():
     """A machine that warms every day, logged each minute for a month."""
     minute = np.arange(30 * 1440)
     at_work = (minute % 1440 > 420) & (minute % 1440 < 1020)

@@ -77,7 +77,7 @@ COMMANDS = [_replay, _identify, _calibrate, _discover]
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_log_in_milliseconds_is_refused(command, config, tmp_path):
+def test_a_log_in_milliseconds_is_rejected(command, config, tmp_path):
     with pytest.raises(LogError, match=r"log\.csv: by time_s .*milliseconds"):
         command(_log(tmp_path, apart=1000), config, tmp_path / "out")
 
@@ -89,7 +89,7 @@ def test_it_is_read_where_the_configuration_says_so(config, tmp_path):
 
 @pytest.mark.parametrize("command", [*COMMANDS, _simulate])
 @pytest.mark.parametrize("cell", ["", "NaN", "inf"])
-def test_a_channel_without_any_value_is_refused_by_its_name(command, cell, config, tmp_path):
+def test_a_channel_without_any_value_is_rejected_by_its_name(command, cell, config, tmp_path):
     with pytest.raises(LogError, match=r'log\.csv: column "ambient_degC" never has a value'):
         command(_log(tmp_path, ambient=cell), config, tmp_path / "out")
 
@@ -127,8 +127,8 @@ def test_words_read_as_missing_are_reported_once_per_column_in_use(config, tmp_p
     path.write_text(f"{HEAD},note\n" + "\n".join(rows) + "\n")
     found = doubts(read_log(path), (), load(config))
     assert [text for text in found if "missing" in text] == [
-        "channel t1_degC: 4 cells say NULL and were read as missing; look why the recorder wrote that, and "
-        "leave empty what is missing"
+        "channel t1_degC: 4 cells say NULL and were read as missing; check why the recorder wrote "
+        "that, and leave missing cells empty"
     ]
     summary = app.replay(path, load(config), tmp_path / "out", ".csv", progress=lambda _done, _total: None)
     assert sum("4 cells say NULL" in text for text in summary["doubts"]) == 1

@@ -23,8 +23,8 @@ def table(**limits):
     [
         ("t1_degC", 71.6, "looks like °F"),
         ("t1_degC", 295.0, "looks like K"),
-        ("t1_degC", 3276.7, "code for a fault"),
-        ("t1_degC", -3276.8, "code for a fault"),
+        ("t1_degC", 3276.7, "fault code"),
+        ("t1_degC", -3276.8, "fault code"),
         ("t1_degC", 215.0, "tenths of °C"),
         ("nut_position_m", 312.0, "looks like mm"),
         ("nut_position_m", 18.7, "looks like inches"),
@@ -33,7 +33,7 @@ def table(**limits):
         ("screw_speed_rpm", 90000.0, "revolutions an hour"),
     ],
 )
-def test_a_value_beyond_its_limits_is_refused_with_its_unit(channel, value, words):
+def test_a_value_beyond_its_limits_is_rejected_with_its_unit(channel, value, words):
     aligner = Aligner(AlignPlan.of(live.demo()))
     aligner.ingest(Reading(1.0, {channel: value}))
     frame = aligner.tick(1.5)
@@ -53,7 +53,7 @@ def test_a_value_within_its_limits_is_believed_again_at_once():
     assert "nut_position_m" not in aligner.faults
 
 
-def test_a_leap_is_refused_until_time_would_allow_it():
+def test_a_jump_is_rejected_until_time_would_allow_it():
     aligner = Aligner(AlignPlan.of(live.demo()))
     aligner.ingest(Reading(1.0, {"t1_degC": 22.0}))
     aligner.ingest(Reading(1.5, {"t1_degC": 52.0}))
@@ -92,9 +92,9 @@ def test_no_unit_is_guessed_where_none_fits():
 
 
 @pytest.mark.parametrize(
-    ("ratio", "words"), [(9.5, "rad/s"), (59.0, "revolutions a second"), (2.0, "look at lead_m")]
+    ("ratio", "words"), [(9.5, "rad/s"), (59.0, "revolutions a second"), (2.0, "check lead_m")]
 )
-def test_a_ratio_of_ways_names_the_unit(ratio, words):
+def test_a_ratio_of_distances_names_the_unit(ratio, words):
     assert words in motion_sentence("nut_position_m", "screw_speed_rpm", ratio)
     assert np.isfinite(ratio)
 

@@ -68,7 +68,7 @@ def test_what_was_published_comes_back_to_the_last_bit(month, first, last):
     assert page["readings"] == [json.loads(r) for r in readings if from_s <= json.loads(r)["time_s"] < to_s]
 
 
-def test_asking_again_goes_on_from_where_a_replay_passed(month, monkeypatch):
+def test_another_query_continues_from_a_state_of_the_replay(month, monkeypatch):
     config, estimates, _ = month
     monkeypatch.setattr("observer.archive.parts._PART_BYTES", 3000)
     pages = _all(None, config)
@@ -80,7 +80,7 @@ def test_asking_again_goes_on_from_where_a_replay_passed(month, monkeypatch):
         _assert_same(found, _in(estimates, from_s, from_s + 30.0))
 
 
-def test_a_question_that_takes_too_long_is_refused_and_ends_in_the_end(month, monkeypatch):
+def test_a_query_that_takes_too_long_is_rejected_and_completes_when_repeated(month, monkeypatch):
     config, _, _ = month
     monkeypatch.setattr("observer.archive.parts._PART_BYTES", 3000)
     archive = Archive(config, config.digest, clock=lambda: 1.0)
@@ -135,7 +135,7 @@ def test_restarts_gaps_and_other_configurations_are_reported_and_never_mixed(tmp
     assert heads[0]["gaps_s"][0] == [BEGIN_S + 99.5, BEGIN_S + 150.0]
 
 
-def test_a_recording_without_configuration_or_state_is_reported_and_estimated_anew(tmp_path):
+def test_a_recording_without_configuration_or_state_is_reported_and_estimated_again(tmp_path):
     config = configuration(tmp_path)
     lived(config, 600, rotate_bytes=20_000)
     for path in [*tmp_path.glob(f"*{STATE_SUFFIX}"), *tmp_path.glob(f"*{CONFIG_SUFFIX}")]:
@@ -145,7 +145,7 @@ def test_a_recording_without_configuration_or_state_is_reported_and_estimated_an
     notes = [note for head in heads for note in head["notes"]]
     assert any("its configuration was not kept" in note for note in notes)
     assert any("estimates start cold" in note for note in notes)
-    assert any("sequence numbers are counted anew" in note for note in notes)
+    assert any("sequence numbers start again" in note for note in notes)
     assert heads[0]["config"] is None
 
 
@@ -189,7 +189,7 @@ def test_times_are_seconds_or_iso_8601():
     [{"to": "5"}, {"from": "noon"}, {"from": "nan"}, {"from": "9", "to": "5"},
      {"from": "1", "to": "2", "every": "-1"}, {"from": "1", "to": "2", "every": "x"}],
 )  # fmt: skip
-def test_a_span_that_is_none_is_refused_in_words(asked):
+def test_an_invalid_span_is_rejected_with_a_sentence(asked):
     with pytest.raises(ConfigError, match="give"):
         Span.of(asked, 10.0)
 

@@ -76,7 +76,7 @@ def test_a_commit_measured_again_replaces_itself() -> None:
     assert merged([OLD], [step(17.0)], "2026-11-03", "b")[0] == OLD
 
 
-def test_what_is_kept_is_read_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kept_rows_are_read_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(history, "_commit", lambda: "cccccccccc")
     path = tmp_path / "benchmarks" / "history.csv"
     assert read(path) == []

@@ -30,7 +30,7 @@ def test_a_quiet_verb_prints_nothing_and_does_its_work(tmp_path: Path) -> None:
     assert loud.output.startswith("written: ")
 
 
-def test_a_bar_names_its_phase_and_a_quiet_one_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bar_names_its_phase_and_is_absent_when_quiet(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = io.StringIO()
 
     class Watched(Console):

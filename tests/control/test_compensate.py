@@ -289,7 +289,7 @@ def test_a_nut_that_is_nowhere_has_no_error() -> None:
         ({"travel_m": [0.3, 0.9]}, "travel_m reaches 0.9 m, beyond the screw's length_m"),
     ],
 )
-def test_it_is_refused_where_it_would_do_harm(keys: dict[str, Any], sentence: str) -> None:
+def test_it_is_rejected_where_it_would_do_harm(keys: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         machine(**keys)
 

@@ -99,7 +99,7 @@ def test_a_stalled_loop_is_released_by_the_dead_man_although_the_thread_lives():
 @pytest.mark.parametrize(
     ("command", "table", "why"),
     [
-        ({"alter": True}, (1.0, 2.0), "reads back something else than was written"),
+        ({"alter": True}, (1.0, 2.0), "reads back something other than was written"),
         ({"off": True}, (1.0, 2.0), "switched off at the control"),
         ({}, (1.0, 400.0), "refuses writing: Modbus exception 3"),
         ({}, (1.0, 1e9), "too large for the control's registers"),
@@ -124,7 +124,7 @@ def test_a_control_that_does_not_obey_is_released_with_the_reason(command, table
         assert steered.close(1.0)
 
 
-def test_a_control_that_is_gone_or_hangs_never_holds_up_who_asks():
+def test_a_control_that_is_gone_or_hangs_never_blocks_the_caller():
     with simulated_control() as control:
         steered = steering(control.port)
         hold(steered, document(1.0, 2.0), lambda: control.largest_um >= 2.0)

@@ -1,4 +1,4 @@
-"""A machine that is set to zero: what the compensation counts from, how sure that is, what refuses it."""
+"""A zeroed machine: what the compensation counts from, its uncertainty, and when a zero is rejected."""
 
 from __future__ import annotations
 
@@ -85,12 +85,12 @@ def test_after_homing_an_armed_compensation_is_off_and_starts_consistent() -> No
     plan = compensation.plan_of(machine(**FAST))
     state = followed(plan, np.full(9, 30.0), 5.0)
     zeroed = _zeroed(state, plan, np.full(9, 30.0), state.time_s + 0.5, 0.2)
-    assert zeroed.reason == "anna has set the machine to zero; arm again"
+    assert zeroed.reason == "anna has zeroed the machine; arm again"
     np.testing.assert_allclose(zeroed.table_um, 0.0, atol=1e-12)
     np.testing.assert_allclose(zeroed.ends_um, 0.0, atol=1e-12)
 
 
-def test_after_probing_an_armed_compensation_goes_on_without_a_jump() -> None:
+def test_after_probing_an_armed_compensation_continues_without_a_jump() -> None:
     """The probed offset absorbed what the compensation, at its rate, had left of the error there."""
     plan = compensation.plan_of(machine(zero_after="probing", rate_limit_um_s=2.0, gradient_limit_um_m=1e6))
     state = followed(plan, CURVE, 4.0)
@@ -124,11 +124,11 @@ def test_a_zero_while_the_error_is_not_known_keeps_it_from_being_armed_until_one
     compensator.step(good, at(config, 10.0, 0.2), 0)
     for time_s, quality, nut_m, why in (
         (10.5, 2, 0.2, "the estimate is degraded"),
-        (11.0, 0, float("nan"), "it is not known where the nut stands"),
+        (11.0, 0, float("nan"), "the nut's position is not known"),
     ):
         compensator.zero("anna")
         document = step(time_s, quality, nut_m)
-        assert document["reason"].startswith(f"anna has set the machine to zero, but {why}")
+        assert document["reason"].startswith(f"anna has zeroed the machine, but {why}")
         assert compensator.zero_point.missed
         compensator.arm()
         document = step(time_s + 0.25)
@@ -146,7 +146,7 @@ def test_a_zero_while_the_error_is_not_known_keeps_it_from_being_armed_until_one
     assert document["error_um"] == pytest.approx([0.0] * 21)
 
 
-def test_a_zero_takes_back_who_has_asked_for_it_to_be_armed_before() -> None:
+def test_a_zero_cancels_an_earlier_request_to_arm() -> None:
     config = machine(**FAST)
     compensator = Compensator(config, GRID)
     compensator.arm()
@@ -167,6 +167,6 @@ def test_the_limit_holds_for_the_error_itself_and_for_that_since_the_zero() -> N
     assert _zeroed(state, plan, np.full(9, 50.0), 11.0, 0.2).zero.missed
 
 
-def test_a_place_beyond_the_screw_is_refused() -> None:
+def test_a_position_beyond_the_screw_is_rejected() -> None:
     with pytest.raises(ConfigError, match=r"zero_at_m reaches 0\.9 m, beyond the screw's length_m"):
         machine(zero_at_m=0.9)

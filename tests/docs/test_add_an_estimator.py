@@ -45,7 +45,7 @@ def rig(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[Plant, Estimat
     ("kind", "said"),
     [("kalmann", "give one of kalman, luenberger, or"), ("nowhere:A", "install its package beside")],
 )
-def test_a_kind_that_is_not_there_is_refused(kind: str, said: str) -> None:
+def test_an_unknown_kind_is_rejected(kind: str, said: str) -> None:
     with pytest.raises(ValueError, match=said):
         EstimatorSettings(kind=kind)
 

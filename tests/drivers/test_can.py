@@ -319,7 +319,7 @@ async def _counted(driver, errors):
     await eventually(lambda: driver.status.errors >= errors and driver.status.connected)
 
 
-async def test_whoever_opens_the_simulated_adapter_late_gets_nothing_of_the_past():
+async def test_a_client_that_opens_the_simulated_adapter_late_gets_no_old_frames():
     bus = AxisBus(stamps=False, seed=1)
     try:
         bus.send(0.2, 100.0, 0.02)

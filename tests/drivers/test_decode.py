@@ -129,7 +129,7 @@ CHANNELS = st.builds(
 
 
 @given(st.lists(CHANNELS, min_size=1, max_size=40))
-def test_a_plan_reads_what_is_needed_and_nothing_else(channels):
+def test_a_plan_reads_only_the_needed_registers(channels):
     plan = read_plan(channels)
     needed = {(s.function, s.first + i) for c in channels for s in spans(c) for i in range(s.count)}
     read = [(b.function, b.first + i) for b in plan for i in range(b.count)]

@@ -180,7 +180,7 @@ async def test_a_server_that_talks_nonsense_is_flagged_and_survived():
         server.close()
 
 
-async def test_a_server_that_hangs_up_at_once_is_not_hammered():
+async def test_a_server_that_disconnects_at_once_is_not_hammered():
     connections = 0
 
     async def hang_up(_reader, writer):

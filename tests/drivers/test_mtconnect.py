@@ -92,10 +92,10 @@ async def test_items_come_in_the_units_of_the_house_and_words_as_one_or_zero():
             assert await cnc.good("x_m") == pytest.approx(-0.015)
 
 
-async def test_what_the_agent_does_not_have_is_said_in_a_sentence_and_the_rest_goes_on():
+async def test_a_missing_item_is_reported_in_a_sentence_and_the_others_continue():
     wrong = {
         "nowhere": "the agent has no data item nowhere; fix its item",
-        "xtravel": "xtravel is a condition, which is no number; name a sample or an event",
+        "xtravel": "xtravel is a condition, which is not a number; name a sample or an event",
         "xpath": "xpath is in MILLIMETER_3D, which is not known here; name another item",
     }
     with agent() as peer:
@@ -135,7 +135,7 @@ async def test_an_answer_out_of_a_cache_is_old_and_a_new_instance_is_asked_again
         async with running(settings(peer.port, timeout_s=0.2).open("cnc")) as cnc:
             await cnc.good("x_m")
             peer.command(restart=True)
-            await cnc.until(lambda _: "started anew" in str(cnc.driver.status.last_error))
+            await cnc.until(lambda _: "restarted" in str(cnc.driver.status.last_error))
             assert await cnc.good("x_m") == pytest.approx(0.2505)
             assert cnc.driver.status.reconnects == 1
             peer.command(answer="cached")
@@ -166,7 +166,7 @@ async def test_an_agent_that_returns_is_met_within_a_second():
         ),
     ],
 )
-def test_what_cannot_be_is_refused_before_anything_begins(table, sentence):
+def test_an_invalid_table_is_rejected_before_anything_begins(table, sentence):
     with pytest.raises(ValidationError, match=sentence):
         MtConnectSettings(
             **({"kind": "mtconnect", "url": "http://h", "channels": {"x_m": {"item": "a"}}} | table)

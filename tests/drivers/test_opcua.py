@@ -70,7 +70,7 @@ STATUSES = {
 }
 
 
-async def test_what_is_plainly_good_is_a_value_and_everything_else_a_fault_with_its_name():
+async def test_only_plain_good_is_a_value_and_everything_else_a_named_fault():
     port = free_port()
     nodes = POSITION | {"load_percent": ("Load", {}), "name_1": ("Name", {}), "a_1": ("Array", {})}
     nodes |= {"y_m": ("Nowhere", {})}
@@ -99,7 +99,7 @@ async def test_what_is_plainly_good_is_a_value_and_everything_else_a_fault_with_
         assert 99.0e-3 + 0.1 not in [r.values["x_m"] for r in cnc.readings]
 
 
-async def test_a_server_that_returns_is_met_within_a_second_and_there_is_no_silence_meanwhile():
+async def test_a_server_that_returns_is_reconnected_within_a_second_with_faults_meanwhile():
     port = free_port()
     async with running(settings(port, POSITION | {"a_1": ("Array", {})}).open("cnc")) as cnc:
         assert await cnc.fault("x_m") == "disconnected"
@@ -153,7 +153,7 @@ async def test_a_server_that_hangs_or_talks_nonsense_is_a_fault_each_period():
         ({"user": "me", "password_file": "p"}, "in the clear"),
     ],
 )
-def test_what_cannot_be_is_refused_before_anything_begins(table, sentence):
+def test_an_invalid_table_is_rejected_before_anything_begins(table, sentence):
     with pytest.raises(ValidationError, match=sentence):
         OpcUaSettings(
             **({"kind": "opcua", "url": "opc.tcp://h", "channels": {"x_m": {"node": "i=1"}}} | table)
@@ -227,10 +227,10 @@ async def test_a_control_that_requires_login_and_certificate_is_read_and_any_mis
         "refuses the user anna": {"password_file": folder / "wrong"},
         "refuses the user ben": {"user": "ben"},
         "does not trust": {"certificate": stranger, "private_key": folder / "stranger.key"},
-        "look at server_certificate": {"server_certificate": stranger, "timeout_s": 1.0},
-        "takes Aes256Sha256RsaPss": {"policy": "Aes256Sha256RsaPss", "timeout_s": 1.0},
-        "asks for a name": {"user": None, "password_file": None},
-        "asks for encryption": dict.fromkeys(known(folder)) | {"timeout_s": 1.0},
+        "check server_certificate": {"server_certificate": stranger, "timeout_s": 1.0},
+        "accepts Aes256Sha256RsaPss": {"policy": "Aes256Sha256RsaPss", "timeout_s": 1.0},
+        "requires a user name": {"user": None, "password_file": None},
+        "requires encryption": dict.fromkeys(known(folder)) | {"timeout_s": 1.0},
     }
     async with strict(folder, port):
         for change in ({}, {"private_key": _der(folder)}):

@@ -66,8 +66,8 @@ async def test_a_log_whose_rows_are_all_due_leaves_others_their_turn(tmp_path):
 
 
 @pytest.mark.parametrize("speed", [2.0, 0.5, 0.0, -1.0])
-def test_another_speed_is_refused_because_heat_does_not_follow_it(log, speed):
-    with pytest.raises(ValidationError, match=rf"speed = {speed:g} would show .*`observer replay`"):
+def test_another_speed_is_rejected_because_heat_does_not_follow_it(log, speed):
+    with pytest.raises(ValidationError, match=rf"speed = {speed:g} would present .*`observer replay`"):
         PlayerSettings(kind="player", path=log, speed=speed)
 
 
@@ -79,7 +79,7 @@ def test_another_speed_is_refused_because_heat_does_not_follow_it(log, speed):
     )
 )
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_any_file_is_played_or_refused_in_one_sentence(tmp_path, suffix, content):
+def test_any_file_is_played_or_rejected_in_one_sentence(tmp_path, suffix, content):
     path = tmp_path / f"any{suffix}"
     path.write_bytes(content)
     refusal = str(path)

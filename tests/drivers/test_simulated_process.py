@@ -221,7 +221,7 @@ async def test_it_ends_on_signals(number):
         assert plant.process.returncode == 0
 
 
-async def test_a_command_it_does_not_know_is_refused_and_survived():
+async def test_an_unknown_command_is_rejected_without_harm():
     async with machine() as plant:
         plant.process.stdin.write(b'{"fault": {"burn": true}}\nnonsense\n')
         assert await plant.fault(open="t1_degC") == {"faults": {"open": ["t1_degC"]}}

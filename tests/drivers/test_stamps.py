@@ -32,7 +32,7 @@ def sending(count, start_s=0.0):
 
 
 @given(st.lists(st.tuples(st.floats(allow_nan=True, allow_infinity=True), st.floats(0.0, 1.0)), max_size=60))
-def test_whatever_stands_in_a_stamp_no_time_is_after_the_arrival_or_far_before(frames):
+def test_whatever_the_stamp_no_time_is_after_the_arrival_or_far_before(frames):
     for clock in (DeviceClock(), DeviceClock(60.0)):
         arrival_s = 1e9
         for stamp_s, gap_s in frames:

@@ -83,7 +83,7 @@ def test_every_bit_comes_back(rig, fit):
     _assert_same(unpack(pack(rig[1], fit), fit), rig[1])
 
 
-def test_a_restored_pipeline_goes_on_to_the_last_bit(machine, rig, fit):
+def test_a_restored_pipeline_continues_to_the_last_bit(machine, rig, fit):
     """What a replay does with the file beside a recording."""
     estimator, snapshot, log, _, second = rig
     rest = replace(log, time_s=log.time_s[2000:], values=log.values[2000:])

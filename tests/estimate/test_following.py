@@ -63,7 +63,7 @@ def log():
 
 
 @pytest.mark.parametrize("kind", ESTIMATORS)
-def test_bearings_have_their_part_of_what_is_estimated_of_the_nut(kind, log):
+def test_bearings_have_their_fraction_of_the_nuts_estimate(kind, log):
     own = table() | {"estimator": ESTIMATORS[kind]}
     found = observer.Machine(installation.parse(own), b"").replay(log)
     for part in ("W", "sigma_W"):
@@ -109,14 +109,14 @@ def test_a_law_of_the_owner_that_wears_is_one_of_its_parts_too():
         ({"estimate": False}, "estimate = true for both"),
     ],
 )
-def test_what_follows_nothing_is_refused(change, words):
+def test_a_heat_that_follows_nothing_is_rejected(change, words):
     own = table()
     own["source"][1] = {k: v for k, v in (own["source"][1] | change).items() if v is not None}
     with pytest.raises(ConfigError, match=words):
         installation.parse(own)
 
 
-def test_what_acts_on_one_of_the_heats_alone_is_refused():
+def test_an_effect_on_only_one_of_the_heats_is_rejected():
     effect = {"kind": "friction_fade", "target": "nut", "per_K": 0.01}
     with pytest.raises(ConfigError, match="remove follows"):
         build_plant(installation.parse(table() | {"effect": [effect]}))

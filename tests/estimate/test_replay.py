@@ -52,7 +52,7 @@ def test_columns_are_those_of_the_contract(tmp_path):
     ]  # fmt: skip
 
 
-def test_each_bound_stands_in_its_column_and_is_empty_where_none_is_known():
+def test_each_bound_is_in_its_column_and_empty_where_unknown():
     layout, (block,) = FakeEstimator().layout, _blocks(_log(3))
     bounds = {"heat": np.array([[1.0], [np.nan], [2.0]]), "field": 3.0 + np.arange(9.0).reshape(3, 3)}
     calls = replace(
@@ -126,7 +126,7 @@ def test_a_failure_in_the_middle_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_recording_without_a_tick_is_refused(tmp_path):
+def test_a_recording_without_a_tick_is_rejected(tmp_path):
     _, data = play([Reading(0.0, {"t1_degC": 20.0})], Aligner(plan()))
     log = read_log(write(tmp_path, data), CHANNELS)
     with pytest.raises(LogError, match="no tick"):

@@ -102,7 +102,7 @@ def test_the_compensation_follows_at_its_rate(form: Form, machine: Stepped) -> N
 
 
 @pytest.mark.parametrize("lost", ["heartbeat", "sensor", "nut", "enable"])
-def test_what_is_lost_takes_the_compensation_to_zero_until_armed_anew(machine: Stepped, lost: str) -> None:
+def test_any_loss_takes_the_compensation_to_zero_until_it_is_armed_again(machine: Stepped, lost: str) -> None:
     machine.step(100, **WARM)
     held_um = np.array(machine.out["compensation_um"])
     given: dict[str, Any] = {
@@ -122,7 +122,7 @@ def test_what_is_lost_takes_the_compensation_to_zero_until_armed_anew(machine: S
     assert machine.out["armed"]
 
 
-def test_a_single_sensor_that_is_off_is_refused_for_good(machine: Stepped) -> None:
+def test_a_single_sensor_that_is_off_stays_rejected(machine: Stepped) -> None:
     before = list(machine.out["field_degC"])
     found = machine.step(50, **(WARM | {"t1_degC": 25.0}))
     assert found["sensor_quality"] == [3, 0, 0, 0, 0]
@@ -191,7 +191,7 @@ def test_gains_are_those_of_the_estimator_for_each_set_of_sensors() -> None:
 
 
 @pytest.mark.parametrize("gone", range(5))
-def test_without_a_sensor_nothing_runs_away_while_the_nut_stands(
+def test_without_a_sensor_nothing_diverges_while_the_nut_stands(
     form: Form, tmp_path: Path, gone: int
 ) -> None:
     """The others say what no model does, for hours: the estimate settles, and does not grow without end."""

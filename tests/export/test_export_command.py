@@ -61,10 +61,12 @@ def test_a_table_is_written_of_the_logs_end(log: Path, tmp_path: Path, control: 
     [
         (["--format", "table"], "needs --log"),
         (["--single"], "belongs to --format st"),
-        (["--format", "table", "--log", "x.csv", "--axis", "X 1"], "no name of an axis"),
+        (["--format", "table", "--log", "x.csv", "--axis", "X 1"], "not the name of an axis"),
     ],
 )
-def test_what_does_not_fit_is_refused_in_a_sentence(tmp_path: Path, arguments: list[str], words: str) -> None:
+def test_incompatible_options_are_rejected_in_a_sentence(
+    tmp_path: Path, arguments: list[str], words: str
+) -> None:
     done = export("--config", RIG, "--output", tmp_path / "none", *arguments)
     assert done.returncode == 2
     assert words in done.stderr
@@ -72,7 +74,7 @@ def test_what_does_not_fit_is_refused_in_a_sentence(tmp_path: Path, arguments: l
     assert not (tmp_path / "none").exists()
 
 
-def test_a_model_that_varies_is_refused(tmp_path: Path) -> None:
+def test_a_model_that_varies_is_rejected(tmp_path: Path) -> None:
     config = tmp_path / "c.toml"
     config.write_text(RIG.read_text() + '\n[[effect]]\nkind = "speed_convection"\ngain = 0.1\n')
     done = export("--config", config, "--output", tmp_path / "none")

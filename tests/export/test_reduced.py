@@ -77,7 +77,7 @@ def test_it_steps_as_the_settled_constant_gain(tmp_path: Path, make, kind: str) 
     assert np.abs(expected.field_degC - np.array([row["field_degC"] for row in found[200:]])).max() < 1e-9
 
 
-def test_what_is_sampled_is_what_came_since_the_step_before(tmp_path: Path) -> None:
+def test_samples_are_those_since_the_last_step(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("time_s,a,b\n0,1,5\n0.2,2,\n0.4,3,\n1.0,,6\n")
     samples = sampled(read_log(tmp_path / "log.csv"), ("a", "b", "c"), 0.5)
     assert samples.reading.tolist() == [[1, 5, 0], [3, 5, 0], [3, 6, 0]]
@@ -90,12 +90,12 @@ def test_what_is_sampled_is_what_came_since_the_step_before(tmp_path: Path) -> N
         ({"effect": [{"kind": "radiation", "emissivity": 0.3}]}, 'effect "radiation"'),
         ({"effect": [{"kind": "speed_convection", "gain": 0.1}]}, 'effect "speed_convection"'),
         ({"effect": [{"kind": "sensor_drift", "target": "a", "rate_K_h": 0.1}]}, "drifts"),
-        ({"estimator": {"kind": "tests.export.test_reduced:Mine"}}, "class from outside"),
+        ({"estimator": {"kind": "tests.export.test_reduced:Mine"}}, "external class"),
         ({"effect": [{"kind": "attached_mass", "target": "nut", "capacity_J_K": 900.0,
                       "conductance_W_K": 5.0}]}, "nut that moves"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_exported_is_refused_with_a_remedy(changes, named: str) -> None:
+def test_what_cannot_be_exported_is_rejected_with_a_remedy(changes, named: str) -> None:
     with pytest.raises(ConfigError, match=named) as caught:
         observer_form(nut_machine(**changes))
     assert any(word in str(caught.value) for word in ("remove", "export with", "link it"))
@@ -105,7 +105,7 @@ class Mine:
     """An estimator from outside."""
 
 
-def test_names_that_become_one_are_refused() -> None:
+def test_names_that_become_equal_are_rejected() -> None:
     assert identifiers(["t1_degC", "2nd.nut", "a__b"]) == ("t1_degC", "in_2nd_nut", "a_b")
     with pytest.raises(ConfigError, match="rename one"):
         identifiers(["t.1", "T_1"])

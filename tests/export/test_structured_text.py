@@ -50,7 +50,7 @@ def test_lines_are_short_enough_for_any_editor() -> None:
     assert text.isascii()
 
 
-def test_a_name_that_the_block_needs_is_refused() -> None:
+def test_a_name_that_the_block_needs_is_rejected() -> None:
     sensors = table()["sensor"]
     sensors[0]["channel"] = "quality"
     with pytest.raises(ConfigError, match="rename the channel"):

@@ -30,7 +30,7 @@ def test_one_that_does_not_show_it_counts(quality, t1):
     assert believed_for_s(seen, FAULT) == pytest.approx(0.9)
 
 
-def test_nothing_seen_is_no_proof():
+def test_nothing_seen_proves_nothing():
     with pytest.raises(ValueError, match="no estimates under the fault open"):
         unflagged(GOOD, FAULT)
 
@@ -40,6 +40,6 @@ def test_a_sensor_is_used_only_where_it_is_good():
     assert not is_used(FLAGGED[0], frozenset({"t1"}))
 
 
-def test_what_is_not_met_shows():
+def test_a_figure_that_is_not_met_shows():
     rows = as_markdown([Row("a", "b", "c", "d", met=True), Row("e", "f", "g", "h", met=False)])
     assert rows.splitlines()[2:] == ["| a | b | c | d | yes |", "| e | f | g | h | **no** |"]

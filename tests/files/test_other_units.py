@@ -31,7 +31,7 @@ def test_an_epoch_in_another_unit_is_named(tmp_path, since, unit, divide):
         read_log(path)
 
 
-def test_rows_a_second_apart_in_milliseconds_are_refused_unless_it_is_said_to_be_so(tmp_path):
+def test_rows_a_second_apart_in_milliseconds_are_rejected_unless_configured(tmp_path):
     path = _log(tmp_path, range(0, 60_000, 1000))
     with pytest.raises(LogError, match=r"log\.csv: by time_s .*16\.7 min apart.*lasts 16\.4 h.*rows_apart_s"):
         read_log(path, rows_apart_s=MOST_S)

@@ -118,7 +118,7 @@ def test_refuses_an_unknown_kind(tmp_path, name):
         read_log(_write(tmp_path, GOOD, name))
 
 
-def test_refuses_what_is_not_there_or_no_file(tmp_path):
+def test_rejects_a_missing_path_or_one_that_is_not_a_file(tmp_path):
     with pytest.raises(LogError, match="no such file"):
         read_log(tmp_path / "log.csv")
     (tmp_path / "folder.csv").mkdir()
@@ -139,7 +139,7 @@ def test_refuses_text_in_a_parquet_column(tmp_path):
         read_log(tmp_path / "log.parquet")
 
 
-def test_a_cut_gzip_is_refused_or_read_up_to_the_cut(tmp_path):
+def test_a_cut_gzip_is_rejected_or_read_up_to_the_cut(tmp_path):
     text = "time_s,a\n" + "".join(f"{i},{math.sin(i)!r}\n" for i in range(5000))
     data = gzip.compress(text.encode())
     path = tmp_path / "log.csv.gz"
@@ -151,7 +151,7 @@ def test_a_cut_gzip_is_refused_or_read_up_to_the_cut(tmp_path):
     np.testing.assert_array_equal(log.values[:, 0], [math.sin(i) for i in range(len(log))])
 
 
-def test_damaged_gzip_is_refused(tmp_path):
+def test_damaged_gzip_is_rejected(tmp_path):
     path = tmp_path / "log.csv.gz"
     path.write_bytes(b"time_s,a\n0,1\n")
     with pytest.raises(LogError, match="damaged gzip"):

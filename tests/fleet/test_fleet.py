@@ -199,7 +199,7 @@ def test_a_machine_is_calibrated_by_all_of_its_logs(tmp_path, fleet):
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_ctrl_c_keeps_what_is_done_in_one_sentence_and_leaves_nobody_behind(
+def test_ctrl_c_keeps_finished_work_in_one_sentence_and_leaves_no_process(
     tmp_path, long_and_short, number, code
 ):
     config, logs = long_and_short
@@ -216,7 +216,9 @@ def test_ctrl_c_keeps_what_is_done_in_one_sentence_and_leaves_nobody_behind(
         finally:
             process.kill()
     assert process.returncode == code, said
-    assert said == "observer: fleet replay: ended with 0 of 2 done; the same command goes on with the rest\n"
+    assert (
+        said == "observer: fleet replay: ended with 0 of 2 done; the same command continues with the rest\n"
+    )
     assert len(workers) == 1
     until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
     assert sorted(path.name for path in output.iterdir()) == ["report.html", "results.parquet"]

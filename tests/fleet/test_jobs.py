@@ -57,7 +57,7 @@ def test_a_table_may_be_as_spreadsheets_write_it(folder, text):
     assert read_table(_table(folder, text)) == [TableRow(folder / "a.csv", "m", folder / "c.toml")]
 
 
-def test_a_pattern_stands_for_the_files_that_it_fits(folder):
+def test_a_pattern_selects_the_files_that_match(folder):
     lines = read_table(_table(folder, "log,machine,config\nday/*,m,c.toml\n?.csv,n,c.toml\n"))
     names = ["day/1.csv", "day/2.csv", "day/odd[1].csv", "a.csv", "b.csv"]
     assert [line.log for line in lines] == [folder / name for name in names]
@@ -81,9 +81,9 @@ HEAD = "log,machine,config\n"
             f"{HEAD}a.csv,m,c.toml\nx, y.csv,m,c.toml\n",
             "Row #3: Expected 3 columns, got 4: .* a cell with a comma in quotes",
         ),
-        (f"{HEAD}a.csv,m,c.toml\na.csv,../m,c.toml\n", r"row 2: '\.\./m' is no machine's name"),
-        (f"{HEAD}a.csv,..,c.toml\n", r"'\.\.' is no machine's name"),
-        (f"{HEAD}a.csv,report.html,c.toml\n", r"'report\.html' is no machine's name"),
+        (f"{HEAD}a.csv,m,c.toml\na.csv,../m,c.toml\n", r"row 2: '\.\./m' is not a valid machine name"),
+        (f"{HEAD}a.csv,..,c.toml\n", r"'\.\.' is not a valid machine name"),
+        (f"{HEAD}a.csv,report.html,c.toml\n", r"'report\.html' is not a valid machine name"),
         (f"{HEAD}a.csv,m,c.toml\nday/../a.csv,m,c.toml\n", "row 2: .* of m is there twice, in row 1"),
         (f"{HEAD}a.csv,m,c.toml\n*.csv,m,c.toml\n", r"row 2: .*a\.csv of m is there twice, in row 1"),
         (f"{HEAD}a.csv,m,c.toml\na.csv,n,c.toml\n", "row 2: .* by the same configuration of m in row 1"),
@@ -91,12 +91,15 @@ HEAD = "log,machine,config\n"
         (f"{HEAD}a.csv,m,day\n", "row 1: config: .*day is a folder"),
         (f"{HEAD}day/,m,c.toml\n", r"row 1: log: .*day is a folder; name its logs, as day/\*\.csv"),
         (f"{HEAD}day/*.txt,m,c.toml\n", r"row 1: log: no file matches /.*day/\*\.txt"),
-        (f"{HEAD}x.csv,m,c.toml\ny.csv,m,c.toml\n", r"none of its 2 logs is there, /.*/x\.csv for one"),
+        (
+            f"{HEAD}x.csv,m,c.toml\ny.csv,m,c.toml\n",
+            r"none of its 2 logs exists, for instance /.*/x\.csv for one",
+        ),
         (HEAD, "names no log"),
         (f'{HEAD}"a.csv,m,c.toml\n', "give the table as .parquet or as CSV in UTF-8"),
     ],
 )
-def test_what_is_wrong_with_a_table_is_said_with_its_row(folder, text, said):
+def test_an_error_in_a_table_is_reported_with_its_row(folder, text, said):
     with pytest.raises(UserError, match=rf"fleet\.csv: .*{said}"):
         read_table(_table(folder, text))
 
@@ -112,7 +115,7 @@ def test_one_log_may_be_of_two_machines_by_a_configuration_each(folder):
     assert [line.machine for line in lines] == ["mill-x", "mill-z"]
 
 
-def test_a_table_that_is_none(tmp_path):
+def test_an_invalid_table(tmp_path):
     for name, content in (("a.csv", b"log,machine,config\n\xff\xfe"), ("a.parquet", b"no"), ("b.csv", None)):
         if content is not None:
             (tmp_path / name).write_bytes(content)

@@ -43,7 +43,7 @@ def _do(order: Job, how: RunOptions, number: int = 1) -> None:
     finish(part, order, how, provenance(order, how), {"number": number, "found": {}})
 
 
-def test_what_is_done_has_its_row_and_results_and_nothing_else_is_left(order, how):
+def test_finished_work_has_its_row_and_results_and_nothing_else_is_left(order, how):
     assert done(order, how) is None
     _do(order, how)
     assert done(order, how) == {"number": 1, "found": {}}
@@ -54,7 +54,7 @@ def test_what_is_done_has_its_row_and_results_and_nothing_else_is_left(order, ho
     assert (how.output / order.folder / "estimates.parquet").read_text() == "2"
 
 
-def test_a_log_copied_anew_is_the_same_and_one_of_other_content_is_not(order, how):
+def test_a_fresh_copy_of_a_log_is_the_same_and_other_content_is_not(order, how):
     _do(order, how)
     log, config = order.logs[0], order.config
     os.utime(log, (1, 1))
@@ -110,7 +110,7 @@ def test_what_was_ended_for_its_time_is_not_tried_again(order, how):
 def test_a_folder_is_for_one_run_alone_and_a_killed_one_leaves_no_tries(order, how):
     with exclusive(how.output) as work:
         begin(order, how)
-        with pytest.raises(UserError, match="another run is at work there"), exclusive(how.output):
+        with pytest.raises(UserError, match="another run is working there"), exclusive(how.output):
             pass
         kept = how.output / "kept"
         shutil.copytree(work, kept)

@@ -41,7 +41,7 @@ def _text(html: str) -> str:
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", body))
 
 
-def test_the_page_names_who_lacks_what_and_who_runs_hot():
+def test_the_page_names_missing_effects_and_hot_machines():
     broken = _row("m4", "replay", "bad") | {"problem": "bad.csv: <no> such file"}
     html = page([*_replays(), *_discoveries()], [broken])
     said = _text(html)
@@ -86,7 +86,7 @@ def test_heats_by_identify_stand_before_a_replay_of_the_same_log():
     assert "left 9.4 W" in page([*rows, better], [])
 
 
-def test_a_heat_stands_with_the_share_of_good_estimates_and_is_grey_where_that_is_small():
+def test_a_heat_has_its_share_of_good_estimates_and_is_grey_where_that_is_small():
     rows = _replays()
     rows[1]["found"]["good"], rows[-1]["found"]["good"] = 0.49, 0.051
     better = _row("m1", "identify", "run", heat_mean_W={"left": 9.4}, speed_mean_rpm={"left": 1500.0})

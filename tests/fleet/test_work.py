@@ -33,7 +33,7 @@ def order(tmp_path: Path) -> Job:
     return Job("m", "run", (log,), config, Path("m/replay/run"))
 
 
-def test_a_portion_builds_a_machine_once_and_anew_for_another_text(tmp_path, order):
+def test_a_batch_builds_a_machine_once_and_again_for_another_text(tmp_path, order):
     workers._machine.cache_clear()
     how = RunOptions("replay", tmp_path / "out")
     others = [Job("m", f"r{i}", order.logs, order.config, Path(f"m/replay/r{i}")) for i in range(3)]
@@ -93,7 +93,7 @@ def test_a_missing_file_is_reported_in_a_sentence(tmp_path, order):
     ]
 
 
-def test_what_is_left_when_its_run_has_ended_is_left(tmp_path, order, monkeypatch):
+def test_work_left_when_its_run_has_ended_is_dropped(tmp_path, order, monkeypatch):
     others = [Job("m", f"r{i}", order.logs, order.config, Path(f"m/replay/r{i}")) for i in range(2)]
     with exclusive(tmp_path / "out") as folder:
         how, real = RunOptions("replay", tmp_path / "out", run=folder.name), workers._VERBS["replay"]
@@ -110,7 +110,7 @@ def test_what_is_left_when_its_run_has_ended_is_left(tmp_path, order, monkeypatc
 
 
 @pytest.mark.system
-def test_a_log_that_hangs_ends_its_process_and_is_not_tried_again(tmp_path, order):
+def test_a_log_that_hangs_ends_its_process_and_is_not_retried(tmp_path, order):
     command = [sys.executable, "-c", HANGING, str(order.logs[0]), str(order.config), str(tmp_path / "out")]
     assert subprocess.run(command, timeout=PATIENCE_S).returncode == workers._EXIT
     how = RunOptions("replay", tmp_path / "out")

@@ -127,7 +127,7 @@ def _still(one_day) -> list[Inputs]:
     return _minutes(inputs._replace(law_W=np.zeros_like(inputs.law_W), y_degC=wrong))
 
 
-def test_a_sensor_that_has_gone_wrong_is_no_field_at_the_start(one_day) -> None:
+def test_a_faulty_sensor_does_not_set_the_field_at_the_start(one_day) -> None:
     tolerant = Tolerant(build_plant(config_of(), learns=True))
     first, second = _still(one_day)
     _, gap = tolerant.ahead(tolerant.begin(tolerant.initial(), first), second)

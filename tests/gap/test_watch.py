@@ -160,7 +160,7 @@ def test_after_a_break_or_without_inputs_it_begins_again_and_keeps_what_it_learn
     assert math.isnan(watch.state.time_s)
 
 
-def test_a_checkpoint_holds_it_to_the_last_bit_and_goes_on(machine: MachineModel, inputs, tmp_path) -> None:
+def test_a_checkpoint_holds_it_to_the_last_bit_and_continues(machine: MachineModel, inputs, tmp_path) -> None:
     estimator = machine.estimator()
     watch = _watch(machine)
     watch.take(inputs[0])

@@ -143,7 +143,7 @@ async def test_with_the_password_a_client_reads_and_subscribes_and_cannot_write(
 
 
 @pytest.mark.parametrize("fault", ["wrong password", "nobody's name", "anonymous", "signed only"])
-async def test_who_does_not_know_it_or_does_not_encrypt_is_refused(served, fault):
+async def test_a_client_without_password_or_encryption_is_refused(served, fault):
     if fault == "signed only":
         client = await served.known(mode=ua.MessageSecurityMode.Sign)
         client.uaclient._timeout = 1.0  # the server does not answer
@@ -179,7 +179,7 @@ async def _cannot_read(client: Client, node: ua.NodeId) -> None:
     client.disconnect_socket()
 
 
-async def test_nobody_reads_without_encryption_who_knows_the_password_or_another_session(served):
+async def test_nobody_reads_without_encryption_even_with_password_or_another_session(served):
     async with await served.known() as own:
         node = (await _heat(own)).nodeid
         client = Client(served.url)
@@ -256,7 +256,7 @@ _EC = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes")
     [
         (lambda f: {"certificate": f / "none"}, "opcua.certificate: .* cannot be read"),
         (lambda f: {"users_file": f / "none"}, "opcua.users_file: .* cannot be read"),
-        (lambda f: {"certificate": secret(f / "text", "hello")}, "no certificate and key"),
+        (lambda f: {"certificate": secret(f / "text", "hello")}, "not a certificate and a key"),
         (lambda f: {"certificate": f / "scada.pem"}, "is not the key of"),
         (lambda f: _pair(f, *_EC), "RSA with 2048 bits"),
         (lambda f: _pair(f, "-newkey", "rsa:1024", "-nodes"), "RSA with 2048 bits"),
@@ -270,7 +270,7 @@ async def test_unusable_files_are_reported_in_a_sentence(folder, wrong, sentence
         await guarded(settings.model_copy(update=wrong(folder)))
 
 
-def test_without_names_too_a_server_with_a_certificate_lets_in_who_encrypts():
+def test_even_without_names_a_server_with_a_certificate_admits_clients_that_encrypt():
     readers = _Readers(None, encrypted=True)
     assert readers.get_user(None, certificate=b"") is None
     assert readers.get_user(None, certificate=b"any").role is UserRole.User

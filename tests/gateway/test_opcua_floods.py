@@ -133,7 +133,7 @@ def _is_closed(connection: socket.socket) -> bool:
         return True
 
 
-async def test_of_those_who_never_log_in_the_oldest_make_room():
+async def test_the_oldest_connections_without_login_make_room():
     port = free_port()
     url = f"opc.tcp://127.0.0.1:{port}"
     with fed_gateway(opcua=Opcua(listen=url)) as feed:

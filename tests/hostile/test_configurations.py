@@ -20,7 +20,7 @@ POINT = [{"name": "end", "shape": "point", "position_m": 0.0}]
 
 
 @pytest.mark.parametrize("name", sorted(tables()))
-def test_what_is_mutated_is_good(name, tmp_path):
+def test_the_mutated_configuration_is_good(name, tmp_path):
     found = findings(examine(write(tmp_path, tables()[name])))
     assert not [w for w in found["warnings"] if "usual" in w or "both" in w or "finer" in w]
 
@@ -43,7 +43,7 @@ def test_a_mutant_is_answered(number, tmp_path):
         ({"model__modes": 400}, ("model.modes", "at most")),
     ],
 )
-def test_work_without_end_is_refused_with_a_remedy(changes, words, tmp_path):
+def test_endless_work_is_rejected_with_a_remedy(changes, words, tmp_path):
     """It is modes that are counted here, not seconds; each of these ran for minutes."""
     with pytest.raises(ConfigError) as caught:
         findings(examine(write(tmp_path, changed(**changes))))
@@ -68,7 +68,7 @@ def _pipe(path: Path) -> Path:
     [_pipe, lambda _: Path("/dev/zero"), lambda folder: folder, lambda folder: folder / ("x" * 300)],
     ids=["a pipe nobody writes to", "a device without end", "a folder", "a name that no file can have"],
 )
-def test_what_is_no_file_is_neither_waited_for_nor_swallowed(made, tmp_path):
+def test_a_path_that_is_not_a_file_is_neither_waited_for_nor_read(made, tmp_path):
     with pytest.raises(ConfigError, match="cannot be read"):
         examine(made(tmp_path))
 

@@ -60,7 +60,7 @@ def _assert_sound(log: Log) -> None:
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_a_damaged_log_is_read_or_refused(name, tmp_path):
+def test_a_damaged_log_is_read_or_rejected(name, tmp_path):
     good, path = LOGS[name](tmp_path), tmp_path / name
     path.write_bytes(good)
     _assert_sound(read_log(path, CHANNELS))
@@ -89,13 +89,13 @@ def _endless(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("made", [_pipe, _endless])
-def test_a_log_that_is_no_file_is_refused(made, tmp_path):
+def test_a_log_that_is_not_a_file_is_rejected(made, tmp_path):
     with pytest.raises(LogError, match="cannot be read"):
         read_log(made(tmp_path), CHANNELS)
 
 
 @pytest.mark.parametrize("content", [AXIS.read_bytes(), MUX_DBC.encode()], ids=["axis", "mux"])
-def test_a_damaged_dbc_is_used_or_refused(content, tmp_path):
+def test_a_damaged_dbc_is_used_or_rejected(content, tmp_path):
     path = tmp_path / "damaged.dbc"
     names = ("AxisStatus", "NutPosition") if b"AxisStatus" in content else ("Mux", "One")
     settings = CanSettings.model_validate(
@@ -128,7 +128,7 @@ def test_a_damaged_dbc_is_used_or_refused(content, tmp_path):
         'BO_ 1 M: 8 A\n SG_ S : 0|4000000000@1+ (1,0) [0|0] "" A\n',
     ],
 )
-def test_a_message_of_gigabytes_is_refused(line, tmp_path):
+def test_a_message_of_gigabytes_is_rejected(line, tmp_path):
     path = tmp_path / "large.dbc"
     path.write_text('VERSION ""\n\nBU_: A\n\n' + line)
     settings = CanSettings.model_validate(

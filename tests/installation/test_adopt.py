@@ -63,13 +63,13 @@ def test_the_found_one_is_in_place_and_the_one_before_beside_it(found, config):
         assert stat.S_IMODE(path.stat().st_mode) == 0o640, path  # a service of another user can read them
 
 
-def test_it_is_taken_back_whole(found, config):
+def test_it_is_reverted_completely(found, config):
     text = config.read_bytes()
     adopt(found, config, 24.0, 1.79e9)
     assert undo(config).state == "undone"
     assert config.read_bytes() == text
     assert adoption_of(config).state == "undone"
-    with pytest.raises(UserError, match="nothing to take back"):
+    with pytest.raises(UserError, match="nothing to undo"):
         undo(config)
 
 
@@ -95,7 +95,7 @@ def test_what_was_changed_since_the_search_is_not_overwritten(found, config):
     assert "no longer the configuration that was searched" in _refused(found, config)
 
 
-def test_what_was_changed_since_it_was_adopted_is_not_taken_back(found, config):
+def test_a_file_changed_since_its_adoption_is_not_reverted(found, config):
     adoption = adopt(found, config, 24.0, 1.0)
     config.write_text(config.read_text() + "# by hand since\n", encoding="utf-8")
     text = config.read_bytes()
@@ -123,7 +123,7 @@ def test_without_anything_named_there_is_nothing_to_adopt(found, config):
         ('{"verdict": "named"}', "does not say which configuration was searched"),
     ],
 )
-def test_a_folder_that_is_no_result_is_refused(found, config, document, why):
+def test_a_folder_without_results_is_rejected(found, config, document, why):
     (found / "result.json").unlink()
     if document is not None:
         (found / "result.json").write_text(document, encoding="utf-8")
@@ -145,7 +145,7 @@ def test_the_newer_of_two_results_counts(found, config):
         ({"surface": {"convection_W_m2K": -1.0}}, "surface.convection_W_m2K"),
     ],
 )
-def test_another_machine_or_one_that_cannot_be_is_refused(found, config, change, why):
+def test_another_machine_or_an_invalid_one_is_rejected(found, config, change, why):
     (found / "config.toml").write_text(tomlkit.dumps(table(**change)), encoding="utf-8")
     assert why in _refused(found, config)
 
@@ -201,7 +201,7 @@ def test_an_invalid_record_is_reported(config, text):
         adoption_of(config)
 
 
-def test_a_sentence_says_how_it_stands(found, config):
+def test_a_sentence_describes_its_state(found, config):
     adoption = adopt(found, config, 24.0, 1.79e9)
     assert adoption.sentence() == "adopted 2026-09-21 14:13 UTC: watched for 0 of 24 h of running"
     watched = adoption.model_copy(

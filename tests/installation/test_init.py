@@ -103,7 +103,7 @@ def test_a_register_pair_is_scaled_to_metres():
     assert found.drivers["axis"].port == 1502
 
 
-def test_what_is_not_given_is_asked_until_it_will_do():
+def test_missing_answers_are_asked_until_they_are_valid():
     said = {"length_m": iter(["long", "1.0"]), "stroke_m": iter(["0.8,0.1", "0.1,0.8"])}
     asked = []
 
@@ -115,8 +115,8 @@ def test_what_is_not_given_is_asked_until_it_will_do():
     found = answers(given, ask)
     assert (found.length_m, found.stroke_m) == (1.0, (0.1, 0.8))
     assert [words for words in asked if words] == [
-        "'long': write a length with its unit, as 1000 mm or 1.0 m",
-        "'0.8,0.1': write both ends, the smaller first, as 150 800 mm",
+        "'long': give a length with its unit, such as 1000 mm or 1.0 m",
+        "'0.8,0.1': give both ends, the smaller first, such as 150 800 mm",
     ]
 
 
@@ -128,18 +128,18 @@ def test_what_is_not_given_is_asked_until_it_will_do():
         ({"sensors_m": "a,b"}, "--sensors-m: 'a,b': write the places with their unit"),
         ({"sensors_m": ",".join(["0.1"] * 9)}, "9 inputs are needed"),
         ({"sensors_m": "0,5"}, "--sensors-m: '0,5': is it 0.5 or 0 5?"),
-        ({"ambient": "warm"}, "--ambient: 'warm': write a temperature with its unit"),
+        ({"ambient": "warm"}, "--ambient: 'warm': give a temperature with its unit"),
         (
             {"length_m": "1000"},
             "--length-m: '1000': 1000 m is longer than any ball screw; did you mean 1000 mm?",
         ),
-        ({"machine": "//"}, "--machine: '//': no name is left of it"),
+        ({"machine": "//"}, "--machine: '//': nothing is left of the name"),
         ({"module_at": "host:x"}, "--module-at: 'host:x' is not an address"),
         ({"node_id": "5"}, "--node-id: belongs to --control canopen"),
         ({"control": "canopen", "control_at": "can0"}, "give --node-id, --counts-per-m"),
         ({"control": "can"} | OF_CONTROL["can"] | {"position_signal": "Nut"}, "names no signal"),
         ({"control": "opcua"} | OF_CONTROL["mtconnect"], "write it as opc.tcp://192.168.0.21:4840"),
-        ({"sensors_m": "0.05 1.2"}, "--sensors-m: 1.2 m lies beyond the screw's end, which is at 1 m"),
+        ({"sensors_m": "0.05 1.2"}, "--sensors-m: 1.2 m is beyond the screw's end, at 1 m"),
         ({"length_m": "0"}, "--length-m: '0': input should be greater than 0"),
     ],
 )
@@ -206,12 +206,12 @@ def test_a_late_refusal_loses_no_answer():
     somebody = Somebody(SHORT | {"machine": "lathe-7"}, {"screw": "16 x 5"})
     found = agreed({}, somebody)
     assert (found.machine, found.screw, found.sensors_m) == ("lathe-7", "16x5", (0.005, 0.075))
-    ((asked, answer),) = [(name, words) for name, words in somebody.heard if "Once more" in words]
+    ((asked, answer),) = [(name, words) for name, words in somebody.heard if "Try again" in words]
     assert "longer than the screw" in answer
     assert asked == FIRST
 
 
-def test_what_is_said_again_is_refused_at_last():
+def test_a_repeated_wrong_answer_is_rejected_in_the_end():
     somebody = Somebody(SHORT)
     with pytest.raises(UserError, match="longer than the screw"):
         agreed({}, somebody)
@@ -233,7 +233,7 @@ def test_an_option_that_was_given_is_not_asked_for_again():
         ("module", "wago_750_459", "wago_750_458"),
     ],
 )
-def test_an_answer_is_refused_at_its_question(name, wrong, right):
+def test_an_answer_is_rejected_at_its_question(name, wrong, right):
     typed, heard = iter([wrong, right]), []
 
     def ask(asked, usual, trouble):

@@ -26,7 +26,7 @@ def test_a_missing_file_is_reported_with_its_key(key, tmp_path):
     here, config = tmp_path / "here", tmp_path / "observer.toml"
     here.write_text("eve:hers\n")
     config.write_text(DEMO.read_text() + TABLES[key].format("/nowhere/it", here=here))
-    with pytest.raises(ConfigError, match=f"{key}: /nowhere/it is no file; correct the path"):
+    with pytest.raises(ConfigError, match=f"{key}: /nowhere/it is not a file; correct the path"):
         examine(config)
     examine(config, runs_here=False)
     config.write_text(DEMO.read_text() + TABLES[key].format(here, here=here))
@@ -37,7 +37,7 @@ def test_an_unreadable_file_is_reported(tmp_path, monkeypatch):
     config = tmp_path / "observer.toml"
     config.write_text(DEMO.read_text() + TABLES["mqtt.ca"].format(config))
     monkeypatch.setattr("os.access", lambda path, mode: path != config)  # root may read everything
-    with pytest.raises(ConfigError, match=r"mqtt\.ca: .*observer\.toml may not be read by this user"):
+    with pytest.raises(ConfigError, match=r"mqtt\.ca: .*observer\.toml cannot be read by this user"):
         examine(config)
 
 

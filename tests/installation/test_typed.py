@@ -38,16 +38,16 @@ def test_places_are_separated_as_people_do(text: str, count: int | None, places:
     ("read", "text", "words"),
     [
         (typed.places_m, "0,5", "is it 0.5 or 0 5"),
-        (typed.places_m, "50 950 px", "px is no unit of length"),
+        (typed.places_m, "50 950 px", "px is not a unit of length"),
         (typed.places_m, "", "write the places"),
         (typed.length_m, "1000", "did you mean 1000 mm"),
-        (typed.length_m, "-1", "write a length"),
-        (typed.length_m, "1.000,5", "write a length"),
-        (typed.degC, "warm", "write a temperature"),
-        (typed.key_name, "日本", "no name is left"),
+        (typed.length_m, "-1", "give a length"),
+        (typed.length_m, "1.000,5", "give a length"),
+        (typed.degC, "warm", "give a temperature"),
+        (typed.key_name, "日本", "nothing is left of the name"),
     ],
 )
-def test_what_may_be_two_things_is_refused(read, text, words) -> None:
+def test_an_ambiguous_answer_is_rejected(read, text, words) -> None:
     with pytest.raises(ValueError, match=words):
         read(text)
 

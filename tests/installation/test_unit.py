@@ -74,7 +74,7 @@ def test_again_is_an_update_and_another_configuration_is_not_overwritten(plan, t
     assert "ExecStart=/usr/bin/observer" in (tmp_path / f"etc/systemd/system/{NAME}.service").read_text()
     other = tmp_path / "etc/ballscrew-observer/observer.toml"
     other.write_text("mine")
-    with pytest.raises(UserError, match="is there already"):
+    with pytest.raises(UserError, match="already exists"):
         carry_out(plan, tmp_path)
     assert other.read_text() == "mine"
 
@@ -123,22 +123,22 @@ def test_the_last_installation_replaces_the_one_before(plan, tmp_path):
     assert not list(units.iterdir())
 
 
-def test_two_that_are_the_same_axis_or_listen_at_the_same_address_are_refused(tmp_path):
+def test_two_that_are_the_same_axis_or_listen_at_the_same_address_are_rejected(tmp_path):
     one, two = _axis(tmp_path, "a"), _axis(tmp_path, "b")
     again = ServiceAxis(one.config, tmp_path / "c.toml", "")
-    with pytest.raises(UserError, match=r"c\.toml: machine: a/x is taken by .*a\.toml already"):
+    with pytest.raises(UserError, match=r"c\.toml: machine: a/x is already used by .*a\.toml"):
         to_install([one, again], PROGRAM, tmp_path)
     with pytest.raises(
-        UserError, match=r"b\.toml: publish\.listen: tcp/127\.0\.0\.1:7447 is taken by .*a\.toml already"
+        UserError, match=r"b\.toml: publish\.listen: tcp/127\.0\.0\.1:7447 is already used by .*a\.toml"
     ):
         to_install([one, two], PROGRAM, tmp_path)
 
 
 @pytest.mark.parametrize("table", ["page", "metrics", "opcua"])
-def test_two_whose_pages_or_servers_listen_at_the_same_address_are_refused(table, tmp_path):
+def test_two_whose_pages_or_servers_listen_at_the_same_address_are_rejected(table, tmp_path):
     one, two = (_axis(tmp_path, name, publish=CLIENT, **{table: {}}) for name in ("a", "b"))
     with pytest.raises(
-        UserError, match=rf"b\.toml: {table}\.listen: .* is taken by .*a\.toml .* a port of its own"
+        UserError, match=rf"b\.toml: {table}\.listen: .* is already used by .*a\.toml; .* a port of its own"
     ):
         to_install([one, two], PROGRAM, tmp_path)
     place = "opc.tcp://127.0.0.1:4841" if table == "opcua" else "127.0.0.1:8081"
@@ -158,7 +158,7 @@ def test_removing_keeps_the_configuration(plan, tmp_path):
     carry_out(to_remove(tmp_path), tmp_path)  # nothing left to remove is no error
 
 
-def test_a_program_of_one_user_is_refused():
+def test_a_program_of_one_user_is_rejected():
     with pytest.raises(UserError, match="install it for all"):
         refuse_unseen("/home/eve/.local/bin/observer")
     refuse_unseen(PROGRAM)
@@ -174,7 +174,7 @@ def test_the_service_starts_what_was_started(monkeypatch):
 @pytest.mark.parametrize(
     ("dbc", "seen"), [("{}/axis.dbc", False), ("/home/eve/axis.dbc", False), (None, True)]
 )
-def test_a_file_that_the_service_does_not_see_is_refused(dbc, seen, tmp_path, monkeypatch):
+def test_a_file_that_the_service_cannot_see_is_rejected(dbc, seen, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "axis.dbc").write_text("")
     table = load(DEMO).model_dump(exclude_none=True, by_alias=True)
@@ -201,7 +201,7 @@ def test_no_other_file_is_left_where_the_service_does_not_see_it(section, key, f
     if key == "certificate":
         complete["key"] = "/etc/ballscrew-observer/key.pem"
     table[section] = {key: file} | complete
-    with pytest.raises(UserError, match=rf"^{section}\.{key}: the service does not see {file}; put it into"):
+    with pytest.raises(UserError, match=rf"^{section}\.{key}: the service does not see {file}; put it in"):
         to_install([ServiceAxis(parse(table), DEMO, "")], PROGRAM)
     table[section][key] = "/etc/ballscrew-observer/here.pem"
     to_install([ServiceAxis(parse(table), DEMO, "")], PROGRAM)

@@ -93,15 +93,15 @@ def test_a_sweep_is_a_variant_for_each_value_and_a_grid_of_several() -> None:
     ("text", "words"),
     [
         ("", "v.toml: nothing to compare"),
-        ("[varient.x]", 'v.toml: "varient" is no table'),
-        ("variant = 3", "v.toml: variant: is no table"),
+        ("[varient.x]", 'v.toml: "varient" is not a table'),
+        ("variant = 3", "v.toml: variant: is not a table"),
         ("[variant.x]\nsurface.convection_W_m2 = 3.0", '(?s)v.toml: variant "x": .*mean convection_W_m2K'),
         (
             "[variant.x]\nsource.nutt.torque_Nm = 0.1",
             r'variant "x": source.nutt: no source is called "nutt" \(did you mean nut\?\)',
         ),
         ("[variant.x]\nsource.nut.torque_Nm = -1.0", 'v.toml: variant "x": .*torque_Nm'),
-        ("[variant.x]\nsource.nut = 3", 'variant "x": source.nut: is no table'),
+        ("[variant.x]\nsource.nut = 3", 'variant "x": source.nut: is not a table'),
         ("[variant.x]\ninputs.speed_rpm = 3", 'variant "x": inputs: the model reads no input "speed_rpm"'),
         ('[variant.x]\ninputs.t4_degC = "warm"', "t4_degC = 'warm' is no number"),
         ("[variant.x]\ninputs.t4_degC = nan", "is no number"),

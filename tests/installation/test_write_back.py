@@ -48,7 +48,7 @@ def test_a_whole_configuration_stays_valid() -> None:
     assert {key: get(config, key) for key in values} == values
 
 
-def test_an_unknown_source_is_refused() -> None:
+def test_an_unknown_source_is_rejected() -> None:
     with pytest.raises(ConfigError, match='no source called "motor"'):
         write_back(TEXT, {"source.motor.scale": 1.0})
 

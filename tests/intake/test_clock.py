@@ -98,7 +98,7 @@ def test_what_a_clock_was_taken_for_is_shown(tmp_path):
     ("given", "says"),
     [({"timezone": "Berlin"}, "--timezone: 'Berlin' is no"), ({"time_format": "minutes"}, "--time-format: ")],
 )
-def test_an_option_that_is_none_is_named(tmp_path, given, says):
+def test_an_invalid_option_is_named(tmp_path, given, says):
     path = written(tmp_path / "log.csv", truth(), lambda at: at.isoformat())
     assert questions(path, **given).startswith(says)
 
@@ -123,7 +123,7 @@ def test_a_day_beyond_the_twelfth_leaves_no_doubt(tmp_path):
     assert_is(imported(path), was)
 
 
-def test_a_clock_without_a_date_goes_on_over_midnight(tmp_path):
+def test_a_clock_without_a_date_continues_over_midnight(tmp_path):
     was = truth()
     late = replace(was, time_s=was.time_s + timedelta(hours=15, minutes=57).total_seconds())
     path = written(tmp_path / "log.csv", late, lambda at: f"{at:%H:%M:%S}.{at.microsecond // 100000}")
@@ -131,7 +131,7 @@ def test_a_clock_without_a_date_goes_on_over_midnight(tmp_path):
     assert log.time_s[-1] - log.time_s[0] == pytest.approx(late.time_s[-1] - late.time_s[0])
 
 
-def test_decimal_commas_between_separating_commas_are_refused(tmp_path):
+def test_decimal_commas_between_separating_commas_are_rejected(tmp_path):
     was = truth()
     path = written(tmp_path / "log.csv", was, lambda at: at.isoformat())
     head, *rows = path.read_text().splitlines()

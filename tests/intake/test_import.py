@@ -48,7 +48,7 @@ def test_a_strangers_file_becomes_a_log_after_one_answer(tmp_path, name):
     np.testing.assert_array_equal(direct.values, found.log.values)
 
 
-def test_what_is_doubtful_is_refused_where_nobody_can_answer(tmp_path):
+def test_a_doubtful_log_is_rejected_where_nobody_can_answer(tmp_path):
     path, out = tmp_path / "lauf.csv", tmp_path / "log.parquet"
     path.write_bytes(german(truth()).encode("cp1252"))
     with pytest.raises(LogError) as caught:

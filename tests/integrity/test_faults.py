@@ -44,7 +44,7 @@ def changed(readings):
     return by
 
 
-def test_there_are_forty_faults_or_more_each_of_its_own_name_beside_what_is_none():
+def test_there_are_forty_faults_or_more_with_distinct_names_and_harmless_cases():
     assert len(LISTED) - len(LEGITIMATE) >= 40
     assert {NONE, NEW_PROGRAM} <= set(LISTED)
 
@@ -151,7 +151,7 @@ def _with_quality(block, quality):
     return EstimateBlock(**_columns(block) | {"quality": quality})
 
 
-def test_only_what_is_called_good_counts_as_wrong(judged_before):
+def test_only_values_marked_good_count_as_wrong(judged_before):
     day, fault, block = judged_before
     steps = int((day.time_s >= FAULT_S).sum())
     all_good = verdict(_with_quality(block, np.zeros(len(block), np.int8)), day, fault)
@@ -242,9 +242,7 @@ def test_the_sensors_taken_out_within_a_minute_of_the_first_are_the_answer(judge
 
 
 @pytest.mark.parametrize(("size_um", "beyond"), [(np.inf, 0.0), (0.0, 1.0), (np.nan, 1.0)])
-def test_a_good_step_is_beyond_the_bound_where_one_value_is_or_the_bound_is_no_number(
-    judged_before, size_um, beyond
-):
+def test_a_good_step_is_beyond_the_bound_if_one_value_is_or_the_bound_is_nan(judged_before, size_um, beyond):
     day, fault, block = judged_before
     bounds = {
         "heat_bound_W": np.full_like(block.heat_W, np.inf),

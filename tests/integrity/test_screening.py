@@ -91,7 +91,7 @@ def test_two_that_take_each_others_place_are_swapped() -> None:
     found = judged(catalogue()["t1 and t2 swapped"], 1)
     assert (found.bad_s, found.right) == (0.0, "yes")
     assert found.wrong <= 0.01 * found.good
-    assert "t1, t2 have taken each other's place" in found_of("t1 and t2 swapped", 1)[Found.SWAPPED]
+    assert "t1, t2 are exchanged" in found_of("t1 and t2 swapped", 1)[Found.SWAPPED]
 
 
 def test_a_gain_of_all_is_named_and_never_good() -> None:
@@ -104,19 +104,19 @@ def test_a_gain_of_all_is_named_and_never_good() -> None:
 
 @pytest.mark.parametrize("number", MACHINES)
 @pytest.mark.parametrize("name", ["nut homed 50 mm off", "nut homed -50 mm off"])
-def test_a_nut_that_is_homed_anew_is_not_good_until_a_reset(name: str, number: int) -> None:
+def test_a_nut_homed_again_is_not_good_until_a_reset(name: str, number: int) -> None:
     found = judged(catalogue()[name], number)
     assert found.bad_s in (0.0, 1.0)  # while it moves, the path of the next second decides
     assert found.good <= 1
-    assert f"leapt by {'-' if '-' in name else '+'}0.05" in found_of(name, number)[Found.LEAPT]
+    assert f"jumped by {'-' if '-' in name else '+'}0.05" in found_of(name, number)[Found.LEAPT]
 
 
 @pytest.mark.parametrize("number", MACHINES)
-def test_a_leap_of_the_air_is_no_air(number: int) -> None:
+def test_a_jump_of_the_air_is_detected(number: int) -> None:
     """Nothing is good until a reset, or until the reading leaps back."""
     found = judged(catalogue()["ambient +5 K"], number)
     assert (found.good, found.bad_s) == (0, 0.0)
-    assert re.search(r"leapt by \+[45]\.\d K", found_of("ambient +5 K", number)[Found.AIR_LEAPT])
+    assert re.search(r"jumped by \+[45]\.\d K", found_of("ambient +5 K", number)[Found.AIR_LEAPT])
     day = day_of(number)
     off = faulty(day, catalogue()["ambient +5 K"], number)
     since_s = day.time_s - day.time_s[0] - FAULT_S
@@ -126,7 +126,7 @@ def test_a_leap_of_the_air_is_no_air(number: int) -> None:
     assert (block.quality[since_s > 900.0] == EstimateQuality.GOOD).any()
 
 
-def test_air_that_comes_back_wrong_is_no_air() -> None:
+def test_air_that_returns_wrong_is_detected() -> None:
     """Its reading was missing for half a minute, as where a plug is changed."""
     day = day_of(0)
     off = faulty(day, catalogue()["ambient +5 K"], 0)
@@ -162,7 +162,7 @@ def test_step_by_step_gives_the_bits_of_a_whole_log(name: str) -> None:
         assert (quality == Quality.REJECTED).any()  # something was refused at all
 
 
-def test_a_reset_begins_anew() -> None:
+def test_a_reset_starts_again() -> None:
     machine = MachineModel.of(config_of(RIG), learns=True)
     pipeline = pipeline_of(machine)
     log = log_of(faulty(day_of(1), catalogue()["all at 85 % of their rise"], 0))
@@ -183,4 +183,4 @@ def test_a_drift_of_all_is_named_as_one_and_what_is_held_back_has_a_reason() -> 
     found = found_of("all +3 K in 10 min", 1)
     assert "all sensors together depart" in found[Found.DRIFTING]
     assert Found.UNEXPLAINED not in found
-    assert "the estimate settles" in found_of("t5 +3 K", 1)[Found.SETTLING]
+    assert "the estimate is settling" in found_of("t5 +3 K", 1)[Found.SETTLING]

@@ -53,7 +53,7 @@ def test_what_runs_is_made_of_the_files_here(tmp_path: Path) -> None:
     )
 
 
-def test_two_functions_of_one_name_are_refused(tmp_path: Path) -> None:
+def test_two_functions_of_one_name_are_rejected(tmp_path: Path) -> None:
     path = copied(tmp_path) / "observer/kernels/path.py"
     path.write_text(path.read_text(encoding="utf-8") + "\n\ndef gate():\n    pass\n", encoding="utf-8")
     done = joined(tmp_path, tmp_path / "build")
@@ -62,7 +62,7 @@ def test_two_functions_of_one_name_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("way", ["any", "interpreted"])
-def test_the_other_ways_run(way: str) -> None:
+def test_the_other_builds_run(way: str) -> None:
     code = "from observer import kernels; print(kernels.WAY, kernels.run_kalman)"
     done = subprocess.run(
         [sys.executable, "-c", code], env=os.environ | {kernels.VARIABLE: way}, capture_output=True,
@@ -72,7 +72,7 @@ def test_the_other_ways_run(way: str) -> None:
     assert ("cyfunction" in done.stdout) == (way == "any")
 
 
-def test_a_way_that_is_none_is_named() -> None:
+def test_an_unknown_build_is_named() -> None:
     done = subprocess.run(
         [sys.executable, "-c", "import observer.kernels"], env=os.environ | {kernels.VARIABLE: "fast"},
         capture_output=True, text=True, timeout=120,
@@ -98,7 +98,7 @@ def test_functions_answer_as_in_c_where_python_raises() -> None:
     assert (libc.lrint(2.0), libc.lrint(16.0)) == (2, 16)
 
 
-def test_no_name_stands_in_two_kernel_files():
+def test_no_name_is_in_two_kernel_files():
     """They are compiled as one, so that the second would change what the first means."""
     apart = {"__init__.py", "layout.py", "libc.py"}
     seen: dict[str, str] = {}

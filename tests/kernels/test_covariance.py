@@ -99,7 +99,7 @@ def test_rows_have_their_variances(n: int, n_x: int, s: int) -> None:
     covariance.squares_of_rows(P, aligned_zeros((n_x, 0)), 0, aligned_zeros((0,)))  # nothing is reported
 
 
-def test_a_register_beyond_a_row_is_refused() -> None:
+def test_a_register_beyond_a_row_is_rejected() -> None:
     for row in (0, 1):
         with pytest.raises(IndexError, match="register 1 of a row of 6"):
             vector.load(np.zeros((2, 6)), row, 1)

@@ -39,7 +39,9 @@ def run_for_an_hour(config_path: Path) -> dict[str, tuple[float, float]]:
     return dict(zip(machine.plant.layout.learned, each, strict=True))
 
 
-def test_what_is_published_last_can_be_had_as_a_configuration(config_path: Path, tmp_path: Path) -> None:
+def test_the_last_published_parameters_are_available_as_a_configuration(
+    config_path: Path, tmp_path: Path
+) -> None:
     published = run_for_an_hour(config_path)
     offered = app.learned(config_path, tmp_path / "offer")
     assert set(offered) == set(published)

@@ -79,7 +79,7 @@ async def test_who_does_not_answer_is_a_sentence() -> None:
         b"[" * 9999,
     ],
 )
-def test_what_is_no_message_is_none(data: bytes) -> None:
+def test_an_invalid_message_is_none(data: bytes) -> None:
     assert message_from(observer.ServiceHeat, data) is None
     good = (
         b'{"time_s": 1.0, "quality": "good", "sources": {"nut": {"heat_W": null, "sigma_W": 2}}, "more": 1}'

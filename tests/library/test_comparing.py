@@ -168,7 +168,7 @@ def test_the_steady_state_is_a_command_with_sentences(tmp_path: Path) -> None:
 
 
 def test_neither_steady_nor_a_log_is_a_sentence() -> None:
-    with pytest.raises(observer.ConfigError, match="steady state is meant"):
+    with pytest.raises(observer.ConfigError, match="ask for the steady state"):
         observer.load(RIG).compare({"variant": {"x": {}}})
     with pytest.raises(observer.ConfigError, match='variant "x": the steady state needs a value of'):
         observer.load(RIG).compare({"variant": {"x": {}}}, steady=True)

@@ -69,7 +69,7 @@ def test_every_name_is_documented(name):
         assert all(inspect.getdoc(getattr(thing, key)) for key in members)
 
 
-def test_what_is_not_there_is_an_attribute_error():
+def test_a_missing_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = observer.nothing
 

@@ -73,7 +73,7 @@ def test_the_configured_sensors_are_as_sure_as_check_says(housings):
     assert by_check.error_um[0] * 0.98 < found.error_sigma_um < found.error_worst_um
 
 
-def test_cost_decides_and_what_is_dearer_leaves_less_unknown(housings, tmp_path):
+def test_cost_decides_and_dearer_sets_leave_a_smaller_sigma(housings, tmp_path):
     file = tmp_path / "candidates.toml"
     file.write_text(HOUSINGS, encoding="utf-8")
     found = housings.place(candidates=file, budget=540.0, by="error")

@@ -95,7 +95,7 @@ def test_signals_have_names_units_and_places(estimates, machine):
     assert cube["heat_nut_W"].attrs["units"] == "W"
     assert set(np.unique(estimates["quality_t1"])) <= {"good", "missing", "rejected", "stale", "excluded"}
     assert len(estimates) == len(estimates.time_s) == len(frame)
-    with pytest.raises(KeyError, match=r"signals has their names"):
+    with pytest.raises(KeyError, match=r"signals lists them"):
         estimates["heat_W"]
 
 
@@ -184,16 +184,16 @@ def _standing(machine) -> dict[str, list[float]]:
         ({"time_s": [1.0, 0.0], "t1_degC": [1.0, 1.0]}, "row 2: time_s goes back"),
         ({"time_s": [0.0, 1.0], "t1_degC": [1.0]}, "one value a row"),
         ({"time_s": [0.0, 1.0], "t1_degC": [1.0, 1.0]}, "are missing; add them to the log"),
-        (17, "a int is no log"),
+        (17, "a int is not a log"),
         ("none.csv", "none.csv: no such file"),
     ],
 )
-def test_what_is_no_log_is_a_sentence(given, sentence, machine):
+def test_an_invalid_log_is_a_sentence(given, sentence, machine):
     with pytest.raises(observer.LogError) as error:
         machine.replay(given)
     assert sentence in str(error.value)
 
 
-def test_the_same_log_twice_is_no_second_run(machine, short):
+def test_the_same_log_twice_is_not_a_second_run(machine, short):
     with pytest.raises(observer.LogError, match="holds the same as"):
         machine.calibrate([short, pd.DataFrame(short)])

@@ -84,7 +84,7 @@ def _effect(kind: str, **keys: Any) -> dict[str, Any]:
     ],
     ids=["end", "mass", "lag", "fade", "laws", "film", "conductivity", "modes", "tolerances"],
 )  # fmt: skip
-def test_the_next_estimate_goes_on_from_the_one_before(changes):
+def test_the_next_estimate_continues_from_the_last(changes):
     """A cold start would know the heats to 30 W, and begin at their laws."""
     machine, snapshot, last, then = _stood()
     other, estimator = _parts(**changes)
@@ -110,7 +110,7 @@ def test_into_the_same_model_it_is_nearly_the_same_estimate_fifty_seconds_on():
     np.testing.assert_allclose(after.heat_sigma_W, stayed.heat_sigma_W, rtol=0.1)
 
 
-def test_what_had_been_learnt_of_the_old_model_begins_anew():
+def test_parameters_learnt_of_the_old_model_start_again():
     machine, snapshot, last, then = _stood()
     other, estimator = _parts(**_effect("end_conduction", target="left", conductance_W_K=0.1))
     there = carried_over(snapshot, last, machine, other)
@@ -153,7 +153,7 @@ def test_to_and_from_an_estimator_with_states_of_its_own_it_starts_cold(of):
     assert carried_over(snapshot, last, before, now) is None
 
 
-def test_a_service_built_anew_goes_on_with_what_is_carried_over():
+def test_a_rebuilt_service_continues_with_the_carried_state():
     machine, snapshot, last, _ = _stood()
     other, _ = _parts(**_effect("end_conduction", target="left", conductance_W_K=0.1))
     before, now = CheckpointFit.of(machine), CheckpointFit.of(other)

@@ -79,9 +79,7 @@ async def test_a_replay_resets_where_the_live_run_was_reset(tmp_path):
         return len(answers) == 3 and len(service.publisher.estimates) >= 25
 
     await _serve(service, until)
-    assert [(outcome.done, outcome.text) for outcome in answers] == [
-        (True, "the estimator starts afresh")
-    ] * 3
+    assert [(outcome.done, outcome.text) for outcome in answers] == [(True, "the estimator restarts")] * 3
     (path,) = tmp_path.glob("m-x-*.csv")
     assert path.read_text().count(",!reset=done by anna%40desk\n") == 3
     log = read_log(path, CHANNELS)
@@ -122,7 +120,7 @@ def test_a_block_begins_at_each_reset_whatever_its_size(block):
     np.testing.assert_array_equal(whole, np.arange(1.0, rows, 2.0))
 
 
-def test_a_command_is_no_fault_of_any_channel():
+def test_a_command_is_not_a_fault_of_any_channel():
     assert faults_of("!reset=done by anna") == {}
     assert faults_of("t1_degC=open_circuit;!arm=done by a") == {"t1_degC": "open_circuit"}
     assert faults_of("%21reset=open_circuit") == {"!reset": "open_circuit"}  # a channel of that name
@@ -169,7 +167,7 @@ def test_the_answer_says_what_was_really_done():
     assert loop.document["armed"] is False
     assert loop.resets == 1
     loop.step()
-    assert loop.document["reason"] == "the estimator was started afresh; arm again"
+    assert loop.document["reason"] == "the estimator was restarted; arm again"
     assert [(outcome.done, outcome.text) for outcome in answers] == [
         (True, "it was off already: not armed yet"),
         (False, "not armed: the estimate is degraded, so it cannot be armed"),
@@ -179,7 +177,7 @@ def test_the_answer_says_what_was_really_done():
         (False, "not armed: disarmed by anna@desk; arm again"),
         (True, "it was off already: the error of 300 µm is beyond limit_um = 200; arm again"),
         (True, "armed"),
-        (True, "the estimator starts afresh"),
+        (True, "the estimator restarts"),
     ]
 
 
@@ -188,7 +186,7 @@ def test_a_command_that_waited_is_not_obeyed():
     loop.step(_command("arm", answers, asked_s=time.monotonic() - 6.0))
     loop.step()
     assert loop.document["armed"] is False
-    assert answers == [Outcome(False, "not done: it waited for too long; ask again", answers[0].time_s)]
+    assert answers == [Outcome(False, "not done: it waited too long; ask again", answers[0].time_s)]
 
 
 def test_without_a_compensation_there_is_nothing_to_arm():

@@ -170,7 +170,7 @@ class _LeavesOut(FakeEstimator):
         return replace(state, guard=guard), block
 
 
-async def test_a_sensor_that_is_left_out_stands_at_its_channel():
+async def test_an_excluded_sensor_is_shown_at_its_channel():
     driver = FakeDriver([(0.0, dict.fromkeys(CHANNELS, 20.0), {})] * 3)
     names = {"t1_degC": "t1", "t2_degC": "t2"}
     service = _service([driver], estimator=_LeavesOut(), sensors=names)

@@ -19,7 +19,7 @@ def test_a_clock_is_believed_once_it_has_settled():
     assert "by +1800." in renewal.reason
 
 
-def test_a_clock_that_comes_back_by_itself_is_left_alone():
+def test_a_clock_that_corrects_itself_is_left_alone():
     renewals = Renewals()
     for k in range(20):
         assert renewals.due(float(k), 5.0 if k % 2 else 0.0) is None

@@ -1,4 +1,4 @@
-"""An adopted configuration is kept where its gap shrinks, and taken back where it does not."""
+"""An adopted configuration is kept if its gap shrinks, and reverted if it does not."""
 
 from __future__ import annotations
 
@@ -96,13 +96,13 @@ def test_a_worse_configuration_is_reverted_and_reported(config):
     assert config.read_bytes() == text
     assert service.reloads == 2
     (notice,) = service.trial.notices()
-    assert "taken back" in notice
+    assert "reverted" in notice
     assert "the gap has not shrunk" in notice
     service.see(_ticks(TRUE))  # and that was that
     assert service.reloads == 2
 
 
-def test_one_that_changes_next_to_nothing_is_taken_back(config):
+def test_one_that_changes_next_to_nothing_is_reverted(config):
     service = Running(config)
     _adopt(config, EFFECT | {"conductance_W_K": 0.001})
     service.trial.look()
@@ -121,7 +121,7 @@ def test_hours_at_rest_are_not_counted(config):
     assert (document["state"], document["watched_h"]) == ("watching", 0.0)
 
 
-def test_a_restart_goes_on_where_it_was(config):
+def test_a_restart_continues_the_trial(config):
     service = Running(config)
     _adopt(config, EFFECT)
     service.trial.look()
@@ -154,7 +154,7 @@ def test_both_begin_again_after_a_pause(config):
     assert service.trial.document()["watched_h"] - before["watched_h"] < 0.1
 
 
-def test_taken_back_by_hand_it_is_read_again(config):
+def test_reverted_by_hand_it_is_reloaded(config):
     service = Running(config)
     _adopt(config, EFFECT)
     service.trial.look()
@@ -177,7 +177,7 @@ def test_what_somebody_has_written_since_stays(config):
     assert service.reloads == 1
 
 
-def test_an_adoption_that_was_refused_is_not_watched(config):
+def test_a_rejected_adoption_is_not_watched(config):
     """The configuration in force is still the one before: its frames say nothing of a trial."""
     service = Running(config)
     service.trial._reload = lambda: None
@@ -198,7 +198,7 @@ def test_an_unwritable_folder_is_reported(config, monkeypatch):
     monkeypatch.setattr(adopting, "write_together", refuse)
     failures: list[str] = []
     _catching(service, _ticks(TRUE), failures)
-    assert "the gap has not shrunk, but it cannot be taken back" in failures[-1]
+    assert "the gap has not shrunk, but the configuration cannot be reverted" in failures[-1]
     assert "Read-only file system" in failures[-1]
 
 

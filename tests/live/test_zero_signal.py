@@ -76,7 +76,7 @@ def test_a_rise_zeroes_and_is_recorded_as_a_command_and_silence_disarms(tmp_path
     assert loop.step(0.0)["armed"]
     homed = loop.step(0.0, 1.0, 0.0)
     assert not homed["armed"]
-    assert homed["reason"] == "homed@signal has set the machine to zero; arm again"
+    assert homed["reason"] == "homed@signal has zeroed the machine; arm again"
     assert homed["zero"]["error_um"] == 30.0
     loop.compensator.arm()
     assert loop.step(0.0)["armed"]
@@ -87,7 +87,7 @@ def test_a_rise_zeroes_and_is_recorded_as_a_command_and_silence_disarms(tmp_path
     assert silent["reason"] == "homed, which reports a new zero, has no value; arm again"
     loop.step(1.0, quality=2)
     assert loop.observer.notices() == (
-        "compensation: homed@signal has set the machine to zero, but the estimate is degraded; "
+        "compensation: homed@signal has zeroed the machine, but the estimate is degraded; "
         "zero it again, then arm",
     )
     assert recorder.close(5.0)
@@ -97,7 +97,7 @@ def test_a_rise_zeroes_and_is_recorded_as_a_command_and_silence_disarms(tmp_path
     assert flags[1].startswith("!zero=refused to homed%40signal: not zeroed: ")
 
 
-def test_a_zero_that_is_set_is_no_notice() -> None:
+def test_a_successful_zero_gives_no_notice() -> None:
     observer = CompensationObserver(
         Compensator(machine(), GRID), lambda _document: None, lambda: None, NoControl()
     )

@@ -50,7 +50,7 @@ def test_the_page_shows_the_tables() -> None:
     assert shown == record.page_end(record.survivors(), record.counts())
 
 
-def test_a_stopped_run_goes_on(tmp_path: Path) -> None:
+def test_a_stopped_run_continues(tmp_path: Path) -> None:
     results = Results(tmp_path / "results.jsonl")
     assert results.survived("module", "digest", "AddNot", 3) is None
     results.add("module", "digest", "AddNot", 3, survived=True)

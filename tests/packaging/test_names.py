@@ -9,7 +9,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 
 
-def test_no_class_name_stands_for_two_things() -> None:
+def test_no_class_name_has_two_meanings() -> None:
     places = defaultdict(list)
     for package in ("observer", "drivers"):
         for path in sorted((ROOT / package).rglob("*.py")):

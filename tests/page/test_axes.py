@@ -24,7 +24,7 @@ def _alarm(severity: str, state: str) -> dict[str, str]:
     return {"severity": severity, "state": state, "reason": f"{severity} {state}"}
 
 
-def test_what_nobody_has_acknowledged_comes_before_what_is_worse():
+def test_unacknowledged_alarms_come_before_worse_ones():
     alarms = [
         _alarm("invalid", "acknowledged"),
         _alarm("minor", "unacknowledged"),
@@ -55,7 +55,7 @@ def test_an_axis_with_invalid_messages_is_shown_by_its_last_valid_one(said):
 
 
 @pytest.mark.parametrize("address", ["192.168.0.7:80", "mill.example:80", "0.0.0.0:80", "127.0.0.1"])
-def test_an_axis_elsewhere_is_refused(address):
+def test_an_axis_elsewhere_is_rejected(address):
     with pytest.raises(ValidationError, match=r"not on this computer|no address"):
         Page(axes=(address,))
 

@@ -55,7 +55,7 @@ def _lab(linear: np.ndarray) -> np.ndarray:
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-def test_dark_is_the_same_whoever_asks_for_it():
+def test_dark_is_the_same_however_it_is_chosen():
     assert THEMES[DARK] == THEMES[SYSTEM_DARK]
     assert THEMES[DARK].keys() == THEMES[LIGHT].keys()
 

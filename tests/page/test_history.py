@@ -182,6 +182,6 @@ def test_looking_back_does_not_make_the_process_large(day):
 @pytest.mark.parametrize(
     "span", [(2.0, 1.0, 5), (1.0, math.inf, 5), (math.nan, 1.0, 5), (1.0, 2.0, 0), (1.0, 2.0, 9999)]
 )
-def test_what_is_no_span_is_refused(span):
+def test_an_invalid_span_is_rejected(span):
     with pytest.raises(ValueError, match="no span"):
         history([], *span)

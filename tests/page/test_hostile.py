@@ -111,14 +111,14 @@ def test_a_cookie_that_has_been_logged_out_is_worth_nothing(tmp_path):
         ("/acknowledge", "id=" + "a" * 5000, 413),
     ],
 )
-def test_a_hostile_question_is_refused_in_words(tmp_path, path, form, status):
+def test_a_hostile_request_is_rejected_with_a_sentence(tmp_path, path, form, status):
     with gateway(reports=tmp_path) as (url, _):  # which also asserts that nothing is on standard error
         answer = _asked(url, path, form)
         assert answer.status_code == status
         assert answer.text.strip()
 
 
-def test_an_origin_that_is_none_is_refused():
+def test_an_invalid_origin_is_rejected():
     with gateway() as (url, _):
         assert _asked(url, "/acknowledge", "id=a", Origin="http://[").status_code == 403
 

@@ -26,16 +26,16 @@ def test_names_and_passwords_are_read(tmp_path):
     [
         ("anna\n", 0o600, "line 1"),
         ("anna:a\n:b\n", 0o600, "line 2"),
-        ("\n", 0o600, "names nobody"),
+        ("\n", 0o600, "names no user"),
         ("anna:a\n", 0o644, "chmod 600"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_refused_in_words(tmp_path, text, mode, reason):
+def test_an_unusable_file_is_rejected_with_a_sentence(tmp_path, text, mode, reason):
     with pytest.raises(ConfigError, match=reason):
         read_users(_file(tmp_path, text, mode), "page.users_file")
 
 
-def test_a_file_that_is_missing_is_refused_in_words(tmp_path):
+def test_a_missing_file_is_rejected_with_a_sentence(tmp_path):
     with pytest.raises(ConfigError, match="cannot be read"):
         read_users(tmp_path / "none", "page.users_file")
 

@@ -34,16 +34,16 @@ def test_a_damaged_line_takes_no_other_with_it(tmp_path):
 @pytest.mark.parametrize(
     ("time_s", "text", "said"),
     [
-        ("nan", "a", "is about a time"),
-        ("1e300", "a", "is about a time"),
-        ("", "a", "is about a time"),
-        ("1", " \n", "is text of"),
-        ("1", "a" * (MOST_TEXT + 1), "is text of"),
-        ("1", "a\x00b", "is text of"),
-        ("1", "right to left \u202e", "is text of"),
+        ("nan", "a", "needs a time"),
+        ("1e300", "a", "needs a time"),
+        ("", "a", "needs a time"),
+        ("1", " \n", "needs a text of"),
+        ("1", "a" * (MOST_TEXT + 1), "needs a text of"),
+        ("1", "a\x00b", "needs a text of"),
+        ("1", "right to left \u202e", "needs a text of"),
     ],
 )
-def test_what_is_no_note_is_refused(tmp_path, time_s, text, said):
+def test_an_invalid_note_is_rejected(tmp_path, time_s, text, said):
     with pytest.raises(ValueError, match=said):
         Notes(tmp_path, "lathe-z").add(time_s, text, "anna")
     assert list(tmp_path.iterdir()) == []

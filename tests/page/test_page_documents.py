@@ -97,7 +97,7 @@ def test_who_trusts_the_authority_logs_in_and_out_over_it(sealed):
         assert client.get("/recent.json").status_code == 401
 
 
-def test_who_does_not_trust_it_and_who_speaks_plainly_gets_nothing(sealed):
+def test_clients_without_trust_or_encryption_get_nothing(sealed):
     url, *_ = sealed
     with pytest.raises(httpx.ConnectError, match="certificate verify failed"):
         httpx.get(url)
@@ -163,7 +163,7 @@ def test_a_report_is_opened_and_the_command_that_adopts_it_copied(anna, sealed):
         assert page.evaluate("() => document.activeElement.textContent") == "Show the report"
 
 
-def test_what_is_long_and_many_stays_in_its_panel(crowded):
+def test_long_and_numerous_texts_stay_in_their_panel(crowded):
     # of panels none has anything cut off, and of tables no last column is out of sight
     out = """() => [...document.querySelectorAll('html, header, .hero, .panel, .scroll, #heats')]
       .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.id || e.className || e.tagName)"""

@@ -164,7 +164,7 @@ def test_the_recording_is_looked_back_on_and_laid_over_itself(served):
     page.wait_for_function(f"() => document.getElementById('c-past').dataset.from !== '{start}'")
 
 
-def test_nothing_stands_out_to_the_side(served):
+def test_nothing_overflows_to_the_side(served):
     page = served["page"]
     for width, height in SIZES.values():
         page.set_viewport_size({"width": width, "height": height})

@@ -196,7 +196,7 @@ def test_a_view_is_zoomed_linked_restored_and_reset(opened):
     assert len(_table(_saved(other, "p2", "CSV"))) >= ROWS
 
 
-def test_what_is_dragged_moves(opened):
+def test_a_dragged_chart_moves(opened):
     page = opened(f"#panel=p2&from={PAST[100]['time_s']}&to={PAST[200]['time_s']}")
     page.wait_for_function("() => document.activeElement.id === 'p2'")
     before = _table(_saved(page, "p2", "CSV"))
@@ -242,7 +242,7 @@ def test_two_fingers_zoom_and_one_moves(opened):
     assert page.inner_text("#c-heats + .readout").count("nut ") == 1
 
 
-def test_what_is_saved_is_what_there_is(opened):
+def test_saved_files_hold_the_shown_data(opened):
     page = opened()
     heats = _table(_saved(page, "p2", "CSV"))[:ROWS]
     assert [float(row["heat_nut_W"]) for row in heats] == [row["heat_W"]["nut"] for row in PAST]
@@ -348,7 +348,7 @@ def test_two_axes_stand_side_by_side_and_one_is_looked_at_through_the_other(brow
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_with_all_there_is_nothing_stands_out(opened, size):
+def test_with_everything_shown_nothing_overflows(opened, size):
     page = opened()
     width, height = SIZES[size]
     page.set_viewport_size({"width": width, "height": height})

@@ -46,12 +46,12 @@ def test_a_number_of_few_digits_is_the_one_that_python_reads(whole, power):
      "123456789012345678901", "0.000000000000000000000001234567890123456789", "1e-400",
      "1e400", "-1e400", "0e999"],
 )  # fmt: skip
-def test_a_way_to_write_a_number(cell):
+def test_a_spelling_of_a_number(cell):
     assert _number(cell) == pytest.approx(float(cell), rel=1e-15)
 
 
 @pytest.mark.parametrize("cell", ["", " ", "-", ".", "e5", "1e", "1e+", "1e5x", "1e1.5", "nan", "1.2.3"])
-def test_what_is_no_number_is_missing(cell):
+def test_anything_but_a_number_is_missing(cell):
     assert math.isnan(_number(cell))
 
 

@@ -220,6 +220,6 @@ def test_a_vertical_screw_is_a_wall_of_its_height() -> None:
         ({"law": "lumped"}, "Input should be"),
     ],
 )
-def test_a_surface_that_contradicts_itself_is_refused(keys: dict[str, object], sentence: str) -> None:
+def test_a_surface_that_contradicts_itself_is_rejected(keys: dict[str, object], sentence: str) -> None:
     with pytest.raises(ValidationError, match=sentence):
         surface(**keys)

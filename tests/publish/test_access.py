@@ -143,7 +143,7 @@ def test_the_commands_of_the_program_log_in(tmp_path):
         made.document("health", {"state": "good"})
         anna = user(tmp_path, "anna", "see")
         assert ask_health(endpoint, "lathe-7", "z", 10, anna).document == {"state": "good"}
-        assert "does not let this client in" in ask_health(endpoint, "lathe-7", "z", 2).problem
+        assert "rejects this client" in ask_health(endpoint, "lathe-7", "z", 2).problem
         assert command("reset", endpoint, "lathe-7", "z", 2, anna).document is None
         assert made.commands() == []
 
@@ -171,7 +171,7 @@ def test_the_commands_of_the_program_log_in(tmp_path):
         ({"listen": ["tls/[::]:7447"]}, r"give \[publish.tls\]"),
     ],
 )
-def test_what_would_not_do_what_it_says_is_refused(settings, words):
+def test_a_table_that_would_be_ineffective_is_rejected(settings, words):
     with pytest.raises(ValidationError, match=words):
         Publish.model_validate(settings)
 
@@ -190,9 +190,9 @@ def test_files_with_secrets_belong_to_one_person(tmp_path):
             login(user="anna", password_file=word, users_file=users)
         file.chmod(0o600)
     for text, sentence in (
-        ("", "names nobody"),
+        ("", "names no user"),
         ("anna\n", "line 1: write name:password"),
-        ("\n", "names nobody"),
+        ("\n", "names no user"),
     ):
         users.write_text(text)
         with pytest.raises(ConfigError, match=sentence):

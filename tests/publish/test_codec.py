@@ -212,12 +212,12 @@ ONE = EstimateEncoder(LAYOUT, "ab12cd34").cbor(block(), 0, 0)
         (cbor2.dumps({"time_s": 1, "sequence": 0, "x": cbor2.CBORTag(81, b"1234")}), "float32"),
     ],
 )
-def test_other_bytes_are_refused(data, words):
+def test_other_bytes_are_rejected(data, words):
     with pytest.raises(ValueError, match=words):
         decode_estimate(data)
 
 
-def test_one_estimate_is_no_list_of_them():
+def test_one_estimate_is_not_a_list():
     with pytest.raises(ValueError, match="not a list"):
         decode_estimates(ONE)
 
@@ -244,14 +244,14 @@ def test_the_configuration_is_published_without_credentials():
 
 
 @given(st.binary(max_size=60))
-def test_noise_is_refused_or_is_an_estimate(data):
+def test_noise_is_rejected_or_is_an_estimate(data):
     try:
         decode_estimate(data)
     except ValueError:
         return
 
 
-def test_nan_in_a_document_is_refused():
+def test_nan_in_a_document_is_rejected():
     with pytest.raises(ValueError, match="JSON"):
         to_json({"x": math.nan})
 

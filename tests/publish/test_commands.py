@@ -57,7 +57,7 @@ def test_a_command_is_handed_over_and_its_outcome_reported():
         f"{PREFIX}/compensation?arm=yes;{HASH}",
     ],
 )
-def test_a_wildcard_and_the_old_way_command_nothing(selector):
+def test_a_wildcard_and_the_old_form_command_nothing(selector):
     with published() as (made, endpoint), session(endpoint) as opened:
         made.document("compensation", {"armed": False})
         answers, taken = _asked(made, opened, selector)
@@ -72,12 +72,12 @@ def test_a_wildcard_and_the_old_way_command_nothing(selector):
     [
         ("", "add config=HASH"),
         ("?arm=yes", "add config=HASH"),
-        ("?config=", "another configuration"),
-        ("?config=ab1", "another configuration"),
-        ("?config=ab12%20", "another configuration"),
+        ("?config=", "that is not in force"),
+        ("?config=ab1", "that is not in force"),
+        ("?config=ab12%20", "that is not in force"),
     ],
 )
-def test_a_command_for_another_configuration_is_refused_and_put_on_record(parameters, words):
+def test_a_command_for_another_configuration_is_refused_and_recorded(parameters, words):
     with published() as (made, endpoint), session(endpoint) as opened:
         (answer,), taken = _asked(made, opened, f"{PREFIX}/command/arm{parameters}")
         assert answer.startswith("! ")
@@ -99,7 +99,7 @@ def test_only_a_few_commands_wait():
         many = [opened.get(f"{PREFIX}/command/reset?{HASH}", timeout=5) for _ in range(12)]
         refused = [r for replies in many[4:] for r in replies if r.err]
         assert refused
-        assert all("too many commands wait" in r.err.payload.to_string() for r in refused)
+        assert all("too many commands are waiting" in r.err.payload.to_string() for r in refused)
         assert 1 <= len(made.commands()) <= 4
 
 
@@ -223,7 +223,7 @@ def test_the_commands_find_the_hash_themselves_or_take_the_one_given():
                         command.answer(Outcome(True, "as asked", 1.0))
             found = answer.result()
             assert (found.document is not None and found.document["done"]) is done
-            assert done or "another configuration" in found.problem
+            assert done or "that is not in force" in found.problem
 
 
 @pytest.mark.system

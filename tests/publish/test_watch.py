@@ -47,7 +47,7 @@ def test_shows_heats_field_error_sensors_and_reasons():
         assert words in text
 
 
-def test_says_of_which_heats_what_is_usual_is_not_known_yet():
+def test_names_the_heats_whose_usual_value_is_not_known_yet():
     bands = {"nut": {"known": False, "learning": "2.5 of 30 h of running"}, "bearing": {"learning": None}}
     text = _shown(_latest() | {"alarms": {"alarms": [], "bands": bands}})
     assert "usual heats, still being learnt: nut 2.5 of 30 h of running\n" in text.replace(" \n", "\n")
@@ -111,7 +111,7 @@ class _Channel:
         return _Sample(self.waiting.pop()) if self.waiting else None
 
 
-def test_what_is_not_renewed_is_stale(monkeypatch):
+def test_a_message_that_is_not_renewed_is_stale(monkeypatch):
     now_s = [100.0]
     monkeypatch.setattr(watch.time, "monotonic", lambda: now_s[0])
     subscription, channel = Subscription((), "m", "x"), _Channel()

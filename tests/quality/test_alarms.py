@@ -66,7 +66,7 @@ def _run(desk: AlarmDesk, hours: float, from_h: float = 0.0, *findings: Finding,
     return {alarm["id"] for alarm in desk.document(0.0)["alarms"]}
 
 
-def test_what_is_still_being_learnt_is_said_in_words():
+def test_learning_is_described_in_words():
     desk = _desk(learn_h=10.0)
     assert desk.document(0.0)["bands"]["nut"]["learning"] == "0.0 of 10 h of running"
     _run(desk, 2.5)
@@ -101,7 +101,7 @@ def test_heats_that_are_off_together_are_the_channel_they_go_by_and_no_wear(fact
     assert not _run(desk, 12.0)
     assert _run(desk, 20.0, 12.0, factor=factor) == {"heat_off_law.screw_speed_rpm"}
     (alarm,) = desk.document(0.0)["alarms"]
-    assert "all heats that go by screw_speed_rpm are" in alarm["reason"]
+    assert "all heats that depend on screw_speed_rpm are" in alarm["reason"]
 
 
 def test_a_sensor_whose_learnt_offset_moves_is_reported_as_drifting():
@@ -121,13 +121,13 @@ def test_a_sensor_whose_learnt_offset_moves_is_reported_as_drifting():
         (Fault.NOISY, 4.0, True), (Fault.REFUSED, 2.0, True),
     ],
 )  # fmt: skip
-def test_what_lowers_a_quality_by_hundredths_of_a_kelvin_is_no_alarm(fault, value, is_raised):
+def test_hundredths_of_a_kelvin_lower_a_quality_without_an_alarm(fault, value, is_raised):
     desk = _desk()
     raised = _run(desk, 0.5, 0.0, Finding(fault, "t3", 0.0, value, 1.0))
     assert raised == ({f"sensor_disagrees.t3.{fault.name.lower()}"} if is_raised else set())
 
 
-def test_what_is_usual_is_kept_over_a_restart_and_begins_anew_for_a_sensor_that_is_set_anew(tmp_path):
+def test_usual_values_survive_a_restart_and_start_again_for_a_changed_sensor(tmp_path):
     file = tmp_path / "kept.json"
     desk = _desk(file, learn_h=10.0)
     _run(desk, 12.0)
@@ -145,7 +145,7 @@ def test_what_is_usual_is_kept_over_a_restart_and_begins_anew_for_a_sensor_that_
 
 
 @pytest.mark.parametrize("spoilt", ["", "[]", '{"format": 1}', '{"format": 1, "bands": {}, "alarms": {}}'])
-def test_what_cannot_be_read_is_begun_anew(tmp_path, spoilt):
+def test_an_unreadable_file_is_discarded(tmp_path, spoilt):
     file = tmp_path / "kept.json"
     file.write_text(spoilt)
     assert _desk(file).document(0.0)["alarms"] == []

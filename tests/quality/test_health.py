@@ -40,7 +40,7 @@ def _facts(**changes) -> Facts:
     return replace(facts, **changes)
 
 
-def test_the_gap_stands_in_the_document_as_it_was_given():
+def test_the_gap_is_in_the_document_as_given():
     gap = {"hours": 3.5, "rms_K": 0.4, "allowed_K": 0.6, "per_sensor": {"t1": 0.4}, "since_s": None}
     assert json.loads(to_json(assess(_facts(gap=gap)).document()))["gap"] == gap
     assert assess(_facts()).document()["gap"] is None
@@ -93,7 +93,7 @@ def test_each_trouble_has_its_state_and_sentence(changes, state, words):
         ({"failure": "ZeroDivisionError"}, "invalid"),
     ],
 )
-def test_the_quality_of_the_estimates_stands_beside_the_state(changes, quality):
+def test_the_quality_of_the_estimates_is_beside_the_state(changes, quality):
     assert assess(_facts(**changes)).document()["quality"] == quality
 
 
@@ -142,7 +142,7 @@ def _left_out(finding: Finding, **changes):
          {"value": -0.05, "sigma": None, "unit": "m"}),
     ],
 )  # fmt: skip
-def test_what_is_left_out_is_excluded_with_what_it_reads_too_much(finding, channel, excess):
+def test_an_excluded_channel_has_its_excess(finding, channel, excess):
     channels, health = _left_out(finding)
     assert channels.pop(channel) == {"quality": "excluded", "age_s": 0.1, "fault": None, "excess": excess}
     assert all(other == {"quality": "good", "age_s": 0.1, "fault": None} for other in channels.values())
@@ -161,7 +161,7 @@ def test_a_channel_that_is_left_out_and_missing_is_missing():
 
 
 @pytest.mark.parametrize("fault", [f for f in Fault if f not in (Fault.EXCLUDED, Fault.SWAPPED, Fault.LEAPT)])
-def test_what_is_doubted_and_used_has_no_excess(fault):
+def test_a_doubted_channel_in_use_has_no_excess(fault):
     channels, _ = _left_out(Finding(fault, "t2", 5.0, 3.0, 0.2))
     assert channels["t2_degC"] == {"quality": "good", "age_s": 0.1, "fault": None}
 
@@ -194,8 +194,8 @@ def test_conditions_say_for_programs_what_the_reasons_say_for_people():
     assert len(document["reasons"]) == 2
 
 
-def test_what_follows_the_last_sample_is_no_percentage():
+def test_a_correlation_in_time_is_not_a_percentage():
     """A mean product in σ² may be more than one: "it repeats by 170 %" is nothing that anyone can picture."""
     said = sentence(of_finding(Finding(Fault.COLOURED, "t3", 12.0, 1.7, 0.0)))
     assert "%" not in said
-    assert "one sample deviates as the last did (mean product +1.7 σ²" in said
+    assert "each sample deviates as the last did (mean product +1.7 σ²" in said

@@ -50,7 +50,7 @@ def _files(folder: str) -> list[Path]:
 
 def test_exceptions_by_their_number():
     assert "no such register" in str(remedy_for("exception_2", None))
-    assert "refuses" in str(remedy_for("exception_99", None))
+    assert "rejects" in str(remedy_for("exception_99", None))
 
 
 def test_nothing_wrong_needs_no_remedy_and_a_doubt_does():

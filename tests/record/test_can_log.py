@@ -108,7 +108,7 @@ def test_a_recording_without_a_can_driver_is_one_sentence(tmp_path: Path, dbc: P
         )
 
 
-def test_a_recording_that_goes_back_in_time_is_refused(tmp_path: Path, dbc: Path) -> None:
+def test_a_recording_that_goes_back_in_time_is_rejected(tmp_path: Path, dbc: Path) -> None:
     _recorded(tmp_path / "rig.blf", dbc, backwards=True)
     with pytest.raises(LogError, match="backwards"):
         replay(tmp_path / "rig.blf", _config(dbc), tmp_path / "out", ".csv", progress=lambda *_: None)

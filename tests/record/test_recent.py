@@ -52,7 +52,7 @@ def test_durations(text, seconds):
     "text", ["", "8", "h", "-1h", "0h", "8 hours", "1e3h", "nan h", "8h30min", "9" * 40 + "h"]
 )
 def test_an_invalid_duration_is_reported(text):
-    with pytest.raises(ConfigError, match=r"--recent: .* is no duration; give"):
+    with pytest.raises(ConfigError, match=r"--recent: .* is not a duration; give"):
         duration_s(text)
 
 

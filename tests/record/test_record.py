@@ -64,7 +64,7 @@ def test_writes_through_and_says_where(tmp_path):
     assert (status.rows_dropped, status.reason) == (0, None)
 
 
-def test_a_full_part_ends_with_a_tick_and_each_part_stands_alone(tmp_path):
+def test_a_full_part_ends_with_a_tick_and_each_part_is_independent(tmp_path):
     recorder = Recorder(tmp_path, "m-x", CHANNELS, 2000, 5.0)
     _rows(recorder, 0, 200)
     assert recorder.close()
@@ -191,7 +191,7 @@ def test_a_recording_cut_anywhere_replays_up_to_the_cut(tmp_path):
         assert same_bits(replayed, joined(live[: len(replayed["time_s"])]))
 
 
-def test_only_the_owner_may_read_what_is_recorded(tmp_path):
+def test_only_the_owner_may_read_recordings(tmp_path):
     folder = tmp_path / "new"
     recorder = Recorder(folder, "m-x", CHANNELS, 1e9, 5.0, start=b"where it stood")
     _rows(recorder, 0, 3)

@@ -70,8 +70,8 @@ CASES = {
     "all sensors +50 K": (of("degC", lambda v: v + 50.0), "above the ambient"),
     "all sensors in °F": (of("degC", lambda v: 1.8 * v + 32.0), "looks like °F"),
     "all sensors in K": (of("degC", lambda v: v + 273.15), "looks like K"),
-    "code of a fault": (of("degC", lambda v: 3276.7), "code for a fault"),
-    "negative code": (of("degC", lambda v: -3276.8), "code for a fault"),
+    "code of a fault": (of("degC", lambda v: 3276.7), "fault code"),
+    "negative code": (of("degC", lambda v: -3276.8), "fault code"),
     "one sensor +1 K": (of("t3_degC", lambda v: v + 1.0), "t3"),
     "one sensor -0.5 K": (of("t2_degC", lambda v: v - 0.5), "t2"),
 }

@@ -150,7 +150,7 @@ def test_the_mean_of_a_program_is_where_its_repetition_settles_on_average() -> N
     np.testing.assert_allclose(found, truth, rtol=0, atol=1e-9)
 
 
-def test_a_nut_stands_where_it_is_said_to_or_runs_over_its_stroke() -> None:
+def test_a_nut_stands_at_a_given_position_or_runs_over_its_stroke() -> None:
     nut = {"name": "nut", "shape": "nut", "length_m": 0.06, "stroke_m": [0.1, 0.5], "power_channel": "nut_W"}
     config = config_of(BAR, [nut | {"position_channel": "x_m"}], GRID_M, model={"modes": 30})
     assert needed_channels(config) == ("nut_W", "ambient_degC")
@@ -212,7 +212,7 @@ def long_run(config: Config, program: Log) -> FloatArray:
     return np.array([run[f"field_{1000.0 * x:.10g}_degC"][-400:].mean() for x in GRID_M])
 
 
-def test_a_nut_that_rubs_in_one_part_of_its_way_heats_the_screw_there() -> None:
+def test_a_nut_that_rubs_in_one_part_of_its_travel_heats_the_screw_there() -> None:
     nut = {"name": "nut", "shape": "nut", "length_m": 0.06, "stroke_m": [0.1, 0.5], "heat_W": 20.0}
     nut |= {"position_channel": "x_m", "drive_channel": "on"}
     config = config_of(BAR, [nut], GRID_M, model={"modes": 30})

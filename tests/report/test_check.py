@@ -37,7 +37,9 @@ CASES += [("li-lathe-axis", "no loss"), ("li-network", "one sensor"), ("yu-dual-
 
 
 @pytest.mark.parametrize(("name", "change"), CASES)
-def test_whatever_is_configured_no_number_is_none_and_no_library_speaks(name: str, change: str) -> None:
+def test_whatever_the_configuration_all_numbers_are_finite_and_no_library_warns(
+    name: str, change: str
+) -> None:
     table = tomllib.loads((CONFIG / f"{name}.toml").read_text(encoding="utf-8"))
     table.pop("drivers", None)
     CHANGES[change](table)

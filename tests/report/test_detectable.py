@@ -100,7 +100,7 @@ def test_noise_hides_jumps() -> None:
     assert max(found[:1] + found[2:]) < 0.6
 
 
-def test_the_least_step_is_what_is_noticed_of_sensors_without_noise() -> None:
+def test_the_smallest_step_is_noticed_of_sensors_without_noise() -> None:
     config = demo(tolerance={"lag_s": 0.0}, estimator={"field_noise_K_sqrt_s": 1e-4})
     quiet = tuple(s.model_copy(update={"noise_K": 0.005}) for s in config.sensor)
     found = column(detectable(config.model_copy(update={"sensor": quiet})), "fault_K")
@@ -130,7 +130,7 @@ def test_no_place_is_praised_that_helps_little() -> None:
     assert buys(None) == ""
 
 
-def test_a_further_thermocouple_stands_where_none_is() -> None:
+def test_a_further_thermocouple_is_placed_away_from_others() -> None:
     config = demo()
     at_ends = {"t1": 0.01, "t5": 0.99}
     sensors = tuple(

@@ -181,7 +181,7 @@ def test_an_event_is_framed_and_described(found: Discovery, tmp_path: Path) -> N
     )  # one a map, each in two widths
 
 
-def test_the_gap_beyond_tolerances_stands_beside_the_raw_one(found: Discovery, tmp_path: Path) -> None:
+def test_the_gap_beyond_tolerances_is_beside_the_raw_one(found: Discovery, tmp_path: Path) -> None:
     result = discovery_result(found)
     whole, sensors = result["gap"]["beyond_tolerances"], result["gap"]["per_sensor"]
     assert whole["after_rms_K"] < 0.5 * whole["before_rms_K"]
@@ -267,7 +267,7 @@ def test_a_page_says_what_it_is_worth_when_and_of_what_it_was_made(found: Discov
         assert words in page.text
 
 
-def test_what_is_missing_in_a_log_stays_a_gap(found: Discovery) -> None:
+def test_missing_data_of_a_log_stay_a_gap(found: Discovery) -> None:
     evidence = found.problem.evidence
     (track,) = tracks_of(evidence, ["one"], {"measured": evidence.measured_degC})
     a, b = track.values["measured"][:2]

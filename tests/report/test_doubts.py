@@ -87,5 +87,5 @@ def test_a_page_in_the_clear_is_doubted():
     assert doubts(parse(changed(page=page | {"certificate": "c.pem", "key": "k.pem"}))) == []
 
 
-def test_what_is_good_is_not_doubted():
+def test_good_values_are_not_doubted():
     assert doubts(parse(changed())) == []

@@ -27,7 +27,7 @@ def _lines(blind: Sequence[Any] = (), verdict: str = "none", said: Any = None, *
 
 def test_the_sentences_of_none() -> None:
     lines = _lines([candidate("end_heat", "left"), candidate("radiation"), candidate("end_heat", "right")])
-    assert lines[0] == "The calibrated model explains the logs; no effect is missing that shows."
+    assert lines[0] == "The calibrated model explains the logs; no missing effect is visible."
     assert (
         "off by 0.050 K rms, 0.031 K beyond tolerances (as configured: 1.27 K; noise alone: 0.0070 K)"
         in lines[1]
@@ -148,7 +148,7 @@ def test_the_sentences_of_something_unknown_say_where_when_and_how_many_watts(
     }  # fmt: skip
     lines = _lines(verdict="unknown", said={"remains": "in what was fitted"}, where=[event], gap=FELL)
     assert lines[0] == (
-        "Something is missing that the library does not hold: an error remains in what was fitted."
+        "Something is missing that the library does not contain: an error remains in what was fitted."
     )
     assert lines[1].startswith(
         "The error is largest near sensor t3 in log 2, from 40 min to 1 h 00 min (warm and"
@@ -181,7 +181,7 @@ def test_values_are_said_to_the_digits_that_their_interval_leaves(
 def test_the_sentences_of_logs_in_doubt() -> None:
     late = {"what": "heat starts late", "channel": None, "by": 180.0, "text": "The heat starts 180 s later"}
     lines = _lines(verdict="unknown", said={"suspected": (late["text"],)}, suspects=[late], gap=FELL)
-    assert lines[0] == "The logs themselves are in doubt, so nothing is said to be missing."
+    assert lines[0] == "The logs themselves are in doubt, so no effect is reported as missing."
     assert lines[1] == "The heat starts 180 s later."
     page = _suspects({"suspects": [late, late | {"what": "units", "channel": "t1_degC"}]})
     assert "heat starts late" in page

@@ -1,4 +1,4 @@
-"""A running service takes an adopted configuration over without a gap; a worse one is taken back."""
+"""A running service takes over an adopted configuration without a gap, and reverts a worse one."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _assert_goes_on(seen: Subscriber, begun: int) -> None:
 
 
 @pytest.mark.slow
-def test_a_better_one_is_kept_and_a_worse_one_taken_back(tmp_path):
+def test_a_better_one_is_kept_and_a_worse_one_reverted(tmp_path):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with machine() as plant:
         table = table_for(plant.wires, mode="router", listen=[endpoint])
@@ -87,7 +87,7 @@ def test_a_better_one_is_kept_and_a_worse_one_taken_back(tmp_path):
             before = len(seen.estimates)
             done = _observer("adopt", str(better), "--config", str(config), "--hours", HOURS)
             assert done.returncode == 0, done.stderr
-            assert "takes it back if that has not shrunk" in done.stdout
+            assert "reverts it if the gap has not shrunk" in done.stdout
             begun = until(lambda: _begun_anew(seen, before), 90.0)
             until(lambda: len(seen.estimates) > begun + 5, 60.0)
             _assert_goes_on(seen, begun)
@@ -148,7 +148,7 @@ def test_logs_and_recent_hours_exclude_each_other(tmp_path, command):
     for words, said in (
         ((), "name either logs or --recent"),
         (("log.csv", "--recent", "8h"), "name either logs or --recent"),
-        (("--recent", "8"), "is no duration"),
+        (("--recent", "8"), "is not a duration"),
         (("--recent", "8h"), "no record.directory"),
     ):
         code, _, errors = command(["discover", *words, *common])

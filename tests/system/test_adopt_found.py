@@ -122,7 +122,7 @@ def test_what_appears_is_found_in_the_recordings_adopted_and_kept(config, tmp_pa
     trial = AdoptionTrial(config, reload)
     trial.in_force(load(config))
     said = _observer("adopt", str(found), "--config", str(config), "--hours", "1")
-    assert "watches the gap for 1 h" in said
+    assert "monitors the gap for 1 h" in said
     trial.look()
     assert reloads == [load(found / "config.toml").digest]
     for k, frame in enumerate(plant.works(_run(AFTER, "b"))):

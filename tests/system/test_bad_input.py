@@ -134,7 +134,7 @@ def test_results_of_before_survive_a_replay_that_fails(tmp_path, command):
     assert _tree(tmp_path) == before
 
 
-def test_a_log_without_a_single_value_is_refused(tmp_path, command):
+def test_a_log_without_a_single_value_is_rejected(tmp_path, command):
     """Empty cells are allowed, but where no sensor has one filled nothing can be estimated."""
     empty = [row if k == 0 else [row[0], "", "", "", ""] for k, row in enumerate(rows())]
     (tmp_path / "log.csv").write_text(text(empty), encoding="utf-8")

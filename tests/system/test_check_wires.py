@@ -88,7 +88,7 @@ def test_a_missing_device_is_reported(plant, tmp_path):
     assert "not connected" in printed
     assert "disconnected" in printed
     assert "usable" in printed
-    assert "t1_degC, t2_degC, t3_degC, t4_degC, t5_degC: look whether the device is on" in " ".join(
+    assert "t1_degC, t2_degC, t3_degC, t4_degC, t5_degC: check that the device is on" in " ".join(
         printed.split()
     )
 
@@ -102,7 +102,7 @@ def test_a_position_in_mm_is_reported(plant, tmp_path):
     assert "scale" in channels["nut_position_m"]["remedy"]
 
 
-def test_what_cannot_be_used_is_refused_before_anything_is_opened(plant, tmp_path):
+def test_unusable_input_is_rejected_before_anything_is_opened(plant, tmp_path):
     table = table_for(plant.wires)
     table["drivers"]["axis"]["channels"]["nut_position_m"]["signal"] = "NutPlace"
     code, printed = look(tmp_path, table)

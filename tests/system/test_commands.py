@@ -52,17 +52,17 @@ def test_reset_and_disarm_are_done_recorded_and_replayed_to_the_last_bit(tmp_pat
         table["compensation"] = COMPENSATION
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
             seen.wait_until_good()
-            for kind, text in (("arm", "armed"), ("reset", "the estimator starts afresh")):
+            for kind, text in (("arm", "armed"), ("reset", "the estimator restarts")):
                 done = give(kind)
                 assert done.returncode == 0, done.stdout + done.stderr
                 assert json.loads(done.stdout)["text"] == text
             until(lambda: seen.documents["compensation"][-1]["armed"] is False, 20)
-            assert "started afresh" in seen.documents["compensation"][-1]["reason"]
+            assert "restarted" in seen.documents["compensation"][-1]["reason"]
             seen.wait_until_good()
             assert give("disarm").returncode == 0
             wrong = give("reset", "--config-hash", "0123456789abcdef")
             assert wrong.returncode == 1
-            assert "another configuration" in wrong.stdout
+            assert "not in force" in wrong.stdout
             count = len(seen.estimates)
             until(lambda: len(seen.estimates) > count + 30, 60)
             instances = {m["instance"] for d in seen.documents.values() for m in d}
@@ -104,9 +104,9 @@ def test_a_second_service_of_the_same_name_does_not_start(tmp_path):
     ("words", "sentence"),
     [
         (("--machine", "*", "--axis", "x"), "--machine: * may be several; name the one that is meant"),
-        (("--machine", "a*", "--axis", "x"), "--machine: 'a*' is no name"),
-        (("--machine", "a/b", "--axis", "x"), "--machine: 'a/b' is no name"),
-        (("--machine", "a", "--axis", "x?config=1"), "is no name"),
+        (("--machine", "a*", "--axis", "x"), "--machine: 'a*' is not a valid name"),
+        (("--machine", "a/b", "--axis", "x"), "--machine: 'a/b' is not a valid name"),
+        (("--machine", "a", "--axis", "x?config=1"), "is not a valid name"),
         (
             (*NAMES, "--client", "/nowhere.toml"),
             "/nowhere.toml: no such file; give the path of a client's file",
@@ -213,7 +213,7 @@ def test_watch_shows_whatever_a_hostile_publisher_sends():
     assert "\x1b" not in done.stdout
 
 
-def test_a_file_of_passwords_that_others_can_read_is_refused_at_the_start(tmp_path, command):
+def test_a_password_file_that_others_can_read_is_rejected_at_the_start(tmp_path, command):
     users = tmp_path / "users"
     users.write_text("anna:see\n")
     users.chmod(0o644)

@@ -62,7 +62,7 @@ def test_a_control_is_written_to_while_armed_and_goes_to_zero_whatever_happens_t
 
             arm()
             control.command(alter=True)
-            status = "reads back something else than was written"
+            status = "reads back something other than was written"
             until(lambda: any(status in reason for reason in heard.health().get("reasons", ())))
             until(lambda: not newest()["armed"])
             assert status in newest()["reason"]

@@ -103,7 +103,7 @@ def test_its_page_has_a_recording_which_is_gone_at_the_end(demo):
     assert demo["left"] == []
 
 
-def test_what_is_to_be_kept_is_recorded_where_it_is_said(tmp_path):
+def test_recordings_to_keep_are_in_the_given_folder(tmp_path):
     with recordings(tmp_path / "new" / "folder") as folder:
         assert folder.is_dir()
     assert folder.is_dir()

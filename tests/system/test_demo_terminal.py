@@ -53,7 +53,7 @@ def test_ctrl_c_ends_everything_and_leaves_the_terminal_as_it_was():
 
 
 @pytest.mark.timeout(300)
-def test_the_service_goes_on_without_its_view_and_says_so():
+def test_the_service_continues_without_its_view_and_says_so():
     endpoint = _endpoint()
     with (
         Terminal("-m", "observer", "demo", "--listen", endpoint) as terminal,

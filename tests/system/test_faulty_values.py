@@ -30,8 +30,8 @@ CASES = {
         (4.0, 0.2),
     ),
     "one +3 K": ({"offset_K": {"t3_degC": 3.0}}, r"t3 reads (\S+) ± \S+ K too high", (3.0, 0.2)),
-    "exchanged": ({"exchanged": ["t1_degC", "t2_degC"]}, "t1, t2 have taken each other's place()", None),
-    "homed anew": ({"homed_off_m": 0.05}, r"nut_position_m has leapt by (\S+) m", (0.05, 0.02)),
+    "exchanged": ({"exchanged": ["t1_degC", "t2_degC"]}, "t1, t2 are exchanged()", None),
+    "homed anew": ({"homed_off_m": 0.05}, r"nut_position_m has jumped by (\S+) m", (0.05, 0.02)),
 }
 
 

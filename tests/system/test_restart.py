@@ -96,10 +96,10 @@ def test_a_checkpoint_that_is_of_no_use_stops_nothing(tmp_path):
             seen.wait_until_good()
             assert daemon.stop() < 2.0
     (line,) = [json.loads(line) for line in daemon.said().splitlines() if '"cold start"' in line]
-    assert "no checkpoint of this program" in line["reason"]
+    assert "not a checkpoint of this program" in line["reason"]
 
 
-def test_a_configuration_is_read_again_or_refused_whole(tmp_path):
+def test_a_configuration_is_reloaded_or_rejected_as_a_whole(tmp_path):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with machine() as plant:
         table = table_for(plant.wires, mode="router", listen=[endpoint]) | {"compensation": COMPENSATION}
@@ -130,7 +130,7 @@ def test_a_configuration_is_read_again_or_refused_whole(tmp_path):
             begun = until(lambda: _begun_anew(seen, before), 60.0)
             until(lambda: len(seen.estimates) > begun + 20, 60.0)
             assert _moved(seen.estimates[begun - 1], seen.estimates[begun]) < 1.5
-            assert not any("refused" in r for r in seen.health()["reasons"])
+            assert not any("configuration was rejected" in r for r in seen.health()["reasons"])
             assert not seen.documents["compensation"][-1]["armed"]
 
             # another model of the screw: field and heats are carried over

@@ -50,7 +50,7 @@ def test_a_log_reveals_nothing_of_what_is_hidden(tmp_path: Path) -> None:
     ]
 
 
-def test_the_configuration_lacks_what_an_effect_stands_for(tmp_path: Path) -> None:
+def test_the_configuration_lacks_the_effect(tmp_path: Path) -> None:
     film = Effect("surface_convection", None, {"coefficient_W_m2K": 10.0})
     bearing = Effect("end_heat", "left", {"heat_W_rpm": 1e-3})
     write_case(Case("lacks", (film, bearing), 7), tmp_path, ("coolant",))

@@ -1,4 +1,4 @@
-"""One reader a format; each returns the sheets of a file."""
+"""One reader per format; each returns the sheets of a file."""
 
 from __future__ import annotations
 

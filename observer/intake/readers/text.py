@@ -1,4 +1,4 @@
-"""Text in any dress: encoding, separator, decimals, preamble, header and row of units found by itself."""
+"""Reads text in any layout: finds encoding, separator, decimals, preamble, header and row of units."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def decoded(path: Path, data: bytes, encoding: str) -> str:
     try:
         return data.decode(encoding).removeprefix("\ufeff")
     except UnicodeError:
-        raise several(path, [f"is no text in {encoding}; give [log] encoding"]) from None
+        raise several(path, [f"is not text in {encoding}; give [log] encoding"]) from None
 
 
 def _encoding_of(data: bytes) -> str:
@@ -83,7 +83,7 @@ def _encoding_of(data: bytes) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Misfits:
-    """Rows that have not as many cells as the table: their lines, what they hold."""
+    """Rows whose number of cells differs from the table's: their lines and contents."""
 
     lines: list[int]
     texts: list[str]
@@ -160,11 +160,11 @@ def _parsed(text: str, separator: str, width: int, skip: int) -> tuple[Any, _Mis
 def _judged(
     misfits: _Misfits, width: int, named: int, data: int, separator: str
 ) -> tuple[list[str], list[str]]:
-    """What is wrong with rows that do not fit, and what is only doubtful: text below the table."""
+    """Errors of rows that do not fit, and mere doubts: text below the table."""
     if named and width > named and separator == ",":
         return [
             f"line {data + 1} has {width} cells where the header names {named}, which looks like decimal "
-            "commas in columns that are parted by commas; export it with semicolons, or with points"
+            "commas in columns separated by commas; export it with semicolons, or with points"
         ], []
     problems, doubts = [], []
     for line, text in zip(misfits.lines, misfits.texts, strict=True):
@@ -175,7 +175,7 @@ def _judged(
                 f"line {line} has {len(cells)} cells where the table has {width}{extra}; fix or remove it"
             )
         else:
-            doubts.append(f"line {line} is no row of the table and was left out: {text[:40]!r}")
+            doubts.append(f"line {line} is not a row of the table and was left out: {text[:40]!r}")
     if len(doubts) > 3:
-        doubts = [*doubts[:2], f"{len(doubts) - 2} more lines are no rows of the table and were left out"]
+        doubts = [*doubts[:2], f"{len(doubts) - 2} more lines are not rows of the table and were left out"]
     return problems, doubts

@@ -28,7 +28,7 @@ def read_workbook(path: Path, how: Logs) -> list[Sheet]:
             name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in book.sheet_names
         }
     except CalamineError as error:
-        raise LogError(f"{path}: damaged or no workbook ({one_line(str(error))}); save it again") from None
+        raise LogError(f"{path}: damaged or not a workbook ({one_line(str(error))}); save it again") from None
     found = {name: sheet for name, grid in grids.items() if (sheet := _sheet(path, name, grid, how))}
     if len(found) > 1:
         return list(found.values())
