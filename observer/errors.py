@@ -54,6 +54,14 @@ def meant(given: str, known: Iterable[str]) -> str:
     return f" (did you mean {close[0]}?)" if close else ""
 
 
+def check_choice(option: str, given: object, known: Sequence[str]) -> None:
+    """Raise `UserError` where what is given for an option is none of what it may be."""
+    if given not in known:
+        raise UserError(
+            f"{option} = {given!r} is not known{meant(str(given), known)}; give {' or '.join(known)}"
+        )
+
+
 def has_extra(name: str) -> bool:
     """Whether the packages of an extra are installed."""
     return all(importlib.util.find_spec(module) is not None for module in EXTRAS[name])

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import Console, ConsoleOptions, RenderableType
     from rich.table import Table
 
     from observer.library.cases import CaseFigures
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 _ROOM = 30
 """Names up to this many characters are printed side by side; longer ones are numbered."""
+_BORDER = 3
+"""How much wider a column of a table is than its text."""
 
 
 def case_as_table(case: CaseFigures) -> RenderableType:
@@ -23,47 +25,77 @@ def case_as_table(case: CaseFigures) -> RenderableType:
     return cases_as_table([case])
 
 
-def cases_as_table(cases: Sequence[CaseFigures], unknown: Sequence[LeftUnknown | None] = ()) -> Table:
-    """Cases side by side, a column each."""
-    from rich.table import Table
-
-    table = Table()
-    table.add_column("", no_wrap=True)
+def cases_as_table(
+    cases: Sequence[CaseFigures], unknown: Sequence[LeftUnknown | None] = ()
+) -> RenderableType:
+    """Cases side by side, a column each, in as many tables as the width asks for."""
     names = [case.name for case in cases]
+    said: list[str] = []
     if sum(map(len, names)) > _ROOM:
-        table.title, table.title_justify = (
-            "\n".join(f"{i}  {name}" for i, name in enumerate(names, 1)),
-            "left",
-        )
+        said = [f"{i}  {name}" for i, name in enumerate(names, 1)]
         names = [str(i) for i in range(1, len(names) + 1)]
-    for name in names:
-        table.add_column(name, justify="right")
+    return _SideBySide(said, names, list(_rows(cases, unknown)))
 
-    def row(title: str, values: Sequence[float | None], form: str) -> None:
-        table.add_row(title, *("–" if value is None else format(value, form) for value in values))
+
+class _SideBySide(NamedTuple):
+    """Columns under names, and sentences above them; rows have a title and a text for each column."""
+
+    said: Sequence[str]
+    names: Sequence[str]
+    rows: Sequence[tuple[str, list[str]]]
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
+        from rich.table import Table
+        from rich.text import Text
+
+        yield from map(Text, self.said)
+        room = options.max_width - max(len(title) for title, _ in self.rows) - _BORDER - 1
+        columns = [[name, *(cells[i] for _, cells in self.rows)] for i, name in enumerate(self.names)]
+        wide = [max(map(len, column)) + _BORDER for column in columns]
+        first = 0
+        while first < len(columns):
+            last = first + 1
+            while last < len(columns) and sum(wide[first : last + 1]) <= room:
+                last += 1
+            table = Table()
+            table.add_column("", no_wrap=True)
+            for name in self.names[first:last]:
+                table.add_column(name, justify="right", overflow="fold")
+            for title, cells in self.rows:
+                table.add_row(title, *cells[first:last])
+            yield table
+            first = last
+
+
+def _rows(
+    cases: Sequence[CaseFigures], unknown: Sequence[LeftUnknown | None]
+) -> Iterator[tuple[str, list[str]]]:
+    """What is said of each case: a title, and a text for each."""
+
+    def row(title: str, values: Sequence[float | None], form: str) -> tuple[str, list[str]]:
+        return title, ["–" if value is None else format(value, form) for value in values]
 
     for source in dict.fromkeys(name for case in cases for name in case.heat_W):
-        row(f"heat of {source}, W", [case.heat_W.get(source) for case in cases], ".2f")
-    row("all heats, W", [sum(case.heat_W.values()) for case in cases], ".2f")
+        yield row(f"heat of {source}, W", [case.heat_W.get(source) for case in cases], ".2f")
+    yield row("all heats, W", [sum(case.heat_W.values()) for case in cases], ".2f")
     for place in dict.fromkeys(name for case in cases for name in case.temperature_degC):
-        row(f"{place}, °C", [case.temperature_degC.get(place) for case in cases], ".2f")
-    row("warmest of the screw, °C", [float(case.field_degC.max()) for case in cases], ".2f")
-    row("coldest of the screw, °C", [float(case.field_degC.min()) for case in cases], ".2f")
+        yield row(f"{place}, °C", [case.temperature_degC.get(place) for case in cases], ".2f")
+    yield row("warmest of the screw, °C", [float(case.field_degC.max()) for case in cases], ".2f")
+    yield row("coldest of the screw, °C", [float(case.field_degC.min()) for case in cases], ".2f")
     if any(len(case.error_um) for case in cases):
-        row("largest error, µm", [case.largest_error_um for case in cases], ".2f")
-        row("  at, mm", [1000.0 * case.largest_at_m for case in cases], ".0f")
-        row("error at the right, µm", [_last(case) for case in cases], ".2f")
-        row("axial force, N", [round(case.force_N) or 0 for case in cases], ".0f")
-    row("Biot number", [case.biot for case in cases], ".3f")
+        yield row("largest error, µm", [case.largest_error_um for case in cases], ".2f")
+        yield row("  at, mm", [1000.0 * case.largest_at_m for case in cases], ".0f")
+        yield row("error at the right, µm", [_last(case) for case in cases], ".2f")
+        yield row("axial force, N", [round(case.force_N) or 0 for case in cases], ".0f")
+    yield row("Biot number", [case.biot for case in cases], ".3f")
     if any(case.slowest_s is not None for case in cases):
         minutes = [None if case.slowest_s is None else case.slowest_s / 60.0 for case in cases]
-        row("time constant, min", minutes, ".0f")
+        yield row("time constant, min", minutes, ".0f")
     for source in dict.fromkeys(name for left in unknown if left is not None for name in left.heat_W):
-        row(f"σ of heat of {source}, W", [left and left.heat_W.get(source) for left in unknown], ".3f")
+        yield row(f"σ of heat of {source}, W", [left and left.heat_W.get(source) for left in unknown], ".3f")
     if any(unknown):
-        row("σ of the field, K", [left and left.field_K for left in unknown], ".3f")
-        row("σ of the error, µm", [left and left.error_um for left in unknown], ".3f")
-    return table
+        yield row("σ of the field, K", [left and left.field_K for left in unknown], ".3f")
+        yield row("σ of the error, µm", [left and left.error_um for left in unknown], ".3f")
 
 
 def _last(case: CaseFigures) -> float | None:

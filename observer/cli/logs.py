@@ -206,7 +206,10 @@ def simulate(
     settings, doubts = load(config), list[str]()
     with counting("simulate", "predicting", "writing and drawing") as progress:
         last = parts.simulate(program, settings, output, start_degC, progress, doubts.extend)
-    ends = ", ".join(f"{s.name} {t:.2f} °C" for s, t in zip(settings.sensor, last, strict=True))
+    ends = ", ".join(
+        f"{s.name} {t:.2f} {'°C' if s.kind == 'temperature' else 'µm'}"
+        for s, t in zip(settings.sensor, last, strict=True)
+    )
     typer.echo(f"at the end: {ends}")
     warn(doubts)
     typer.echo(f"written: {output}, {output.parent / 'overview.png'}")

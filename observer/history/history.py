@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from observer.errors import UserError
+from observer.errors import UserError, check_choice
 from observer.frames import FloatArray
 
 Method = Literal["smoother", "tikhonov", "conjugate-gradient"]
@@ -32,7 +32,16 @@ class MethodOptions(NamedTuple):
     seed: int = 0
 
     def check(self) -> None:
-        """Raise `UserError` where an option does not belong to the method, or two contradict each other."""
+        """Raise `UserError` where an option is unknown or not of the method, or two contradict each other."""
+        for name, known in (
+            ("method", Method),
+            ("parameter_choice", ParameterChoice),
+            ("gradient", Gradient),
+        ):
+            if (given := getattr(self, name)) is not None:
+                check_choice(name, given, get_args(known))
+        if self.order not in (None, 0, 1):
+            raise UserError(f"order = {self.order!r}: give 0 or 1")
         belongs = {
             "regularisation": ("tikhonov",),
             "parameter_choice": ("tikhonov",),

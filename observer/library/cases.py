@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from observer.align.aligner import AlignPlan, frames_of_log, refuse_empty
-from observer.errors import LogError
+from observer.align.aligner import AlignPlan, Position, frames_of_log, refuse_empty
+from observer.align.plausibility import Limits
+from observer.errors import ConfigError, LogError
 from observer.estimate.open_loop import OpenLoop
 from observer.estimate.replay import inputs_of, program_of
 from observer.files.logs import Log
@@ -81,13 +82,14 @@ def steady_case(
 
     `inputs` replace channels of the log. Raises `ConfigError` or `LogError`.
     """
+    _refuse_implausible(config, inputs)
     survey = survey_of(config)
     if log is None:
         point = point_of(survey.config, survey.plant, inputs)
     else:
         refuse_drift(config)
         program = with_inputs(log, inputs, survey)
-        frames = frames_of_log(program, AlignPlan.of(survey.config))
+        frames = frames_of_log(program, _plan(survey, inputs))
         point = mean_point(survey.plant, inputs_of(frames, Drive(survey.config, survey.plant)))
     found = settled(survey.plant, point)
     return _case(name, config, survey, found.rows[None], found.heat_W, point.loss_1_s, found.slowest_s)
@@ -98,11 +100,12 @@ def cycle_case(name: str, config: Installation, inputs: Mapping[str, float], log
 
     `inputs` replace channels of the log. Raises `ConfigError` or `LogError`.
     """
+    _refuse_implausible(config, inputs)
     survey = survey_of(config)
     program = with_inputs(log, inputs, survey)
     loop = OpenLoop(survey.plant, Drive(survey.config, survey.plant))
     rows, heat_J, duration_s, loss_1_s = [], np.zeros(len(survey.plant.source_names)), 0.0, 0.0
-    for frames in frames_of_log(program, AlignPlan.of(survey.config)):
+    for frames in frames_of_log(program, _plan(survey, inputs)):
         if (found := loop.run(frames)) is not None:
             driven, some = found
             rows.append(some)
@@ -113,6 +116,21 @@ def cycle_case(name: str, config: Installation, inputs: Mapping[str, float], log
         raise LogError(f"{log.path}: an input that the model needs never has a value; fill its column")
     heat_W = heat_J / max(duration_s, 1e-9)
     return _case(name, config, survey, np.concatenate(rows), heat_W, loss_1_s, None)
+
+
+def _refuse_implausible(config: Installation, inputs: Mapping[str, float]) -> None:
+    """Raise `ConfigError` where a value that lasts is beyond what would be believed of a reading."""
+    limits = Limits.of(config)
+    for channel, value in inputs.items():
+        if (doubt := limits.doubt(config.channels.index(channel), value)) is not None:
+            raise ConfigError(f"{channel}: {doubt}; give another value, or limits in [limits.{channel}]")
+
+
+def _plan(survey: Survey, inputs: Mapping[str, float]) -> AlignPlan:
+    """The plan of a program in which positions among `inputs` are held, however fast the screw turns."""
+    plan = AlignPlan.of(survey.config)
+    held = [Position(p.column) if plan.channels[p.column] in inputs else p for p in plan.positions]
+    return replace(plan, positions=tuple(held))
 
 
 def with_inputs(log: Log, inputs: Mapping[str, float], survey: Survey) -> Log:

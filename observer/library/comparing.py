@@ -7,11 +7,11 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from observer.errors import ConfigError
+from observer.errors import ConfigError, check_choice
 from observer.estimators.design.spread import NotDefined, spread
 from observer.files.folders import results_in, write_json
 from observer.files.logs import Log
@@ -126,6 +126,8 @@ def compare_variants(
 
     Raises `ConfigError` or `LogError`.
     """
+    if minimise is not None:
+        check_choice("minimise", minimise, get_args(Aim))
     if log is None and not steady:
         raise ConfigError("compare: ask for the steady state, or give a log of a cycle")
     found, mounted, sentences = [], {}, dict[str, None]()

@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from observer.config import Config
-from observer.errors import UserError
+from observer.errors import UserError, check_choice
 from observer.estimators.design.placing import SetLimits, best_sets
 from observer.estimators.design.sensor_sets import SensorSet, SetSigmas, set_sigmas
 from observer.forecast.document import travel_of
@@ -122,6 +122,7 @@ def placed(
     config: Config, candidates: Sequence[Mountable], choice: Choice, progress: Callable[[str], None]
 ) -> PlacedSensors:
     """Return the front of sets of candidates. Raises `UserError` for a choice that leaves none."""
+    check_choice("by", choice.by, QUANTITIES)
     if choice.by == "error" and config.screw.expansion_1_K is None:
         raise UserError("place: --by error needs the screw's expansion coefficient; give screw.expansion_1_K")
     moved = [one.sensor.name for one in candidates if one.sensor.kind == "displacement"]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from observer.align.aligner import frames_of_log, refuse_empty
-from observer.errors import LogError
+from observer.errors import LogError, UserError
 from observer.estimate.checkpoint import CheckpointFit
 from observer.estimate.open_loop import OpenLoop
 from observer.estimate.pipeline import MachineModel
@@ -30,6 +30,7 @@ from observer.library.signals import SignalTable
 from observer.live.forecasting import Learner, forecast_columns, program_bins
 from observer.report.collect import Decimator, simulated
 from observer.report.panels import Panel
+from observer.tables.estimator import AHEAD_H
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -130,6 +131,8 @@ def forecast_run(
     The program is learnt from the log's end, or given as a log of the input channels. Raises `LogError`.
     """
     settings, machine = config.forecast, MachineModel.of(config, learns=True)
+    if hours is not None and not AHEAD_H[0] <= hours <= AHEAD_H[1]:
+        raise UserError(f"hours = {hours!r}: give how far ahead, {AHEAD_H[0]:g} to {AHEAD_H[1]:g}")
     pipeline, learner, layout = machine.pipeline(), Learner(machine), machine.plant.layout
     start, _ = start_of(log, CheckpointFit.of(machine))
     bank = FrictionBank(config)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from observer.frames import FloatArray
-from observer.report.panels import Z95, colour
+from observer.report.panels import Z95, colour, ordered_colours
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,21 +41,22 @@ def draw_profiles(figure: Figure, profiles: Profiles) -> None:
     above, left, right = figure.subplot_mosaic([["a", "a"], ["b", "c"]]).values()
     x_mm, minutes = 1000.0 * profiles.position_m, (profiles.time_s - profiles.time_s[0]) / 60.0
     first = 0.0 if len(minutes) == 1 else minutes[1] - minutes[0]
+    inks = ordered_colours(len(minutes))
     for axes, values, sigma, title in (
         (above, profiles.error_um, profiles.error_sigma_um, "Thermal error, µm"),
         (left, profiles.field_degC, profiles.field_sigma_K, "Temperature, °C"),
     ):
         for k, (curve, spread) in enumerate(zip(values, sigma, strict=True)):
-            _curve(axes, x_mm, curve, spread, k, f"{first + minutes[k]:.3g} min")
+            _curve(axes, x_mm, curve, spread, inks[k], f"{first + minutes[k]:.3g} min")
         axes.set(title=title, xlabel="mm")
     above.set_visible(known)
     (above if known else left).legend(fontsize=8, ncols=2)
     for j, name in enumerate(profiles.names):
-        _curve(right, first + minutes, profiles.heat_W[:, j], profiles.heat_sigma_W[:, j], j, name)
+        _curve(right, first + minutes, profiles.heat_W[:, j], profiles.heat_sigma_W[:, j], colour(j), name)
     right.set(title="Heat, W", xlabel="min")
     right.legend(fontsize=8)
 
 
-def _curve(axes: Axes, x: FloatArray, y: FloatArray, sigma: FloatArray, index: int, label: str) -> None:
-    axes.fill_between(x, y - Z95 * sigma, y + Z95 * sigma, color=colour(index), alpha=0.12, lw=0)
-    axes.plot(x, y, "o-", ms=3, lw=1.2, color=colour(index), label=label)
+def _curve(axes: Axes, x: FloatArray, y: FloatArray, sigma: FloatArray, ink: Any, label: str) -> None:
+    axes.fill_between(x, y - Z95 * sigma, y + Z95 * sigma, color=ink, alpha=0.12, lw=0)
+    axes.plot(x, y, "o-", ms=3, lw=1.2, color=ink, label=label)

@@ -110,11 +110,15 @@ class EstimatorSettings(Section):
         return self.kind == "kalman" and self.engine == "compiled"
 
 
+AHEAD_H = (0.05, 24.0)
+"""How far ahead a forecast may look."""
+
+
 class ForecastSettings(Section):
     """What is forecast, and how often."""
 
     enabled: Flag | None = None  #: forecast in the service; by default where every estimated heat has a law
-    hours: Annotated[Positive, Field(ge=0.05, le=24)] = 1.0  #: how far ahead, up to 24
+    hours: Annotated[Positive, Field(ge=AHEAD_H[0], le=AHEAD_H[1])] = 1.0  #: how far ahead, up to 24
     #: distance from the settled state within which every point of the travel counts as settled
     within_um: Annotated[Positive, Field(ge=0.01, le=1000)] = 2.0
     period_s: Annotated[Positive, Field(ge=5, le=3600)] = 60.0  #: how often, in seconds

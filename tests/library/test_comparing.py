@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -172,3 +173,45 @@ def test_neither_steady_nor_a_log_is_a_sentence() -> None:
         observer.load(RIG).compare({"variant": {"x": {}}})
     with pytest.raises(observer.ConfigError, match='variant "x": the steady state needs a value of'):
         observer.load(RIG).compare({"variant": {"x": {}}}, steady=True)
+
+
+def test_a_nut_is_held_where_it_is_said_to_be_however_seldom_a_log_has_rows() -> None:
+    """A log of a row a minute does not show the way of a nut, but it is held for the whole of it."""
+    machine = observer.load(CONFIG / "demo.toml")
+    rows = {name: value[::30] for name, value in program(3.0).items()}
+    rows["nut_position_m"] = np.where(np.arange(len(rows["time_s"])) % 2, 0.2, 0.6)
+    variants = {"variant": {"to and fro": {}, "here": {"inputs": {"nut_position_m": 0.3}}}}
+    for steady in (True, False):
+        moving, held = machine.compare(variants, rows, steady=steady).cases
+        warmer_K = held.field_degC - moving.field_degC
+        assert warmer_K.max() > 1.0
+        assert held.position_m[warmer_K.argmax()] == pytest.approx(0.3, abs=0.06)
+
+
+@pytest.mark.parametrize(("channel", "value"), [("nut_position_m", 4.0), ("screw_speed_rpm", 5e6)])
+def test_an_input_that_no_reading_could_have_is_refused(channel: str, value: float) -> None:
+    inputs = {"nut_position_m": 0.3, "screw_speed_rpm": 500.0} | {channel: value}
+    machine = observer.load(CONFIG / "demo.toml")
+    with pytest.raises(observer.UserError, match=f"^{channel}: implausible: .*limits.{channel}"):
+        machine.settle(inputs)
+    with pytest.raises(observer.UserError, match=f'variant "a": {channel}: implausible'):
+        machine.compare({"variant": {"a": {"inputs": inputs}}}, steady=True)
+
+
+@pytest.mark.parametrize("width", [60, 80, 200])
+def test_no_number_is_cut_where_many_variants_stand_side_by_side(width: int) -> None:
+    from rich.console import Console
+
+    from observer.cli.cases import comparison_as_text
+
+    machine = observer.load(CONFIG / "demo.toml")
+    speeds = {"sweep": {"speed": {"inputs": {"screw_speed_rpm": list(range(100, 1300, 100))}}}}
+    inputs = {"inputs": {"nut_position_m": 0.3}}
+    found = machine.compare(inputs | speeds, steady=True)
+    console = Console(width=width, record=True, file=io.StringIO())
+    console.print(comparison_as_text(found))
+    said = console.export_text()
+    assert "…" not in said
+    assert all(f" {case.heat_W['nut']:.2f} " in said for case in found.cases)
+    assert max(map(len, said.splitlines())) <= width
+    assert (said.count("all heats, W") == 1) == (width == 200)

@@ -147,3 +147,28 @@ def test_a_missing_package_is_one_sentence(tmp_path):
     assert len(said) == len(MISSING), done.stderr
     for line, (_, _, sentence) in zip(said, MISSING, strict=True):
         assert line.endswith(sentence)
+
+
+SHORT = {
+    "time_s": [0.0, 1.0, 2.0],
+    **{f"t{i}_degC": [20.0] * 3 for i in range(1, 6)},
+    "nut_position_m": [0.3] * 3,
+    "screw_speed_rpm": [0.0] * 3,
+}
+
+
+@pytest.mark.parametrize(
+    ("ask", "sentence"),
+    [
+        (lambda m: m.place(1, by="feild"), "by = 'feild' is not known (did you mean field?)"),
+        (lambda m: m.identify("no.csv", method="tikonov"), "method = 'tikonov' is not known (did you mean"),
+        (lambda m: m.identify("no.csv", "tikhonov", parameter_choice="x"), "parameter_choice = 'x' is not"),
+        (lambda m: m.identify("no.csv", "tikhonov", order=2), "order = 2: give 0 or 1"),
+        (lambda m: m.compare({"variant": {"a": {}}}, minimise="force"), "minimise = 'force' is not known"),
+        (lambda m: m.forecast(SHORT, hours=0), "hours = 0: give how far ahead, 0.05 to 24"),
+    ],
+)
+def test_what_is_none_of_the_choices_is_one_sentence(ask, sentence):
+    with pytest.raises(observer.UserError) as caught:
+        ask(observer.load(ROOT / "config" / "demo.toml"))
+    assert str(caught.value).startswith(sentence)
