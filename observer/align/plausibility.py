@@ -38,10 +38,16 @@ class ChannelKind(Enum):
     NODE = "temperature of a node"
     END = "temperature of an end"
     AMBIENT = "ambient temperature"
+    COOLANT = "temperature of the coolant"
     POSITION = "position of a nut"
     DISPLACEMENT = "displacement"
     SPEED = "speed"
     OTHER = "other"
+
+
+TEMPERATURES = (
+    ChannelKind.SCREW, ChannelKind.NODE, ChannelKind.END, ChannelKind.AMBIENT, ChannelKind.COOLANT,
+)  # fmt: skip
 
 
 class Breach(Enum):
@@ -127,6 +133,8 @@ class Limits:
 def kinds_of(config: Config) -> Mapping[str, ChannelKind]:
     """What each channel of a configuration measures."""
     kinds = dict.fromkeys(config.channels, ChannelKind.OTHER)
+    inlets = (getattr(effect, "inlet_channel", None) for effect in config.effect)
+    kinds |= {name: ChannelKind.COOLANT for name in inlets if name is not None}
     for source in config.source:
         for name in (source.speed_channel, source.nut_speed_channel):
             if name is not None:
@@ -195,8 +203,7 @@ _UNITS: Mapping[ChannelKind, tuple[Unit, ...]] = {
 
 def units_of(kind: ChannelKind) -> tuple[Unit, ...]:
     """The units in which a device may report a quantity, each with its conversion to ours."""
-    at_degC = {ChannelKind.SCREW, ChannelKind.NODE, ChannelKind.END, ChannelKind.AMBIENT}
-    return _TEMPERATURES if kind in at_degC else _UNITS.get(kind, ())
+    return _TEMPERATURES if kind in TEMPERATURES else _UNITS.get(kind, ())
 
 
 _FAULT_CODES = (32767.0, 32768.0, 3276.7, 3276.8, 327.67, 327.68, 2047.9375, 9999.0, 999.9)
@@ -204,7 +211,7 @@ _FAULT_CODES = (32767.0, 32768.0, 3276.7, 3276.8, 327.67, 327.68, 2047.9375, 999
 
 def unit_hint(kind: ChannelKind, value: float, low: float, high: float, ambient_degC: float) -> str | None:
     """Name the unit that a value looks like which should be in `low` … `high`, or a fault code."""
-    if kind in {ChannelKind.SCREW, ChannelKind.NODE, ChannelKind.END, ChannelKind.AMBIENT}:
+    if kind in TEMPERATURES:
         if any(abs(abs(value) - code) < 1e-3 * code for code in _FAULT_CODES):
             return "it looks like a device's fault code; give it to its driver as fault_codes"
         centre = 22.0 if math.isnan(ambient_degC) or not -20.0 < ambient_degC < 60.0 else ambient_degC

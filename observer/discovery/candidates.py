@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from itertools import groupby
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -27,12 +28,15 @@ from observer.tables.sections import Description
 
 
 class Candidate(NamedTuple):
-    """An effect at a target: the shapes to try, and what is fitted on the machine in question."""
+    """An effect at a target: the shapes to try, what is fitted on the machine in question, and what is
+    `given` by it.
+    """
 
     of: type[EffectTable]
     target: str | None
     shapes: tuple[Shape, ...]
     fitted: Mapping[str, Fitted]
+    given: Mapping[str, str | bool] = MappingProxyType({})
 
     @property
     def kind(self) -> str:
@@ -50,7 +54,7 @@ class Candidate(NamedTuple):
         for p, neutral in self._strong():
             values[p.key] = float(np.clip(neutral + strength * (shape[p.key] - neutral), p.low, p.high))
         target = {} if self.target is None else {"target": self.target}
-        return self.of.model_validate({"kind": self.kind, **target, **values})
+        return self.of.model_validate({"kind": self.kind, **target, **self.given, **values})
 
     def strengths(self, shape: Shape) -> tuple[float, float]:
         """The range of strengths that the bounds of the effect allow."""
@@ -89,7 +93,7 @@ def library(
     found = (
         Candidate(
             effect, target, tuple({key: shape[key] for key in form} for shape in effect.shapes(machine)),
-            {key: effect.parameters[key].on(length_m) for key in form},
+            {key: effect.parameters[key].on(length_m) for key in form}, effect.given(machine),
         )
         for effect in (*LIBRARY, *map(effect_class, also))
         if effect.named() not in without

@@ -100,9 +100,11 @@ def _of_surface(term: Film | StretchFilm | SpeedLoss | Radiation, history: Screw
             return h * (history.excess_K @ history.whole)
         case StretchFilm(from_m, to_m, extra):
             return extra * (history.excess_K @ history.over(from_m, to_m))
-        case SpeedLoss(channel, film_W_m2K, temperature_degC):
-            drawn_degC = air_degC if temperature_degC is None else np.reshape(temperature_degC, (-1, 1))
-            return film_W_m2K(history.channels[channel]) * ((T_degC - drawn_degC) @ history.whole)
+        case SpeedLoss(speed, film_W_m2K, constant_degC, measured):
+            known_degC = constant_degC if measured is None else history.channels[measured]
+            drawn_degC = air_degC if known_degC is None else np.reshape(known_degC, (-1, 1))
+            speed_rpm = 0.0 * history.length_s if speed is None else history.channels[speed]
+            return film_W_m2K(speed_rpm) * ((T_degC - drawn_degC) @ history.whole)
         case Radiation(emissivity):
             fourth_K4 = (T_degC + ZERO_DEGC_K) ** 4 - (air_degC + ZERO_DEGC_K) ** 4
             return emissivity * STEFAN_BOLTZMANN_W_m2K4 * (fourth_K4 @ history.whole)

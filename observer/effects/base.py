@@ -173,6 +173,11 @@ class EffectTable(Section):
         return (tuple(cls.parameters),)
 
     @classmethod
+    def given(cls, machine: Description) -> Mapping[str, str | bool]:
+        """The keys that a search takes from the machine as it is, with their values."""
+        return {}
+
+    @classmethod
     def sums(cls, shapes: Sequence[Shape]) -> Sequence[Sequence[int]]:
         """For each shape, the numbers of those of which it is the sum while the effect is weak."""
         return [[i] for i in range(len(shapes))]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Annotated, Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from observer.effects.base import (
     SURFACE_LOSS,
     EffectTable,
     Fitted,
+    Form,
     Shape,
     end_at,
     on_screw,
@@ -28,7 +29,7 @@ from observer.frames import FloatArray
 from observer.physics import film
 from observer.physics.film import YU_AIR
 from observer.tables.laws import Surface
-from observer.tables.quantities import Channel, Finite, NonNegative, Temperature
+from observer.tables.quantities import Channel, Finite, Flag, NonNegative, Temperature, exactly_one
 from observer.tables.sections import Description
 
 CELLS, MOST_CELLS = 8, 4
@@ -173,12 +174,14 @@ class RadiationEffect(EffectTable):
 
 
 class Coolant(EffectTable):
-    """Flow through a hollow screw while it turns: G (T − T_inlet) over its length."""
+    """Flow through a hollow screw: G (T − T_inlet) over its length, while it turns or always."""
 
     kind: Literal["coolant"]
     #: from the whole length of the screw to the coolant, W/K
     conductance_W_K: Annotated[Finite, Field(ge=0, le=1000)]
-    inlet_degC: Temperature  #: temperature of the coolant
+    inlet_degC: Temperature | None = None  #: temperature of the coolant where it enters
+    inlet_channel: Channel | None = None  #: the channel that measures it
+    while_standing: Flag = False  #: it flows while the screw stands, too
     #: channel of the screw’s speed in rpm; without it, the first that a source reads
     speed_channel: Channel | None = None
 
@@ -191,15 +194,40 @@ class Coolant(EffectTable):
     excitation = "a warm screw that turns, and one that stands"
     source = "energy balance of a flow with a high heat capacity rate"
 
+    _one = exactly_one("inlet_degC", "inlet_channel")
+
+    @model_validator(mode="after")
+    def _no_speed_unasked(self) -> Coolant:
+        if self.while_standing and self.speed_channel is not None:
+            raise ValueError("while_standing flows whatever the speed; remove it, or speed_channel")
+        return self
+
+    @classmethod
+    def given(cls, machine: Description) -> Mapping[str, str | bool]:
+        """Where the configuration has a coolant whose inlet is measured, another has the same."""
+        own = (e for e in getattr(machine, "effect", ()) if isinstance(e, Coolant) and e.inlet_channel)
+        keys = {"inlet_channel", "while_standing", "speed_channel"}
+        return next((e.model_dump(include=keys, exclude_defaults=True) for e in own), {})
+
+    @classmethod
+    def forms(cls, machine: Description, target: str | None, free: Collection[str]) -> Sequence[Form]:
+        """Of a coolant whose inlet is measured, the conductance alone."""
+        return (("conductance_W_K",),) if cls.given(machine) else super().forms(machine, target, free)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels of the speed and of the inlet."""
+        return super().channels + (() if self.inlet_channel is None else (self.inlet_channel,))
+
     def terms(self, machine: Description) -> tuple[Term, ...]:
         screw = machine.screw
         wetted = self.conductance_W_K / screw.surface_m2
 
         def film_W_m2K(speed_rpm: FloatArray) -> FloatArray:
-            return np.where(np.abs(speed_rpm) > 0.0, wetted, 0.0)
+            return np.where((np.abs(speed_rpm) > 0.0) | self.while_standing, wetted, 0.0)
 
-        channel = speed_channel(machine, self.speed_channel, self.kind)
-        return (SpeedLoss(channel, film_W_m2K, self.inlet_degC),)
+        speed = None if self.while_standing else speed_channel(machine, self.speed_channel, self.kind)
+        return (SpeedLoss(speed, film_W_m2K, self.inlet_degC, self.inlet_channel),)
 
 
 class AmbientDrift(EffectTable):

@@ -67,15 +67,17 @@ class SensorOffset(NamedTuple):
 
 
 class SpeedLoss(NamedTuple):
-    """A uniform loss that depends on the screw's speed.
+    """A uniform loss that depends on the screw's speed, or on none.
 
     `film_W_m2K(speed_rpm)` (K,) from (K,) is the film coefficient it amounts to; it draws towards
-    `temperature_degC`, or towards the ambient where that is not given.
+    `temperature_degC`, towards what `temperature_channel` measures, or towards the ambient where neither is
+    given.
     """
 
-    speed_channel: str
+    speed_channel: str | None
     film_W_m2K: Callable[[FloatArray], FloatArray]
     temperature_degC: float | None = None
+    temperature_channel: str | None = None
 
 
 class StretchFilm(NamedTuple):

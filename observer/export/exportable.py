@@ -11,7 +11,7 @@ from observer.tables.outside import is_outside
 
 _WHY: tuple[tuple[type[Term], str], ...] = (
     (LawFactor, "changes a heat law with the time run"),
-    (SpeedLoss, "changes the loss with the speed"),
+    (SpeedLoss, "is a loss that changes with the speed or has a temperature of its own"),
     (Radiation, "changes the loss with the temperature"),
     (Fade, "changes a heat law with the temperature"),
     (StrokeEnds, "follows where the nut turns"),

@@ -10,7 +10,7 @@ from difflib import SequenceMatcher
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from observer.align.plausibility import ChannelKind, Limits
+from observer.align.plausibility import TEMPERATURES, ChannelKind, Limits
 from observer.align.unit_errors import likely_unit
 from observer.config import Config
 from observer.frames import FloatArray
@@ -31,12 +31,12 @@ from observer.tables.logs import LogColumn, Logs
 
 SURE, APART = 0.75, 0.15
 """The smallest score of a match without doubt, and its lead over the next best column."""
-TEMPERATURES = (ChannelKind.SCREW, ChannelKind.NODE, ChannelKind.END, ChannelKind.AMBIENT)
 _WORDS = {
     ChannelKind.SCREW: r"temp|lager|bearing|mutter|nut|spindel|screw|tc|pt100|therm",
     ChannelKind.NODE: r"temp|housing|gehäuse|flansch|flange|motor",
     ChannelKind.END: r"temp|end|lager|bearing|motor",
     ChannelKind.AMBIENT: r"amb|air|luft|halle|raum|room|umgeb|hall",
+    ChannelKind.COOLANT: r"cool|kühl|chill|inlet|vorlauf",
     ChannelKind.POSITION: r"^[xyzuvw]\d?$|pos|weg|lage|^act",
     ChannelKind.SPEED: r"speed|drehzahl|rpm|^n$|^s\d?$|spindle|rev|u/min",
     ChannelKind.OTHER: r"power|leistung|heat|^p\d?$",

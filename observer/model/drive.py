@@ -102,7 +102,8 @@ class Drive:
         self._rate_K_h = np.array([rate.get(name, 0.0) for name in plant.known_names])
         needed = [c for read, _ in self._laws for c in read]
         needed += [*self._known_channels, *(s.channel for s in plant.moving)]  # type: ignore[list-item]
-        needed += [loss.speed_channel for loss in self.losses]
+        for loss in self.losses:
+            needed += [loss.speed_channel, loss.temperature_channel]  # type: ignore[list-item]
         self._needed = [c for c in dict.fromkeys(needed) if c is not None]
         self._channels: tuple[str, ...] | None = None  # of the last frames, and where they hold what is read
         self.read: Any = None
@@ -169,7 +170,7 @@ class Drive:
         """Where frames of these channels hold what is read."""
         at: dict[str | None, int] = {name: i for i, name in enumerate(channels)}
         self._law_columns = [[at[c] for c in read] for read, _ in self._laws]
-        self._loss_columns = [at[loss.speed_channel] for loss in self.losses]
+        self._loss_columns = [(at.get(x.speed_channel), at.get(x.temperature_channel)) for x in self.losses]
 
         def columns(names: Sequence[str]) -> NDArray[np.int64]:
             return np.array([at[name] for name in names], np.int64)
@@ -225,15 +226,20 @@ class Drive:
         return products, [j for j, law in enumerate(found) if law.base == NO_PRODUCT]
 
     def loss(self, values: FloatArray, ambient_degC: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The rate (K,) of the losses that go with speed, 1/s, and the temperature (K,) they draw to, °C."""
+        """The rate (K,) of the losses that go with speed, 1/s, and the temperature (K,) they draw to, °C; the
+        ambient's until one that is measured is first known.
+        """
         rate, drawn = np.zeros(len(values)), np.zeros(len(values))
         if not self.losses:
             return rate, drawn
-        for loss, column in zip(self.losses, self._loss_columns, strict=True):
-            speed_rpm = np.nan_to_num(values[:, column])
+        for loss, (speed, measured) in zip(self.losses, self._loss_columns, strict=True):
+            speed_rpm = np.zeros(len(values)) if speed is None else np.nan_to_num(values[:, speed])
             own = self._surface_rate * loss.film_W_m2K(speed_rpm)
             rate += own
-            drawn += own * (ambient_degC if loss.temperature_degC is None else loss.temperature_degC)
+            if measured is None:
+                drawn += own * (ambient_degC if loss.temperature_degC is None else loss.temperature_degC)
+            else:
+                drawn += own * np.where(np.isnan(values[:, measured]), ambient_degC, values[:, measured])
         return rate, np.where(rate > 0.0, drawn / np.where(rate > 0.0, rate, 1.0), 0.0)
 
     def _nuts(

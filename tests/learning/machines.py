@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -115,15 +116,17 @@ def work(
     rng: np.random.Generator,
     from_s: float,
     twice_from_s: float = np.inf,
+    inlet_K: Callable[[FloatArray], FloatArray] = np.zeros_like,
 ) -> Day:
     """Run it through phases of work, from one temperature on; the log begins `from_s` later.
 
-    The nut makes twice its heat from `twice_from_s` on.
+    The nut makes twice its heat from `twice_from_s` on; a coolant is warmer by `inlet_K` of the time in s.
     """
     felt = draw_air(float(rng.uniform(18.0, 25.0)), steps_of(phases), rng)
     schedule = build_schedule(phases, start_m, felt)
-    nut_factor = 1.0 + (np.arange(len(schedule.speed_rpm)) * STEP_s >= twice_from_s)
-    schedule = schedule._replace(nut_factor=nut_factor)
+    begin_s = np.arange(len(schedule.speed_rpm)) * STEP_s
+    nut_factor = 1.0 + (begin_s >= twice_from_s)
+    schedule = schedule._replace(nut_factor=nut_factor, inlet_K=inlet_K(begin_s + 0.5 * STEP_s))
     physics = specimen.machine.physics
     result = run_machine(physics, schedule, np.concatenate([specimen.sensor_m, FINE_M]))
     section, fine = result.section_degC[:, :5], result.section_degC[:, 5:]

@@ -96,11 +96,17 @@ def cool_surface(
 
 @numba.njit
 def cool_bore(
-    load_J: FloatArray, core_degC: FloatArray, step_s: float, grid: Grid, physics: Physics, book: FloatArray
+    load_J: FloatArray,
+    core_degC: FloatArray,
+    inlet_degC: float,
+    step_s: float,
+    grid: Grid,
+    physics: Physics,
+    book: FloatArray,
 ) -> None:
     """Take heat from the innermost ring to a coolant of one temperature."""
     for i in range(grid.slices):
-        flow_W = physics.coolant_W_K / grid.slices * (core_degC[i] - physics.inlet_degC)
+        flow_W = physics.coolant_W_K / grid.slices * (core_degC[i] - inlet_degC)
         load_J[i, 0] -= step_s * flow_W
         book[COOLANT] -= step_s * flow_W
 

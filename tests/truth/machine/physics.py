@@ -81,6 +81,7 @@ class Schedule(NamedTuple):
     nut_factor: FloatArray  # on the nut's friction, everywhere
     climb_factor: FloatArray  # on the nut's friction while it climbs the upper half of its stroke
     spot_W: FloatArray  # a heat at one place, now and then
+    inlet_K: FloatArray  # how much warmer the coolant enters than the machine says
 
 
 def steady_schedule(steps: int, step_s: float, **changes: Any) -> Schedule:
@@ -98,6 +99,7 @@ def steady_schedule(steps: int, step_s: float, **changes: Any) -> Schedule:
         nut_factor=one,
         climb_factor=one,
         spot_W=none,
+        inlet_K=none,
     )
     return plain._replace(**changes)
 

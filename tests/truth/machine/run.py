@@ -137,7 +137,7 @@ def _run(
             physics, book[k],
         )  # fmt: skip
         if physics.coolant_W_K > 0.0 and speed != 0.0:
-            cool_bore(load_J, core, dt, grid, physics, book[k])
+            cool_bore(load_J, core, physics.inlet_degC + schedule.inlet_K[k], dt, grid, physics, book[k])
         for side in range(2):
             rub_W = friction_W(physics, LEFT + side, speed, turning_mid_s, face[side])
             steady_W = physics.motor_W[side] + physics.end_heat_W_rpm[side] * abs(speed)
