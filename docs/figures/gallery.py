@@ -39,6 +39,7 @@ MACHINES = {
     "yu-dual-drive": ("config/yu-dual-drive.toml", 600.0),
     "kuznetsov-screw": ("config/kuznetsov-screw.toml", 600.0),
     "stepped-screw": ("config/stepped-screw.toml", 1500.0),
+    "cooled-screw": ("config/cooled-screw.toml", 1500.0),
 }
 RUN_S, REST_S, STEP_S, THERE_AND_BACK_S = 7200.0, 1800.0, 5.0, 60.0
 POWER_W = 50.0
@@ -94,7 +95,7 @@ def inputs(config: Config, time_s: FloatArray, speed_rpm: float) -> dict[str, Fl
         elif channel.endswith("_W"):
             columns[channel] = np.where(runs, POWER_W, 0.0)
         elif channel not in sensors:
-            columns[channel] = np.full_like(time_s, 25.0)
+            columns[channel] = np.full_like(time_s, 20.0 if channel.startswith("coolant") else 25.0)
     return columns
 
 

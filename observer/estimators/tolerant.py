@@ -137,11 +137,12 @@ class Tolerant:
         """
         theta, P = self._theta, state.P[len(state.x) :, len(state.x) :]
         air = self.parameters(Nuisance.AMBIENT)
-        seen = np.flatnonzero(u.usable[0] & self._plant.thermal)
+        tells = self._plant.rows.C[: self._plant.rows.sensors] @ self._plant.uniform > 0.5
+        seen = np.flatnonzero(u.usable[0] & self._plant.thermal & tells)
         if not self._theta.rests or u.law_W.any() or not len(air) or not len(seen):
             return False
         offset_K = (
-            self._of_sensors(state.x)[:, self.parameters(Nuisance.OFFSET)]
+            self._of_sensors(state.x, u)[:, self.parameters(Nuisance.OFFSET)]
             @ state.theta[self.parameters(Nuisance.OFFSET)]
         )
         offset_K2 = np.zeros(len(offset_K))
@@ -187,21 +188,21 @@ class Tolerant:
         self, u: Inputs, before: FloatArray, after: FloatArray, x: FloatArray, theta: FloatArray
     ) -> FloatArray:
         s = self._plant.rows.sensors
-        said = 0.5 * (before[:s] + after[:s]) + self._of_sensors(x) @ theta
+        said = 0.5 * (before[:s] + after[:s]) + self._of_sensors(x, u) @ theta
         return np.where(u.usable[0] & self._plant.thermal, u.y_degC[0] - said, np.nan)
 
-    def _of_sensors(self, x: FloatArray) -> FloatArray:
-        """What the parameters of sensors add to readings, (s, t)."""
+    def _of_sensors(self, x: FloatArray, u: Inputs) -> FloatArray:
+        """What the parameters of sensors add to readings at the end of a step, (s, t)."""
         t = self._theta
         rows = np.zeros((self._plant.rows.sensors, len(t.kind)))
         own = np.concatenate([self.parameters(kind) for kind in Nuisance if kind.of_a_sensor])
-        rows[t.of[own], own] = t.entries(x)[own]
+        rows[t.of[own], own] = t.entries(x, u.z_end[0])[own]
         return rows
 
     def _seen(self, u: Inputs, x: FloatArray) -> FloatArray:
         """The readings' derivatives by [x | θ], (s, n)."""
         C = columns_in_place(self._plant, u, 0)[1]
-        return np.hstack([C[: self._plant.rows.sensors], self._of_sensors(x)])
+        return np.hstack([C[: self._plant.rows.sensors], self._of_sensors(x, u)])
 
     def _drives(self, u: Inputs, x: FloatArray) -> FloatArray:
         """What each parameter adds to dx/dt at a state, c (n_x, t)."""

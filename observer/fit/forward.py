@@ -63,6 +63,7 @@ class Forward:
         plant = build_plant(config).sensors_only()
         self._modes = len(plant.mode_index)
         self._tables = [m.table for m in plant.moving]
+        self._shows = np.array([s.shows for s in config.sensor])
         self.runs = tuple(SteppedRun(run, config, plant, by_row=by_row) for run in runs)
         self._plants, self._means = Cache[Plant](MOST_KEPT), Cache[list[FloatArray]](MOST_KEPT)
 
@@ -94,7 +95,8 @@ class Forward:
     def _plant(self, config: Config) -> Plant:
         if self._by_row:
             return build_plant(config).sensors_only()
-        return self._with_tables(build_plant(config, nut_places=2).sensors_only())
+        shown = np.array([s.shows for s in config.sensor][: len(self._shows)]) / self._shows
+        return self._with_tables(build_plant(config, nut_places=2).sensors_only(), shown)
 
     def _every(self, setting: Setting) -> list[FloatArray]:
         with np.errstate(over="ignore", invalid="ignore"):  # a hypothesis may be absurd
@@ -184,11 +186,13 @@ class Forward:
             out.append(np.broadcast_to(mean[:, None], of_mean.shape))
         return out
 
-    def _with_tables(self, plant: Plant) -> Plant:
-        """The plant with the first one's tables: the dropped modes' part scales with 1/kA, not the film."""
+    def _with_tables(self, plant: Plant, shown: FloatArray) -> Plant:
+        """The plant with the first one's tables: the dropped modes' part scales with 1/kA, not the film, and
+        with what each sensor shows (s,) of what it did there.
+        """
         moving = []
         for m, first in zip(plant.moving, self._tables, strict=True):
-            ratio = first.conductance_W_m / m.table.conductance_W_m
+            ratio = shown * (first.conductance_W_m / m.table.conductance_W_m)
             table_C, mean_C = first.table_C * ratio, first.mean_C * ratio
             own = m.table  # columns independent of the nut's position, as of lagging sensors, stay
             same = (own.table_C == own.mean_C).all(axis=0)

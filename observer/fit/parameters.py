@@ -53,12 +53,14 @@ PARAMETERS: dict[str, dict[str, ParameterInfo]] = {
     },
     "node": {"capacity_J_K": ParameterInfo("J/K", 500.0, 1e-3, 1e9)},
     "link": {"factor": ParameterInfo("1", 0.5, 1e-2, 100.0)},
+    "sensor": {"shows": ParameterInfo("1", 0.25, 0.02, 2.0)},
 }
 """By the first part of the key, then by its last."""
 NAMED: dict[str, Callable[[Any], str]] = {
     "source": lambda source: source.name,
     "node": lambda node: node.name,
     "link": lambda link: "-".join(link.between),
+    "sensor": lambda sensor: sensor.name,
 }
 """Tables of which there are several, and what each of them goes by."""
 
@@ -80,6 +82,9 @@ def candidates(config: Config) -> tuple[str, ...]:
     keys += [f"node.{node.name}.capacity_J_K" for node in config.node]
     links = [link.key for link in config.link]
     keys += [f"{key}.factor" for key in links if links.count(key) == 1]
+    for sensor in config.sensor:
+        if sensor.shows != 1.0 or sensor.shows_tolerance is not None:
+            keys.append(f"sensor.{sensor.name}.shows")
     return tuple(keys)
 
 

@@ -163,14 +163,20 @@ class Problem:
         return [np.where(self.evidence.run == i, change, 0.0) for i in range(len(self.forward.runs))]
 
     def by_gain(self, config: Config, here: FloatArray) -> list[FloatArray]:
-        """The change (n,) for each sensor with its gain off towards the air by its tolerance; `here` (n,) is
-        the prediction.
+        """The change (n,) for each sensor with its gain off towards the air by the common tolerance; `here`
+        (n,) is the prediction. What a sensor with a tolerance of its own shows is a parameter.
         """
         gain = config.tolerance.gain
         if gain == 0.0:
             return []
         changes = self.by_sensor(gain * (self.evidence.rows(self.forward.airs(config)) - here))
-        return [c for c, s in zip(changes, config.sensor, strict=True) if s.kind == "temperature"]
+        return [
+            c
+            for c, s in zip(changes, config.sensor, strict=True)
+            if s.kind == "temperature"
+            and s.shows_tolerance is None
+            and f"sensor.{s.name}.shows" not in self.keys
+        ]
 
     def by_timing(self, here: FloatArray) -> list[FloatArray]:
         """The change (n,) of each coarsely sampled run with a delay of half a row: only the recorder knows

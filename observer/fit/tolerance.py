@@ -64,7 +64,7 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
         if share > 0.0 and f"screw.{key}" not in (config.calibrate.free or ()):
             other = screw.model_copy(update={key: getattr(screw, key) * (1 + share)})
             yield config.model_copy(update={"screw": other}), "whole"
-    yield from _of_network(config)
+    yield from _of_parts(config)
     if known.position_m > 0.0:
         moved = (_moved_inward(s, screw.length_m, known.position_m) for s in config.sensor)
         yield config.model_copy(update={"sensor": tuple(moved)}), "position"
@@ -90,8 +90,10 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
         yield config.model_copy(update={"source": changed}), "run"
 
 
-def _of_network(config: Config) -> Iterator[tuple[Config, Scope]]:
-    """The configuration with one link or one node's capacity larger; those that are fitted are left out."""
+def _of_parts(config: Config) -> Iterator[tuple[Config, Scope]]:
+    """The configuration with one link, one node's capacity or what one sensor shows larger; those that are
+    fitted are left out.
+    """
     known = candidates(config)
     for key, _, share in _beside(config):
         if share > 0.0 and key in known and key not in (config.calibrate.free or ()):
@@ -99,12 +101,18 @@ def _of_network(config: Config) -> Iterator[tuple[Config, Scope]]:
 
 
 def _beside(config: Config) -> Iterator[tuple[str, str, float]]:
-    """Of each link and node: its parameter, the key of its tolerance, and that tolerance, relative."""
+    """Of each link, node and sensor with a tolerance of its own: its parameter, the key of its tolerance, and
+    that tolerance, relative.
+    """
     for link in config.link:
         yield f"{link.key}.factor", f"{link.key}.tolerance", config.tolerance.of_link(link.tolerance)
     for node in config.node:
         share = config.tolerance.of_capacity(node.tolerance)
         yield f"node.{node.name}.capacity_J_K", f"node.{node.name}.tolerance", share
+    for sensor in config.sensor:
+        if sensor.shows_tolerance is not None:
+            key = f"sensor.{sensor.name}.shows"
+            yield key, f"{key}_tolerance", sensor.shows_tolerance
 
 
 def calibration_tolerances(config: Config, runs: int) -> Iterator[tuple[Config, Scope]]:

@@ -49,11 +49,12 @@ def changes_within(config: Config, blocks: Sequence[Inputs], heat_W: FloatArray)
 
     `heat_W` (K, m_e) are the estimated heats, NaN where unknown: the change is simulated along them, since
     that of a film depends on how warm the screw was. It is zero initially, where the sensors give the field.
-    Learnt are those named in `[estimator] learn`; a sensor's gain never is.
+    Learnt are those named in `[estimator] learn`; the common tolerance of the sensors' gains never is.
     """
     plant, learnt = _roughly_known(config)
     known = np.flatnonzero(np.isfinite(heat_W).any(axis=1))
     gain, L, s = config.tolerance.gain, len(learnt), plant.rows.sensors
+    common = gain * np.array([sensor.shows_tolerance is None for sensor in config.sensor])
     D = np.zeros((len(heat_W), s, L + (s if gain > 0.0 else 0)))
     if not (len(known) and D.size):
         return Changes(D[:, :, :0], np.zeros(0, dtype=np.bool_))
@@ -68,7 +69,7 @@ def changes_within(config: Config, blocks: Sequence[Inputs], heat_W: FloatArray)
             expected_degC = along(u._replace(law_W=law_W), D[rows])
             if gain > 0.0:
                 air_degC = u.z_end[:, plant.known.ambient, None]
-                D[rows, own, L + own] = np.nan_to_num(gain * (air_degC - expected_degC))
+                D[rows, own, L + own] = np.nan_to_num(common * (air_degC - expected_degC))
     return Changes(D, np.concatenate([learnt, np.zeros(D.shape[2] - L, dtype=np.bool_)]))
 
 

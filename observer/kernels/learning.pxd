@@ -17,7 +17,7 @@ cdef inline void give_back(PlantArrays p, double[::1] x, double[:, ::1] P, doubl
 cdef inline void draw_near(PlantArrays p, double dt_s, double[::1] x, double[::1] around) noexcept nogil
 cdef void linearise_at(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] C, double[::1] x, double[::1] around) noexcept nogil
 cdef void begin(PlantArrays p, Inputs u, Py_ssize_t k, unsigned char[::1] usable, double[:, ::1] C, double[::1] x, double[:, ::1] P, double[::1] around) noexcept nogil
-@cython.locals(ambient_K=double, quiet=bint)
-cdef inline bint stands(PlantArrays p, Inputs u, Py_ssize_t k, unsigned char[::1] usable) noexcept nogil
+@cython.locals(ambient_K=double, quiet=bint, part=double)
+cdef inline bint stands(PlantArrays p, Inputs u, Py_ssize_t k, unsigned char[::1] usable, double[:, ::1] C) noexcept nogil
 cdef inline void rest(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] x, double[:, ::1] P) noexcept nogil
 cdef void report_learned(PlantArrays p, double[::1] x, double[:, ::1] P, Py_ssize_t k, Work work, Results out) noexcept nogil

@@ -116,6 +116,8 @@ def see(p, u, k, dt_s, C, around):
             entry += (around[slow] - now_degC) / lag_s
         for a in range(len(p.uniform)):
             entry += p.learn.row[q, a] * around[a]
+        for z in range(p.F.shape[1]):
+            entry += p.learn.row_known[q, z] * u.z_end[k, z]
         C[i, first + q] = entry
 
 
@@ -194,7 +196,7 @@ def begin(p, u, k, usable, C, x, P, around):
     """
     if len(p.learn.kind) == 0:
         return
-    if stands(p, u, k, usable):
+    if stands(p, u, k, usable, C):
         rest(p, u, k, x, P)
     linearise_at(p, u, k, C, x, around)
 
@@ -210,8 +212,10 @@ def linearise_at(p, u, k, C, x, around):
     see(p, u, k, 0.0, C, around)
 
 
-def stands(p, u, k, usable):
-    """Whether no law makes heat, and every sensor shows the air's temperature, within what is known."""
+def stands(p, u, k, usable, C):
+    """Whether no law makes heat, and every sensor shows the air's temperature, within what is known; some
+    must see more of the screw than of the air.
+    """
     ambient_K, seen = 0.0, 0
     for q in range(p.learn.machine):
         if p.learn.kind[q] == AMBIENT:
@@ -222,7 +226,11 @@ def stands(p, u, k, usable):
     for q in range(p.learn.machine, len(p.learn.kind)):
         i = p.learn.of[q]
         if p.learn.kind[q] == OFFSET and usable[i]:
-            seen += 1
+            part = 0.0
+            for a in range(len(p.uniform)):
+                part += C[i, a] * p.uniform[a]
+            if part > 0.5:
+                seen += 1
             variance = squared(p.learn.sigma[q]) + squared(ambient_K) + p.R_K2[i]
             apart_K = u.y_degC[k, i] - u.z_end[k, p.learn.ambient]
             quiet = quiet and apart_K * apart_K <= _SURE * _SURE * variance

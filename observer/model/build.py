@@ -13,7 +13,7 @@ from observer.effects.terms import COUPLING_TERMS, LawFactor, SensorOffset, Stro
 from observer.errors import ConfigError
 from observer.frames import FloatArray
 from observer.model.couple import with_coupling
-from observer.model.extend import with_learning
+from observer.model.extend import showing, with_learning
 from observer.model.generator import diagonalised
 from observer.model.plant import AMBIENT, BED, LEFT, OFFSET, REFERENCE, RIGHT, Plant
 from observer.model.realise import realise
@@ -56,6 +56,8 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool 
         sigma_W = np.array([s.initial_sigma_W for s in machine.config.source])
         rows = bed_rows(full.places)
         plant, constant = with_coupling(plant, modes, machine.config, machine.terms, sigma_W, rows)
+    else:
+        plant = showing(plant, machine.config.sensor)
     if learns and constant is not None:
         plant = with_rough_network(plant, machine.config, config.link, machine.terms, constant, modes)
     elif learns:

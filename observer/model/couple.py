@@ -15,7 +15,16 @@ from observer.effects.terms import Fade, Lag, Radiation, SpeedLoss, StretchFilm,
 from observer.frames import FloatArray
 from observer.kernels.layout import packed
 from observer.model.coupling import Fades, Links, Uneven, no_coupling
-from observer.model.extend import extended, lag_states, lagging, node_states, padded, reading_nodes, wide
+from observer.model.extend import (
+    extended,
+    lag_states,
+    lagging,
+    node_states,
+    padded,
+    reading_nodes,
+    showing,
+    wide,
+)
 from observer.model.generator import Constant
 from observer.model.network import (
     Attached,
@@ -55,7 +64,7 @@ def with_coupling(
     places = under_C.copy()
     places[:, : plant.modes] += modes.rod.conductance_W_m * (plant.B[: plant.modes] * gain).T
     plant = extended(plant, node_states(plant, beside, own, places, _mean(modes, screw), before))
-    plant = reading_nodes(plant, machine, beside, own, screw, bed)
+    plant = showing(reading_nodes(plant, machine, beside, own, screw, bed), machine.sensor)
     plant, lags = _with_lags(plant, terms)
     n_x, m, p = len(plant.decay_1_s), len(plant.source_names), len(plant.known_names)
     moving = [s.index for s in plant.moving]

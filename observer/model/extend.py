@@ -4,6 +4,7 @@ the machine is only roughly known.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -17,7 +18,7 @@ from observer.model.network import Attached, NodeModes
 from observer.model.plant import Plant
 from observer.model.rod.modes import Modes, Stretch, modal_input
 from observer.model.rod.screw import surface_rate
-from observer.tables.sections import Description
+from observer.tables.sections import Description, Sensor
 
 
 class States(NamedTuple):
@@ -118,6 +119,23 @@ def reading_nodes(
         of_bed = own.shape[beside.names.index(machine.bed.on)]
         plant.rows.C[:, first : first + len(beside.names)] += np.multiply.outer(bed, of_bed)
     return plant
+
+
+def showing(plant: Plant, sensors: Sequence[Sensor]) -> Plant:
+    """Return the plant whose sensors show a part `shows` of the rise above the air: of what they read, and
+    the air's temperature for the rest. A sensor's own offset is not a part of that.
+    """
+    part = np.array([sensor.shows for sensor in sensors])
+    if (part == 1.0).all():
+        return plant
+    s, rows = len(part), plant.rows
+    every = np.concatenate([part, np.ones(len(rows.C) - s)])
+    F = np.where(plant.known.offset, rows.F, every[:, None] * rows.F)
+    F[:s, plant.known.ambient] += 1.0 - part
+    moving = tuple(
+        m.with_table(mean_C=m.table.mean_C * every, table_C=m.table.table_C * every) for m in plant.moving
+    )
+    return replace(plant, rows=replace(rows, C=every[:, None] * rows.C, F=F), moving=moving)
 
 
 def lagging(plant: Plant, sensors: Sequence[int]) -> Plant:
@@ -247,18 +265,32 @@ def _of_machine(plant: Plant, config: Config, modes: Modes) -> Iterator[Paramete
 
 
 def _of_sensors(plant: Plant, config: Config, modes: Modes) -> Iterator[Parameter]:
-    """The sensors' own: what each reads too much, where it sits, how late it is."""
+    """The sensors' own: what each reads too much, where it sits, how late it is, what part it shows."""
     n_x, tolerance = len(plant.decay_1_s), config.tolerance
     none = no_change(n_x, len(plant.known_names))
     for i, sensor in enumerate(config.sensor):
         name, offset_K = f"sensor.{sensor.name}", sensor.offset(tolerance.offset_K)
+        if sensor.shows != 1.0:  # the rest is what surrounds it, which is known as well as the air
+            offset_K = math.hypot(offset_K, (1.0 - sensor.shows) * tolerance.ambient_K)
         if sensor.kind == "displacement":  # its place and lag matter little: growth is a mean over the screw
             more = none._replace(shift_K=1.0)
             yield Parameter(Nuisance.OFFSET, i, offset_K, more, f"{name}.zero_um")
             continue
         yield Parameter(Nuisance.OFFSET, i, offset_K, none._replace(shift_K=1.0), f"{name}.offset_K")
         if (place_m := sensor.position_m) is not None:  # one beside the screw has no place there
-            slope = none._replace(row=padded(modes.slope(place_m), n_x))
+            slope = none._replace(row=sensor.shows * padded(modes.slope(place_m), n_x))
             yield Parameter(Nuisance.PLACE, i, tolerance.position_m, slope, f"{name}.position_m", place_m)
         late = none._replace(lag_s=tolerance.lag_s)
         yield Parameter(Nuisance.LAG, i, tolerance.lag_s, late, f"{name}.lag_s")
+        if sensor.shows_tolerance is not None:
+            more = none._replace(row=plant.rows.C[i], row_known=_above_air(plant, i))
+            yield Parameter(
+                Nuisance.GAIN, i, sensor.shows_tolerance, more, f"{name}.shows", sensor.shows, sensor.shows
+            )
+
+
+def _above_air(plant: Plant, sensor: int) -> FloatArray:
+    """The row (p,) of the known inputs in what a sensor shows of its rise above the air."""
+    row = np.where(plant.known.offset, 0.0, plant.rows.F[sensor])
+    row[plant.known.ambient] -= 1.0
+    return row

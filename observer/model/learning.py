@@ -2,7 +2,7 @@
 
 Each is a small change θ of the configuration, and what it does is linear in θ:
 
-    dx/dt = … + c θ,  c = A x + B q + E z + f,        y_i = … + (C x + d) θ.
+    dx/dt = … + c θ,  c = A x + B q + E z + f,        y_i = … + (C x + F z + d) θ.
 
 Live filters, fixed gains, predictions within tolerances and `check` all take these arrays. All wander as
 first-order Markov processes about nothing, in a day, so that none is ever known exactly. What is
@@ -42,6 +42,7 @@ class Nuisance(IntEnum):
     LAG = 8
     LINK = 9
     CAPACITY = 10
+    GAIN = 11
 
     @property
     def key(self) -> str:
@@ -51,7 +52,7 @@ class Nuisance(IntEnum):
     @property
     def of_a_sensor(self) -> bool:
         """Whether it is one of the sensors', and not of the machine."""
-        return self in (Nuisance.OFFSET, Nuisance.PLACE, Nuisance.LAG)
+        return self in (Nuisance.OFFSET, Nuisance.PLACE, Nuisance.LAG, Nuisance.GAIN)
 
 
 class Change(NamedTuple):
@@ -59,8 +60,8 @@ class Change(NamedTuple):
 
     To dx/dt: A is `rate_1_s` (n_x,) on the diagonal, and `into` (n_x,) times the row `seen` (n_x,) beside it;
     B q is `heats` (n_x,) times what all heats do, and what the law of source `law` does, none for -1; E is
-    `known` (p, n_x), and f `steady` (n_x,). To the reading of sensor `of`: the row C, `row` (n_x,), and d,
-    `shift_K`; a lag makes of a reading what it was `lag_s` before.
+    `known` (p, n_x), and f `steady` (n_x,). To the reading of sensor `of`: the row C, `row` (n_x,), the row
+    F, `row_known` (p,), and d, `shift_K`; a lag makes of a reading what it was `lag_s` before.
     """
 
     rate_1_s: FloatArray
@@ -71,6 +72,7 @@ class Change(NamedTuple):
     known: FloatArray
     steady: FloatArray
     row: FloatArray
+    row_known: FloatArray
     shift_K: float
     lag_s: float
 
@@ -113,6 +115,7 @@ class LearningArrays(NamedTuple):
     known: FloatArray
     steady: FloatArray
     row: FloatArray
+    row_known: FloatArray
     shift_K: FloatArray
     lag_s: FloatArray
     heated: NDArray[np.int64]
@@ -163,9 +166,11 @@ class LearningArrays(NamedTuple):
             inverse=inverse,
         )
 
-    def entries(self, x: FloatArray) -> FloatArray:
-        """Return C x + d (L,) at a state; lags do not follow from a state alone, and are 0 here."""
-        return np.asarray(self.row @ x + self.shift_K)
+    def entries(self, x: FloatArray, z: FloatArray) -> FloatArray:
+        """Return C x + F z + d (L,) at a state and known inputs (p,); lags do not follow from these alone,
+        and are 0 here.
+        """
+        return np.asarray(self.row @ x + self.row_known @ z + self.shift_K)
 
 
 _EACH = ("kind", "of", "sigma", "heated", *Change._fields)
@@ -210,7 +215,7 @@ class Learning:
 def no_change(n_x: int, known: int) -> Change:
     """Return what a parameter does that does nothing."""
     none = np.zeros(n_x)
-    return Change(none, none, none, none, -1, np.zeros((known, n_x)), none, none, 0.0, 0.0)
+    return Change(none, none, none, none, -1, np.zeros((known, n_x)), none, none, np.zeros(known), 0.0, 0.0)
 
 
 def learning_of(

@@ -43,10 +43,13 @@ KEYS = {
     "lag_s": "set the sensors into the metal with paste, or measure their lag",
     "link": "free the links in [calibrate], on a log of one warm-up, or put one sensor on the screw",
     "capacity": "weigh nut and housings, or take their masses from the drawing",
+    "gain": "compare what looks at the screw or slides on it with a contact thermometer, once it is warm",
 }
 """The keys of `[tolerance]`, and how to reduce each."""
 OF_NODES = ("link", "capacity")
 """Those of the bodies beside the screw."""
+OF_PARTS = "gain"
+"""That of sensors that show a part, known to a tolerance of their own."""
 SHIFT_SAID = f"σ below: means over two hours at {SPEED_RPM:g} rpm and an hour at rest, from ten minutes on"
 """The standard shift in words."""
 _SAID = {"heat": "heats", "field": "field", "error": "error"}
@@ -64,14 +67,16 @@ def tolerances(config: Config) -> dict[str, Any]:
     rarer = [PROBING_S / config.estimator.period_s if s.occasional else 1.0 for s in config.sensor]
     plant = replace(plant, noise_R_K2=plant.noise_R_K2 * rarer)
     keys = np.array([Nuisance(kind).key for kind in plant.parameters.kind], np.str_)
-    asked = [key for key in KEYS if config.node or key not in OF_NODES]
+    parts = [s.shows_tolerance for s in config.sensor if s.shows_tolerance is not None]
+    asked = [key for key in KEYS if (config.node or key not in OF_NODES) and (any(parts) or key != OF_PARTS)]
     cases = [np.ones(len(keys))]
     cases += [np.where(keys == key, AS_KNOWN, 1.0) for key in asked]
     cases.append(np.where(keys == Nuisance.LAW.key, 1.0, AS_KNOWN))
     found = spread(plant, config.estimator, standard_shift(config, plant), np.array(cases))
     if isinstance(found, NotDefined):
         return {"tolerances": [], "improve_first": {}, "tolerances_left_out": f"not computed: {found.reason}"}
-    values: list[float | None] = [None, *(getattr(config.tolerance, key) for key in asked), None]
+    own = config.tolerance.model_dump() | {OF_PARTS: max(parts, default=0.0)}
+    values: list[float | None] = [None, *(own[key] for key in asked), None]
     rows = [
         _row(plant, found, i, key, value)
         for i, (key, value) in enumerate(zip((CONFIGURED, *asked, ALL), values, strict=True))

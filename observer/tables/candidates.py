@@ -34,6 +34,10 @@ class SensorCandidate(Section):
     noise_K: quantities.Noise = 0.1  #: standard deviation of its noise
     #: standard deviation of its offset; – is `tolerance.offset_K`
     offset_K: Annotated[quantities.NonNegative, Field(le=50)] | None = None
+    #: the part of the rise above the air that it shows
+    shows: quantities.PartOfRise = 1.0
+    #: standard deviation of that part, relative; – is `tolerance.gain`
+    shows_tolerance: quantities.Share | None = None
     #: displacement: standard deviation of its noise
     noise_um: Annotated[quantities.Positive, Field(ge=1e-4, le=1000)] = 1.0
     #: displacement: standard deviation of its zero

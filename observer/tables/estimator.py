@@ -13,7 +13,7 @@ from observer.tables.quantities import Flag, NonNegative, Number, Positive, Rise
 
 Learnable = Literal[
     "convection", "conductivity", "heat_capacity", "ambient_K", "end_W_K", "law", "offset_K", "position_m",
-    "lag_s", "link", "capacity",
+    "lag_s", "link", "capacity", "gain",
 ]  # fmt: skip
 """What an estimator may learn: the keys of `Tolerance`, and `law`, the scale of each heat's law."""
 
@@ -37,7 +37,8 @@ class Tolerance(Section):
     lag_s: Annotated[NonNegative, Field(le=1000)] = 4.0  #: of each sensor's lag
     link: Relative = 0.2  #: of each link's conductance, relative
     capacity: Relative = 0.1  #: of each node's heat capacity, relative
-    #: of each sensor's gain error on its rise above the air; in `calibrate`, `discover` and `identify`
+    #: of the gain error on its rise above the air of each sensor without a `shows_tolerance`; in `calibrate`,
+    #: `discover` and `identify`
     gain: Relative = 0.02
     #: of each source's heat from one of several logs to the next, relative; in `discover`
     heat_per_log: Relative = 0.03
@@ -82,7 +83,9 @@ class EstimatorSettings(Section):
     field_noise_K_sqrt_s: Annotated[NonNegative, Field(le=1000)] = 0.002
     #: compiled kalman and `identify`: what of `[tolerance]` is [learnt](../explanation/learning.md), the
     #: rest is considered; `"law"` is the scale of each heat law
-    learn: Annotated[tuple[Learnable, ...], Field(max_length=20)] = ("convection", "offset_K", "link")
+    learn: Annotated[tuple[Learnable, ...], Field(max_length=20)] = (
+        "convection", "offset_K", "link", "gain",
+    )  # fmt: skip
     # Luenberger
     #: luenberger: `"bandwidth"` moves the slow poles only; `"kim"` is the paper's rule
     pole_rule: Literal["bandwidth", "kim"] = "bandwidth"

@@ -95,6 +95,7 @@ Rise = Annotated[Positive, AfterValidator(within(1e-6, 1e3, "temperature differe
 Duration = Annotated[Positive, AfterValidator(within(1e-6, 1e9, "time in s"))]
 Capacity = Annotated[Positive, AfterValidator(within(1e-6, 1e9, "heat capacity in J/K"))]
 Conductance = Annotated[Positive, AfterValidator(within(1e-9, 1e7, "conductance in W/K"))]
+PartOfRise = Annotated[Positive, AfterValidator(within(0.02, 2.0, "part of a rise"))]
 Factor = Annotated[NonNegative, AfterValidator(within(0.0, 1e6, "factor", or_zero=True))]
 
 

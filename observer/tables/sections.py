@@ -284,7 +284,8 @@ MICROMETRES = {"_um": 1.0, "_mm": 1e3, "_m": 1e6}
 
 
 SensorKind = Literal["temperature", "displacement"]
-_THERMAL_KEYS, _DISPLACEMENT_KEYS = ("noise_K", "offset_K", "on"), ("noise_um", "zero_um", "occasional")
+_THERMAL_KEYS = ("noise_K", "offset_K", "shows", "shows_tolerance", "on")
+_DISPLACEMENT_KEYS = ("noise_um", "zero_um", "occasional")
 
 
 def refuse_foreign_keys(table: Section, kind: SensorKind) -> None:
@@ -295,8 +296,8 @@ def refuse_foreign_keys(table: Section, kind: SensorKind) -> None:
 
 
 class Sensor(Section):
-    """A thermocouple on the screw, or on a node beside it; or what measures the thermal error: a probe, a
-    laser, a dial gauge.
+    """A thermocouple on the screw, or on a node beside it; an infrared sensor or a sliding contact, which
+    shows a part of the rise above the air; or what measures the thermal error: a probe, a laser.
     """
 
     name: quantities.Name  #: names the columns of its innovation and quality
@@ -310,6 +311,10 @@ class Sensor(Section):
     noise_K: quantities.Noise = 0.1  #: standard deviation of its noise
     #: standard deviation of its offset; – is `tolerance.offset_K`
     offset_K: Annotated[quantities.NonNegative, Field(le=50)] | None = None
+    #: the part of its rise above the air [that it shows](../how-to/choose-sensors.md#a-part-of-the-rise)
+    shows: quantities.PartOfRise = 1.0
+    #: standard deviation of that part, relative; – is `tolerance.gain`
+    shows_tolerance: quantities.Share | None = None
     #: displacement: standard deviation of its noise
     noise_um: Annotated[quantities.Positive, Field(ge=1e-4, le=1000)] = 1.0
     #: displacement: standard deviation of its zero, from where the screw has its reference temperature

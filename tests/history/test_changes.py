@@ -83,7 +83,9 @@ def by_hand(plant, u, x):
         if k == 0:
             slow_degC[:] = was_degC[:] = now_degC[a.of]
         D[k, :, : a.machine] = C[:s] @ S
-        D[k, a.of[a.machine :], np.arange(a.machine, len(a.kind))] = (a.entries(x) * a.sigma)[a.machine :]
+        D[k, a.of[a.machine :], np.arange(a.machine, len(a.kind))] = (a.entries(x, u.z_end[k]) * a.sigma)[
+            a.machine :
+        ]
         for q in lags:  # a lag of the first order behind readings that go straight from step to step
             share = u.dt_s[k] / a.lag_s[q]
             fade = np.exp(-share)
@@ -98,7 +100,10 @@ def by_hand(plant, u, x):
 @pytest.mark.parametrize("gain", [0.0, 0.02])
 def test_tolerances_change_readings_as_full_matrices_have_it(effects, gain):
     """In a log whose steps are all computed; what a gain changes is told by the same field."""
-    config, made = described(3, 3, 3, moving=True, effect=effects, tolerance={"gain": gain})
+    looks = {"name": "t2", "channel": "t2_degC", "position_m": 0.5, "shows": 0.4, "shows_tolerance": 0.2}
+    touch = [{"name": f"t{i}", "channel": f"t{i}_degC", "position_m": x} for i, x in ((1, 0.05), (3, 0.95))]
+    sensors = [touch[0], looks, touch[1]]
+    config, made = described(3, 3, 3, moving=True, effect=effects, tolerance={"gain": gain}, sensor=sensors)
     u = driven(made, 20, dt_s=2.0, uneven=True, loss=True).sensors_only(3)
     u.law_W[:] += 5.0
     found = changes_within(config, [u.part(0, 9), u.part(9)], u.law_W[:, made.estimated])
@@ -112,6 +117,7 @@ def test_tolerances_change_readings_as_full_matrices_have_it(effects, gain):
         Nuisance.END,
         Nuisance.PLACE,
         Nuisance.LAG,
+        Nuisance.GAIN,
     }
     assert (largest_K > 1e-4).all()
     np.testing.assert_allclose(
@@ -119,3 +125,4 @@ def test_tolerances_change_readings_as_full_matrices_have_it(effects, gain):
     )
     assert found.learnt[:L].tolist() == learnt.tolist()
     assert found.sensor_K.shape[2] == L + (3 if gain > 0.0 else 0)
+    assert not found.sensor_K[:, :, L + 1 : L + 2].any()  # its own tolerance is no common one

@@ -93,7 +93,7 @@ def test_what_is_roughly_known_does_the_same(effects):
     theta = rng.standard_normal(len(here.kind))
     A = here.feedback(theta)
     np.testing.assert_allclose(V @ there.feedback(theta) @ own.basis.inverse, A, atol=1e-9 * np.abs(A).max())
-    np.testing.assert_allclose(there.entries(xi), here.entries(V @ xi), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(there.entries(xi, z), here.entries(V @ xi, z), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(V @ there.rest_P @ V.T, here.rest_P, atol=1e-9 * here.rest_P.max())
 
 

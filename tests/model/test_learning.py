@@ -41,7 +41,9 @@ def test_those_of_the_machine_come_first() -> None:
     assert arrays.of.tolist() == [0, 0, 1, 0]
     assert arrays.held.tolist() == [1, 3]
     np.testing.assert_array_equal(arrays.sigma, [0.2, 0.1, 0.3, 0.002])
-    np.testing.assert_array_equal(arrays.entries(np.array([5.0, 7.0])), [0.0, 0.0, 1.0, 21.0])
+    np.testing.assert_array_equal(
+        arrays.entries(np.array([5.0, 7.0]), np.array([3.0])), [0.0, 0.0, 1.0, 21.0]
+    )
     some = of_parameters(arrays, np.array([1, 2, 3]))
     assert (some.machine, some.kind.tolist()) == (
         1,

@@ -111,14 +111,14 @@ def _step(plant: Plant, stage: Stage, dt_s: float) -> _StageStep:
 def _see(
     plant: Plant, a: LearningArrays, stage: Stage, x: FloatArray, last: FloatArray, dt_s: float, H: FloatArray
 ) -> FloatArray:
-    """Put what offset, place and lag of each sensor do to its reading at x into its row of H; return what
-    sensors read now with no lag and with one of the whole tolerance, (2, s), from what they read before.
+    """Put what offset, place, gain and lag of each sensor do to its reading at x into its row of H; return
+    what sensors read now with no lag and with one of the whole tolerance, (2, s), from what they read before.
     """
     s, first = plant.rows.sensors, H.shape[1] - len(a.kind)
     now = plant.rows.C[:s] @ x + plant.rows.F[:s] @ stage.z
     slow = now.copy()
     own, lag = np.arange(a.machine, len(a.kind)), np.flatnonzero(a.lag_s)
-    H[a.of[own], first + own] = a.entries(x)[own]
+    H[a.of[own], first + own] = a.entries(x, stage.z)[own]
     i, lag_s = a.of[lag], a.lag_s[lag]
     fade = np.exp(-dt_s / lag_s)
     mean = lag_s / dt_s * (1.0 - fade)
