@@ -105,8 +105,12 @@ def test_filterpy_learns_the_same(resting):
     body = {
         "node": [{"name": "body", "capacity_J_K": 500.0}],
         "link": [{"between": ["body", "ambient"], "conductance_W_K": 1.0}],
+        "sensor": [
+            {"name": f"t{i}", "channel": f"t{i}_degC", "position_m": x, "noise_K": 0.1} | part
+            for i, x, part in ((1, 0.05, {}), (2, 0.5, {"shows": 0.6, "shows_tolerance": 0.2}), (3, 0.95, {}))
+        ],
     }
-    _, plant, u = learning(EVERY, resting=resting, steps=40, **body)
+    _, plant, u = learning([*EVERY, "gain"], resting=resting, steps=40, **body)
     assert set(Nuisance) == set(plant.learning.arrays.kind.tolist())
     runs = []
     for engine in ("compiled", "filterpy"):

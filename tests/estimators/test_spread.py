@@ -11,7 +11,7 @@ from observer.estimators import build_estimator
 from observer.estimators.design.spread import spread
 from observer.model.build import build_plant
 from observer.model.cycle import standard_shift
-from observer.report.sensitivity import KEYS, OF_NODES, advice, tolerances
+from observer.report.sensitivity import KEYS, OF_NODES, OF_PARTS, advice, tolerances
 from tests.logs.simulated import shift_log
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -61,10 +61,9 @@ def of_demo():
 
 def test_each_key_has_its_row_and_none_makes_surer_by_being_unknown():
     rows = of_demo()["tolerances"]
-    alone = [key for key in KEYS if key not in OF_NODES]  # the demo's screw has no nodes
+    alone = [k for k in KEYS if k not in (*OF_NODES, OF_PARTS)]  # no nodes, no sensor that shows a part
     assert [row["key"] for row in rows] == ["as configured", *alone, "all"]
-    of_logs = {"gain", "heat_per_log"}  # no estimator uses them
-    assert list(KEYS) == [key for key in demo().tolerance.model_dump() if key not in of_logs]
+    assert [*KEYS, "heat_per_log"] == list(demo().tolerance.model_dump())  # which no estimator uses
     whole, best = rows[0], rows[-1]
     for row in rows[1:]:
         assert row["field_sigma_K"] <= whole["field_sigma_K"]
