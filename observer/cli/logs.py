@@ -259,11 +259,15 @@ def calibrate(
     for key, fitted in result["calibrated"].items():
         low, high = fitted["ci95"]
         typer.echo(f"{key} = {fitted['value']:g} ({low:g} … {high:g}), was {fitted['before']:g}")
+    for regimes in result["nut_path"].values():
+        warn_of_paths(regimes)
     warn([*result["not_told"], *result["doubts"]])
     for key, value in (result["left"] | result["process_noise"]).items():
         typer.echo(f"{key} = {value:g}")
     gap = result["gap"]
     typer.echo(f"open-loop gap {gap['before_rms_K']:g} K rms before, {gap['after_rms_K']:g} K after")
+    if result["kept"] is not None:
+        show_sentence(result["kept"])
     typer.echo(f"written to {output}: config.toml, calibration.json")
 
 

@@ -9,7 +9,7 @@ and the intervals include their uncertainty. Pure: logs come in as frames.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -145,7 +145,8 @@ class ErrorRms:
 class Calibration:
     """The result of a calibration.
 
-    `config` carries the fitted values, `left` their remaining tolerances by the configuration's keys;
+    `config` carries the fitted values, or those configured where they are no better; `left` is their
+    remaining tolerances by the configuration's keys;
     `obstacles` names the free parameters that are not identifiable from these logs (they keep their values)
     or poorly determined, and why. `error` is over all sensors, `per_sensor` by name.
     """
@@ -161,6 +162,11 @@ class Calibration:
     def values(self) -> dict[str, float]:
         """The fitted values by key."""
         return {f.key: f.value for f in self.fitted}
+
+    @property
+    def kept(self) -> str | None:
+        """Why the configured values are kept, in a sentence; None where the fitted ones are better."""
+        return _kept(self.error, self.per_sensor)
 
 
 def calibrate(
@@ -197,7 +203,28 @@ def calibrate(
     overall, per_sensor = _errors(config, before_K, after_K)
     doubts = _doubts(fit.problem, fitted)
     left = remaining_tolerances(config, fit.relative_sigma)
+    if _kept(overall, per_sensor) is not None:
+        after, left = config, {}
     return Calibration(after, fitted, left, obstacles + doubts, overall, per_sensor)
+
+
+def _kept(error: ErrorRms, per_sensor: Mapping[str, ErrorRms]) -> str | None:
+    """Say why the configured values are kept where the gap of the fitted ones is larger.
+
+    A displacement may gain what thermocouples lose, by the larger factor: K and µm have no common measure.
+    """
+    um = np.array([(e.before_rms_K, e.after_rms_K) for e in per_sensor.values() if e.unit != "K"]).reshape(
+        -1, 2
+    )
+    before, after = np.sqrt(np.mean(um**2, axis=0)) if len(um) else (1.0, 1.0)
+    if error.after_rms_K * after <= error.before_rms_K * before:
+        return None
+    return (
+        f"nothing better than the configured values was found, and they are kept: they leave an open-loop gap "
+        f"of {error.before_rms_K:.3g} K rms, and the fitted ones {error.after_rms_K:.3g} K, since the fit "
+        "allows for offsets, losses at the ends and whatever else [tolerance] leaves open, and a prediction "
+        "has none of it"
+    )
 
 
 def _fitted(fit: Fit) -> tuple[FittedParameter, ...]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from observer.config import Config, untied
 from observer.effects.terms import Body
 from observer.fit.bend import Bend, unbent
-from observer.fit.runs import Run, mean_over
+from observer.fit.runs import Run, driven, mean_over
 from observer.fit.steps import Cache, SteppedRun, driving
 from observer.frames import FloatArray, Inputs
 from observer.model.build import build_plant
@@ -261,6 +261,8 @@ def _undetermined(
         yield more_W
     parts = np.split(np.arange(len(law_W)), switches)
     for nut in plant.moving:
+        if driven(run.run.frames.path[nut.channel]):
+            continue
         place_m = run.run.frames.path[nut.channel].position_m
         low_m, high_m = np.nanmin(place_m), np.nanmax(place_m)
         under = [j for j, s in bands if (s.to_m or 0.0) > low_m and (s.from_m or 0.0) < high_m]

@@ -4,6 +4,7 @@ Where the rows are too far apart to follow a nut, its way between them is filled
 at seemingly random positions of its stroke, or, as under a stroboscope, creeping, and a straight line from
 one to the next is not its way. While the speed stays the same, the nut is taken to run to and fro between the
 outermost positions it shows, or, where it is seen at too few places to show its ends, those of the whole log.
+Where speed and lead are known, its way follows from them instead.
 """
 
 from __future__ import annotations
@@ -282,9 +283,18 @@ def filled(frames: FrameBlock, config: Config) -> FrameBlock:
         name = source.position_channel
         if name not in paths or len(paths[name].time_s) != len(frames) or source.speed_channel is None:
             continue
+        if driven(paths[name]):
+            continue
         speed_rpm = np.abs(np.nan_to_num(frames.values[:, frames.channels.index(source.speed_channel)]))
         paths[name] = _to_and_fro(paths[name], frames.dt_s, speed_rpm, config.screw.length_m)
     return replace(frames, path=paths)
+
+
+def driven(path: NutPath) -> bool:
+    """Whether a path is known between its samples: by the screw's speed and lead it is followed to the ends
+    of the stroke and back (see `kernels.path`).
+    """
+    return bool(np.isfinite(path.driven_m_s).any())
 
 
 def _to_and_fro(path: NutPath, dt_s: FloatArray, speed_rpm: FloatArray, length_m: float) -> NutPath:

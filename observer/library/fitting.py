@@ -89,6 +89,7 @@ def fitted(
 ) -> FittedLogs:
     """Fit the free parameters and the process noise. Raises `ConfigError` or `LogError`."""
     from observer.discovery.result import calibration_result
+    from observer.estimate.replay import nut_paths
     from observer.fit.calibrate import calibrate as fit
     from observer.fit.process_noise import fit_noise
 
@@ -96,6 +97,8 @@ def fitted(
     found = fit(config, runs.frames, lambda n, rms_K: progress(f"fit {n}: {rms_K:.4f} K rms"))
     progress("process noise by maximum likelihood")
     noise = fit_noise(found.config, runs.frames)
-    result = calibration_result(found, noise) | {"doubts": runs.odd}
+    result = calibration_result(found, noise) | {"doubts": runs.odd, "kept": found.kept}
+    result["nut_path"] = {log.path.name: nut_paths(config, log) for log in logs}
     result = about(source, [log.path.name for log in logs]) | result
-    return FittedLogs(result, write_back(text_of(source), found.values | found.left | noise))
+    better = found.values | found.left if found.kept is None else {}
+    return FittedLogs(result, write_back(text_of(source), better | noise))

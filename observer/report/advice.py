@@ -43,6 +43,9 @@ def next_step(result: dict[str, Any], logs: str, config: str, output: str) -> di
         text = "Nothing needs to be added; to keep the calibrated values, write them"
         fitted = f"observer calibrate {logs} --config {config} --output {output}"
         command = None if logs.startswith("--") else fitted
+        if result["gap"]["after_rms_K"] > result["gap"]["as_given_rms_K"]:
+            text = "Nothing needs to be added, and the calibrated values are no better than those configured"
+            command = None
     moved = result["displacements"]
     if moved is not None and moved["verdict"] == "named" and verdict == "none":
         cause = moved["causes"][0]
