@@ -145,8 +145,8 @@ class ErrorRms:
 class Calibration:
     """The result of a calibration.
 
-    `config` carries the fitted values, or those configured where they are no better; `left` is their
-    remaining tolerances by the configuration's keys;
+    `config` carries the fitted values, or those configured where they are no better; `left` the remaining
+    tolerances of the fitted ones by the configuration's keys;
     `obstacles` names the free parameters that are not identifiable from these logs (they keep their values)
     or poorly determined, and why. `error` is over all sensors, `per_sensor` by name.
     """
@@ -204,7 +204,7 @@ def calibrate(
     doubts = _doubts(fit.problem, fitted)
     left = remaining_tolerances(config, fit.relative_sigma)
     if _kept(overall, per_sensor) is not None:
-        after, left = config, {}
+        after = config
     return Calibration(after, fitted, left, obstacles + doubts, overall, per_sensor)
 
 
@@ -220,8 +220,8 @@ def _kept(error: ErrorRms, per_sensor: Mapping[str, ErrorRms]) -> str | None:
     if error.after_rms_K * after <= error.before_rms_K * before:
         return None
     return (
-        f"nothing better than the configured values was found, and they are kept: they leave an open-loop gap "
-        f"of {error.before_rms_K:.3g} K rms, and the fitted ones {error.after_rms_K:.3g} K, since the fit "
+        f"nothing better than the configured values was found, and they are kept: they leave an open-loop "
+        f"gap of {error.before_rms_K:.3g} K rms, and the fitted ones {error.after_rms_K:.3g} K; the fit "
         "allows for offsets, losses at the ends and whatever else [tolerance] leaves open, and a prediction "
         "has none of it"
     )

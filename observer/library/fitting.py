@@ -100,5 +100,9 @@ def fitted(
     result = calibration_result(found, noise) | {"doubts": runs.odd, "kept": found.kept}
     result["nut_path"] = {log.path.name: nut_paths(config, log) for log in logs}
     result = about(source, [log.path.name for log in logs]) | result
-    better = found.values | found.left if found.kept is None else {}
-    return FittedLogs(result, write_back(text_of(source), better | noise))
+    written = noise
+    if found.kept is None:
+        written = found.values | found.left | noise
+    else:
+        result["left"] = {}
+    return FittedLogs(result, write_back(text_of(source), written))
