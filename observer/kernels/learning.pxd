@@ -6,6 +6,8 @@ cdef void bring(PlantArrays p, double[:, ::1] B, double[::1] before, Work work) 
 cdef void multiply(double[:, ::1] V, double[::1] x, double[::1] y) noexcept nogil
 @cython.locals(tied=double)
 cdef void drive(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] B, Py_ssize_t i, double[::1] x, Work work, double[::1] c) noexcept nogil
+@cython.locals(apart_K=double, heat_W=double, source=Py_ssize_t)
+cdef void pass_heat(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] B, Py_ssize_t i, double[::1] x, Work work, double[::1] c) noexcept nogil
 @cython.locals(entry=double, lag_s=double, slow=Py_ssize_t)
 cdef void see(PlantArrays p, Inputs u, Py_ssize_t k, double dt_s, double[:, ::1] C, double[::1] around) noexcept nogil
 @cython.locals(degC=double)

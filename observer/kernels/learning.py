@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from observer.kernels.advance import advance_diagonal, couple_half, put_laws
 from observer.kernels.codes import AMBIENT, LAW, OFFSET, STILL
+from observer.kernels.coupling import see_under
 from observer.kernels.covariance import squared
 from observer.kernels.judging import add_prior, clear
 from observer.kernels.libc import exp, expm1, sqrt
@@ -34,7 +35,9 @@ def follow(p, t, d, u, k, B, C, around, x, work):
         bring(p, B, work.before_around, work)
     for i in range(machine):
         row = m_e + i
-        if len(p.learn.V) > 0:
+        if p.learn.tie[i] >= 0:
+            pass_heat(p, u, k, B, p.learn.tie[i], work.before_around, work, work.G[row])
+        elif len(p.learn.V) > 0:
             drive(p, u, k, work.plain_B, i, work.plain, work, work.shift)
             multiply(p.learn.inverse, work.shift, work.G[row])
         else:
@@ -91,6 +94,21 @@ def drive(p, u, k, B, i, x, work, c):
         for j in range(len(p.source)):
             for a in range(n_x):
                 c[a] += p.learn.heats[i, a] * B[p.source[j], a] * x[n_x + j]
+
+
+def pass_heat(p, u, k, B, i, x, work, c):
+    """What link i of a node to a nut that moves adds to dx/dt if it conducts as much again: G v d x with the
+    nut where it is, d the row of the temperature difference and v what 1 J passed does.
+    """
+    source, apart_K = p.coupling.links.source[i], 0.0
+    see_under(p.coupling, source, B, work.link)
+    for a in range(B.shape[1]):
+        apart_K += (p.coupling.links.C[i, a] - work.link[0, a]) * x[a]
+    for q in range(p.coupling.under_F.shape[1]):
+        apart_K -= p.coupling.under_F[source, q] * u.z_start[k, q]
+    heat_W = p.coupling.links.conductance_W_K[i] * apart_K
+    for a in range(B.shape[1]):
+        c[a] = heat_W * (p.coupling.place_gain[source] * B[source, a] - p.coupling.links.B[i, a])
 
 
 def see(p, u, k, dt_s, C, around):

@@ -58,7 +58,9 @@ class Nuisance(IntEnum):
 class Change(NamedTuple):
     """What one unit of a parameter does, on a plant of n_x states with p known inputs.
 
-    To dx/dt: A is `rate_1_s` (n_x,) on the diagonal, and `into` (n_x,) times the row `seen` (n_x,) beside it;
+    To dx/dt: A is `rate_1_s` (n_x,) on the diagonal, and `into` (n_x,) times the row `seen` (n_x,) beside it,
+    for a link to a nut that moves with the nut over its stroke; filters take the nut where it is, by the
+    number of this link among those of the plant's coupling, `tie`, none for -1;
     B q is `heats` (n_x,) times what all heats do, and what the law of source `law` does, none for -1; E is
     `known` (p, n_x), and f `steady` (n_x,). To the reading of sensor `of`: the row C, `row` (n_x,), the row
     F, `row_known` (p,), and d, `shift_K`; a lag makes of a reading what it was `lag_s` before.
@@ -69,6 +71,7 @@ class Change(NamedTuple):
     seen: FloatArray
     heats: FloatArray
     law: int
+    tie: int
     known: FloatArray
     steady: FloatArray
     row: FloatArray
@@ -112,6 +115,7 @@ class LearningArrays(NamedTuple):
     seen: FloatArray
     heats: FloatArray
     law: NDArray[np.int64]
+    tie: NDArray[np.int64]
     known: FloatArray
     steady: FloatArray
     row: FloatArray
@@ -215,7 +219,8 @@ class Learning:
 def no_change(n_x: int, known: int) -> Change:
     """Return what a parameter does that does nothing."""
     none = np.zeros(n_x)
-    return Change(none, none, none, none, -1, np.zeros((known, n_x)), none, none, np.zeros(known), 0.0, 0.0)
+    nothing = np.zeros((known, n_x))
+    return Change(none, none, none, none, -1, -1, nothing, none, none, np.zeros(known), 0.0, 0.0)
 
 
 def learning_of(

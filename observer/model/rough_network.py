@@ -63,10 +63,16 @@ class _Beside:
         self._first = first
 
     def links(self, config: Config, described: Sequence[Link]) -> Iterator[Parameter]:
-        """Yield a parameter for each link: a part of its conductance."""
+        """Yield a parameter for each link: a part of its conductance. Those to nuts that move are numbered as
+        in the plant's coupling.
+        """
+        moving, tied = [self._plant.source_names[m.index] for m in self._plant.moving], 0
         for link, own in zip(config.link, described, strict=True):
             sigma, name = config.tolerance.of_link(own.tolerance), f"{own.key}.factor"
-            yield Parameter(Nuisance.LINK, 0, sigma, self._passing(link), name, own.factor, own.factor)
+            change = self._passing(link)
+            if not set(link.between).isdisjoint(moving):
+                change, tied = change._replace(tie=tied), tied + 1
+            yield Parameter(Nuisance.LINK, 0, sigma, change, name, own.factor, own.factor)
 
     def capacities(self, config: Config, constant: Constant) -> Iterator[Parameter]:
         """Yield a parameter for each node: a part of its heat capacity."""

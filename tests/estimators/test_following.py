@@ -24,16 +24,40 @@ LINEAR = [
 ]
 
 
-@pytest.mark.parametrize("effects", [[], LINEAR], ids=["by itself", "coupled"])
-def test_parameters_act_where_the_field_followed_is(effects):
+TIED = {
+    "node": [{"name": "body", "capacity_J_K": 600.0}],
+    "link": [
+        {"between": ["body", "ambient"], "conductance_W_K": 0.5},
+        {"between": ["nut", "body"], "conductance_W_K": 8.0},
+    ],
+}
+
+
+def passed_in_place(plant, B, x, z):
+    """What each link to a nut adds to dx/dt, (n_x, k), if it conducts as much again, the nut in place."""
+    c, columns = plant.coupling, []
+    for i, source in enumerate(c.links.source):
+        foot = c.place_gain[source] * B[:, source]
+        modes = np.arange(len(x)) < plant.modes
+        under = c.under_C[source] + c.conductance_W_m * np.where(modes, foot, 0.0)
+        apart_K = (c.links.C[i] - under) @ x - c.under_F[source] @ z
+        columns.append(c.links.conductance_W_K[i] * apart_K * (foot - c.links.B[i]))
+    return np.array(columns).T
+
+
+@pytest.mark.parametrize(
+    ("effects", "beside"), [([], {}), (LINEAR, {}), ([], TIED)], ids=["by itself", "coupled", "tied"]
+)
+def test_parameters_act_where_the_field_followed_is(effects, beside):
     """Nothing is measured; heats and parameters are off by about their priors."""
-    config, plant, u = learning(EVERY, steps=6, effect=effects)
+    config, plant, u = learning([*EVERY, "link"], steps=6, effect=effects, **beside)
     u = u._replace(loss_1_s=np.full(len(u), 1e-3))
     u.usable[1:] = False
     u.law_W[:] = 10.0 + np.arange(len(u))[:, None]
     estimator, rng = KalmanEstimator(plant, config.estimator), np.random.default_rng(2)
     first, _ = estimator.run(estimator.initial(), u.part(0, 1))
     a, n_x, m_e = plant.learning.arrays, len(plant.decay_1_s), int(plant.estimated.sum())
+    assert (a.tie >= 0).sum() == len(beside.get("node", []))
     n, around = n_x + m_e, first.around.copy()
     x = first.x_hat + np.sqrt(np.diag(first.P)) * rng.standard_normal(len(first.x_hat))
     around[:n] = first.x_hat[:n] + 0.3 * np.sqrt(np.diag(first.P))[:n] * rng.standard_normal(n)
@@ -44,6 +68,8 @@ def test_parameters_act_where_the_field_followed_is(effects):
         heat_W = u.law_W[k].copy()
         heat_W[plant.estimated] += here[n_x:]
         c = a.drives(here[:n_x], B, u.law_W[k], heat_W, u.z_start[k])[:, : a.machine]
+        if beside:
+            c[:, a.tie[: a.machine] == 0] = passed_in_place(plant, B, here[:n_x], u.z_start[k])
         G = step_matrices(plant, float(quantise(u.dt_s[k]))).hold[:, None] * c
         step = transition(plant, u, k, belief.x, Columns(B, G))
         here = step.F[:n, :n] @ here + step.forced[:n]
