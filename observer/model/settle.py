@@ -23,7 +23,7 @@ from observer.model.generator import generator, on_the_screw
 from observer.model.plant import Plant
 from observer.model.realise import realise
 from observer.model.rod.moving import columns_at
-from observer.tables.sections import law_channels
+from observer.tables.sections import covers_only, law_channels
 
 SLOWEST_1_S = 1e-8
 """A state that takes longer than three years has nothing that holds it: rounding leaves such rates."""
@@ -92,6 +92,13 @@ def point_of(config: Config, plant: Plant, values: Mapping[str, float]) -> Opera
     refuse_drift(config)
     if missing := [c for c in needed_channels(config) if c not in values]:
         raise ConfigError(f"the steady state needs a value of {', '.join(missing)}; give each one")
+    for source in config.source:
+        place_m = values.get(source.position_channel or "")
+        if source.covers_film and place_m is not None and not covers_only(source, config.screw, place_m):
+            raise ConfigError(
+                f"{source.position_channel} = {place_m:g}: {source.name} reaches beyond the screw there; "
+                "covers_film needs the whole of it on the screw, so give another position"
+            )
     driving = Drive(config, plant).open_loop(_lasting(config.channels, values))
     B = np.array([plant.B[:, m.index] for m in plant.moving]).reshape(-1, len(plant.decay_1_s))
     C = np.array([plant.rows.C[:, plant.modes + m.index] for m in plant.moving]).reshape(

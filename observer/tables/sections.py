@@ -177,7 +177,8 @@ class Source(HeatLaw):
     position_channel: quantities.Channel | None = None  #: nut: the channel of its centre's position in m
     #: nut: lead of the screw; with the speed it shows how well the samples resolve the path
     lead_m: quantities.Lead | None = None
-    #: nut: the screw loses nothing to the air where the nut is, for as long as it is there
+    #: nut: the screw loses nothing to the air where the nut is, for as long as it is there; `stroke_m`, if
+    #: given, keeps the whole nut on the screw
     covers_film: quantities.Flag = False
     position_m: quantities.Position | None = None  #: point: its position
     from_m: quantities.Position | None = None  #: band: where it begins
@@ -251,6 +252,12 @@ class Source(HeatLaw):
         if self.nut_friction is not None and (self.nut_friction.lead_m is None) == (self.lead_m is None):
             raise ValueError("nut_friction needs the lead once; give lead_m in one of the two tables")
         return self
+
+
+def covers_only(source: Source, screw: Screw, position_m: float) -> bool:
+    """Return whether a nut at a position of its centre is on the screw as a whole."""
+    half_m = 0.5 * (source.length_m or 0.0) - 1e-9
+    return half_m <= position_m <= screw.length_m - half_m
 
 
 def following(sources: Sequence[Source]) -> dict[str, list[tuple[float, Source]]]:
@@ -376,6 +383,7 @@ class Description(Section):
     def _nodes_are_known(self) -> Description:
         names = {n.name for n in self.node}
         self._linked_ends_are_free()
+        self._covering_nuts_stay_on_the_screw()
         placed = tuple(s.name for s in self.source if s.shape != "node")
         check_places(self.node, self.link, tuple(s.name for s in self.source), placed)
         for place, used in (
@@ -387,6 +395,16 @@ class Description(Section):
                 known = ", ".join(sorted(names)) or "none yet, write [[node]]"
                 raise ValueError(f'{place} names "{used}", which is no node; the nodes are: {known}')
         return self
+
+    def _covering_nuts_stay_on_the_screw(self) -> None:
+        for source in self.source:
+            if not source.covers_film or source.stroke_m is None:
+                continue
+            if beyond := [at_m for at_m in source.stroke_m if not covers_only(source, self.screw, at_m)]:
+                raise ValueError(
+                    f"source {source.name}: covers_film needs the whole nut on the screw; with its centre at "
+                    f"{beyond[0]:g} m it reaches beyond the end; correct stroke_m or length_m"
+                )
 
     def _linked_ends_are_free(self) -> None:
         linked = {end for one in self.link for end in one.between}

@@ -215,3 +215,14 @@ def test_no_number_is_cut_where_many_variants_stand_side_by_side(width: int) -> 
     assert all(f" {case.heat_W['nut']:.2f} " in said for case in found.cases)
     assert max(map(len, said.splitlines())) <= width
     assert (said.count("all heats, W") == 1) == (width == 200)
+
+
+def test_a_nut_that_covers_the_film_is_kept_on_the_screw_as_a_whole() -> None:
+    """Of half a nut the screw would be given back the film of a whole one."""
+    text = (CONFIG / "li-network.toml").read_text("utf-8")
+    with pytest.raises(observer.ConfigError, match=r"with its centre at 0\.03 m it reaches beyond the end"):
+        observer.Machine.of_text(text.replace("stroke_m = [0.09, 0.51]", "stroke_m = [0.03, 0.51]"))
+    machine = observer.Machine.of_text(text.replace("stroke_m = [0.09, 0.51]", "stroke_m = [0.04, 0.51]"))
+    values = {"screw_speed_rpm": 500.0, "ambient_degC": 20.0, "nut_position_m": 0.03}
+    with pytest.raises(observer.ConfigError, match="nut reaches beyond the screw there"):
+        machine.settle({c: v for c, v in values.items() if c in machine.config.channels})
