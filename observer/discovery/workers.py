@@ -40,6 +40,8 @@ _problems: list[Problem] = []
 class WorkerPool:
     """Runs tasks on one problem in this process and one worker, with the same results as this process alone.
 
+    The same but for rounding: a BLAS may choose the order of a sum by where arrays lie in memory.
+
     Without a second core, if the worker fails, or inside a worker process, this process runs all tasks.
     """
 
