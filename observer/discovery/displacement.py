@@ -24,7 +24,7 @@ from observer.fit.evidence import Evidence
 from observer.fit.hypothesis import NORMAL_95, Fit, fit_effects, fit_null
 from observer.fit.parameters import candidates, free_keys, info_of
 from observer.fit.problem import Problem
-from observer.fit.runs import prepare_all
+from observer.fit.runs import Run, prepare_all
 from observer.frames import BoolArray, FloatArray, FrameBlock
 
 KEYS = (
@@ -98,7 +98,8 @@ def displacements_of(
     """
     if all(sensor.kind == "temperature" for sensor in config.sensor):
         return None
-    seen = _JointFit.of(config, runs, verdict.fit)
+    prepared = prepare_all(config, runs)
+    seen = _JointFit.of(config, prepared, verdict.fit)
     if seen.moved[seen.evidence.used].sum() < FEWEST or seen.moved[seen.evidence.proof].sum() < FEWEST_PROOF:
         return DisplacementFindings("not_identifiable", (), {}, None)
     causes = sorted(seen.causes(), key=lambda cause: -cause.drop)
@@ -112,7 +113,7 @@ def displacements_of(
         kind = "named" if len(near) == 1 else "ambiguous"
     supports = None
     if verdict.kind == "named":
-        supports = _supported(_JointFit.of(config, runs, null), seen, after_um)
+        supports = _supported(_JointFit.of(config, prepared, null), seen, after_um)
     return DisplacementFindings(kind, tuple(near), seen.errors(after_um), supports)
 
 
@@ -137,10 +138,10 @@ class _JointFit:
     moved: BoolArray
 
     @classmethod
-    def of(cls, config: Config, runs: Sequence[Sequence[FrameBlock]], thermal: Fit) -> _JointFit:
+    def of(cls, config: Config, runs: Sequence[Run], thermal: Fit) -> _JointFit:
         """Fit the free parameters of a configuration beside the effects of a fit to its temperatures."""
         config = thermal.config.model_copy(update={"sensor": config.sensor, "calibrate": config.calibrate})
-        problem = Problem.of(config, free_keys(config), prepare_all(config, runs))
+        problem = Problem.of(config, free_keys(config), runs)
         kinds = np.array([sensor.kind == "displacement" for sensor in config.sensor])
         return cls(fit_null(problem, config), kinds[problem.evidence.sensor])
 

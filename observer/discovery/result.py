@@ -35,7 +35,7 @@ def calibration_result(calibration: Calibration, noise: Mapping[str, float]) -> 
         "calibrated": {
             f.key: {**_interval(f.value, *f.ci95, f.unit), "before": f.before} for f in calibration.fitted
         },
-        "left": _rounded(calibration.left),
+        "left": _rounded({k: v for k, v in calibration.left.items() if k in calibration.written}),
         "not_told": [describe(obstacle) for obstacle in calibration.obstacles],
         "process_noise": _rounded(dict(noise)),
         "gap": {

@@ -145,8 +145,8 @@ class ErrorRms:
 class Calibration:
     """The result of a calibration.
 
-    `config` carries the fitted values, or those configured where they are no better; `left` the remaining
-    tolerances of the fitted ones by the configuration's keys;
+    `config` carries the fitted values, or those configured where they are no better, which `kept` then says
+    in a sentence; `left` are the remaining tolerances of the fitted ones by the configuration's keys;
     `obstacles` names the free parameters that are not identifiable from these logs (they keep their values)
     or poorly determined, and why. `error` is over all sensors, `per_sensor` by name.
     """
@@ -157,6 +157,7 @@ class Calibration:
     obstacles: tuple[Obstacle, ...]
     error: ErrorRms
     per_sensor: dict[str, ErrorRms]
+    kept: str | None = None
 
     @property
     def values(self) -> dict[str, float]:
@@ -164,9 +165,9 @@ class Calibration:
         return {f.key: f.value for f in self.fitted}
 
     @property
-    def kept(self) -> str | None:
-        """Why the configured values are kept, in a sentence; None where the fitted ones are better."""
-        return _kept(self.error, self.per_sensor)
+    def written(self) -> dict[str, float]:
+        """What the configuration has from the fit, by key: nothing where its own values are kept."""
+        return {} if self.kept is not None else self.values | self.left
 
 
 def calibrate(
@@ -203,9 +204,9 @@ def calibrate(
     overall, per_sensor = _errors(config, before_K, after_K)
     doubts = _doubts(fit.problem, fitted)
     left = remaining_tolerances(config, fit.relative_sigma)
-    if _kept(overall, per_sensor) is not None:
+    if (kept := _kept(overall, per_sensor)) is not None:
         after = config
-    return Calibration(after, fitted, left, obstacles + doubts, overall, per_sensor)
+    return Calibration(after, fitted, left, obstacles + doubts, overall, per_sensor, kept)
 
 
 def _kept(error: ErrorRms, per_sensor: Mapping[str, ErrorRms]) -> str | None:

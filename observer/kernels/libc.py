@@ -16,9 +16,7 @@ from numpy import floor, isfinite, isinf, isnan, rint
 
 try:
     import cython  # type: ignore[import-untyped]
-except (
-    ModuleNotFoundError
-):  # it belongs to the build: without it, kernels are compiled, and constants are read
+except ModuleNotFoundError:  # of the build only: without it kernels are compiled, constants read
     cython = None
 
 INFINITY: Final = math.inf

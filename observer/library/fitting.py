@@ -100,9 +100,4 @@ def fitted(
     result = calibration_result(found, noise) | {"doubts": runs.odd, "kept": found.kept}
     result["nut_path"] = {log.path.name: nut_paths(config, log) for log in logs}
     result = about(source, [log.path.name for log in logs]) | result
-    written = noise
-    if found.kept is None:
-        written = found.values | found.left | noise
-    else:
-        result["left"] = {}
-    return FittedLogs(result, write_back(text_of(source), written))
+    return FittedLogs(result, write_back(text_of(source), found.written | noise))

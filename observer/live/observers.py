@@ -312,8 +312,6 @@ class Keeper(StepObserver):
             self._reason = None
         except OSError as error:
             self._reason = f"{self._path}: cannot be written ({error.strerror}); free space or repair it"
-        except (
-            Exception
-        ) as error:  # a defect: the service continues, and health reports that it cannot be resumed
+        except Exception as error:  # a defect: the service continues, but health says it cannot resume
             self._reason = f"{self._path}: cannot be written ({error!r}); report this"
             log.error("checkpoint failed", exc_info=True)

@@ -81,9 +81,7 @@ class Renewals(Generic[Prepared]):
                 self._refused = None
             except UserError as error:
                 self._refuse(str(error))
-            except (
-                Exception
-            ) as error:  # the service continues with what it has, whatever is wrong with the new one
+            except Exception as error:  # the service continues with what it has, whatever this is
                 log.error("reading the configuration failed", exc_info=True)
                 self._refuse(repr(error))
 

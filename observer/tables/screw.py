@@ -113,7 +113,7 @@ class Screw(Section):
     @property
     def area_m2(self) -> float:
         """The cross-section that conducts, stores and holds, where no section differs."""
-        return math.pi * (self.diameter_m**2 - self.bore_m**2) / 4
+        return Piece(0.0, self.length_m, self.diameter_m, self.bore_m).area_m2
 
     def end_area_m2(self, side: str) -> float:
         """Return the cross-section at the "left" or the "right" end."""

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tests.logs.machines import probe
 from tests.truth.machine.cycles import RUNS, STEP_s
 from tests.truth.machine.generate import Case, logged, machine_of, trace
 from tests.truth.machine.logs import FORMATS, configuration, write_log
@@ -16,16 +17,6 @@ from tests.truth.machine.run import run_machine
 
 EXPANSION_1_K, FINE_M = 11.8e-6, np.linspace(0.0, 1.0, 201)
 PLACES_M, NOISE_UM, ZERO_UM = (0.5, 0.9), 0.5, 2.0
-PROBE = """
-[[sensor]]
-name = "probe_{mm:.0f}"
-kind = "displacement"
-channel = "probe_{mm:.0f}_um"
-position_m = {x}
-noise_um = {noise}
-zero_um = {zero}
-occasional = {occasional}
-"""
 
 
 class Moved(NamedTuple):
@@ -64,9 +55,9 @@ def write_grown(case: Case, moved: Moved, folder: Path, every_s: float = 10.0) -
             FORMATS | dict.fromkeys(names, "%.1f"),
         )  # fmt: skip
     text = configuration(case.unmodelled, known=not case.rough)
-    occasional = str(every_s > 60.0).lower()
+    occasional = every_s > 60.0
     for x_m in PLACES_M:
-        text += PROBE.format(mm=1000 * x_m, x=x_m, noise=NOISE_UM, zero=ZERO_UM, occasional=occasional)
+        text += probe(f"probe_{1000 * x_m:.0f}", x_m, NOISE_UM, ZERO_UM, occasional=occasional)
     (folder / "config.toml").write_text(text, encoding="utf-8")
     return paths
 

@@ -1,4 +1,4 @@
-"""A whole search that names two things, each proved on data held back: of a rod by another code."""
+"""Whole searches that find two things, the second proved or not: on rods that another code simulates."""
 
 from __future__ import annotations
 
@@ -10,15 +10,30 @@ from observer.app import discover
 from tests.truth.heated_rod import draw, write
 
 pytestmark = pytest.mark.slow
-SEED, HIDDEN = 9502, "block"
+PROVED, SEED, HIDDEN = 9502, 9526, "block"
+
+
+def test_what_was_named_without_proof_is_unknown_and_the_rest_is_offered(tmp_path: Path) -> None:
+    """Only the heater's block is hidden. A heat somewhere on the rod takes up what the block's form leaves of
+    the fitted part of the log; it was named with it, and does not change what is held back.
+    """
+    log = write(draw(SEED, HIDDEN), SEED, tmp_path)
+    folder = tmp_path / "found"
+    found, result = discover(tmp_path / "config.toml", [log], folder, lambda *_: None, report=False)
+    assert [t.candidate.name for t in found.search.chosen] == ["attached_mass at left", "local_heat"]
+    assert found.proof.unproved == ("local_heat",)
+    assert (result["verdict"], result["effects"]) == ("unknown", [])
+    assert result["reason"].startswith("local_heat would explain")
+    assert result["partial"]["kind"] == "attached_mass"
+    assert not (folder / "config.toml").exists()
 
 
 def test_a_block_is_named_and_the_thermocouple_that_is_off_beside_it(tmp_path: Path) -> None:
     """The heater's block is hidden, and t2 is the thermocouple that is off the most. Before each bias was
     judged by itself, a heat somewhere on the rod was chosen in its place, and had no proof.
     """
-    rod = draw(SEED, HIDDEN)
-    log = write(rod, SEED, tmp_path)
+    rod = draw(PROVED, HIDDEN)
+    log = write(rod, PROVED, tmp_path)
     found, result = discover(
         tmp_path / "config.toml", [log], tmp_path / "found", lambda *_: None, report=False
     )

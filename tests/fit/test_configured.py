@@ -6,47 +6,31 @@ from functools import cache
 
 import numpy as np
 import pytest
+import tomlkit
 
 from observer import Machine
+from tests.logs.machines import SCREW
 from tests.truth.bar import Bar, Mesh, nut_share, point_share, shuttle_m, substep_times
 from tests.truth.rod import Heat, simulate
 
-TEXT = """
-machine = { name = "m", axis = "x" }
-surface = { convection_W_m2K = 15.0 }
-ambient = { channel = "air_degC" }
-output = { reference_degC = 20.0 }
-sensor = [
-  { name = "t1", channel = "t1_degC", position_m = 0.04, noise_K = 0.05 },
-  { name = "t2", channel = "t2_degC", position_m = 0.12, noise_K = 0.05 },
-  { name = "t3", channel = "t3_degC", position_m = 0.86, noise_K = 0.05 },
-  { name = "t4", channel = "t4_degC", position_m = 0.96, noise_K = 0.05 },
-]
-[screw]
-length_m = 1.0
-diameter_m = 0.036
-conductivity_W_mK = 50.0
-density_kg_m3 = 7800.0
-specific_heat_J_kgK = 460.0
-expansion_1_K = 11.8e-6
-[[source]]
-name = "nut"
-shape = "nut"
-length_m = 0.08
-stroke_m = [0.15, 0.80]
-position_channel = "x_m"
-lead_m = 0.010
-speed_channel = "n_rpm"
-torque_Nm = 0.30
-scale = 1.0
-[[source]]
-name = "left"
-shape = "point"
-position_m = 0.0
-speed_channel = "n_rpm"
-heat_W_rpm = 0.006
-"""
-PLACES_M = np.array([0.04, 0.12, 0.86, 0.96])
+PLACES_M = (0.04, 0.12, 0.86, 0.96)
+TEXT = tomlkit.dumps(
+    {
+        "screw": SCREW | {"expansion_1_K": 11.8e-6},
+        "surface": {"convection_W_m2K": 15.0},
+        "ambient": {"channel": "air_degC"},
+        "sensor": [
+            {"name": f"t{i}", "channel": f"t{i}_degC", "position_m": x_m, "noise_K": 0.05}
+            for i, x_m in enumerate(PLACES_M, 1)
+        ],
+        "source": [
+            {"name": "nut", "shape": "nut", "length_m": 0.08, "stroke_m": [0.15, 0.80], "lead_m": 0.010,
+             "position_channel": "x_m", "speed_channel": "n_rpm", "torque_Nm": 0.30, "scale": 1.0},
+            {"name": "left", "shape": "point", "position_m": 0.0, "speed_channel": "n_rpm",
+             "heat_W_rpm": 0.006},
+        ],
+    }
+)  # fmt: skip
 SPEEDS_RPM = (880.0, 290.0, 0.0, 1170.0, 610.0, 0.0, 880.0, 1170.0, 290.0)
 
 
@@ -66,7 +50,7 @@ def truth(row_s: int) -> dict[str, np.ndarray]:
         Heat(nut_share(mesh, 0.08, place_m(middle_s)), 0.30 * speed_rpm[:-1] * 2.0 * np.pi / 60.0),
         Heat(point_share(mesh, 0.0), 0.006 * speed_rpm[:-1]),
     ]
-    degC = simulate(Bar(), mesh, time_s, heats, PLACES_M).temperature_degC[:, :, 0]
+    degC = simulate(Bar(), mesh, time_s, heats, np.array(PLACES_M)).temperature_degC[:, :, 0]
     degC = degC + np.random.default_rng(7).normal(0.0, 0.05, degC.shape)
     columns = {f"t{i + 1}_degC": degC[:, i] for i in range(4)}
     columns |= {"x_m": place_m(time_s), "n_rpm": speed_rpm, "air_degC": np.full(len(time_s), 20.0)}
@@ -94,7 +78,7 @@ def test_values_that_leave_a_larger_gap_than_those_configured_are_not_written() 
 
 
 def test_values_that_leave_a_smaller_gap_are_written() -> None:
-    off = Machine.of_text(TEXT.replace("torque_Nm = 0.30", "torque_Nm = 0.40"))
+    off = Machine.of_text(TEXT.replace("torque_Nm = 0.3", "torque_Nm = 0.4"))
     found = off.calibrate(truth(1))
     assert found.document["kept"] is None
     assert found.machine.config.source[0].scale == pytest.approx(0.75, abs=0.05)

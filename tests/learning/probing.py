@@ -16,20 +16,12 @@ from observer.frames import EstimateBlock, FloatArray
 from tests.learning.cover import log_of
 from tests.learning.housings import HOUSED_CONFIG, draw_housed
 from tests.learning.machines import CONFIG, GRID_M, Day, Rough, config_of, day, draw
+from tests.logs.machines import probe
 from tests.truth.machine.machine import stream
 
 PROBE_M, NOISE_UM, ZERO_UM = 0.9, 0.7, 1.0
 EVERY_S, BURST = 3600.0, 3
-PROBE = f"""
-[[sensor]]
-name = "probe"
-kind = "displacement"
-channel = "probe_um"
-position_m = {PROBE_M}
-noise_um = {NOISE_UM}
-zero_um = {ZERO_UM}
-occasional = true
-"""
+PROBE = probe("probe", PROBE_M, NOISE_UM, ZERO_UM, occasional=True)
 
 
 class Probed(NamedTuple):

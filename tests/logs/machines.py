@@ -60,6 +60,15 @@ def table(**changes: Any) -> dict[str, Any]:
     } | changes  # fmt: skip
 
 
+def probe(name: str, position_m: float, noise_um: float, zero_um: float, *, occasional: bool) -> str:
+    """The table of a displacement sensor."""
+    sensor = {
+        "name": name, "kind": "displacement", "channel": f"{name}_um", "position_m": position_m,
+        "noise_um": noise_um, "zero_um": zero_um, "occasional": occasional,
+    }  # fmt: skip
+    return f"\n{tomlkit.dumps({'sensor': [sensor]})}"
+
+
 def machine(**changes: Any) -> Config:
     return parse(table(**changes))
 
