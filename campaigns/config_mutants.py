@@ -32,8 +32,8 @@ def main() -> int:
                 outcomes["failed"] += 1
                 print(f"{mutant.label}\n{traceback.format_exc(limit=-3)}", flush=True)
             slowest = max(slowest, (time.process_time() - start_s, mutant.label))
-    told = ", ".join(f"{n} {outcome}" for outcome, n in sorted(outcomes.items()))
-    print(f"{args.count} mutants: {told}; the slowest: {slowest[0]:.1f} s of processor time, {slowest[1]}")
+    counts = ", ".join(f"{n} {outcome}" for outcome, n in sorted(outcomes.items()))
+    print(f"{args.count} mutants: {counts}; the slowest: {slowest[0]:.1f} s of processor time, {slowest[1]}")
     return outcomes["failed"]
 
 

@@ -81,7 +81,7 @@ def _window(browser: Browser, size: str) -> BrowserContext:
 
 
 def _jumps(browser: Browser, url: str, size: str) -> tuple[float, float]:
-    """How far what stands on the page moves, weighted by its part of the window, as browsers tell it."""
+    """How far what stands on the page moves, weighted by its part of the window, as browsers report it."""
     with _window(browser, size) as context:
         page = context.new_page()
         page.goto(url)

@@ -42,11 +42,11 @@ def go_on(
     table: Path,
     console: Console,
     workers: int = 2,
-    told: Callable[[Rows], str] = lambda _rows: "",
+    described: Callable[[Rows], str] = lambda _rows: "",
 ) -> None:
     """Carry tasks out, each in a process of its own kind, and add the rows of each as soon as it is done.
 
-    `told` says of them what people are shown beside the progress.
+    `described` gives the text that is shown of them beside the progress.
     """
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(compact=True)
@@ -59,7 +59,7 @@ def go_on(
             for job in as_completed(jobs):
                 rows = job.result()
                 append_rows(table, rows)
-                progress.update(shown, advance=1, description=told(rows) or table.stem)
+                progress.update(shown, advance=1, description=described(rows) or table.stem)
         except KeyboardInterrupt:
             pool.shutdown(cancel_futures=True)
             raise SystemExit("interrupted; the same command goes on from here") from None

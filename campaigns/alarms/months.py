@@ -90,8 +90,10 @@ def months(story: Story, seed: int) -> Iterator[Sample]:
             slow = ALIKE * slow + np.sqrt(1.0 - ALIKE**2) * rng.normal()
             error = 0.1 * slow + film_per_K * air_K * rise_K / max(heat_W, 1.0) + 0.3 * rng.normal() / law_W
             time_s = 1.7e9 + day * DAY_S + 6 * 3600.0 + (k + 1) * WINDOW_S
-            told_W = heat_W * (1.0 + error)
-            window = Window(time_s, told_W, 0.1 * told_W + 0.2, law_W, rise_K + rng.normal(0.0, 0.3), law_W)
+            estimated_W = heat_W * (1.0 + error)
+            window = Window(
+                time_s, estimated_W, 0.1 * estimated_W + 0.2, law_W, rise_K + rng.normal(0.0, 0.3), law_W
+            )
             yield Sample(window, running_h, factor)
 
 

@@ -87,7 +87,7 @@ def _reads(one: Specimen, **changes: object) -> Specimen:
 
 @dataclass(frozen=True)
 class Story:
-    """What happens after the days of learning, for how many days of work, and which alarms tell of it."""
+    """What happens after the days of learning, for how many days of work, and which alarms report it."""
 
     happens: Callable[[Specimen, float], Specimen] | None
     days: int
@@ -184,7 +184,7 @@ def watched(task: tuple[int, int]) -> list[dict[str, str]]:
         rig.works(learning, _day(one, seed, number, i, None, 0.0))
     gap = rig.pipeline.gap
     known = None if gap is None else gap.state
-    rows = [_told(number, "learning", LEARN_DAYS, learning, learning.desk, ())]
+    rows = [_line(number, "learning", LEARN_DAYS, learning, learning.desk, ())]
     for name, story in STORIES.items():
         seen = Watched(copy.deepcopy(learning.desk))
         if gap is not None and known is not None:
@@ -193,11 +193,11 @@ def watched(task: tuple[int, int]) -> list[dict[str, str]]:
             rig.works(seen, _day(one, seed, number, i, story, seen.hours))
             if any(alarm.startswith(story.right) for alarm in seen.raised) and story.right:
                 break
-        rows.append(_told(number, name, i + 1 - LEARN_DAYS, seen, seen.desk, story.right))
+        rows.append(_line(number, name, i + 1 - LEARN_DAYS, seen, seen.desk, story.right))
     return rows
 
 
-def _told(
+def _line(
     number: int, name: str, days: int, seen: Watched, desk: AlarmDesk, right: tuple[str, ...]
 ) -> dict[str, str]:
     own = [alarm for alarm in seen.raised if right and alarm.startswith(right)]
@@ -206,8 +206,8 @@ def _told(
     first = min(own, key=seen.first_h.__getitem__) if own else ""
     return {
         "machine": str(number), "story": name, "days": str(days), "hours": f"{seen.hours:.1f}",
-        "good": f"{seen.good / max(seen.rows, 1):.3f}", "known": " ".join(known), "told": first,
-        "told_h": f"{seen.first_h[first]:.1f}" if own else "", "others": "; ".join(others),
+        "good": f"{seen.good / max(seen.rows, 1):.3f}", "known": " ".join(known), "reported": first,
+        "reported_h": f"{seen.first_h[first]:.1f}" if own else "", "others": "; ".join(others),
     }  # fmt: skip
 
 
@@ -222,12 +222,12 @@ def table(rows: list[dict[str, str]]) -> str:
         own = [row for row in rows if row["story"] == name]
         if not own:
             continue
-        told = [row for row in own if row["told"]]
-        hours = sorted(float(row["told_h"]) for row in told)
+        reported = [row for row in own if row["reported"]]
+        hours = sorted(float(row["reported_h"]) for row in reported)
         when = f"{hours[len(hours) // 2]:.1f} ({hours[-1]:.1f})" if hours else "–"
-        kinds = Counter(row["told"].split(".")[0] for row in told)
+        kinds = Counter(row["reported"].split(".")[0] for row in reported)
         words = ", ".join(f"`{kind}` {n}" for kind, n in kinds.most_common()) or "–"
-        part = "–" if name in ("learning", NOTHING) else f"{len(told)} of {len(own)}"
+        part = "–" if name in ("learning", NOTHING) else f"{len(reported)} of {len(own)}"
         false: Counter[str] = Counter()
         for one in filter(None, "; ".join(row["others"] for row in own).split("; ")):
             alarm, times = one.rsplit(" ", 1)

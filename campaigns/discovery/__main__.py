@@ -45,7 +45,7 @@ def main() -> None:
     console = Console()
     console.print(f"{len(entries)} cases, {len(entries) - len(waiting)} already in {table}")
     answers = options.answers or Path("build/campaign/answers")
-    go_on(waiting, partial(rows_of, own.trial, answers), table, console, options.workers, _told)
+    go_on(waiting, partial(rows_of, own.trial, answers), table, console, options.workers, _shown)
     page = PAGE if options.folder == FOLDER else options.folder / "summary.md"
     show(page, own.summary(latest(table)), own.marks)
     console.print(f"{table} and {page} written")
@@ -78,7 +78,7 @@ def latest(table: Path) -> list[dict[str, str]]:
     return [last[name] for name in sorted(last)]
 
 
-def _told(rows: Rows) -> str:
+def _shown(rows: Rows) -> str:
     (row,) = rows
     good = "good" if row["good"] == "1" else f"[bold]{row['outcome']}[/bold]"
     return f"{row['name']}: {good}"
@@ -92,7 +92,7 @@ def _marks(entry: Entry) -> set[str]:
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="make discover-campaign", description=__doc__)
     parser.add_argument(
-        "--folder", type=Path, default=FOLDER, help=f"of results.csv ({FOLDER}, told in {PAGE})"
+        "--folder", type=Path, default=FOLDER, help=f"of results.csv ({FOLDER}, described in {PAGE})"
     )
     parser.add_argument("--answers", type=Path, help="of the answers (build/campaign/answers)")
     parser.add_argument(

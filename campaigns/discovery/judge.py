@@ -54,8 +54,8 @@ def outcome_of(entry: Entry, result: Mapping[str, Any]) -> str:
     one_physics = entry.doubt is not None and entry.doubt.same
     alike = [frozenset({name}) for name in entry.doubt.alike] if entry.doubt and one_physics else []
     if verdict == "ambiguous":
-        told = any(_same(names, each) for names in result["alternatives"] for each in (hidden, *alike))
-        return "in_set" if hidden and told else "wrong_set"
+        listed = any(_same(names, each) for names in result["alternatives"] for each in (hidden, *alike))
+        return "in_set" if hidden and listed else "wrong_set"
     if verdict == "named" and found in alike:
         return "right"
     if verdict == "named" or (verdict == "unknown" and found):
@@ -96,8 +96,8 @@ def is_good(entry: Entry, outcome: str) -> bool:
         case "outside" | "absent":
             good = ["unknown"]
         case "ambiguous":
-            told = doubt is not None and (doubt.same or doubt.tellable)
-            good = ["in_set", "not_identifiable", *(["right"] if told else [])]
+            nameable = doubt is not None and (doubt.same or doubt.distinguishable)
+            good = ["in_set", "not_identifiable", *(["right"] if nameable else [])]
         case "poor":
             unseen = doubt is not None and doubt.unseen
             good = ["right", "in_set", "not_identifiable", *(["none"] if unseen else [])]

@@ -310,9 +310,9 @@ def limit_lines(rows: Sequence[Cells]) -> list[str]:
             continue
         limit = detection_limit(ladder.strengths, shares)
         at = "–" if limit is None else f"{shares[ladder.strengths.index(limit)]}".replace(" |", ",")
-        told = "not named" if limit is None else f"{limit:g}"
+        least = "not named" if limit is None else f"{limit:g}"
         counts = ", ".join(f"{share.hits}/{share.of}" for share in shares)
-        lines.append(f"| `{ladder.label}`, {ladder.key} | {told} | {at} | {counts} |")
+        lines.append(f"| `{ladder.label}`, {ladder.key} | {least} | {at} | {counts} |")
     return lines
 
 

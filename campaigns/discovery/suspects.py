@@ -1,4 +1,4 @@
-"""The slice of the campaign that is about the logs: which suspects are told, without the rest of a search."""
+"""The slice of the campaign about the logs: which suspects are reported, without the rest of a search."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SAME = {"ambient": ("ambient_drift",), "offsets": ("sensor_bias",)}
 
 @dataclass(frozen=True)
 class SuspectRow:
-    """One line of the table: what is wrong with the logs, what was told of them, and whether it is so."""
+    """One line of the table: what is wrong with the logs, what was reported, and whether it is so."""
 
     name: str
     trouble: str
@@ -43,17 +43,17 @@ class SuspectRow:
     hidden: str
     logs: str
     typical: str
-    told: str
-    told_about: str
-    told_by: str
+    reported: str
+    reported_about: str
+    reported_by: str
     outcome: str
     good: str
     search_s: str
     reason: str
 
 
-def told_of(entry: Entry, trouble: Trouble) -> tuple[Suspect, ...]:
-    """What is told of the logs: by the first round of a search, and what stands before it."""
+def suspects_of(entry: Entry, trouble: Trouble) -> tuple[Suspect, ...]:
+    """What is reported about the logs: by the first round of a search, and what stands before it."""
     case = entry.case
     config = parse(tomllib.loads(configuration(case.unmodelled, entry.without, known=not case.typical)))
     plan, prepared, corrected = AlignPlan.of(config), [], dict[Suspect, None]()
@@ -72,14 +72,14 @@ def told_of(entry: Entry, trouble: Trouble) -> tuple[Suspect, ...]:
 
 
 def try_suspect(entry: Entry, _answers: Path) -> SuspectRow:
-    """Make the logs of a case, see what is told of them, and judge it."""
-    begin_s, told, reason = time.monotonic(), tuple[Suspect, ...](), ""
+    """Make the logs of a case, see what is reported about them, and judge it."""
+    begin_s, reported, reason = time.monotonic(), tuple[Suspect, ...](), ""
     made = troubled(entry.case, entry.trouble) if entry.trouble else Trouble(runs_of(entry.case), ())
     try:
-        told = told_of(entry, made)
+        reported = suspects_of(entry, made)
     except Exception as error:  # noqa: BLE001 - one case that fails must not end the campaign
         reason = f"{type(error).__name__}: {error}".replace("\n", " ")
-    outcome = "failed" if reason else judged(entry, made.about, told)
+    outcome = "failed" if reason else judged(entry, made.about, reported)
     return SuspectRow(
         name=entry.name,
         trouble=entry.trouble or "",
@@ -88,9 +88,9 @@ def try_suspect(entry: Entry, _answers: Path) -> SuspectRow:
         hidden=" ".join(e.kind for e in entry.case.effects),
         logs=str(entry.case.logs),
         typical=str(int(entry.case.typical)),
-        told="; ".join(s.what for s in told),
-        told_about="; ".join(s.channel or "" for s in told),
-        told_by="; ".join(str(s.by) for s in told),
+        reported="; ".join(s.what for s in reported),
+        reported_about="; ".join(s.channel or "" for s in reported),
+        reported_by="; ".join(str(s.by) for s in reported),
         outcome=outcome,
         good=str(int(outcome in ("right", "none", "same"))),
         search_s=f"{time.monotonic() - begin_s:.1f}",
@@ -98,7 +98,7 @@ def try_suspect(entry: Entry, _answers: Path) -> SuspectRow:
     )
 
 
-def judged(entry: Entry, about: Sequence[str], told: Sequence[Suspect]) -> str:
+def judged(entry: Entry, about: Sequence[str], reported: Sequence[Suspect]) -> str:
     """What suspects amount to.
 
     right: that which is wrong and nothing else, of the right channels; extra: something else besides; missed:
@@ -106,12 +106,12 @@ def judged(entry: Entry, about: Sequence[str], told: Sequence[Suspect]) -> str:
     """
     hidden = {e.kind for e in entry.case.effects}
     same = {what for what, kinds in SAME.items() if hidden & set(kinds)}
-    names = {s.what for s in told}
+    names = {s.what for s in reported}
     if entry.trouble is None:
         return "none" if not names else "same" if names <= same else "wrong"
-    own = [s for s in told if s.what == entry.trouble]
+    own = [s for s in reported if s.what == entry.trouble]
     if not own or any(channel not in (own[0].channel or "") for channel in about):
-        return "wrong" if told else "missed"
+        return "wrong" if reported else "missed"
     return "right" if names == {entry.trouble} else "extra"
 
 
@@ -126,7 +126,7 @@ def suspect_summary(rows: Sequence[Cells]) -> str:
         same = SAME.get(what, ())
         others = [r for r in rows if r["trouble"] != what and not set(r["hidden"].split()) & set(same)]
         found = Share(sum(r["outcome"] in ("right", "extra") for r in made), len(made))
-        named = Share(sum(what in r["told"].split("; ") for r in others), len(others))
+        named = Share(sum(what in r["reported"].split("; ") for r in others), len(others))
         one, other = _met(found, found.value >= MANY), _met(named, named.value <= FEW)
         lines.append(f"| {what} | {found} | {one} | {named} | {other} |")
     return "\n".join(lines) + "\n"

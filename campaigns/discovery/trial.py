@@ -22,7 +22,7 @@ class Row:
 
     `shows_K`, `shows_sigma`: what is left of the hidden thing at the sensors once the user's parameters are
     refitted, and the same over the noise of a sample. `errors`, `covered`: key=value of each parameter found,
-    joined by spaces. `localised`: whether place and phase were told, where the answer was "unknown".
+    joined by spaces. `localised`: whether place and phase were found, where the answer was "unknown".
     """
 
     name: str
@@ -87,7 +87,7 @@ def judged(
     outcome = "failed" if result is None else outcome_of(entry, result)
     result = result or {"verdict": "", "effects": [], "alternatives": [], "where": [], "gap": {}}
     found, gap = estimates(entry, result), result["gap"]
-    told = is_localised(result, showing.sensors, showing.phases) if outcome == "unknown" else None
+    localised = is_localised(result, showing.sensors, showing.phases) if outcome == "unknown" else None
     return Row(
         name=entry.name,
         group=entry.group,
@@ -104,7 +104,7 @@ def judged(
         good=str(int(is_good(entry, outcome))),
         errors=" ".join(f"{e.key}={e.error:.4f}" for e in found),
         covered=" ".join(f"{e.key}={int(e.covered)}" for e in found),
-        localised="" if told is None else str(int(told)),
+        localised="" if localised is None else str(int(localised)),
         before_K=_number(gap.get("before_rms_K")),
         after_K=_number(gap.get("after_rms_K")),
         floor_K=_number(gap.get("floor_rms_K")),

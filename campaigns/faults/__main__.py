@@ -96,12 +96,12 @@ class Plant:
 
     def note(self, name: str) -> None:
         """What each surface says now."""
-        self.words[name] = self.told()
+        self.words[name] = self.qualities()
 
-    def told(self) -> dict[str, str]:
+    def qualities(self) -> dict[str, str]:
         """What each surface says."""
-        told = {key: self.seen.documents[key][-1]["quality"] for key in ("heat", "field", "error")}
-        return told | {"estimate": self.seen.estimates[-1]["quality"], "health": self.seen.health()["state"]}
+        found = {key: self.seen.documents[key][-1]["quality"] for key in ("heat", "field", "error")}
+        return found | {"estimate": self.seen.estimates[-1]["quality"], "health": self.seen.health()["state"]}
 
 
 def main() -> int:
@@ -121,7 +121,7 @@ def main() -> int:
 
 
 class Pings:
-    """Stands in for systemd: counts what the daemon tells it."""
+    """Stands in for systemd: counts what the daemon sends it."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -232,7 +232,7 @@ def _faults(plant: Plant) -> None:
     """One after the other, each cleared before the next."""
     inject = plant.machine.fault
     plant.seen.wait_until_good()
-    until(lambda: set(plant.told().values()) == {"good"})
+    until(lambda: set(plant.qualities().values()) == {"good"})
     plant.note("good")
     plant.under("open", frozenset({"t3"}), lambda: inject(open="t3_degC"))
     plant.under("over_range", frozenset({"t4"}), lambda: inject(over_range="t4_degC"))
@@ -328,10 +328,10 @@ def _watchdog(pings: int, cycles: int, hung: tuple[int, int]) -> tuple[str, bool
 
 def _surfaces(three: dict[str, tuple[str, ...]]) -> tuple[str, str, bool]:
     """The figure, and what each surface says where all is well, one sensor is at fault, and none is heard."""
-    told = {surface for surface, words in three.items() if words == outlets.STATES}
-    odd = "".join(f"; {s}: {', '.join(words)}" for s, words in three.items() if s not in told)
-    measured = f"good, degraded, stale on {len(told)} of {len(three)}{odd}"
-    return "stale ≠ error ≠ good on every surface", measured, len(told) == len(three)
+    right = {surface for surface, words in three.items() if words == outlets.STATES}
+    odd = "".join(f"; {s}: {', '.join(words)}" for s, words in three.items() if s not in right)
+    measured = f"good, degraded, stale on {len(right)} of {len(three)}{odd}"
+    return "stale ≠ error ≠ good on every surface", measured, len(right) == len(three)
 
 
 def _registers() -> Row:

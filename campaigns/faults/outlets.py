@@ -83,14 +83,14 @@ class Plant:
         ]
         return found[0] if found else 0
 
-    def told(self) -> dict[str, str]:
+    def qualities(self) -> dict[str, str]:
         """What each outlet says that the estimates are worth."""
         quality = self.listener.newest.get(f"{PREFIX}/quality", b"nothing").decode()
         return dict(zip(NAMES, (self.page.evaluate(SAYS), quality, _status(self.opcua)), strict=True))
 
     def wait_until_good(self) -> None:
         """Wait until every outlet says so."""
-        until(lambda: set(self.told().values()) == {"good"})
+        until(lambda: set(self.qualities().values()) == {"good"})
 
     def stand_by(self) -> None:
         """Let a browser and the broker's client take what came meanwhile."""
@@ -101,7 +101,7 @@ def measured(folder: Path) -> tuple[dict[str, tuple[str, ...]], list[Row]]:
     """What each outlet says where all is well, one sensor is at fault, and none is heard; and the rows."""
     with _served(folder) as plant:
         plant.wait_until_good()
-        words = [plant.told()]
+        words = [plant.qualities()]
         plant.machine.fault(open="t3_degC")
         words.append(_settled(plant, "degraded"))
         plant.machine.fault()
@@ -115,7 +115,7 @@ def measured(folder: Path) -> tuple[dict[str, tuple[str, ...]], list[Row]]:
         back_s = _without_broker(plant)
         again_s, will = _killed(plant)
         pause_s = _longest_pause_s(plant.daemon.step_times_s()[begin:])
-    return {name: tuple(told[name] for told in words) for name in NAMES}, [
+    return {name: tuple(each[name] for each in words) for name in NAMES}, [
         _row(
             "page frozen with the gateway",
             f"STALE on it within 2 periods and 0.5 s; ticks at most {HELD_UP_S:g} s apart",
@@ -137,8 +137,8 @@ def measured(folder: Path) -> tuple[dict[str, tuple[str, ...]], list[Row]]:
     ]
 
 
-def _row(promise: str, figure: str, told: str, met: bool) -> Row:
-    return Row("–", promise, figure, told, met)
+def _row(promise: str, figure: str, found: str, met: bool) -> Row:
+    return Row("–", promise, figure, found, met)
 
 
 @contextmanager
@@ -171,15 +171,15 @@ def _served(folder: Path) -> Iterator[Plant]:
 
 
 def _settled(plant: Plant, expected: str) -> dict[str, str]:
-    """What the outlets say once all say so, or after five seconds: health is told once a second."""
+    """What the outlets say once all say so, or after five seconds: health is published once a second."""
     begin_s = time.monotonic()
 
     def is_over() -> bool:
         plant.stand_by()
-        return set(plant.told().values()) == {expected} or time.monotonic() > begin_s + SETTLED_S
+        return set(plant.qualities().values()) == {expected} or time.monotonic() > begin_s + SETTLED_S
 
     until(is_over)
-    return plant.told()
+    return plant.qualities()
 
 
 def _frozen(plant: Plant) -> float:
@@ -196,7 +196,7 @@ def _frozen(plant: Plant) -> float:
 
 
 def _without_broker(plant: Plant) -> float:
-    """How long after its return a broker that remembers nothing had been told everything that is retained."""
+    """How long after its return a broker that remembers nothing had received everything that is retained."""
     plant.broker.close()
     until(lambda: any("no broker answers" in reason for reason in plant.seen.health()["reasons"]))
     plant.broker.enter_context(broker(plant.folder, plant.mqtt_port))
@@ -224,7 +224,7 @@ def _killed(plant: Plant) -> tuple[float, str]:
     def is_back() -> bool:
         plant.stand_by()
         up = newest[alive] == b"true" and not plant.page.evaluate(SILENT)
-        return up and set(plant.told().values()) == {"good"}
+        return up and set(plant.qualities().values()) == {"good"}
 
     until(is_back)
     return time.monotonic() - begin_s, will

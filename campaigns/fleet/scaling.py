@@ -110,16 +110,16 @@ def main() -> None:
             for workers in (1, 2):
                 starts[workers].append(one_run(small(table, workers), workers))
                 alls[workers].append(one_run(table, workers))
-            print(_told(logs, starts, alls, lambda each: each[-1]), flush=True)
+            print(_comparison(logs, starts, alls, lambda each: each[-1]), flush=True)
         if asked.pairs:
-            print("medians: " + _told(logs, starts, alls, _median))
+            print("medians: " + _comparison(logs, starts, alls, _median))
 
 
 def _median(each: list[Took]) -> Took:
     return Took(*(statistics.median(column) for column in zip(*each, strict=True)))
 
 
-def _told(
+def _comparison(
     logs: int, starts: dict[int, list[Took]], alls: dict[int, list[Took]], of: Callable[[list[Took]], Took]
 ) -> str:
     """Two runs beside each other, and what lies between their start and their end."""

@@ -24,7 +24,7 @@ from tests.truth.machine.machine import stream
 DAY_S = 86_400.0
 REST = Phase(3600.0)
 STEP_ROWS = 300
-"""Rows of a log that are handed over at once: what is told is looked at every five minutes."""
+"""Rows of a log that are handed over at once: what is reported is looked at every five minutes."""
 
 
 def _end(one: Specimen, days: float) -> Specimen:
@@ -72,7 +72,7 @@ EFFECTS: dict[str, tuple[Callable[[Specimen, float], Specimen], tuple[str, ...]]
 @dataclass(frozen=True)
 class Found:
     """What the watch said over some days: the largest gap over what was allowed, and what it reported first:
-    after how many hours of turning, of which sensor, in which phase; None where it told nothing.
+    after how many hours of turning, of which sensor, in which phase; None where it reported nothing.
     """
 
     most: float

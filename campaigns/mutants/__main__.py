@@ -64,11 +64,11 @@ def main() -> int:
         print(f"{module}: {len(drawn)} of {len(every)} tried, {len(alive)} survived", flush=True)
     run.close()
     tried = set(modules) - set(left_out)
-    told = record.merged(found, record.survivors(), tried)
+    merged = record.merged(found, record.survivors(), tried)
     if not options.no_write:
         others = [c for c in record.counts() if c.module not in tried]
-        record.write(told, sorted(others + counted, key=lambda c: c.module))
-    without = [s for s in told if s.reason == record.WITHOUT_REASON and s.module in tried]
+        record.write(merged, sorted(others + counted, key=lambda c: c.module))
+    without = [s for s in merged if s.reason == record.WITHOUT_REASON and s.module in tried]
     for s in without:
         print(f"{s.module}:{s.line}: {s.diff}")
     together = sum(c.tried for c in counted)
@@ -115,8 +115,8 @@ class Run:
                 finally:
                     self._trees.put(tree)
                 self._results.add(*key(m), survived=survived)
-                told = "survived" if survived else "killed"
-                print(f"{told:8} {m.module}:{m.line}: {change(source, made)}", flush=True)
+                outcome = "survived" if survived else "killed"
+                print(f"{outcome:8} {m.module}:{m.line}: {change(source, made)}", flush=True)
                 return survived
 
             list(self._pool.map(trial, waiting))

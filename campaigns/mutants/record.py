@@ -59,12 +59,12 @@ class Results:
 
 
 def survivors() -> list[Survivor]:
-    """The survivors told in the documents."""
+    """The survivors recorded in the documents."""
     return [Survivor(**row | {"line": int(row["line"])}) for row in _rows(SURVIVORS)]
 
 
 def counts() -> list[Count]:
-    """What the documents tell of each module."""
+    """What the documents record of each module."""
     return [
         Count(row["module"], *(int(row[k]) for k in ("mutants", "tried", "survived")))
         for row in _rows(SUMMARY)
@@ -92,7 +92,7 @@ def write(found: Sequence[Survivor], counted: Sequence[Count]) -> None:
 
 
 def page_end(found: Sequence[Survivor], counted: Sequence[Count]) -> str:
-    """What the page tells of the last run."""
+    """What the page says of the last run."""
     tried, alive = sum(c.tried for c in counted), sum(c.survived for c in counted)
     share = 100 * alive / max(tried, 1)
     lines = ["\n## Counts\n", "| module | mutants | tried | survived |", "|---|---|---|---|"]

@@ -48,8 +48,8 @@ def tried(what: tuple[str, int]) -> Rows:
     family = result.get("family") or {}
     named = " ".join(f"{e['kind']}@{e['target']}" for e in result["effects"])
     several = " | ".join(" ".join(names) for names in result["alternatives"])
-    outcome, told = outcome_of(hidden, result), family.get("name", "")
-    cells = (hidden, seed, outcome, result["verdict"], named, several, told, result["reason"])
+    outcome, family_name = outcome_of(hidden, result), family.get("name", "")
+    cells = (hidden, seed, outcome, result["verdict"], named, several, family_name, result["reason"])
     return [dict(zip(COLUMNS, map(str, cells), strict=True))]
 
 

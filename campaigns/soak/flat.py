@@ -19,7 +19,7 @@ class Trend:
 
     @property
     def flat(self) -> bool:
-        """Whether it does not grow faster than the limit, as far as the samples can tell."""
+        """Whether it does not grow faster than the limit, as far as the samples show."""
         return self.slope_1_h - 2.0 * self.sigma_1_h <= self.limit_1_h
 
     def __str__(self) -> str:

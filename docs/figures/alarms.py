@@ -22,13 +22,13 @@ STORY = Story(lost=0.75, loses_h=200.0)
 def draw(target: Path, seed: int = SEED) -> None:
     """The true heat and the one that is known of, over what was learnt, by hours of running."""
     settings, band = AlarmSettings(), bands.nothing_known()
-    rows, told_h = list[tuple[float, float, float, float]](), math.nan
+    rows, reported_h = list[tuple[float, float, float, float]](), math.nan
     for sample in months(STORY, seed):
         band = bands.learnt(band, sample.window, settings.learn_h, settings.deadband)
         if band.running_h < settings.learn_h:
             continue
-        if band.side < 0 and math.isnan(told_h):
-            told_h = sample.running_h
+        if band.side < 0 and math.isnan(reported_h):
+            reported_h = sample.running_h
         limit = max(math.log1p(settings.deadband), bands.SIGMAS * bands.sigma_of(band))
         known = math.exp(bands.more_than_usual(band))
         rows.append((sample.running_h, sample.factor, known, math.exp(-limit)))
@@ -38,8 +38,8 @@ def draw(target: Path, seed: int = SEED) -> None:
     axes.plot(hours, known_of, color=CATEGORIES[0], lw=1.0, label="the heat as it is known")
     axes.plot(hours, true, color=CATEGORIES[1], lw=1.5, label="true")
     axes.plot(hours, limits, color="0.4", lw=0.8, ls="--", label="limit of heat_low")
-    axes.axvline(told_h, color="0.4", lw=0.8)
-    axes.annotate(" heat_low", (told_h, 1.05), color="0.3")
+    axes.axvline(reported_h, color="0.4", lw=0.8)
+    axes.annotate(" heat_low", (reported_h, 1.05), color="0.3")
     axes.axhline(0.5, color="0.8", lw=0.8, zorder=0)
     axes.set_xlim(settings.learn_h, STORY.begins_h + STORY.loses_h + 20.0)
     axes.set_ylim(0.0, 1.35)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from observer.report.panels import CATEGORIES
 from tests.learning.machines import GRID_M
-from tests.learning.pyrometer import EMISSIVITY, EMISSIVITY_SIGMA, ENDS, MIDDLE, looked_at, told
+from tests.learning.pyrometer import EMISSIVITY, EMISSIVITY_SIGMA, ENDS, MIDDLE, estimated, looked_at
 
 HERE = Path(__file__).parent
 SEED, NUMBER = 53_000, 0
@@ -31,9 +31,9 @@ def draw(target: Path) -> None:
     right.plot(hours, one.day.error_um[:, -1], color="black", lw=1.2, label="true")
     part = one.described(shows_tolerance=EMISSIVITY_SIGMA / EMISSIVITY)
     for found, words, colour in (
-        (told(one, MIDDLE, one.described(shows=1.0)), "taken for a thermocouple", CATEGORIES[1]),
-        (told(one, ENDS), "without it", "0.6"),
-        (told(one, MIDDLE, part), "shows 0.3 ± 0.05, with 95 %", CATEGORIES[0]),
+        (estimated(one, MIDDLE, one.described(shows=1.0)), "taken for a thermocouple", CATEGORIES[1]),
+        (estimated(one, ENDS), "without it", "0.6"),
+        (estimated(one, MIDDLE, part), "shows 0.3 ± 0.05, with 95 %", CATEGORIES[0]),
     ):
         right.plot(hours, found.error_um[:, -1], color=colour, lw=1.0, label=words)
     reach_um = 1.96 * found.error_sigma_um[:, -1]

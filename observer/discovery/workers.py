@@ -1,6 +1,6 @@
 """A worker process that fits hypotheses beside this one; threads would share one interpreter lock.
 
-The worker is an interpreter of its own that is told where to import from. It never imports the program that
+The worker is an interpreter of its own that is given its import path. It never imports the program that
 started it, so that may be a script without a guard, a notebook, or standard input.
 """
 

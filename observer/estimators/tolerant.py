@@ -137,8 +137,8 @@ class Tolerant:
         """
         theta, P = self._theta, state.P[len(state.x) :, len(state.x) :]
         air = self.parameters(Nuisance.AMBIENT)
-        tells = self._plant.rows.C[: self._plant.rows.sensors] @ self._plant.uniform > 0.5
-        seen = np.flatnonzero(u.usable[0] & self._plant.thermal & tells)
+        shows = self._plant.rows.C[: self._plant.rows.sensors] @ self._plant.uniform > 0.5
+        seen = np.flatnonzero(u.usable[0] & self._plant.thermal & shows)
         if not self._theta.rests or u.law_W.any() or not len(air) or not len(seen):
             return False
         offset_K = (

@@ -343,7 +343,7 @@ def _limits(found: Discovery, logs: Sequence[str]) -> Html:
         )
     sentence = "Every effect that was tried would show in these logs if it were strong enough."
     if found.search.blind:
-        sentence = f"{wording.not_told_sentence(found.search.blind)}."
+        sentence = f"{wording.not_identifiable_sentence(found.search.blind)}."
     heads = ["Log", "lasts", "fitted", "held back as proof", "left out", "readings missing"]
     note = (
         "Proof was opened once, after everything was chosen. What is left out lies between fit and proof, so "

@@ -63,7 +63,7 @@ def as_sentences(found: Discovery, result: dict[str, Any]) -> Iterator[str]:
     if result["worth"] is not None:
         yield f"{worth_sentence(result['worth'])}."
     if found.search.blind:
-        yield f"{not_told_sentence(found.search.blind)}."
+        yield f"{not_identifiable_sentence(found.search.blind)}."
 
 
 _SUPPORTED = {
@@ -200,7 +200,7 @@ def gap_sentence(result: dict[str, Any]) -> str:
     )
 
 
-def not_told_sentence(blind: Sequence[Candidate]) -> str:
+def not_identifiable_sentence(blind: Sequence[Candidate]) -> str:
     """What is not identifiable from these logs, without a full stop."""
     targets: dict[str, list[str | None]] = {}
     for candidate in blind:

@@ -51,7 +51,7 @@ def _runs():
         "late": np.concatenate(
             [np.full(40, 0.4), [4.0], np.full(10, 0.4), [90.0, 0.4, 5000.0, 0.4, 0.0, 1e-4]]
         ),
-        "never told": np.full(30, 7.0),
+        "never known": np.full(30, 7.0),
         "long": np.concatenate([np.full(20, 0.5), np.full(4, 20.0)]),
     }
     for name, gap_s in gaps.items():
@@ -61,12 +61,12 @@ def _runs():
     gap_s = 0.4 * (0.7 + 0.6 * rng.random(90))
     time_s = np.cumsum(gap_s)
     position_m = to_and_fro(0.2 * time_s, 0.2, 0.8)
-    told_m_s = np.full(90, 0.2)
-    told_m_s[[4, 5, 9, 20]] = np.nan
-    yield "told", time_s, position_m, told_m_s
+    driven_m_s = np.full(90, 0.2)
+    driven_m_s[[4, 5, 9, 20]] = np.nan
+    yield "driven", time_s, position_m, driven_m_s
     late_s = time_s + np.where(np.arange(90) >= 60, 9.0, 0.0) + np.where(np.arange(90) >= 70, 3.5, 0.0)
-    yield "told and late", late_s, to_and_fro(0.2 * late_s, 0.2, 0.8), told_m_s
-    yield "of another lead", time_s, position_m, 2.5 * told_m_s
+    yield "driven and late", late_s, to_and_fro(0.2 * late_s, 0.2, 0.8), driven_m_s
+    yield "of another lead", time_s, position_m, 2.5 * driven_m_s
     stands = np.where(np.arange(90) // 20 % 2 == 0, position_m, 0.5)
     yield "standing", time_s, stands, np.where(stands == 0.5, 0.0, 0.2)
     stands = np.full(90, 0.4)
@@ -82,8 +82,8 @@ def _runs():
 @case
 def nut_turns():
     found: Arrays = {}
-    for name, time_s, position_m, told_m_s in _runs():
-        state, ends_m = reversals(PathState(), path_of(time_s, position_m, told_m_s), 0.6)
+    for name, time_s, position_m, driven_m_s in _runs():
+        state, ends_m = reversals(PathState(), path_of(time_s, position_m, driven_m_s), 0.6)
         found |= {f"{name} ends_m": ends_m, f"{name} state": state.scalars}
     time_s, nowhere_m = np.arange(6.0), np.array([0.2, 0.3, np.nan, 0.4, 0.5, 0.6])
     state, _ = reversals(PathState(), path_of(time_s, nowhere_m), 0.6)
@@ -101,8 +101,8 @@ def nut_columns():
     _, plant = _nut()
     table = plant.moving[0].table
     found: Arrays = {"given": given(table)}
-    for name, time_s, position_m, told_m_s in _runs():
-        path = path_of(time_s, position_m, told_m_s)
+    for name, time_s, position_m, driven_m_s in _runs():
+        path = path_of(time_s, position_m, driven_m_s)
         dt_s = np.diff(time_s[np.maximum(path.offset - 1, 0)])
         nut, B, C = moving.columns(table, moving.start(table), dt_s, path)
         found |= {f"{name} B": B, f"{name} C": C, f"{name} state B": nut.sum_B, f"{name} state C": nut.sum_C}
@@ -336,11 +336,11 @@ def _judged(K=420):
     at_s = 1.0 * np.arange(5 * K)
     runs_m_s = np.where(at_s < 1500.0, 0.05, 0.2)
     position_m = to_and_fro(np.cumsum(np.where((at_s > 600.0) & (at_s < 640.0), 0.0, runs_m_s)), 0.1, 0.5)
-    told_m_s = np.full(len(at_s), 0.06)
-    told_m_s[(at_s > 900.0) & (at_s < 1000.0)] = 0.25
-    told_m_s[(at_s > 1100.0) & (at_s < 1300.0)] = 0.15
-    told_m_s[[50, 51]] = np.nan
-    path = NutPath(at_s, position_m, 5 * np.arange(K + 1), told_m_s)
+    driven_m_s = np.full(len(at_s), 0.06)
+    driven_m_s[(at_s > 900.0) & (at_s < 1000.0)] = 0.25
+    driven_m_s[(at_s > 1100.0) & (at_s < 1300.0)] = 0.15
+    driven_m_s[[50, 51]] = np.nan
+    path = NutPath(at_s, position_m, 5 * np.arange(K + 1), driven_m_s)
     return time_s, given_quality, block, path
 
 

@@ -179,14 +179,14 @@ def test_where_a_hidden_thing_shows() -> None:
 def test_unknowns_are_judged_by_place_and_phase() -> None:
     outside = entry("outside", Effect("stick_slip", None, {"factor": 2.0}))
     where = {"sensor": "t3", "phase": "steady", "regressor": "speed", "rms_K": 0.3}
-    told = trial.judged(outside, result("unknown", where=[where]), SHOWS, 8.0)
+    there = trial.judged(outside, result("unknown", where=[where]), SHOWS, 8.0)
     elsewhere = trial.judged(outside, result("unknown", where=[where | {"phase": "dwell"}]), SHOWS, 8.0)
-    assert (told.localised, elsewhere.localised) == ("1", "0")
+    assert (there.localised, elsewhere.localised) == ("1", "0")
     assert trial.judged(outside, result("none"), SHOWS, 8.0).localised == ""
 
 
 def test_a_search_sees_logs_and_a_failure_is_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The search finds no answer to its own case; what it raises is told in the table."""
+    """The search finds no answer to its own case; what it raises is noted in the table."""
     seen: list[str] = []
 
     def search(entry: Entry, folder: Path) -> tuple[dict[str, Any], float]:
@@ -222,7 +222,7 @@ def test_tables_go_between_their_marks() -> None:
     assert with_tables("", "| new |\n", command.MARKS) == "| new |\n"
 
 
-def test_the_page_tells_the_rough_campaign_as_its_table_does() -> None:
+def test_the_page_describes_the_rough_campaign_as_its_table_does() -> None:
     root = Path(__file__).parents[2]
     page = (root / "docs/discovery.md").read_text(encoding="utf-8")
     rows = command.latest(root / "docs/campaign/rough.csv")

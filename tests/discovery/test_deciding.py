@@ -41,7 +41,7 @@ def asked_of(verdict: Verdict, partial: Any = None) -> Any:
     return decisive_test(None, FOUND, verdict, less, partial)  # type: ignore[arg-type]
 
 
-def test_of_an_ambiguous_answer_all_sets_are_told_apart() -> None:
+def test_of_an_ambiguous_answer_all_sets_are_distinguished() -> None:
     assert asked_of(Verdict("ambiguous", None, fits=(fit("a"), fit("b")))) == ["a", "b"]  # type: ignore[arg-type]
 
 
@@ -61,7 +61,7 @@ def test_of_an_unknown_what_explains_most_stands_against_another_family_and_none
 
 
 @pytest.mark.parametrize("kind", ["named", "none", "not_identifiable", "unknown"])
-def test_no_test_is_proposed_where_nothing_is_to_be_told_apart(kind: Any) -> None:
+def test_no_test_is_proposed_where_nothing_is_to_be_distinguished(kind: Any) -> None:
     assert asked_of(Verdict(kind, None)) is None  # type: ignore[arg-type]
 
 

@@ -1,4 +1,4 @@
-"""Which test would tell two answers apart."""
+"""Which test would distinguish two answers."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_habits_are_those_of_the_logs() -> None:
 
 
 @pytest.mark.slow
-def test_a_standstill_tells_a_motor_from_a_bearing() -> None:
+def test_a_standstill_distinguishes_a_motor_from_a_bearing() -> None:
     """It is heat that stays when nothing turns; every other cycle of the menu takes longer or shows less."""
     proposed = propose(problem(), [lacking(BEARING), lacking(motor())])
     assert proposed.name == "standstill"

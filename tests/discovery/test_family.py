@@ -1,4 +1,4 @@
-"""What logs tell of effects that tie, on machines of another program, and which effects may tie at all."""
+"""What logs show of effects that tie, on machines of another program, and which effects may tie at all."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ def radiated_W_m2K(case: Case) -> float:
         scene = trace(case, run).scene
         result = run_machine(scene.machine.physics, scene.schedule, places_m)
         above_K = result.section_degC[1:] - scene.schedule.air_degC[:, None]
-        told = above_K[:, 2:-2].min(axis=1) < PLAUSIBLE_K
-        heat_W.append(-result.book_J[told, RADIATION] / scene.schedule.step_s)
-        rise_K.append(np.trapezoid(above_K, places_m, axis=1)[told])
+        plausible = above_K[:, 2:-2].min(axis=1) < PLAUSIBLE_K
+        heat_W.append(-result.book_J[plausible, RADIATION] / scene.schedule.step_s)
+        rise_K.append(np.trapezoid(above_K, places_m, axis=1)[plausible])
     physics, q, driven = machine_of(case).physics, np.concatenate(heat_W), np.concatenate(rise_K)
     surface_m2 = np.pi * physics.diameter_m * physics.length_m
     return float(q @ driven / (driven @ driven) / surface_m2)
@@ -57,8 +57,8 @@ def radiated_W_m2K(case: Case) -> float:
 @pytest.mark.slow
 @pytest.mark.nightly
 @pytest.mark.parametrize("hidden", [WEAK, GREY])
-def test_a_weak_loss_of_the_surface_is_told_in_effect(tmp_path: Path, hidden: Effect) -> None:
-    """Film or radiation: so weak, nothing tells; how much heat goes does not depend on the name."""
+def test_a_weak_loss_of_the_surface_is_found_in_effect(tmp_path: Path, hidden: Effect) -> None:
+    """Film or radiation: too weak to distinguish; how much heat goes does not depend on the name."""
     case = Case("family.surface", (hidden,), 8, unknown=("film",))
     result = found(tmp_path, case)
     assert result["verdict"] == "ambiguous"

@@ -39,7 +39,7 @@ def test_positions_are_counted_by_turns_where_the_lead_is_not_known(positions: f
         assert found == pytest.approx(positions, rel=0.05)
 
 
-def test_a_stroboscope_shows_a_creeping_nut_and_the_way_tells() -> None:
+def test_a_stroboscope_shows_a_creeping_nut_and_the_way_reveals_it() -> None:
     """One row for each run to and fro: the nut seems to creep; by its lead it runs 1.2 m from row to row."""
     creeping = shuttled(0.5 + 1e-4)
     assert positions_a_traverse(creeping, 0.0, STROKE_M) > 3.0
@@ -48,7 +48,7 @@ def test_a_stroboscope_shows_a_creeping_nut_and_the_way_tells() -> None:
 
 def test_a_nut_at_rest_is_seen() -> None:
     assert positions_a_traverse(np.full(50, 0.3), 0.1, STROKE_M) == np.inf
-    assert positions_a_traverse(np.array([0.1, 0.5, 0.1]), 0.1, STROKE_M) == np.inf  # too few to tell
+    assert positions_a_traverse(np.array([0.1, 0.5, 0.1]), 0.1, STROKE_M) == np.inf  # too few to decide
 
 
 def log_of(config: Config, row_s: float) -> FrameBlock:

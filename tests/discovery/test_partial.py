@@ -1,4 +1,4 @@
-"""What is told of an unknown: the effect that explains most, if it explains anything for sure."""
+"""What is reported of an unknown: the effect that explains most, if it explains anything for sure."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ def trial(name: str) -> FittedCandidate:
     return FittedCandidate(candidate, fit, base.deviance - fit.deviance, 30.0, 0.5)
 
 
-def told(*ranking: FittedCandidate) -> str | None:
+def reported(*ranking: FittedCandidate) -> str | None:
     partial = partial_of(Search(null(), null(), (), (), ranking, ()))
     return None if partial is None else partial.trial.candidate.name
 
 
-def test_what_explains_most_is_told() -> None:
-    assert told(trial("sensor_bias at a"), trial("sensor_drift at a")) == "sensor_bias at a"
-    assert told() is None
+def test_what_explains_most_is_reported() -> None:
+    assert reported(trial("sensor_bias at a"), trial("sensor_drift at a")) == "sensor_bias at a"
+    assert reported() is None
 
 
-def test_a_strength_that_may_be_nothing_is_not_told() -> None:
+def test_a_strength_that_may_be_nothing_is_not_reported() -> None:
     """The interval of an offset of the sensor without one holds zero."""
     right = trial("sensor_bias at a")
     weak = replace(trial("sensor_bias at c"), drop=2.0 * right.drop)
     assert not weak.significant
-    assert told(weak, right) == "sensor_bias at a"
+    assert reported(weak, right) == "sensor_bias at a"

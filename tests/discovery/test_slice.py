@@ -45,7 +45,7 @@ def test_the_campaign_runs_as_a_program_and_goes_on_where_it_was(tmp_path: Path)
     options = [*case, "--folder", str(tmp_path), "--workers", "1"]
     command = [sys.executable, "-m", "campaigns.discovery", *options]
     for known in (0, 1):
-        told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-        assert f"1 cases, {known} already in" in told.replace("\n", " ")
+        printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        assert f"1 cases, {known} already in" in printed.replace("\n", " ")
     assert len((tmp_path / "typical.csv").read_text(encoding="utf-8").splitlines()) == 2
     assert "typical, nothing hidden: “none”" in (tmp_path / "summary.md").read_text(encoding="utf-8")

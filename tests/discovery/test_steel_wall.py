@@ -1,7 +1,7 @@
 """The measured steel wall with its far face taken for insulated: what the search says of the loss there.
 
 It finds how large the loss is, and that this wall cannot show where it is: 10 mm of steel are as warm in
-front as behind (a Biot number of 0.01), and there is one sensor; so it tells one loss, wherever it may be. It
+front as behind (a Biot number of 0.01), and there is one sensor; so it shows one loss, wherever it may be. It
 does not call the search done either, because the documented wall itself is 0.57 K off, a hundred times what
 noise leaves of a mean.
 """
@@ -86,7 +86,7 @@ def test_the_loss_is_as_large_as_documented() -> None:
     assert rms_K(null) > 3.0
 
 
-def test_where_the_loss_is_cannot_be_told() -> None:
+def test_where_the_loss_is_cannot_be_known() -> None:
     """At either face or all along: the same loss, the same fit, the same signature."""
     found = searched("screw.conductivity_W_mK")
     drops = [losses()[name].drop for name in LOSSES]
@@ -119,7 +119,7 @@ def test_what_the_search_answers() -> None:
 
 
 @pytest.mark.parametrize("documented", [True, False])
-def test_with_the_flux_as_measured_one_loss_is_told_wherever_it_is(*, documented: bool) -> None:
+def test_with_the_flux_as_measured_one_loss_is_found_wherever_it_is(*, documented: bool) -> None:
     """Three losses explain the same; what they have in common is the heat that goes for each kelvin."""
     partial = discovery_result(searched("screw.conductivity_W_mK", documented=documented))["partial"]
     family = partial["family"]
@@ -148,7 +148,7 @@ def test_a_body_beside_the_loss_is_refuted_by_the_data_held_back(*, documented: 
 
 
 def test_with_the_scale_of_the_flux_free_loss_and_body_are_a_family_each() -> None:
-    """Each but for where it is, if that cannot be told. The flux is then taken for a fifth more,
+    """Each but for where it is, if that cannot be known. The flux is then taken for a fifth more,
     and the loss with it.
     """
     found = discovery_result(searched("source.flux.scale"))

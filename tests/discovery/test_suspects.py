@@ -1,4 +1,4 @@
-"""What is wrong with logs is told, with the channel; and nothing of logs that are right."""
+"""What is wrong with logs is reported, with the channel; and nothing of logs that are right."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from campaigns.discovery.suspects import judged, suspect_summary, told_of, try_suspect
+from campaigns.discovery.suspects import judged, suspect_summary, suspects_of, try_suspect
 from observer.align.unit_errors import read_rightly
 from observer.discovery.candidates import library, promises, signatures
 from observer.discovery.discover import _counts, discover
@@ -42,10 +42,10 @@ def entry_of(trouble: str | None, seed: int, logs: int = 1) -> Entry:
         "offsets",
     ],
 )
-def test_what_is_wrong_with_one_log_is_told(trouble: str) -> None:
+def test_what_is_wrong_with_one_log_is_reported(trouble: str) -> None:
     entry = entry_of(trouble, 5)
     made = troubled(entry.case, trouble)
-    (suspect,) = told_of(entry, made)
+    (suspect,) = suspects_of(entry, made)
     assert suspect.what == trouble
     assert all(channel in str(suspect.channel) for channel in made.about)
     if trouble == "heat starts late":
@@ -56,14 +56,14 @@ def test_what_is_wrong_with_one_log_is_told(trouble: str) -> None:
 @pytest.mark.slow
 @pytest.mark.nightly
 @pytest.mark.parametrize("trouble", TROUBLES)
-def test_what_is_wrong_with_logs_is_told(trouble: str, tmp_path: Path) -> None:
+def test_what_is_wrong_with_logs_is_reported(trouble: str, tmp_path: Path) -> None:
     row = try_suspect(entry_of(trouble, 6, logs=2), tmp_path)
     assert row.outcome == "right", row
 
 
-def test_nothing_is_told_of_a_log_that_is_right() -> None:
+def test_nothing_is_reported_of_a_log_that_is_right() -> None:
     entry = entry_of(None, 5)
-    assert told_of(entry, Trouble(runs_of(entry.case), ())) == ()
+    assert suspects_of(entry, Trouble(runs_of(entry.case), ())) == ()
 
 
 def run_with_torque(case: Case, name: str, factor: float) -> Run:
@@ -79,15 +79,15 @@ def run_with_torque(case: Case, name: str, factor: float) -> Run:
 @pytest.mark.parametrize(
     ("factors", "ratio"), [((1.05, 1.02, 0.92), 1.14), ((1.0, 1.03, 1.0), None)], ids=["differs", "tolerated"]
 )
-def test_a_torque_that_differs_between_three_logs_is_told_beyond_its_tolerance(
+def test_a_torque_that_differs_between_three_logs_is_reported_beyond_its_tolerance(
     factors: tuple[float, ...], ratio: float | None
 ) -> None:
     """A seventh between the first log and the last: 1 K that no effect explains, for a typical user."""
     case = Case("torque15", (), 24, typical=True)
     runs = [run_with_torque(case, *each) for each in zip(RUNS, factors, strict=True)]
-    told = told_of(Entry("suspect", "one", case), Trouble(runs, ()))
-    assert [s.what for s in told] == ([] if ratio is None else ["heat differs between logs"])
-    for suspect in told:
+    reported = suspects_of(Entry("suspect", "one", case), Trouble(runs, ()))
+    assert [s.what for s in reported] == ([] if ratio is None else ["heat differs between logs"])
+    for suspect in reported:
         assert "of nut in log 1 as in log 3" in suspect.text
         assert float(suspect.by) == pytest.approx(ratio, abs=0.02)
 
@@ -111,16 +111,16 @@ def test_an_effect_that_explains_as_much_is_no_fault_of_the_logs() -> None:
 
 @pytest.mark.slow
 @pytest.mark.nightly
-def test_air_far_off_what_is_tolerated_is_told_though_tolerances_explain_the_logs() -> None:
+def test_air_far_off_what_is_tolerated_is_reported_though_tolerances_explain_the_logs() -> None:
     """Those of the air and of offsets take all of it; the air alone is dearer than it may be."""
     (entry,) = (e for e in suspect_campaign(9100) if e.name == "suspect.ambient.9104")
-    (suspect,) = told_of(entry, troubled(entry.case, "ambient"))
+    (suspect,) = suspects_of(entry, troubled(entry.case, "ambient"))
     assert suspect.what == "ambient"
 
 
-@pytest.mark.parametrize(("by", "told"), [(1.0, False), (-1.0, True)])
+@pytest.mark.parametrize(("by", "expected"), [(1.0, False), (-1.0, True)])
 def test_an_effect_that_was_not_fitted_but_explains_all_logs_is_no_fault_of_them(
-    by: float, told: bool
+    by: float, expected: bool
 ) -> None:
     """A suspect that leaves a little more than heat at an end promises to, and one that leaves less."""
     config = machine()
@@ -129,14 +129,14 @@ def test_an_effect_that_was_not_fitted_but_explains_all_logs_is_no_fault_of_them
     motor = [c for c in library(config, null.problem.keys) if c.name == "motor_heat at left"]
     found = signatures(null.problem, null.config, motor)
     fitted, everywhere = promises(null, found)[0].drop, promises(null, found, everywhere=True)[0].drop
-    assert 100.0 < 2.0 * fitted < everywhere < deviance(null)  # the proof tells more of it
+    assert 100.0 < 2.0 * fitted < everywhere < deviance(null)  # the proof shows more of it
     clocks = next(w for w in fit_faults(null) if w.hypothesis.what == "heat starts late")
     suspected = replace(clocks, left=deviance(null) - everywhere + by, drop=everywhere - by)
     assert plain(null, suspected, [])
-    assert plain(null, suspected, [], found) is told
+    assert plain(null, suspected, [], found) is expected
 
 
-def test_of_logs_in_doubt_nothing_is_told_to_be_missing() -> None:
+def test_of_logs_in_doubt_nothing_is_reported_missing() -> None:
     """Inputs that are recorded 200 s early: neither a partial answer nor an event of the machine."""
     config = machine()
     log = made_log(config, 1)
@@ -156,10 +156,10 @@ def test_of_logs_in_doubt_nothing_is_told_to_be_missing() -> None:
 def test_an_effect_beside_offsets_as_they_are_tolerated_is_no_fault_of_the_logs() -> None:
     """Offsets beyond all tolerance would explain heat at an end too: as a profile that stays."""
     (entry,) = (e for e in typical_campaign(6000) if e.name == "typical.motor_heat.left.4.6000")
-    assert told_of(entry, Trouble(runs_of(entry.case), ())) == ()
+    assert suspects_of(entry, Trouble(runs_of(entry.case), ())) == ()
 
 
-def test_a_power_in_kilowatts_is_told() -> None:
+def test_a_power_in_kilowatts_is_reported() -> None:
     config = machine(calibrate={"free": ["source.heater.scale"]})
     log = made_log(config, 1)
     heater = log.channels.index("heater_W")
@@ -253,8 +253,8 @@ def test_suspects_are_judged_by_what_and_where() -> None:
     assert judged(exchanged, about, []) == "missed"
     assert judged(entry_of(None, 1), (), []) == "none"
     assert judged(entry_of(None, 1), (), [right]) == "wrong"
-    line = {"trouble": "units", "hidden": "", "told": "units; ambient", "outcome": "extra"}
-    quiet = {"trouble": "", "hidden": "ambient_drift", "told": "ambient", "outcome": "same"}
+    line = {"trouble": "units", "hidden": "", "reported": "units; ambient", "outcome": "extra"}
+    quiet = {"trouble": "", "hidden": "ambient_drift", "reported": "ambient", "outcome": "same"}
     page = suspect_summary([line, quiet])
     assert "| units | 1/1 = 100.0 % | 2.5 … 100.0 % | yes | 0/1 = 0.0 % |" in page
     assert "| ambient | – | – | – | 1/1 = 100.0 % |" in page
@@ -289,7 +289,7 @@ GLOW = {"kind": "radiation", "emissivity": 0.8}
 def test_air_alone_stands_against_what_is_named_beside_it(
     effects: list[dict[str, Any]], *, named: bool, counts: bool
 ) -> None:
-    """And tells of an answer that is unknown what the air did in each log."""
+    """And an answer that is unknown reports what the air did in each log."""
     problem = SimpleNamespace(config=machine())
     fit = SimpleNamespace(problem=problem, config=machine(effect=effects))
     verdict: Any = SimpleNamespace(fit=fit, sets=((),) if named else ())

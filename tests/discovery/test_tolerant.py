@@ -56,7 +56,7 @@ def test_and_a_loss_is_found_among_them(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.nightly
-def test_an_unknown_tells_what_explains_most_of_it(tmp_path: Path) -> None:
+def test_an_unknown_reports_what_explains_most_of_it(tmp_path: Path) -> None:
     result = found(tmp_path, Case("partial", (GREASE,), 3))
     assert result["verdict"] == "unknown"
     partial = result["partial"]

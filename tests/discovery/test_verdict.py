@@ -65,7 +65,7 @@ def proof(
 
 @pytest.fixture(autouse=True)
 def nothing_comes_down_to_another(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Which effects are the same physics is told elsewhere; here `same` are."""
+    """Which effects are the same physics is tested elsewhere; here `same` are."""
     monkeypatch.setattr(
         verdict, "same_physics", lambda winner, rival: rival.candidate.name.startswith("same")
     )
@@ -104,7 +104,7 @@ def test_a_sensor_that_is_predicted_worse_is_unknown_even_if_all_together_are_be
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "told"),
+    ("before", "after", "worse"),
     [
         (1.0, WORSE + EPSILON, True),
         (1.0, WORSE - EPSILON, False),
@@ -112,13 +112,13 @@ def test_a_sensor_that_is_predicted_worse_is_unknown_even_if_all_together_are_be
         (0.1, NOISE + NOTICED - EPSILON, False),
     ],
 )
-def test_worse_is_by_a_fifth_and_beyond_what_is_noticed(before: float, after: float, told: bool) -> None:
+def test_worse_is_by_a_fifth_and_beyond_what_is_noticed(before: float, after: float, worse: bool) -> None:
     found = proof(sensors=(gap(before, after), gap(1.0, NOISE)))
-    assert found.worse == (("t0",) if told else ())
+    assert found.worse == (("t0",) if worse else ())
 
 
 @pytest.mark.parametrize(
-    ("raw_K", "beyond_K", "white", "told"),
+    ("raw_K", "beyond_K", "white", "grown"),
     [
         (0.05 + EPSILON, 0.05 + EPSILON, EPSILON, True),
         (0.05 + EPSILON, 0.05 + EPSILON, -EPSILON, False),  # within tolerances, then
@@ -128,15 +128,15 @@ def test_worse_is_by_a_fifth_and_beyond_what_is_noticed(before: float, after: fl
     ],
 )
 def test_a_sensor_whose_gap_grows_in_kelvin_beyond_its_form_is_unknown(
-    raw_K: float, beyond_K: float, white: float, told: bool
+    raw_K: float, beyond_K: float, white: float, grown: bool
 ) -> None:
     """All together shrink; one grows, and 0.05 K are what no model of this form gets right."""
     before = NOISE + 0.1
     worse = gap(before, before + white, (0.4, 0.4 + raw_K), (0.2, 0.2 + beyond_K))
     found = proof(sensors=(worse, gap()))
     assert not found.worse
-    assert found.grown_on == (("t0",) if told else ())
-    assert decide(search((trial("nut", 50.0),)), found, ()).kind == ("unknown" if told else "named")
+    assert found.grown_on == (("t0",) if grown else ())
+    assert decide(search((trial("nut", 50.0),)), found, ()).kind == ("unknown" if grown else "named")
 
 
 @pytest.mark.parametrize(
@@ -208,7 +208,9 @@ def sets(found: Any, noise: float = NOISE) -> list[str]:
         (3000.0, NOISE - 0.1, 9.0),  # less than noise is as good as noise
     ],
 )
-def test_a_rival_within_reach_cannot_be_told_from_the_winner(drop: float, left: float, reach: float) -> None:
+def test_a_rival_within_reach_cannot_be_distinguished_from_the_winner(
+    drop: float, left: float, reach: float
+) -> None:
     near, far = trial("near", 100.0 - reach + EPSILON), trial("far", 100.0 - reach - EPSILON)
     winner = trial("winner", 100.0, drop=drop)
     found = search((winner, near, far), left=left)
@@ -271,12 +273,14 @@ def proved(less_K: float | None = None) -> Proof:
     return prove(of("null", 1.0), of("fit", 0.1), less)
 
 
-@pytest.mark.parametrize(("less_K", "told"), [(0.12, True), (0.62, True), (-0.62, True), (0.63, False)])
-def test_an_effect_is_unproved_where_the_others_alone_leave_as_little(less_K: float, *, told: bool) -> None:
+@pytest.mark.parametrize(("less_K", "unproved"), [(0.12, True), (0.62, True), (-0.62, True), (0.63, False)])
+def test_an_effect_is_unproved_where_the_others_alone_leave_as_little(
+    less_K: float, *, unproved: bool
+) -> None:
     """With it 0.45 K are beyond tolerances; nine tenths of 0.625 K are a quarter more."""
     found = proved(less_K)
     assert found.whole.form_K == pytest.approx(2 * found.whole.floor_rms_K)
-    assert found.unproved == (("body",) if told else ())
+    assert found.unproved == (("body",) if unproved else ())
 
 
 def test_what_tolerances_explain_is_taken_off_the_gap() -> None:

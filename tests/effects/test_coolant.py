@@ -92,8 +92,8 @@ def test_quality_falls_while_the_inlet_is_stale() -> None:
     values[:, own] = run_model(build_plant(config), drive, block, AIR_degC)[1] + noise_K
     lost = np.outer(np.arange(400) >= 300, [name == "coolant_degC" for name in block.channels])
     quality = np.where(lost, STALE, block.quality).astype(np.int8)
-    told = replace(block, values=values, fresh=block.fresh & ~lost, quality=quality)
-    found = MachineModel.of(config).pipeline().step(told)
+    received = replace(block, values=values, fresh=block.fresh & ~lost, quality=quality)
+    found = MachineModel.of(config).pipeline().step(received)
     assert (found.quality[250:300] == EstimateQuality.GOOD).all()
     assert (found.quality[300:] == EstimateQuality.DEGRADED).all()
 

@@ -88,7 +88,7 @@ def test_a_constant_by_hand_is_seen(text: str) -> None:
     assert constants_of_nature(ast.parse(text))
 
 
-def test_every_effect_is_told_in_full() -> None:
+def test_every_effect_is_described_in_full() -> None:
     for effect in LIBRARY:
         own = effect.model_fields.keys()
         assert effect.parameters.keys() <= own, effect

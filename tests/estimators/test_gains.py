@@ -37,7 +37,7 @@ def test_poles_are_reached_on_every_set_of_sensors_or_it_is_refused(film, dt_s, 
     for present in SUBSETS:
         gain = design_bandwidth(plant, step, present, bandwidth_1_s)
         if present.sum() < 2:
-            assert isinstance(gain, Refusal), "one sensor cannot tell two constant heats apart"
+            assert isinstance(gain, Refusal), "one sensor cannot distinguish two constant heats"
             continue
         assert isinstance(gain, LuenbergerGain)
         reached = poles_of(closed_loop(plant, step, gain.K), dt_s)
@@ -143,7 +143,7 @@ def test_the_observer_finds_the_heats(uneven):
 
 
 @pytest.mark.parametrize(("kind", "engine"), [("kalman", "constant"), ("luenberger", "compiled")])
-def test_sensors_that_cannot_tell_the_heats_predict_only_and_say_so(kind, engine):
+def test_sensors_that_cannot_distinguish_the_heats_predict_only_and_say_so(kind, engine):
     plant = rod(sources_m=(0.1, 0.5))
     u = inputs(plant, steps=600, missing=0.0, law_steps=False)
     u.y_degC[:] = temperatures(plant, u, lambda t: np.array([25.0, 10.0]))

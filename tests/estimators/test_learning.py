@@ -170,7 +170,7 @@ def test_nothing_in_doubt_is_the_plain_filter():
     ],
 )
 def test_a_parameter_does_what_the_changed_configuration_does(kind, change):
-    """A filter without measurements, told of 1 % (0.01 K, 0.01 W/K), against the plant of that machine."""
+    """A filter without measurements, given 1 % (0.01 K, 0.01 W/K), against the plant of that machine."""
     config, log = config_of(more=ALL), a_day(rough=False)
     plant, estimator, u = set_up(ALL, 3000, log)
     u = u._replace(usable=np.zeros_like(u.usable))
@@ -196,11 +196,11 @@ def test_a_parameter_does_what_the_changed_configuration_does(kind, change):
     _, rows = simulate.simulate(other, simulate.start(other, 20.0, v.law_W[0]), v.part(0, 3000))
     _, plain = simulate.simulate(plant, simulate.start(plant, 20.0, u.law_W[0]), u)
     wanted = (rows - plain)[-1, other.rows.field_slice]
-    told = block.field_degC[-1] - plain[-1, plant.rows.field_slice]
+    moved = block.field_degC[-1] - plain[-1, plant.rows.field_slice]
     # first order in 1 %, the parameter has faded by 3 % in the hour, and what the dropped modes hold, most
     # at the ends where heat enters, is not taken to change with it
-    np.testing.assert_allclose(told[2:-2], wanted[2:-2], rtol=0, atol=0.06 * np.abs(wanted).max())
-    np.testing.assert_allclose(told, wanted, rtol=0, atol=0.17 * np.abs(wanted).max())
+    np.testing.assert_allclose(moved[2:-2], wanted[2:-2], rtol=0, atol=0.06 * np.abs(wanted).max())
+    np.testing.assert_allclose(moved, wanted, rtol=0, atol=0.17 * np.abs(wanted).max())
 
 
 def changed_config(config, change):
@@ -225,13 +225,13 @@ def test_what_is_considered_only_keeps_its_value():
     assert block.learned.shape == (600, 6)  # the film, and the offset of each of five sensors
 
 
-def test_a_start_from_rest_tells_the_offsets():
+def test_a_start_from_rest_shows_the_offsets():
     specimen = draw(1, 0, Rough())
     block = estimates(config_of(), a_day())
     names = MachineModel.of(config_of(), learns=True).plant.layout.learned
     offsets = [i for i, name in enumerate(names) if name.endswith("offset_K")]
     error = block.learned[30, offsets] - specimen.machine.offset_K
-    apart = error - error.mean()  # what all have in common cannot be told from the air's
+    apart = error - error.mean()  # what all have in common cannot be distinguished from the air's
     assert np.abs(apart).max() < 0.15
     assert block.learned_sigma[30, offsets].max() < 0.25
 

@@ -1,4 +1,4 @@
-"""What `check` and `calibrate` are told."""
+"""What `check` and `calibrate` are given."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -99,8 +99,8 @@ def test_every_step_is_the_textbooks(moving):
         variance = np.einsum("ra,ab,rb->r", rows, P[k, :n_x, :n_x], rows)
         np.testing.assert_allclose(block.field_degC[k], field, rtol=1e-8)
         np.testing.assert_allclose(block.field_sigma_K[k], np.sqrt(variance), rtol=1e-6)
-    told = innovations_log_likelihood(plant, u)
-    assert told == pytest.approx(likelihood[1:].sum(), rel=1e-6)
+    reported = innovations_log_likelihood(plant, u)
+    assert reported == pytest.approx(likelihood[1:].sum(), rel=1e-6)
 
 
 def test_many_rows_are_reported_as_few_are():

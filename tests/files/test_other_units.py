@@ -54,7 +54,7 @@ def test_words_that_mean_missing_are_counted_by_column(tmp_path):
     assert not np.isfinite(log.values[[0, 1, 3, 4, 5, 6, 7, 9], 0]).any()
 
 
-def test_empty_cells_and_names_that_hold_a_word_are_nothing_to_tell(tmp_path):
+def test_empty_cells_and_names_that_hold_a_word_are_nothing_to_report(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("time_s,nan,inf_degC,note\n0,,20,NaN\n1,3,,NULL\n")
     assert read_log(path, ["nan", "inf_degC"]).words == ()

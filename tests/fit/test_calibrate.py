@@ -26,7 +26,7 @@ def of_the_rig() -> Calibration:
 
 
 def test_the_film_of_the_rig_is_found(of_the_rig: Calibration) -> None:
-    # The rig's film is 13.91. A log tells the film only relative to ρc, which the rig's configuration has
+    # The rig's film is 13.91. A log shows the film only relative to ρc, which the rig's configuration has
     # wrong by up to 2 %.
     assert of_the_rig.values[FILM] == pytest.approx(13.91, rel=0.02)
 
@@ -105,7 +105,7 @@ def test_what_is_free_is_not_known_within_a_tolerance_besides() -> None:
 
 
 def test_two_runs_are_fitted_together_each_from_its_own_start() -> None:
-    config = machine(tolerance={"heat_per_log": 0.0})  # which one log alone does not tell of
+    config = machine(tolerance={"heat_per_log": 0.0})  # which one log alone does not show
     truth = replaced(config, TRUE)
     one = calibrate(config, [[made_log(truth, 1)]])
     two = calibrate(config, [[made_log(truth, 1)], [made_log(truth, 2, heater_W=30.0)]])
@@ -114,7 +114,7 @@ def test_two_runs_are_fitted_together_each_from_its_own_start() -> None:
     assert two.config.surface.convection_W_m2K == two.values[FILM]
 
 
-def test_what_the_log_cannot_tell_keeps_its_value_and_has_a_reason() -> None:
+def test_what_the_log_cannot_show_keeps_its_value_and_has_a_reason() -> None:
     config = machine()
     truth = replaced(config, TRUE | {"source.bearing.l.scale": 1.0})
     found = calibrate(config, [[made_log(truth, 3, speed_rpm=0.0)]])
@@ -125,7 +125,7 @@ def test_what_the_log_cannot_tell_keeps_its_value_and_has_a_reason() -> None:
     assert found.config.source[1].scale == 1.0
 
 
-def test_two_factors_of_one_law_cannot_be_told_apart() -> None:
+def test_two_factors_of_one_law_cannot_be_distinguished() -> None:
     free = [FILM, "source.bearing.l.heat_W_rpm", "source.bearing.l.scale", "source.heater.scale"]
     config = machine(calibrate={"free": free})
     found = calibrate(config, [[made_log(replaced(config, TRUE), 4)]])
@@ -179,7 +179,7 @@ def test_a_log_without_a_usable_sensor_is_refused() -> None:
         calibrate(config, [[log]])
 
 
-def test_progress_tells_evaluations_and_gap() -> None:
+def test_progress_reports_evaluations_and_gap() -> None:
     config = machine()
     seen: list[tuple[int, float]] = []
     calibrate(config, [[made_log(replaced(config, TRUE), 10)]], lambda n, gap_K: seen.append((n, gap_K)))

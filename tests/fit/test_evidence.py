@@ -95,9 +95,9 @@ def test_white_noise_alone_makes_what_is_expected_of_it() -> None:
 def test_the_noise_is_the_one_the_logs_show() -> None:
     quiet = problem_of(CONFIG, logs(2)).evidence
     sensors = [s.model_copy(update={"noise_K": 2 * s.noise_K}) for s in CONFIG.sensor]
-    told = problem_of(CONFIG.model_copy(update={"sensor": tuple(sensors)}), logs(2)).evidence
-    # 0.05 K are in the logs, whatever is configured; 1800 rows of each tell it to 2 %
-    np.testing.assert_allclose(told.noise_K, quiet.noise_K, rtol=0.02)
+    doubled = problem_of(CONFIG.model_copy(update={"sensor": tuple(sensors)}), logs(2)).evidence
+    # 0.05 K are in the logs, whatever is configured; 1800 rows of each show it to 2 %
+    np.testing.assert_allclose(doubled.noise_K, quiet.noise_K, rtol=0.02)
 
 
 def test_a_mean_of_fewer_values_weighs_less_and_one_of_less_than_half_not_at_all() -> None:

@@ -146,12 +146,12 @@ def test_a_pass_early_in_a_tick_warms_its_mean_by_more_than_one_late_in_it() -> 
     rows = simulate(plant, state, by_row)[1][:, passed]
     mean = run.ticks.mean[np.repeat(np.arange(len(run.ticks.first)), np.diff([*run.ticks.first, len(rows)]))]
     exact = np.bincount(mean, rows) / np.bincount(mean)
-    told, plain = (
+    passing, plain = (
         float(np.sqrt(np.mean((means[:, passed] - exact) ** 2)))
         for means in (run.means(plant, inputs, steps), means_of(run.ticks, steps, 0.0 * steps.ends))
     )
-    print(f"{1e3 * told:.1f} mK, without the passes {1e3 * plain:.1f} mK")
-    assert told < 0.6 * plain
+    print(f"{1e3 * passing:.1f} mK, without the passes {1e3 * plain:.1f} mK")
+    assert passing < 0.6 * plain
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 4.0, 30.0])

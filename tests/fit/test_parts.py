@@ -268,17 +268,17 @@ def test_slack_is_what_each_tolerance_changes() -> None:
     np.testing.assert_allclose(nuisance.columns, columns, rtol=1e-9, atol=1e-9)
     assert nuisance.lag_of == (*[None] * 9, "a", "b", "c", *[None] * 5)
     rows, r = problem.evidence.used, np.random.default_rng(1).normal(size=60)
-    for told, kept in ((frozenset(), range(17)), (frozenset({"b"}), [*range(10), *range(11, 17)])):
+    for claimed, kept in ((frozenset(), range(17)), (frozenset({"b"}), [*range(10), *range(11, 17)])):
         T = columns[rows][:, list(kept)]
-        left = float(np.sum(problem.marginal(rows, told)(r) ** 2))
+        left = float(np.sum(problem.marginal(rows, claimed)(r) ** 2))
         assert left == pytest.approx(r @ np.linalg.solve(np.eye(60) + T @ T.T, r), rel=1e-9)
-        assert problem.marginal(rows, told) is problem.marginal(rows, told), "worked out once"
+        assert problem.marginal(rows, claimed) is problem.marginal(rows, claimed), "worked out once"
     assert not np.allclose(problem.marginal(~rows, frozenset())(np.ones(12)), 1.0)
     bare = a_problem(forward)
     np.testing.assert_array_equal(bare.marginal(rows, frozenset())(r), r)
 
 
-def test_a_lag_is_told_by_what_claims_it() -> None:
+def test_a_lag_belongs_to_what_claims_it() -> None:
     lag = {"kind": "sensor_lag", "target": "b", "time_constant_s": 9.0}
     bias = {"kind": "sensor_bias", "target": "a", "offset_K": 1.0}
     config = machine(effect=[lag, bias])

@@ -14,7 +14,7 @@ from tests.logs.simulated import made_log
 
 
 @pytest.mark.parametrize("channel", ["heater_W", "n_rpm"])
-def test_a_log_without_what_tells_a_heat_is_refused(channel: str) -> None:
+def test_a_log_without_what_gives_a_heat_is_refused(channel: str) -> None:
     """No heat would be another one, and whatever the machine did would be missing from the model."""
     config = machine()
     log = made_log(config, 1)

@@ -50,7 +50,7 @@ def test_between_rows_a_minute_apart_it_runs_over_what_it_shows_of_its_stroke(sp
     shown = log.path["x_m"].position_m[log.time_s >= 1800.0]
     low, high = shown.min(), shown.max()
     inside = path.position_m[late]
-    # the way is told by 24 places a traverse
+    # the way is described by 24 places a traverse
     assert inside.min() == pytest.approx(low, abs=0.2 / 24)
     assert inside.max() == pytest.approx(high, abs=0.2 / 24)
     assert np.all(np.diff(path.time_s) > 0.0)

@@ -106,23 +106,23 @@ def test_every_tolerance_moves_the_prediction_and_stays_small() -> None:
     here = problem.predicted(config)
     rise_K = float(np.ptp(problem.evidence.measured_degC))
     every = list(tolerances(config))
-    told = {
+    relative = {
         key: getattr(changed.screw, key) / getattr(config.screw, key) - 1
         for changed, _ in every
         for key in ("conductivity_W_mK", "density_kg_m3", "specific_heat_J_kgK", "diameter_m")
         if changed.screw != config.screw and getattr(changed.screw, key) != getattr(config.screw, key)
     }
     # ρ goes with c, and a diameter is measured
-    assert told == pytest.approx({"conductivity_W_mK": MATERIAL, "specific_heat_J_kgK": MATERIAL})
+    assert relative == pytest.approx({"conductivity_W_mK": MATERIAL, "specific_heat_J_kgK": MATERIAL})
     assert {kind for _, kind in every} == {"whole", "position", "lag"}
     for changed, kind in every:
         moved_K = float(np.max(np.abs(problem.predicted(changed) - here)))
         assert 1e-3 < moved_K < 0.05 * rise_K, kind
 
 
-def test_a_lag_that_an_effect_tells_is_no_tolerance_any_more() -> None:
+def test_a_lag_that_an_effect_describes_is_no_tolerance_any_more() -> None:
     """A sensor's error of three standard deviations of its lag costs nine at the most, unless an effect
-    claims to tell that lag: then nothing forgives it.
+    claims to describe that lag: then nothing forgives it.
     """
     config = machine()
     problem = problem_of(config, [made_log(config, 0, minutes=60.0)])
@@ -134,8 +134,8 @@ def test_a_lag_that_an_effect_tells_is_no_tolerance_any_more() -> None:
     nothing, parameters = np.zeros((len(residual), 0)), np.zeros(0)
     cost = {}
     for target in (None, "a", "b"):
-        told = [] if target is None else [{"kind": "sensor_lag", "target": target, "time_constant_s": 9.0}]
-        claimed = machine(effect=told)
+        effects = [] if target is None else [{"kind": "sensor_lag", "target": target, "time_constant_s": 9.0}]
+        claimed = machine(effect=effects)
         cost[target] = Fit(problem, claimed, (), parameters, residual, nothing, parameters).deviance
     print(cost)
     assert cost[None] <= 9.0
@@ -162,9 +162,9 @@ def with_a_secret(config: Config, from_s: float, to_s: float) -> FrameBlock:
     true[secretly, heater] = 0.0
     plant = build_plant(config)
     drive = Drive(config, plant)
-    told, was = (drive.run(drive.initial(), replace(log, values=v))[1] for v in (log.values, true))
-    state = start(plant, 20.0, told.law_W[0])
-    less_K = simulate(plant, state, was)[1] - simulate(plant, state, told)[1]
+    logged, was = (drive.run(drive.initial(), replace(log, values=v))[1] for v in (log.values, true))
+    state = start(plant, 20.0, logged.law_W[0])
+    less_K = simulate(plant, state, was)[1] - simulate(plant, state, logged)[1]
     values = log.values.copy()
     for i, sensor in enumerate(config.sensor):
         values[:, config.channels.index(sensor.channel)] += less_K[:, i]
@@ -314,7 +314,7 @@ def thinned(log: FrameBlock, rows: int) -> FrameBlock:
     return replace(log, dt_s=np.diff(kept["time_s"], prepend=kept["time_s"][0]), **kept)
 
 
-def test_rows_a_minute_apart_do_not_tell_when_a_heat_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_a_minute_apart_do_not_show_when_a_heat_changed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Heats that are recorded half of a row late, as where a recorder holds what it is taken to ramp to."""
     config = machine()
     logs = [made_log(config, seed, minutes=60.0) for seed in range(2)]

@@ -73,7 +73,7 @@ def rod() -> Plant:
 
 
 def bins_of(heat_W: FloatArray) -> Bins:
-    """Bins in which the heat was as its law says, told to 1 W."""
+    """Bins in which the heat was as its law says, known to 1 W."""
     n, plant = len(heat_W), rod()
     nothing = np.zeros(n)
     z = np.full((n, len(plant.known_names)), 20.0)
@@ -145,7 +145,7 @@ def test_work_that_stays_alike_for_longer_spreads_its_hours_more() -> None:
     rng = np.random.default_rng(7)
     fast, slow = (np.repeat(rng.choice([10.0, 40.0, 60.0], 540 // n), n) for n in (6, 60))
     densities = [noise_W2_s(bins_of(work)) / work.var() for work in (fast, slow)]
-    # steps of T have the density of variance times T; 540 bins tell it to a half, and 250 s hold it
+    # steps of T have the density of variance times T; 540 bins show it to a half, and 250 s hold it
     assert 60.0 < densities[0] < 200.0
     assert densities[1] > 300.0
 
@@ -192,9 +192,9 @@ def test_sigma_is_what_is_not_known_of_the_heat_and_what_varies() -> None:
 def test_a_forecast_of_a_doubtful_estimate_is_doubtful() -> None:
     plant, program = rod(), learnt(bins_of(np.full(60, 40.0)))
     found = forecast(CONFIG, plant, at_degC(plant, 20.0), program, 1.0, 2.0)
-    told = document(found, plant, EstimateQuality.DEGRADED, "a", 2.0)
-    assert told["quality"] == "degraded"
-    assert "degraded" in told["reason"]
+    doubtful = document(found, plant, EstimateQuality.DEGRADED, "a", 2.0)
+    assert doubtful["quality"] == "degraded"
+    assert "degraded" in doubtful["reason"]
     good = document(found, plant, EstimateQuality.GOOD, "a", 2.0)
     assert good["reason"] is None
     assert len(good["at_s"]) == 61

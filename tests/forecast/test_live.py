@@ -41,10 +41,10 @@ def published(rows: int) -> dict[str, Any]:
     config = config_of(CONFIG, "\n[forecast]\nperiod_s = 5.0\n")
     machine = MachineModel.of(config, learns=True)
     assert is_wanted(machine)
-    told, came = list[Mapping[str, Any]](), threading.Event()
+    documents, came = list[Mapping[str, Any]](), threading.Event()
 
     def publish(document: Mapping[str, Any]) -> None:
-        told.append(document)
+        documents.append(document)
         came.set()
 
     forecaster, pipeline = Forecaster(machine, "abc", publish), machine.pipeline(machine.estimator())
@@ -55,7 +55,7 @@ def published(rows: int) -> dict[str, Any]:
     forecaster.begin()
     assert came.wait(60.0)
     forecaster.finish(None)
-    found: dict[str, Any] = json.loads(json.dumps(told[0], allow_nan=False))
+    found: dict[str, Any] = json.loads(json.dumps(documents[0], allow_nan=False))
     return found
 
 
@@ -116,7 +116,7 @@ def test_a_log_of_a_warm_up_says_where_it_settles_and_how_sure_that_is(tmp_path:
     assert lines[1].startswith("It settles with ")
 
 
-def test_a_log_that_is_too_short_is_told_in_a_sentence(tmp_path: Path) -> None:
+def test_a_log_that_is_too_short_is_refused_in_a_sentence(tmp_path: Path) -> None:
     log, config = files(tmp_path, 30)
     with pytest.raises(LogError, match=r"log\.csv: no forecast .* first minute"):
         app.forecast(

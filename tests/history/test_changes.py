@@ -54,12 +54,12 @@ def test_changes_are_what_the_history_of_the_changed_log_has_beside_that_of_the_
     np.testing.assert_allclose(information[:, 0], left(own), rtol=1e-6)
     for c in range(D.shape[2]):
         other = smooth_heats(plant, OPEN_GATE, [u._replace(y_degC=u.y_degC + D[:, :, c])])
-        told_W = other.heat_W - own.heat_W
-        here = np.isfinite(told_W).all(axis=1)
+        moved_W = other.heat_W - own.heat_W
+        here = np.isfinite(moved_W).all(axis=1)
         assert here.sum() == len(u) - 1, "one step is no number"
-        largest_W = np.abs(told_W[here]).max()
+        largest_W = np.abs(moved_W[here]).max()
         assert largest_W > 1.0
-        np.testing.assert_allclose(heat_W[here, :, c], told_W[here], rtol=0, atol=1e-7 * largest_W)
+        np.testing.assert_allclose(heat_W[here, :, c], moved_W[here], rtol=0, atol=1e-7 * largest_W)
         np.testing.assert_allclose(information[:, 1 + c], left(other) - left(own), rtol=1e-6)
 
 
@@ -99,7 +99,7 @@ def by_hand(plant, u, x):
 @pytest.mark.parametrize("effects", [[], LINEAR], ids=["by itself", "coupled"])
 @pytest.mark.parametrize("gain", [0.0, 0.02])
 def test_tolerances_change_readings_as_full_matrices_have_it(effects, gain):
-    """In a log whose steps are all computed; what a gain changes is told by the same field."""
+    """In a log whose steps are all computed; what a gain changes follows from the same field."""
     looks = {"name": "t2", "channel": "t2_degC", "position_m": 0.5, "shows": 0.4, "shows_tolerance": 0.2}
     touch = [{"name": f"t{i}", "channel": f"t{i}_degC", "position_m": x} for i, x in ((1, 0.05), (3, 0.95))]
     sensors = [touch[0], looks, touch[1]]

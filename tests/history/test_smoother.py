@@ -242,7 +242,7 @@ def _walk(plant, u, rng):
 
 
 @pytest.mark.parametrize("method", ["smoother", "tikhonov"])
-def test_a_source_that_would_cool_is_told(method):
+def test_a_source_that_would_cool_is_reported(method):
     """Sensors ten kelvin below the air, at rest."""
     config = config_of(
         Bar(0.6), [point("left", 0.0), point("right", 0.6)], [0.0, 0.6], sensor_m=(0.05, 0.2, 0.55)
@@ -252,7 +252,7 @@ def test_a_source_that_would_cool_is_told(method):
     z = np.repeat(u.z_end, len(plant.known_names), axis=1)
     u = u._replace(law_W=np.abs(u.law_W), z_start=z, z_end=z)
 
-    def told(y_degC, law_W):
+    def warnings(y_degC, law_W):
         history = heat_history(
             plant, config.estimator, [u._replace(y_degC=y_degC, law_W=law_W)], MethodOptions(method)
         )
@@ -260,6 +260,6 @@ def test_a_source_that_would_cool_is_told(method):
 
     air_degC = u.z_end[:, [plant.known.ambient]]
     too_cold = np.broadcast_to(air_degC - 10.0, u.y_degC.shape)
-    assert any(sentence.startswith("left would cool") for sentence in told(too_cold, u.law_W))
-    assert not told(too_cold, -1.0 - u.law_W), "what is said to cool may"
-    assert not told(air_degC + np.array([12.0, 8.0, 12.0]), u.law_W)
+    assert any(sentence.startswith("left would cool") for sentence in warnings(too_cold, u.law_W))
+    assert not warnings(too_cold, -1.0 - u.law_W), "what is said to cool may"
+    assert not warnings(air_degC + np.array([12.0, 8.0, 12.0]), u.law_W)

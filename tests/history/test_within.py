@@ -73,7 +73,7 @@ def test_heats_and_their_variance_are_those_of_the_dense_equations(learnt):
     ours_W = np.sqrt(history.heat_sigma_W**2 + found.variance_W2)
     np.testing.assert_allclose(history.heat_W[1:], heat_W, rtol=0, atol=1e-6 * np.abs(heat_W).max())
     np.testing.assert_allclose(ours_W[1:], sigma_W, rtol=1e-5)
-    assert (ours_W > 1.05 * history.heat_sigma_W).any(), "there is something to tell"
+    assert (ours_W > 1.05 * history.heat_sigma_W).any(), "there is something to add"
 
 
 @pytest.mark.parametrize("method", ["smoother", "tikhonov", "conjugate-gradient"])
@@ -136,7 +136,7 @@ def test_each_tolerance_is_a_change_of_its_own_sensors_and_learnt_by_its_key():
 
 
 def predicted(config, one):
-    """What sensors would read along the true heats from the start that their first values tell, and the air,
+    """What sensors would read along the true heats from the start that their first values show, and the air,
     by the open loop of a configuration.
     """
     machine = MachineModel.of(config)

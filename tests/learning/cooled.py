@@ -1,4 +1,4 @@
-"""A rough machine with a chiller's coolant in its bore, whose inlet the observer is told or not."""
+"""A rough machine with a chiller's coolant in its bore, whose inlet the observer knows or not."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def cooled(seed: int, number: int, run: str, rough: Rough = CALIBRATED, fitted: 
 
 
 def estimates(log: Log, inlet: str) -> EstimateBlock:
-    """What the observer estimates with three sensors, told of the coolant's inlet as `inlet` says."""
+    """What the observer estimates with three sensors, where the coolant's inlet is given as `inlet`."""
     config = config_of(CONFIG, EFFECT + inlet)
     own = tuple(sensor for sensor in config.sensor if sensor.name in SENSORS)
     machine = MachineModel.of(config.model_copy(update={"sensor": own}), learns=True)

@@ -70,7 +70,7 @@ def looked_at(seed: int, number: int, run: str) -> LookedAt:
     return LookedAt(one, np.round(noisy, 2))
 
 
-def told(one: LookedAt, which: tuple[int, ...], pyrometer: Sensor | None = None) -> EstimateBlock:
+def estimated(one: LookedAt, which: tuple[int, ...], pyrometer: Sensor | None = None) -> EstimateBlock:
     """What the observer estimates with some of the sensors, where the middle one may be the pyrometer."""
     config, seen = config_of(CONFIG), one.day.sensor_degC.copy()
     every = list(config.sensor)

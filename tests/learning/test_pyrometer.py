@@ -13,9 +13,9 @@ from tests.learning.pyrometer import (
     EMISSIVITY_SIGMA,
     ENDS,
     MIDDLE,
+    estimated,
     looked_at,
     shown_degC,
-    told,
 )
 from tests.truth.machine.physics import FloatArray
 
@@ -42,12 +42,12 @@ def test_it_shows_the_part_that_it_emits_when_it_takes_all_for_black() -> None:
 
 def test_with_its_tolerance_sigma_holds_and_the_field_is_better_known_than_without() -> None:
     one = looked_at(FRESH_SEED, 0, "a")
-    roughly = judged(told(one, MIDDLE, one.described(shows_tolerance=ROUGHLY)), one.day)
-    without = judged(told(one, ENDS), one.day)
+    roughly = judged(estimated(one, MIDDLE, one.described(shows_tolerance=ROUGHLY)), one.day)
+    without = judged(estimated(one, ENDS), one.day)
     for name in QUANTITIES:
         assert roughly[name][1] >= 0.9
     assert roughly["field"][0] < 0.75 * without["field"][0]
-    as_if = judged(told(one, MIDDLE, one.described(shows=1.0)), one.day)
+    as_if = judged(estimated(one, MIDDLE, one.described(shows=1.0)), one.day)
     assert as_if["field"][0] > 2.0 * without["field"][0]
 
 
@@ -58,8 +58,8 @@ def test_on_fresh_machines() -> None:
     for number in range(6):
         one = looked_at(FRESH_SEED, number, "abc"[number % 3])
         cases = {
-            "roughly": told(one, MIDDLE, one.described(shows_tolerance=ROUGHLY)),
-            "without": told(one, ENDS),
+            "roughly": estimated(one, MIDDLE, one.described(shows_tolerance=ROUGHLY)),
+            "without": estimated(one, ENDS),
         }
         for case, found in cases.items():
             own = np.array(list(judged(found, one.day).values()))

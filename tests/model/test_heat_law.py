@@ -224,7 +224,7 @@ def test_calibrate_finds_what_multiplies_laws_and_film() -> None:
     assert found.values["source.bearing.scale"] == pytest.approx(0.7, rel=1e-2)
 
 
-def test_the_example_of_kim_is_told_by_kims_own_equations() -> None:
+def test_the_example_of_kim_is_described_by_kims_own_equations() -> None:
     config = load(Path(__file__).parents[2] / "config" / "kim-screw.toml")
     speed = np.array([500.0])
     nut_W = 500 * math.pi / 30 * 0.3 * 1.0 * (0.4 - 0.1) / 0.5

@@ -1,4 +1,4 @@
-"""Parameters as arrays: those of the machine first, and what is learnt in the unit in which it is told."""
+"""Parameters as arrays: those of the machine first, and what is learnt in the unit it is reported in."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ def test_those_of_the_machine_come_first() -> None:
     assert joined(arrays, some).kind.tolist() == [*arrays.kind.tolist(), *some.kind.tolist()]
 
 
-def test_what_is_learnt_is_told_as_a_value_and_its_sigma() -> None:
+def test_what_is_learnt_is_reported_as_a_value_and_its_sigma() -> None:
     learning = learning_of(parameters(), {"law", "convection", "offset_K"}, 2, 1)
-    told = learning.estimates(np.array([0.1, -0.2, 0.4, 9.0]), np.diag([0.01, 0.04, 0.09, 9.0]))
-    assert list(told) == ["nut.scale", "film", "t1.offset_K"]
+    reported = learning.estimates(np.array([0.1, -0.2, 0.4, 9.0]), np.diag([0.01, 0.04, 0.09, 9.0]))
+    assert list(reported) == ["nut.scale", "film", "t1.offset_K"]
     np.testing.assert_allclose(
-        list(told.values()), [(1.5 + 1.5 * 0.1, 1.5 * 0.1), (15.0 - 15.0 * 0.2, 15.0 * 0.2), (0.4, 0.3)]
+        list(reported.values()), [(1.5 + 1.5 * 0.1, 1.5 * 0.1), (15.0 - 15.0 * 0.2, 15.0 * 0.2), (0.4, 0.3)]
     )
 
 

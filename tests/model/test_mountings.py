@@ -84,7 +84,7 @@ def test_only_the_travel_counts() -> None:
     assert part.size_um < whole.size_um
 
 
-def test_equal_errors_are_told_apart_by_their_force() -> None:
+def test_equal_errors_are_distinguished_by_their_force() -> None:
     """Without a gap the error does not depend on the preload; half of what the growth takes is best."""
     even: FloatArray = np.multiply.outer(np.array([0.0, 1.0]), 100.0 * GRID_M)
     found = best_of_each(problem(None)._replace(along_um=even, whole_um=even[:, -1]), None)[0]

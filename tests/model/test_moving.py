@@ -87,7 +87,7 @@ def test_over_a_step_it_is_the_mean_over_the_way_and_a_lag_s_row_follows_slowly(
         np.testing.assert_allclose(C[k], row, rtol=0, atol=1e-2)
 
 
-def test_a_nut_of_which_nothing_is_told_keeps_its_columns_and_then_is_spread_over_its_stroke() -> None:
+def test_a_nut_of_which_nothing_is_known_keeps_its_columns_and_then_is_spread_over_its_stroke() -> None:
     """Samples at 0 s and 1 s, nothing for half a minute, and one sample elsewhere."""
     table = table_of(waves=False)
     path = NutPath(

@@ -188,7 +188,7 @@ def test_a_balls_contact_is_a_constriction_on_both_sides(a: float, b: float) -> 
         ),
     ],
 )  # fmt: skip
-def test_a_link_is_told_in_one_of_seven_ways(keys: dict[str, Any], wanted: float) -> None:
+def test_a_link_is_described_in_one_of_seven_ways(keys: dict[str, Any], wanted: float) -> None:
     link = Link.model_validate({"between": ["a", "b"], **keys})
     assert conductance_W_K(link) == pytest.approx(wanted)
 

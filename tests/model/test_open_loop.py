@@ -33,7 +33,7 @@ def test_what_is_held_drives_like_what_is_given_anew(moving):
 
 
 def test_whatever_is_driven_otherwise_than_the_step_before_is_driven_anew():
-    """The first step is as long as none known would be told; a law comes and goes at every step."""
+    """Steps are as long as the mark for none before, but for its sign; a law comes and goes at every step."""
     plant, steps = small(()), 12
     u = lively(plant, steps)
     u.dt_s[:] = 1.0

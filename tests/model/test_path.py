@@ -55,8 +55,8 @@ def test_a_nut_that_runs_on_is_where_small_steps_bring_it(
 def test_reversals_between_uneven_samples_are_found_where_they_are(
     samples_per_traverse: float, begin_m: float, seed: int
 ) -> None:
-    """Straight steps are told exactly. A reversal is told to 6 % of its step, if it is no nearer to a sample:
-    a step that lacks less than 5 % counts as straight. Steps below a fiftieth of the stroke are lines.
+    """Straight steps are exact. A reversal is found to 6 % of its step if it is no nearer to a sample: a step
+    that lacks less than 5 % counts as straight. Steps below a fiftieth of the stroke are lines.
     """
     speed_m_s, period_s = 0.2, STROKE_M / 0.2 / samples_per_traverse
     steps_s = period_s * np.random.default_rng(seed).uniform(0.4, 1.0, 120)
@@ -72,7 +72,7 @@ def test_reversals_between_uneven_samples_are_found_where_they_are(
         if FINE * step_m <= STROKE_M:
             assert turn_m == position_m[k]
         elif run_m[k] // STROKE_M == run_m[k - 1] // STROKE_M:
-            known = True  # it has shown its full speed: from now on every reversal can be told
+            known = True  # it has shown its full speed: from now on every reversal can be found
             assert turn_m == position_m[k]
             assert scalars[2] == pytest.approx(sense_of(run_m[k]) * speed_m_s, rel=1e-6)
         elif known and min(into_m, step_m - into_m) > 0.06 * step_m:
@@ -110,7 +110,7 @@ def test_after_a_late_sample_the_nut_is_known_to_run_the_right_way(late_s: float
     scalars = PathState().scalars
     for at_s, at_m in zip(time_s, shuttle_m(run_m), strict=True):
         turn_m = take_sample(scalars, at_s, at_m, np.nan, STROKE_M)
-    assert np.isnan(turn_m)  # it cannot be told from the sample
+    assert np.isnan(turn_m)  # it cannot be known from the sample
     away_m = min(run_m[-1] % STROKE_M, STROKE_M - run_m[-1] % STROKE_M)
     assume(away_m > 1e-6)
     assert scalars[2] == pytest.approx(sense_of(run_m[-1]) * speed_m_s, rel=1e-6)
@@ -135,7 +135,7 @@ def follow(
     ]
 
 
-def test_a_first_sample_tells_nothing_and_the_same_moment_again_no_way() -> None:
+def test_a_first_sample_shows_nothing_and_the_same_moment_again_no_way() -> None:
     _, turned = follow([(5.0, 0.2), (5.0, 0.3), (4.0, 0.4)], STROKE_M)
     assert np.isnan(turned[0])
     assert turned[1:] == [0.3, 0.4]

@@ -13,8 +13,8 @@ from tests.logs.machines import table
 
 def end_with(conductance_W_K: float) -> tuple[str, float | None]:
     """What a left end becomes that was insulated and conducts; its kind and its film."""
-    told = {"kind": "end_conduction", "target": "left", "conductance_W_K": 1.0}
-    config = parse(table(effect=[told], boundary={"left": {"kind": "insulated"}}))
+    described = {"kind": "end_conduction", "target": "left", "conductance_W_K": 1.0}
+    config = parse(table(effect=[described], boundary={"left": {"kind": "insulated"}}))
     fitted = config.effect[0].model_copy(
         update={"conductance_W_K": conductance_W_K}
     )  # as a fit does, unchecked

@@ -278,7 +278,7 @@ def test_the_estimators_follow_a_gap_as_it_closes(engine: str) -> None:
     np.testing.assert_allclose(sigma[is_closed], held_sigma[is_closed], atol=1e-9)
 
 
-def test_the_check_tells_force_and_where_pretension_and_gap_end() -> None:
+def test_the_check_prints_force_and_where_pretension_and_gap_end() -> None:
     supports = LIII | {"preload_N": 4000.0, "gap_m": 10e-6, "stiffness_second_N_m": 2e8}
     found = findings(machine(supports=supports))["supports"]
     own = 0.4 / (MODULUS_PA * math.pi * 0.02**2 / 4)
@@ -306,14 +306,14 @@ def test_a_simulation_writes_the_error_between_the_supports(tmp_path: Path) -> N
     assert error[-1].max() > 10.0
 
 
-def test_near_a_bend_the_larger_sigma_is_told() -> None:
+def test_near_a_bend_the_larger_sigma_is_reported() -> None:
     held = Restraint(np.array([0.0, 1.0]), lost_um=10.0, gap_um=20.0, stiffness_N_um=1.0)
     growth = np.array([[5.0], [10.5], [20.0], [29.0], [40.0]])
     value = np.hstack([np.zeros((5, 2)), np.tile([0.0, 1.0], (5, 1)) * growth, growth])
     sigma = np.tile([0.1, 0.2, 0.3, 0.1, 1.0], (5, 1))
-    _, told = fold(held, value, sigma)
-    np.testing.assert_array_equal(told[:, 0], [0.1, 0.3, 0.3, 0.3, 0.1])
-    np.testing.assert_array_equal(told[:, 1], [0.2, 0.2, 0.1, 0.2, 0.2])
+    _, reported = fold(held, value, sigma)
+    np.testing.assert_array_equal(reported[:, 0], [0.1, 0.3, 0.3, 0.3, 0.1])
+    np.testing.assert_array_equal(reported[:, 1], [0.2, 0.2, 0.1, 0.2, 0.2])
 
 
 @given(place=st.floats(-0.1, 0.5), slope=st.floats(-50.0, 50.0))

@@ -86,7 +86,7 @@ def test_at_one_speed_the_channel_is_the_reference_speed() -> None:
     np.testing.assert_allclose(followed, fixed, atol=5e-3)
 
 
-def test_turning_told_by_law_and_effect_is_refused() -> None:
+def test_turning_described_by_law_and_effect_is_refused() -> None:
     effect = [{"kind": "speed_convection", "gain": 1.0, "speed_channel": "n_rpm"}]
     with pytest.raises(ConfigError, match=r"surface\.law already gives what turning adds"):
         screw(surface={"law": "kendoush", "speed_channel": "n_rpm"}, effect=effect)

@@ -1,4 +1,4 @@
-"""The page's colours, computed: contrast after WCAG 2.2, and curves that the colour-blind can tell apart."""
+"""The page's colours, computed: contrast after WCAG 2.2, and curves that the colour-blind can distinguish."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TEXT = [
 ]  # fmt: skip
 LEAST_TEXT, LEAST_CURVE = 4.5, 3.0  # WCAG 2.2, 1.4.3 and 1.4.11
 LEAST_APART = 20.0
-"""Of two curves, CIE 1976; some 2 can just be told apart side by side, thin lines need several times that."""
+"""Of two curves, CIE 1976; some 2 can just be seen side by side, thin lines need several times that."""
 BLIND = {  # Machado, Oliveira and Fernandes (2009), table 1, severity 1.0
     "none": np.eye(3),
     "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],

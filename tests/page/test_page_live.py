@@ -77,9 +77,9 @@ def test_it_shows_the_numbers_that_zenoh_carries(served):
 
     estimate = estimated(shown["estimate"])
     assert list(shown["sensors"]) == estimate["sensors"]
-    for i, (name, (reading, innovation, quality, told_at)) in enumerate(shown["sensors"].items()):
+    for i, (name, (reading, innovation, quality, reported_at)) in enumerate(shown["sensors"].items()):
         assert _number(reading) == _as_shown(readings["channels"][f"{name}_degC"]["value"], 2)
-        assert _number(innovation) == _as_shown(float(estimated(told_at)["innovation_K"][i]), 3)
+        assert _number(innovation) == _as_shown(float(estimated(reported_at)["innovation_K"][i]), 3)
         assert quality == estimate["sensor_quality"][i]
 
 

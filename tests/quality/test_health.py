@@ -97,7 +97,7 @@ def test_the_quality_of_the_estimates_is_beside_the_state(changes, quality):
     assert assess(_facts(**changes)).document()["quality"] == quality
 
 
-def test_the_first_estimate_is_worth_telling_at_once():
+def test_the_first_estimate_is_worth_reporting_at_once():
     nothing = assess(_facts(estimate=EstimateQuality.INVALID, had_estimate=False))
     first = assess(_facts(estimate=EstimateQuality.STARTING))
     assert nothing.state == first.state == "starting"
@@ -171,7 +171,7 @@ def test_ages_and_counts_do_not_make_a_report_new():
     assert assess(_facts()).essence != assess(_facts(clock_offset_s=9.0)).essence
 
 
-def test_figures_within_a_reason_are_no_change_worth_telling():
+def test_figures_within_a_reason_are_no_change_worth_reporting():
     def essence(sensor: str, apart_K: float):
         return assess(_facts(findings=(Finding(Fault.REFUSED, sensor, 5.0, apart_K, 0.1),))).essence
 

@@ -20,7 +20,7 @@ def _of_devices() -> set[str]:
 
 
 @pytest.mark.parametrize("fault", sorted(_of_devices()))
-def test_what_a_ready_device_tells(fault):
+def test_what_a_ready_device_reports(fault):
     assert remedy_for(fault, None) != UNKNOWN
 
 
@@ -37,7 +37,7 @@ def test_what_a_ready_device_tells(fault):
         "end_of_log",
     ],
 )
-def test_what_a_wire_tells(fault):
+def test_what_a_wire_reports(fault):
     folders = ("drivers", "observer/align", "observer/record", "observer/live")
     source = "".join(p.read_text() for folder in folders for p in _files(folder))
     assert re.search(rf'"{fault}"', source), "no driver reports it any more"

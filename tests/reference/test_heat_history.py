@@ -104,7 +104,7 @@ def test_far_sensors_keep_one_heat_and_lose_the_other() -> None:
     assert front < 0.4
 
 
-def test_the_smoother_says_which_heat_far_sensors_cannot_tell() -> None:
+def test_the_smoother_says_which_heat_far_sensors_cannot_determine() -> None:
     near, far = lathe_case(NEAR_M), lathe_case(FAR_M)
     by_near, by_far = found(near), found(far)
     assert (by_near.heat_sigma_W[5:-5].mean(axis=0) < 10.0).all()

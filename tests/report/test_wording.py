@@ -64,7 +64,7 @@ def test_the_sentences_of_effects_named() -> None:
     ]
 
 
-def test_the_sentences_of_a_doubt_propose_the_test_that_would_tell() -> None:
+def test_the_sentences_of_a_doubt_propose_the_test_that_would_decide() -> None:
     lines = _lines(
         verdict="ambiguous",
         said={
@@ -125,7 +125,7 @@ def test_the_sentences_of_an_unknown_name_what_explains_most_and_what_remains() 
     ("sigma", "said"),
     [(0.01, "None of the usual test cycles"), (3.0, "not be enough"), (1e4, "more than 100")],
 )
-def test_a_test_is_not_praised_beyond_what_it_tells(sigma: float, said: str) -> None:
+def test_a_test_is_not_praised_beyond_what_it_shows(sigma: float, said: str) -> None:
     lines = _lines(
         verdict="not_identifiable",
         said={"lacking": ("the machine never rests",)},

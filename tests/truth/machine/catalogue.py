@@ -61,11 +61,11 @@ PAIRS: tuple[tuple[Effect, Effect], ...] = (
 
 @dataclass(frozen=True)
 class Doubtful:
-    """A machine whose effects cannot be told apart or cannot be seen, with the honest answer.
+    """A machine whose effects cannot be distinguished or cannot be seen, with the honest answer.
 
     `alike`: the names, as (kind, target), whose signatures agree within the noise; the true one is first.
-    `same`: whether they are one and the same physics, so that either name is right; `tellable`: whether the
-    weather may tell them apart after all.
+    `same`: whether they are one and the same physics, so that either name is right; `distinguishable`:
+    whether the weather may distinguish them after all.
     `unseen`: whether the free parameters explain the effect entirely, so that "none" is right too.
     """
 
@@ -76,7 +76,7 @@ class Doubtful:
     unknown: tuple[str, ...] = ()
     unseen: bool = False
     same: bool = False
-    tellable: bool = False
+    distinguishable: bool = False
 
 
 AMBIGUOUS: tuple[Doubtful, ...] = (
@@ -98,7 +98,7 @@ AMBIGUOUS: tuple[Doubtful, ...] = (
         (Effect("speed_convection", None, {"gain": 0.3}),),
         "single_speed",
         (("speed_convection", None), ("coolant", None)),
-        tellable=True,
+        distinguishable=True,
     ),
     Doubtful(
         "housing_or_blast_at_end",
