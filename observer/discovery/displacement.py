@@ -75,7 +75,7 @@ class DisplacementError(NamedTuple):
 @dataclass(frozen=True)
 class DisplacementFindings:
     """What displacements say: the verdict, the causes that it names or cannot distinguish, the error of each
-    sensor, and, of a name for heat, whether they `support` it; None where they do not tell.
+    sensor, and, of a name for heat, whether they `support` it; None where neither shows.
     """
 
     verdict: DisplacementVerdict
