@@ -6,7 +6,7 @@ cdef bint gather(Inputs u, Py_ssize_t k, Gathered g) noexcept nogil
 cpdef void pour(Gathered g, Running state, Inputs u) noexcept nogil
 cdef void open_again(PlantArrays p, Running state, double[:, ::1] P) noexcept nogil
 @cython.locals(variance_K2=double)
-cdef void tell_left_out(PlantArrays p, Inputs u, unsigned char[::1] uses, unsigned char[::1] free, double common_K, Running state, Work work, double[::1] misfit, double[::1] left_K) noexcept nogil
+cdef void pass_left_out(PlantArrays p, Inputs u, unsigned char[::1] uses, unsigned char[::1] free, double common_K, Running state, Work work, double[::1] misfit, double[::1] left_K) noexcept nogil
 @cython.locals(state=Running, result=Results)
 cpdef run_bank(PlantArrays p, StepTable t, Inputs u, Py_ssize_t[::1] step, Gathered g, Py_ssize_t drifting, double walk_K2, tuple filters, unsigned char[:, ::1] uses, Running main, double gate_sigma, tuple results, Work work, double[:, ::1] misfit, double[:, ::1] left_K, double[:, ::1] S)
 @cython.locals(bound=double, beyond=bint)

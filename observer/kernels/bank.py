@@ -97,7 +97,7 @@ def open_again(p, state, P):
             open_offset(p, i, state.guard[i, OPENED_K2], P)
 
 
-def tell_left_out(p, u, uses, free, common_K, state, work, misfit, left_K):
+def pass_left_out(p, u, uses, free, common_K, state, work, misfit, left_K):
     """How far each reading that a filter has not used is from what it expects, in K and in σ."""
     for i in range(len(free)):
         misfit[i] = left_K[i] = 0.0
@@ -135,7 +135,7 @@ def run_bank(
                 for j in range(i, len(S)):
                     S[i, j] = S[j, i] = work.S[i, j]
                 S[i, i] += p.R_K2[i]
-        tell_left_out(p, u, uses[f], g.free, state.verdict[COMMON_K], state, work, misfit[f], left_K[f])
+        pass_left_out(p, u, uses[f], g.free, state.verdict[COMMON_K], state, work, misfit[f], left_K[f])
     main.verdict[OPENED_PRIOR] = main.verdict[OPENED_COMMON_K2] = 0.0
     for i in range(len(main.guard)):
         main.guard[i, OPENED_K2] = 0.0
