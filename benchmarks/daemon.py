@@ -21,10 +21,10 @@ import numpy as np
 import zenoh
 
 from benchmarks.table import Result
-from benchmarks.transport import free_port
 from drivers.simulated.wires import ThermocoupleServer
 from observer.publish.session import session_config
 from tests.logs.machines import SCREW
+from tests.publish.router import free_port
 
 SENSORS, MODES, POINTS, PERIOD_S = 12, 40, 200, 0.1
 RAW_PER_K, RAW_PER_M = 100, 10_000

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import os
-import socket
 import statistics
 import subprocess
 import sys
@@ -27,6 +26,7 @@ from observer.model.drive import Drive
 from observer.publish.codec import EstimateEncoder
 from observer.publish.session import session_config
 from tests.logs.machines import config_of
+from tests.publish.router import free_port
 
 PREFIX = "ballscrew/benchmark/x"
 PERIOD_S = 0.01
@@ -138,10 +138,3 @@ def _path() -> tuple[Callable[[Reading], bytes], Callable[[], object]]:
 def axis_config() -> Config:
     """The size of the published table, with 200 points and a moving nut."""
     return config_of(8, SENSORS, grid=200, moving=True)
-
-
-def free_port() -> int:
-    """A port that nobody listens on just now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

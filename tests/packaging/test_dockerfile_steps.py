@@ -11,7 +11,6 @@ import pwd
 import re
 import shutil
 import signal
-import socket
 import stat
 import subprocess
 import sys
@@ -24,6 +23,7 @@ import pytest
 from tests.packaging.dockerfile import Machine, Step, carry_out, parse
 from tests.packaging.network import of_network
 from tests.patience import PATIENCE_S, until
+from tests.publish.router import free_port
 
 ROOT = Path(__file__).parents[2]
 STEPS = parse(ROOT / "Dockerfile")
@@ -171,9 +171,7 @@ def _writable_again(root: Path) -> None:
 @pytest.fixture(scope="module")
 def service(machine: Machine) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
     """The daemon below the read-only root, fed by a player; and where it listens."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     volume = machine.root / "var/lib/observer"
     log = machine.root / "tmp/log.csv"
     log.write_text(

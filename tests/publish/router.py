@@ -1,9 +1,12 @@
 """A Zenoh router in a process of its own, to be killed or frozen; it ends when its standard input closes."""
 
+import itertools
+import os
 import signal
 import socket
 import subprocess
 import sys
+from contextlib import suppress
 from types import TracebackType
 
 from tests.patience import PATIENCE_S
@@ -18,11 +21,24 @@ with zenoh.open(session_config("router", (), (sys.argv[1],))):
 """
 
 
+FIRST_PORT, PORTS, WORKERS = 20_000, 1_500, 8
+"""Ports that tests listen on: so many for each worker, all below those that systems give away."""
+_WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:]) % WORKERS
+_ports = itertools.count(os.getpid())  # another process of the same worker hardly begins where this one is
+
+
 def free_port() -> int:
-    """A port of the loopback interface that nobody listens on now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """A port of the loopback interface that nobody listens on now, and that is given to nobody else.
+
+    One that the system chooses may go to an outgoing connection, or to another test, before who is to listen
+    on it has started.
+    """
+    for number in itertools.islice(_ports, PORTS):
+        port = FIRST_PORT + _WORKER * PORTS + number % PORTS
+        with socket.socket() as probe, suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port
+    raise OSError(f"all ports of {_WORKER} are taken")
 
 
 class Router:
