@@ -1,12 +1,12 @@
 cdef double[2] WINDOWS_S, _BIAS, _COLOUR, _LAW_WINDOWS_S, _OFF_LAW, _ALL_OFF_LAW
 cdef double _SURE_SE, _LASTING, _NOISE, _CLEAR, _CLEAN, _CLIP, _CLIP_LAW, _KNOWN, _PEAK_S, _FLOOR, _LEAST_W, _MOTION_S, _MOTION_ENOUGH
 cdef double DISAGREE, FALLS_SHORT
-cdef double _LEAP_M, _LEAP_USUAL, _LEAP_SAMPLES, _LEAP_S, _WHOLE, _PAUSE
+cdef double _LEAP_M, _LEAP_USUAL, _LEAP_SAMPLES, _LEAP_S, _WHOLE, _STAYS_LATE_S, _UNUSUAL
 cdef Py_ssize_t OF_SENSOR, OF_HEAT, WAS, SHORT, USUAL, LEAP, SAMPLES, HIDDEN, STOOD, ASTRAY, EVERY_S, LATE_S, OF_MOTION
 
 @cython.locals(since_s=double, allowed_m=double, fade=double)
 cpdef void compare_ways(const double[::1] sample_s, const double[::1] sample_m, const Py_ssize_t[::1] offset, const double[::1] driven_m_s, double stroke_m, double[::1] memory, double[:] ratio, double[:] leap_m, signed char[::1] degraded) noexcept nogil
-@cython.locals(most_m=double, least_m=double, beyond_m=double, held_up_s=double, late_m=double, steady=bint, leap_m=double, short_m=double, whole=bint, back=bint)
+@cython.locals(most_m=double, least_m=double, beyond_m=double, longer_s=double, before_s=double, held_up_s=double, usual_m=double, late_m=double, steady=bint, leap_m=double, short_m=double, whole=bint, back=bint)
 cdef void _look_for_leap(double[::1] memory, double way_m, double driven_m_s, double since_s) noexcept nogil
 @cython.locals(failing=bint)
 cdef inline void _note(SelfTestState state, Py_ssize_t test, double score, double time_s, double value, double expected) noexcept nogil

@@ -38,7 +38,8 @@ _MOTION_ENOUGH = 1.0  # strokes
 _LEAP_M, _LEAP_USUAL, _LEAP_SAMPLES = 0.005, 8.0, 30.0
 # … between samples that are no further apart; and within what part a way is the whole of what is allowed.
 _LEAP_S, _WHOLE = 5.0, 0.05
-_PAUSE = 1.5  # times the usual between two samples: then some may have been held up
+_STAYS_LATE_S = 15.0  # for how long samples that were held up may go on coming as late
+_UNUSUAL = 0.1  # part by which a time between two samples counts at most for what is usual
 
 DISAGREE = 1.5
 """Ratio of the way a nut makes to what speed and lead allow, beyond which the two disagree …"""
@@ -87,16 +88,20 @@ def _look_for_leap(memory, way_m, driven_m_s, since_s):
 
     Beyond what the faster of both speeds allows it has; short of what a steady speed makes it has if the
     nut went on the same way before and after: it cannot have turned twice. A leap back undoes it, and
-    any leap where way and speed have disagreed since. After a pause samples may come late: for as long as
-    they were held up, they say where the nut was up to that time before.
+    any leap where way and speed have disagreed since. A sample may come late: what the times between samples
+    have been longer than usual, and those after it not yet shorter, it says where the nut was before.
     """
     if not (0.0 < since_s <= _LEAP_S) or isnan(driven_m_s) or isnan(memory[4]) or isnan(way_m):
         memory[WAS], memory[SHORT], memory[LATE_S] = 0.0, 0.0, 0.0
         return
-    held_up_s = since_s - _PAUSE * memory[EVERY_S] if memory[SAMPLES] > 0.0 else 0.0
-    memory[LATE_S] = max(memory[LATE_S] - since_s, held_up_s, 0.0)
-    memory[EVERY_S] += (since_s - memory[EVERY_S]) / min(memory[SAMPLES] + 1.0, 64.0)
-    late_m = max(driven_m_s, memory[4]) * memory[LATE_S]
+    before_s = exp(-since_s / _STAYS_LATE_S) * memory[LATE_S]
+    held_up_s = since_s - memory[EVERY_S] if memory[SAMPLES] > 0.0 else 0.0
+    memory[LATE_S] = max(before_s + held_up_s, 0.0)
+    longer_s = since_s - memory[EVERY_S]
+    if memory[SAMPLES] >= _LEAP_SAMPLES:  # neither a pause nor what comes at once after it is usual
+        longer_s = min(max(longer_s, -_UNUSUAL * memory[EVERY_S]), _UNUSUAL * memory[EVERY_S])
+    memory[EVERY_S] += longer_s / min(memory[SAMPLES] + 1.0, 64.0)
+    late_m = max(driven_m_s, memory[4]) * max(before_s, memory[LATE_S])
     most_m = max(driven_m_s, memory[4]) * since_s
     if driven_m_s == 0.0 and memory[4] == 0.0:  # it may have moved between two samples of the speed, …
         most_m = memory[HIDDEN] if memory[STOOD] >= _LEAP_SAMPLES else abs(way_m)  # … as it did before
@@ -119,8 +124,9 @@ def _look_for_leap(memory, way_m, driven_m_s, since_s):
         memory[LEAP] += leap_m
         if back or abs(memory[LEAP]) <= 2.0 * least_m:
             memory[LEAP], memory[ASTRAY] = 0.0, 0.0
-    elif late_m == 0.0:
-        memory[USUAL] += (max(beyond_m, 0.0) - memory[USUAL]) / max(min(memory[SAMPLES], 64.0), 1.0)
+    else:
+        usual_m = max(beyond_m - late_m, 0.0)
+        memory[USUAL] += (usual_m - memory[USUAL]) / max(min(memory[SAMPLES], 64.0), 1.0)
     if memory[SHORT] == 0.0:
         memory[WAS] = way_m if whole and leap_m == 0.0 else 0.0
     memory[SAMPLES] += 1.0

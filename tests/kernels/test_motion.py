@@ -12,9 +12,11 @@ from observer.kernels.selftest import LEAP, OF_MOTION
 EVERY_S, LOW_m, STROKE_m = 0.02, 0.2, 0.4
 
 
-def _runs(speed_m_s: float, seconds: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _runs(
+    speed_m_s: float, seconds: float, every_s: float = EVERY_S
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Times, places and speeds of a nut that runs to and fro and stands for a second at each end."""
-    time_s = np.arange(0.0, seconds, EVERY_S)
+    time_s = np.arange(0.0, seconds, every_s)
     run_s = STROKE_m / speed_m_s
     part = time_s % (2.0 * (run_s + 1.0))
     there = np.clip(part * speed_m_s, 0.0, STROKE_m)
@@ -63,6 +65,20 @@ def test_samples_that_come_late_are_no_leap(speed_m_s, apart_s, seed):
     there = np.isfinite(come_s)
     assert np.nanmax(come_s - time_s) > 0.3
     assert not _leap_m(come_s[there], place_m[there], driven_m_s[there]).any()
+
+
+@pytest.mark.parametrize("speed_m_s", [0.05, 0.25, 0.5])
+@pytest.mark.parametrize("lasts_s", [0.0, 0.3])
+@pytest.mark.parametrize("seed", range(10))
+def test_nor_are_samples_that_are_late_by_less_than_the_time_between_them(speed_m_s, lasts_s, seed):
+    """One at a time or several in a row, as from a program that a busy computer lets run too late."""
+    rng = np.random.default_rng(seed)
+    time_s, place_m, driven_m_s = _runs(speed_m_s, 120.0, every_s=0.05)
+    late_s = np.zeros_like(time_s)
+    for begin in rng.choice(np.arange(5, len(time_s) - 10), 60, replace=False):
+        late_s[begin : begin + 1 + int(lasts_s / 0.05)] = rng.uniform(0.0, 0.0499)
+    come_s = np.maximum.accumulate(time_s + late_s)
+    assert not _leap_m(come_s, place_m, driven_m_s).any()
 
 
 @pytest.mark.parametrize("speed_m_s", [0.05, 0.15, 0.5])
