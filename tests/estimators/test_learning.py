@@ -286,6 +286,7 @@ def test_machines_as_configured_lose_nothing():
     for number in range(4):
         one = day(draw(FIRST_SEED, number, AS_CONFIGURED), FIRST_SEED, number, "abc"[number % 3])
         for more, rows in found.items():
-            rows.append([judged(config_of(more=more), one)[q][0] for q in ("heats", "nut")])
+            of = judged(config_of(more=more), one)
+            rows.append([of[q][0] for q in ("heats", "nut")])
     rms = [np.sqrt((np.array(rows) ** 2).mean(axis=0)) for rows in found.values()]
     assert (rms[0] < 1.15 * rms[1]).all()
