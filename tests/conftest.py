@@ -42,7 +42,23 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return Together(config, log) if config.getvalue("dist") == "loadscope" else None
 
 
-@cache
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out files without any test of those marks that are asked for: to import all takes as long as many
+    tests, in each worker.
+    """
+    if not collection_path.name.startswith("test_"):
+        return None
+    text, asked = _text(collection_path), config.option.markexpr
+    if asked.startswith("system"):
+        return ("mark.system" not in text and "pytestmark" not in text) or None
+    return (asked.startswith("not system") and "\npytestmark = pytest.mark.system" in text) or None
+
+
 def _shares(file: str) -> bool:
     """Whether tests of a file share what is made once for it: a machine, a browser, a demo."""
-    return 'scope="module"' in (ROOT / file).read_text(encoding="utf-8")
+    return 'scope="module"' in _text(ROOT / file)
+
+
+@cache
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")

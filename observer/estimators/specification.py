@@ -9,15 +9,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from observer.frames import FloatArray, Inputs
 from observer.kernels.coupling import coupled, faded
 from observer.model.discretise import fixed_noise, quantise, step_matrices
 from observer.model.learning import WANDER_S
 from observer.model.plant import Plant
-
-NONE = np.zeros(0, dtype=np.int64)
 
 
 class Belief(NamedTuple):
@@ -50,20 +47,17 @@ def correct(
     y: FloatArray,
     R: FloatArray,
     *,
-    considered: NDArray[np.int64] = NONE,
     K: FloatArray | None = None,
 ) -> MeasurementUpdate:
     """ν = y - H x, S = H P Hᵀ + R, K = P Hᵀ S⁻¹, x⁺ = x + K ν, P⁺ = (I - K H) P (I - K H)ᵀ + K R Kᵀ.
 
     Takes H (s, n), y (s,), R (s, s), and K (n, s) where an observer's gain is given: Joseph's form of the
-    covariance (Bucy and Joseph 1968) holds for any. States that are only `considered` keep their value and
-    variance, and have a row of zeros in K (Schmidt 1966).
+    covariance (Bucy and Joseph 1968) holds for any.
     """
     innovation, S = y - H @ belief.x, H @ belief.P @ H.T + R
     gain = K
     if gain is None:
         gain = np.asarray(np.linalg.solve(S, H @ belief.P).T, dtype=np.float64)
-        gain[considered] = 0.0
     left = np.eye(len(belief.x)) - gain @ H
     after = Belief(belief.x + gain @ innovation, left @ belief.P @ left.T + gain @ R @ gain.T)
     squares = float(innovation @ np.linalg.solve(S, innovation))

@@ -23,18 +23,16 @@ def make_folder(folder: Path) -> None:
     folder.mkdir(mode=0o700, exist_ok=True)
 
 
-def write_whole(path: Path, data: bytes, like: Path | None = None) -> None:
-    """Replace a file by one with this content, on the disk when this returns; raises `OSError`.
-
-    It may be read and written by whoever may `like`, as far as this user can give that; else by its owner.
-    """
-    write_together({path: data}, like)
+def write_whole(path: Path, data: bytes) -> None:
+    """Replace a file by one for its owner alone, on the disk when this returns; raises `OSError`."""
+    write_together({path: data})
 
 
 def write_together(files: Mapping[Path, bytes], like: Path | None = None) -> None:
     """Replace files as `write_whole` does: all are on the disk before the first takes its place.
 
-    Where there is no room for one of them, none changes. They take their places in the order given.
+    Where there is no room for one of them, none changes. They take their places in the order given. They may
+    be read and written by whoever may `like`, as far as this user can give that; else by their owner.
     """
     parts = {path: path.with_name(f".{path.name}.part") for path in files}
     try:

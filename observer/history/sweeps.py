@@ -135,9 +135,9 @@ class Sweeps:
             )  # fmt: skip
         return np.vstack([self._root.T @ R[: self._n_x], w.reshape(-1, c)])
 
-    def largest(self, weight_1_K: FloatArray, seed: int = 0) -> float:
+    def largest(self, weight_1_K: FloatArray) -> float:
         """Return about the largest eigenvalue of (H S)ᵀ R⁻¹ H S, by a few powers of it."""
-        V = np.random.default_rng(seed).standard_normal((self.unknowns, 1))
+        V = np.random.default_rng(0).standard_normal((self.unknowns, 1))
         size = 1.0
         for _ in range(_POWERS):
             V = self.adjoint(weight_1_K[:, :, None] ** 2 * self.forward(V / np.linalg.norm(V))[1])

@@ -152,9 +152,9 @@ def _offset_ns(zone: str) -> int:
     return (-minutes if zone[0] == "-" else minutes) * 60_000_000_000
 
 
-def _finished(found: Any, days: Nanoseconds, doubt: str | None = None) -> Moments:
+def _finished(found: Any, days: Nanoseconds) -> Moments:
     ns, utc = _zoned(found, days + _clock_ns(found))
-    return Moments(np.where(_there(found) & (days != NONE), ns, NONE), dated=True, utc=utc, doubt=doubt)
+    return Moments(np.where(_there(found) & (days != NONE), ns, NONE), dated=True, utc=utc)
 
 
 def _dated(found: Any) -> Moments:
@@ -177,13 +177,11 @@ def _slashed(found: Any) -> Moments:
     ]
     if any(_texts(found, "p")) or spans[1] < spans[0]:
         return month_first
-    unsure = (
-        ""
-        if spans[0] < spans[1] or (a == b).all()
-        else "dates such as 03/04/2026 were read with the day first"
-    )
+    if spans[0] < spans[1] or (a == b).all():
+        return day_first
     return day_first._replace(
-        doubt=unsure + '; say [log] time_format = "%m/%d/%Y %H:%M:%S" if the month is' if unsure else None
+        doubt="dates such as 03/04/2026 were read with the day first; "
+        'say [log] time_format = "%m/%d/%Y %H:%M:%S" if the month is'
     )
 
 

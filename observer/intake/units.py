@@ -109,16 +109,6 @@ def resolved(written: str) -> str:
         raise LogError(f'"{written}" is not a known unit; write it as degC, degF, mm, 1/min, kW …') from None
 
 
-def is_unit(written: str) -> bool:
-    """Whether a text means a unit."""
-    if known_unit(written):
-        return True
-    try:
-        return bool(written) and len(written) < 16 and bool(resolved(written))
-    except LogError:
-        return False
-
-
 def fits(unit: str, to: str) -> bool:
     """Whether values in one unit, both as `resolved` gives them, can be converted to the other."""
     if unit == to or not unit or not to:

@@ -113,7 +113,6 @@ class Recent:
     def __init__(self) -> None:
         self._rows: deque[dict[str, Any]] = deque(maxlen=math.ceil(_HOUR_S / _EVERY_S))
         self._newest: dict[str, dict[str, Any]] = {}
-        self._instance: str | None = None
 
     def take(self, key: str, data: bytes) -> None:
         """Take a document; raises `ValueError` where it is not JSON."""

@@ -103,8 +103,3 @@ class Logs(Section):
                 f"{', '.join(TIME_UNITS)}"
             )
         return text
-
-    @property
-    def describes_a_file(self) -> bool:
-        """Whether anything is said of how files are written."""
-        return bool(self.model_fields_set - {"rows_apart_s", "sensor_period_s", "hold"})

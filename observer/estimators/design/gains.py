@@ -231,7 +231,7 @@ def _place(pair: SlowPair, plant: Plant, present: BoolArray, z: FloatArray) -> F
 
 @lru_cache(maxsize=256)
 def _placed(A: bytes, CA: bytes, z: bytes) -> FloatArray:
-    """Gain (rows of CA, n_s) in the scaled coordinates, kept: search, report and loop ask for the same ones."""
+    """Gain (rows of CA, n_s) in the scaled coordinates, kept: search, report and loop ask for the same."""
     from scipy.signal import place_poles  # noqa: PLC0415  (start-up: only this estimator needs it)
 
     A_scaled, CA_scaled = (np.frombuffer(M).reshape(-1, len(z) // 8) for M in (A, CA))
