@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-import tempfile
 from functools import lru_cache
-from pathlib import Path
 
 from campaigns.integrity import faults as of
 from campaigns.integrity.faults import Fault
-from tests.learning.machines import CONFIG
+from observer.report.sensitivity import detectable
+from tests.learning.machines import CONFIG, config_of
 from tests.truth.machine.machine import SENSORS
 
 NONE, NEW_PROGRAM = "none", "a new program's strokes"
@@ -98,12 +94,8 @@ def _other() -> list[Fault]:
 @lru_cache(maxsize=1)
 def minimal_detectable_K() -> dict[str, float]:
     """The smallest fault of each sensor that `check` says is noticed; none where it says nothing of it."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "rig.toml"
-        path.write_text(CONFIG)
-        command = [sys.executable, "-m", "observer", "check", "--config", str(path), "--json"]
-        said = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-    return {name: float(each["fault_K"]) for name, each in said.get("minimal_detectable", {}).items()}
+    said = detectable(config_of(CONFIG))["minimal_detectable"]
+    return {name: float(each["fault_K"]) for name, each in said.items()}
 
 
 def _listed() -> dict[str, Fault]:

@@ -56,10 +56,10 @@ def export(config: Installation, kind: str, output: Path, log: Path | None, prog
 
 
 def _matrices(config: Installation, kind: str, part: Path) -> Exported:
-    from observer.export import matrices
+    from observer.export import model
 
-    found = matrices.plant_matrices(config)
-    write = {"npz": matrices.write_npz, "mat": matrices.write_mat, "json": matrices.write_plant_json}
+    found = model.plant_matrices(config)
+    write = {"npz": model.write_npz, "mat": model.write_mat, "json": model.write_plant_json}
     states, inputs, outputs = (len(found[key]) for key in ("states", "inputs", "outputs"))
     facts = [f"{states} states, {inputs} inputs, {outputs} outputs; configuration {config.digest}"]
     return Exported([write[kind](found, part)], facts)

@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer.errors import LogError
 from observer.frames import BoolArray
 from observer.intake.clock import HOUR_S, SheetClock, clock_of
-from observer.intake.long import long_form_of, widened
 from observer.intake.readers import read_sheets
-from observer.intake.sheets import Sheet
+from observer.intake.sheets import RawColumn, Sheet
 from observer.tables.logs import Logs, LongForm
 
+_NAME = re.compile(
+    r"^(?:data ?item ?id|data ?item|name|signal|channel|kanal|tag|tagname|variable|metric|sensor|item|id|"
+    r"messstelle|point|parameter)$",
+    re.I,
+)
+_VALUE = re.compile(r"^(?:value|wert|messwert|result|reading|val|data|y|vvalue|numericvalue)$", re.I)
+_UNITS = ("unit", "units", "einheit")
+_MOST_SIGNALS = 500
 _TWICE = (
     "rows have the time of the row before, as where a stamp has whole seconds only, and were spread evenly"
 )
@@ -64,8 +73,8 @@ def sources_of(paths: Sequence[Path], how: Logs, *, accept_truncated: bool = Fal
             if clock is None:
                 without.append(sheet)
                 continue
-            form = how.long or long_form_of(sheet)
-            parts = widened(sheet, form) if form else []
+            form = how.long or _long_form_of(sheet)
+            parts = _widened(sheet, form) if form else []
             long = form if parts else long
             if not parts:
                 timed.append(_sound(sheet, clock, problems, doubts, before))
@@ -75,6 +84,36 @@ def sources_of(paths: Sequence[Path], how: Logs, *, accept_truncated: bool = Fal
                 own = replace(clock, time_s=clock.time_s[rows])
                 timed.append(_in_order(part, own))
     return Sources(tuple(timed), tuple(problems), tuple(doubts), tuple(without), long)
+
+
+def _long_form_of(sheet: Sheet) -> LongForm | None:
+    """The columns of name and value of a sheet in long form; None for any other."""
+    names = [c for c in sheet.columns if c.is_text and _NAME.match(c.name.strip().replace("_", ""))]
+    values = [c for c in sheet.columns if _VALUE.match(c.name.strip().replace("_", ""))]
+    for column in names:
+        different = len(column.values.unique())
+        if values and different <= min(_MOST_SIGNALS, max(len(column) // 2, 1)):
+            return LongForm(name=column.name, value=values[0].name)
+    return None
+
+
+def _widened(sheet: Sheet, form: LongForm) -> list[tuple[Sheet, NDArray[np.int64]]]:
+    """A sheet of one column for each signal, and the rows (k,) of the file's that are its own."""
+    name, value = sheet.named(form.name), sheet.named(form.value)
+    if name is None or value is None or not name.is_text:
+        return []
+    encoded = name.values.dictionary_encode()
+    codes = np.asarray(encoded.indices.fill_null(-1).to_numpy(zero_copy_only=False))
+    unit = next((c for c in sheet.columns if c.is_text and c.name.strip().lower() in _UNITS), None)
+    found = []
+    for code, signal in enumerate(encoded.dictionary.to_pylist()):
+        rows = np.flatnonzero(codes == code)
+        said = "" if unit is None else str(unit.values[int(rows[0])].as_py() or "")
+        cells = value.values.take(rows) if value.is_text else value.values[rows]
+        lines = sheet.lines[rows] if sheet.lines is not None else (sheet.first_line or 1) + rows
+        column = RawColumn(str(signal).strip(), cells, said)
+        found.append((replace(sheet, columns=(column,), lines=lines), rows))
+    return found
 
 
 def _in_order(sheet: Sheet, clock: SheetClock) -> TimedSheet:

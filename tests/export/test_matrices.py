@@ -9,7 +9,7 @@ import numpy as np
 import scipy.io
 from scipy.linalg import expm
 
-from observer.export.matrices import plant_matrices, write_mat, write_npz, write_plant_json
+from observer.export.model import plant_matrices, write_mat, write_npz, write_plant_json
 from tests.export.made import nut_machine
 
 

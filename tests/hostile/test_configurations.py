@@ -10,7 +10,7 @@ import pytest
 
 from observer.errors import ConfigError
 from observer.installation.examine import examine
-from observer.report.check import findings
+from observer.report.check import doubts, findings
 from tests.hostile.mutants import Mutant, mutants, tables, verdict
 from tests.system.bad_inputs import changed
 from tests.system.plant import write
@@ -21,8 +21,8 @@ POINT = [{"name": "end", "shape": "point", "position_m": 0.0}]
 
 @pytest.mark.parametrize("name", sorted(tables()))
 def test_the_mutated_configuration_is_good(name, tmp_path):
-    found = findings(examine(write(tmp_path, tables()[name])))
-    assert not [w for w in found["warnings"] if "usual" in w or "both" in w or "finer" in w]
+    found = doubts(examine(write(tmp_path, tables()[name])))
+    assert not [w for w in found if "usual" in w or "both" in w or "finer" in w]
 
 
 @cache

@@ -21,14 +21,14 @@ DRIFTS_S = 1500.0
 
 
 @cache
-def said_of(sensor: str) -> dict[str, Any]:
-    """What `check` says of a sensor of the machine that is judged."""
-    return dict(detectable(config_of(RIG))["minimal_detectable"][sensor])
+def said() -> dict[str, Any]:
+    """What `check` says of the sensors of the machine that is judged."""
+    return dict(detectable(config_of(RIG))["minimal_detectable"])
 
 
 def jump(sensor: str, share: float) -> Fault:
     """A part of the least jump that is noticed."""
-    size_K = share * said_of(sensor)["fault_K"]
+    size_K = share * said()[sensor]["fault_K"]
     return Fault(f"{sensor} {share:g} of its least", "jump of one", (sensor,), of.offset((sensor,), size_K))
 
 
@@ -45,7 +45,7 @@ def test_twice_the_least_is_noticed_in_time_at_the_right_sensor(sensor: str, num
     found = judged(jump(sensor, 2.0), number)
     assert (found.bad_s, found.right) == (0.0, "yes")
     assert found.named_s is not None
-    assert found.named_s <= said_of(sensor)["time_s"] + 1.0
+    assert found.named_s <= said()[sensor]["time_s"] + 1.0
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
@@ -59,7 +59,7 @@ def test_a_fifth_of_the_least_is_not_noticed(sensor: str) -> None:
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_a_drift_to_twice_the_least_slow_fault_is_noticed_on_its_way(sensor: str, number: int) -> None:
     """The faulty sensor is not always identified."""
-    most_K = 2.0 * said_of(sensor)["slow_K"]
+    most_K = 2.0 * said()[sensor]["slow_K"]
     drift = of.drift((sensor,), most_K * 3600.0 / DRIFTS_S, most_K)
     found = judged(Fault(f"{sensor} drifts", "slow single", (sensor,), drift), number)
     assert found.bad_s is not None

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from campaigns.integrity.catalogue import catalogue
+from campaigns.integrity.catalogue import NEW_PROGRAM, catalogue
 from campaigns.integrity.days import FAULT_S, day_of
-from campaigns.integrity.judge import RIG, faulty, judged
+from campaigns.integrity.judge import RIG, Verdict, faulty, verdict
 from observer.align.aligner import frames_of_log
 from observer.estimate.pipeline import MachineModel
 from observer.estimators.selftest import Fault as Found
@@ -32,19 +32,20 @@ def pipeline_of(machine: MachineModel) -> Any:
     return pipeline
 
 
-def found_of(name: str, number: int) -> dict[Found, str]:
-    """What is found at the end of a day with a fault, as sentences."""
-    machine = MachineModel.of(config_of(RIG), learns=True)
-    pipeline = pipeline_of(machine)
-    for frames in frames_of_log(log_of(faulty(day_of(number), catalogue()[name], number)), machine.plan):
-        pipeline.step(frames)
-    return {finding.fault: sentence(of_finding(finding)) for finding, _ in pipeline.history}
+def judged(name: str, number: int) -> tuple[Verdict, dict[Found, str]]:
+    """What is made of a day with a fault, and what is found until its end, as sentences."""
+    machine, fault = MachineModel.of(config_of(RIG), learns=True), catalogue()[name]
+    pipeline, day = pipeline_of(machine), day_of(number, new_stroke=name == NEW_PROGRAM)
+    frames_of_day = frames_of_log(log_of(faulty(day, fault, number)), machine.plan)
+    block = EstimateBlock.joined([pipeline.step(frames) for frames in frames_of_day])
+    said = {finding.fault: sentence(of_finding(finding)) for finding, _ in pipeline.history}
+    return verdict(block, day, fault), said
 
 
 @pytest.mark.parametrize("number", MACHINES)
 @pytest.mark.parametrize("name", ["t5 +3 K", "t3 +1 K", "t1 -2 K", "t2, t4 +2 and -2 K"])
 def test_a_sensor_that_steps_is_out_at_once_and_the_rest_is_right(name: str, number: int) -> None:
-    found = judged(catalogue()[name], number)
+    found, _ = judged(name, number)
     assert (found.bad_s, found.right) == (0.0, "yes")
     assert found.good > 0.8 * found.steps
     assert found.wrong <= 0.01 * found.good
@@ -54,12 +55,12 @@ def test_a_sensor_that_steps_is_out_at_once_and_the_rest_is_right(name: str, num
 @pytest.mark.parametrize("name", ["all +1 K", "all +4 K", "all +15 K", "all -3 K"])
 def test_equal_steps_of_all_are_taken_out_of_all(name: str, number: int) -> None:
     """A reference junction that moves: nothing is wrong of what is good, and no sensor is lost."""
-    found = judged(catalogue()[name], number)
+    found, sentences = judged(name, number)
     assert (found.bad_s, found.out) == (0.0, 0)
     assert found.again_s is not None
     assert 60.0 <= found.again_s <= 75.0
     assert found.wrong <= 0.01 * found.good
-    said = found_of(name, number)[Found.SHARED_OFFSET]
+    said = sentences[Found.SHARED_OFFSET]
     size_K = abs(float(name.split()[1]))
     assert any(
         f"{size:.2f} K too {'low' if '-' in name else 'high'}" in said
@@ -88,35 +89,34 @@ def test_they_are_taken_out_beside_a_laser_and_beside_a_probe(often: int) -> Non
 
 def test_two_that_take_each_others_place_are_swapped() -> None:
     """Where they differ: on a machine that works."""
-    found = judged(catalogue()["t1 and t2 swapped"], 1)
+    found, said = judged("t1 and t2 swapped", 1)
     assert (found.bad_s, found.right) == (0.0, "yes")
     assert found.wrong <= 0.01 * found.good
-    assert "t1, t2 are exchanged" in found_of("t1 and t2 swapped", 1)[Found.SWAPPED]
+    assert "t1, t2 are exchanged" in said[Found.SWAPPED]
 
 
 def test_a_gain_of_all_is_named_and_never_good() -> None:
     """A person must look, and reset. Where nothing is warm, a gain is no step (machine 0)."""
-    name = "all at 85 % of their rise"
-    found = judged(catalogue()[name], 1)
+    found, said = judged("all at 85 % of their rise", 1)
     assert found.good == 0
-    assert "their rise above the air" in found_of(name, 1)[Found.GAIN]
+    assert "their rise above the air" in said[Found.GAIN]
 
 
 @pytest.mark.parametrize("number", MACHINES)
 @pytest.mark.parametrize("name", ["nut homed 50 mm off", "nut homed -50 mm off"])
 def test_a_nut_homed_again_is_not_good_until_a_reset(name: str, number: int) -> None:
-    found = judged(catalogue()[name], number)
+    found, said = judged(name, number)
     assert found.bad_s in (0.0, 1.0)  # while it moves, the path of the next second decides
     assert found.good <= 1
-    assert f"jumped by {'-' if '-' in name else '+'}0.05" in found_of(name, number)[Found.LEAPT]
+    assert f"jumped by {'-' if '-' in name else '+'}0.05" in said[Found.LEAPT]
 
 
 @pytest.mark.parametrize("number", MACHINES)
 def test_a_jump_of_the_air_is_detected(number: int) -> None:
     """Nothing is good until a reset, or until the reading leaps back."""
-    found = judged(catalogue()["ambient +5 K"], number)
+    found, said = judged("ambient +5 K", number)
     assert (found.good, found.bad_s) == (0, 0.0)
-    assert re.search(r"jumped by \+[45]\.\d K", found_of("ambient +5 K", number)[Found.AIR_LEAPT])
+    assert re.search(r"jumped by \+[45]\.\d K", said[Found.AIR_LEAPT])
     day = day_of(number)
     off = faulty(day, catalogue()["ambient +5 K"], number)
     since_s = day.time_s - day.time_s[0] - FAULT_S
@@ -140,7 +140,7 @@ def test_air_that_returns_wrong_is_detected() -> None:
 @pytest.mark.parametrize("number", [0, 1, 2, 3])
 @pytest.mark.parametrize("name", ["none", "a new program's strokes"])
 def test_without_a_fault_nothing_is_found(name: str, number: int) -> None:
-    found = judged(catalogue()[name], number)
+    found, _ = judged(name, number)
     assert found.out == 0
     assert found.wrong <= 0.01 * found.good
 
@@ -175,12 +175,15 @@ def test_a_reset_starts_again() -> None:
 
 def test_without_integrity_all_is_believed_again() -> None:
     """The switch switches: what was good before this was there is so again."""
-    found = judged(catalogue()["all +4 K"], 0, "[integrity]\nenabled = false\n")
+    day, fault = day_of(0), catalogue()["all +4 K"]
+    block = estimates(config_of(RIG, "[integrity]\nenabled = false\n"), faulty(day, fault, 0))
+    found = verdict(block, day, fault)
     assert found.wrong > 0.9 * found.good > 0
 
 
 def test_a_drift_of_all_is_named_as_one_and_what_is_held_back_has_a_reason() -> None:
-    found = found_of("all +3 K in 10 min", 1)
+    _, found = judged("all +3 K in 10 min", 1)
     assert "all sensors together depart" in found[Found.DRIFTING]
     assert Found.UNEXPLAINED not in found
-    assert "the estimate is settling" in found_of("t5 +3 K", 1)[Found.SETTLING]
+    _, found = judged("t5 +3 K", 1)
+    assert "the estimate is settling" in found[Found.SETTLING]

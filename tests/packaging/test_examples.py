@@ -12,7 +12,7 @@ import pytest
 
 from observer import installation
 from observer.publish.codec import config_json
-from observer.report.check import findings
+from observer.report import check
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "config").glob("*.toml"))
@@ -58,8 +58,10 @@ def test_li_lies_inside_its_screw_and_matches_its_table() -> None:
 
 
 @pytest.mark.parametrize("name", ["li-network.toml", "yu-dual-drive.toml"])
-def test_the_heats_of_a_network_are_observable(name: str) -> None:
-    found = findings(installation.load(ROOT / "config" / name))
+def test_the_heats_of_a_network_are_observable(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for table in ("tolerances", "detectable"):  # they take most of the time, and say nothing of this
+        monkeypatch.setattr(check, table, lambda _config: {})
+    found = check.findings(installation.load(ROOT / "config" / name))
     assert all(gain is not None and gain < 20.0 for gain in found["noise_gain_W_K"].values())
     assert not any("do not serve" in w or "the step is not exact" in w for w in found["warnings"])
 

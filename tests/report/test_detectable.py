@@ -16,6 +16,7 @@ from observer.estimators import bank
 from observer.estimators.fault_search import MISFIT, Seen
 from observer.kernels.screening import DRIFT_K_S, JUMP_SIGMA
 from observer.model.build import build_plant
+from observer.report import sensitivity
 from observer.report.check import findings
 from observer.report.check_text import as_text
 from observer.report.sensitivity import buys, detectable
@@ -37,6 +38,12 @@ def demo(**tables: dict[str, Any]) -> Config:
 @cache
 def of_demo() -> dict[str, Any]:
     return detectable(demo(estimator={"period_s": 1.0}))
+
+
+@pytest.fixture
+def no_further(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the sensors that are there: to try a further one at ten positions takes ten times as long."""
+    monkeypatch.setattr(sensitivity, "_further", lambda *_: None)
 
 
 def column(found: dict[str, Any], key: str) -> list[float]:
@@ -80,16 +87,19 @@ def test_each_sensor_has_its_row_with_its_keys() -> None:
 
 
 @pytest.mark.parametrize(("period_s", "time_s"), [(0.5, 2.5), (1.0, 3.0), (5.0, 15.0)])
+@pytest.mark.usefixtures("no_further")
 def test_a_jump_is_decided_after_three_samples_and_two_seconds(period_s: float, time_s: float) -> None:
     """The first of them comes up to a sample after the jump."""
     assert column(detectable(demo(estimator={"period_s": period_s})), "time_s") == [time_s] * 5
 
 
+@pytest.mark.usefixtures("no_further")
 def test_a_sensor_that_comes_seldom_is_decided_later(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(type(demo()), "sample_s", {"t3_degC": 1.7})
     assert column(detectable(demo()), "time_s") == [2.5, 2.5, 6.0, 2.5, 2.5]
 
 
+@pytest.mark.usefixtures("no_further")
 def test_noise_hides_jumps() -> None:
     config = demo()
     noisy = tuple(
@@ -100,6 +110,7 @@ def test_noise_hides_jumps() -> None:
     assert max(found[:1] + found[2:]) < 0.6
 
 
+@pytest.mark.usefixtures("no_further")
 def test_the_smallest_step_is_noticed_of_sensors_without_noise() -> None:
     config = demo(tolerance={"lag_s": 0.0}, estimator={"field_noise_K_sqrt_s": 1e-4})
     quiet = tuple(s.model_copy(update={"noise_K": 0.005}) for s in config.sensor)
@@ -107,7 +118,7 @@ def test_the_smallest_step_is_noticed_of_sensors_without_noise() -> None:
     assert found == pytest.approx([0.15 + 0.01 + PROBABLY * 0.005] * 5, abs=0.02)
 
 
-def test_a_further_thermocouple_does_what_it_is_said_to_do() -> None:
+def test_a_further_thermocouple_does_what_it_is_said_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     config = demo(estimator={"period_s": 1.0})
     said = of_demo()["further_sensor"]
     slow_K = dict(zip(NAMES, column(of_demo(), "slow_K"), strict=True))
@@ -115,6 +126,7 @@ def test_a_further_thermocouple_does_what_it_is_said_to_do() -> None:
     new = config.sensor[0].model_copy(
         update={"name": "t6", "channel": "t6", "position_m": said["position_m"]}
     )
+    monkeypatch.setattr(sensitivity, "_further", lambda *_: None)
     then = detectable(config.model_copy(update={"sensor": (*config.sensor, new)}))["minimal_detectable"]
     assert then[said["sensor"]]["slow_K"] == pytest.approx(said["slow_K_then"])
     assert said["slow_K_then"] < 0.5 * said["slow_K_now"]
