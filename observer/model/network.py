@@ -16,6 +16,7 @@ import numpy as np
 from observer.effects.terms import Body, Term, WarmedAir
 from observer.frames import FloatArray
 from observer.model.coupling import Spreads
+from observer.model.keeping import kept
 from observer.model.rod.modes import (
     NODES,
     Modes,
@@ -299,6 +300,7 @@ PAST = (1e-3, 1e-2, 1e-1)
 """How long sources may have been on before the start, in diffusion times L²/α (a minute to hours on 1 m)."""
 
 
+@kept(8)
 def smooth_field_covariance(modes: Modes) -> FloatArray:
     """Covariance (N, N) of the modal amplitudes of a random field with 1 K standard deviation everywhere.
 

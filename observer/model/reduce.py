@@ -18,6 +18,7 @@ import numpy as np
 
 from observer.frames import FloatArray, Layout
 from observer.model.coupling import no_coupling
+from observer.model.keeping import kept
 from observer.model.network import past_heat_covariance, smooth_field_covariance
 from observer.model.plant import BED, OFFSET, REFERENCE, Following, MovingSource, OutputRows, Plant
 from observer.model.rod.modes import (
@@ -328,12 +329,16 @@ def _own_footprint(
     return b + ends_fraction * (ends_b - b), c + ends_fraction * (ends_c - c)
 
 
-def _lag_row(full: FullModel, modes: Modes, stretch: Stretch, rows: FloatArray | None = None) -> FloatArray:
+def _lag_row(full: FullModel, modes: Modes, stretch: Stretch) -> FloatArray:
     """Output column (R,) of a heat's lag: what the kept modes leave of its steady field."""
-    if not full.static_correction:
-        return np.zeros(len(modal_rows(modes, full.places)))
+    rows = modal_rows(modes, full.places)
+    return _left_of(modes, full.places, stretch, rows) if full.static_correction else np.zeros(len(rows))
+
+
+def _left_of(modes: Modes, places: Places, stretch: Stretch, rows: FloatArray) -> FloatArray:
+    """What the kept modes leave of a steady field, (R,); `rows` (R, N) are those of their amplitudes."""
     steady = partial(source_field, modes.rod, stretch)
-    return remainder_rows(modes, full.places, steady, contributions(modes, stretch), stretch, rows)
+    return remainder_rows(modes, places, steady, contributions(modes, stretch), stretch, rows)
 
 
 def _known_rows(full: FullModel, modes: Modes, known: Sequence[KnownInput]) -> FloatArray:
@@ -375,7 +380,7 @@ def _moving_sources(
             stroke_m=heat.nut.stroke_m,
             lag=len(cosines) + index,
             lag_decay_1_s=lag_decay_1_s,
-            table_C=_nut_rows(full, modes, heat.share, heat.nut, nut_places),
+            table_C=heat.share * _nut_rows(full, modes, heat.nut, nut_places),
             mean_B=np.concatenate([mean_b, B[len(modes) :, index]]),
             mean_C=mean_C,
             turn=_mixing(modes, len(cosines), len(B)),
@@ -416,9 +421,16 @@ def _mixing(modes: Modes, cosines: int, n_x: int) -> FloatArray:
     return turn
 
 
-def _nut_rows(full: FullModel, modes: Modes, share: float, nut: Nut, nut_places: int) -> FloatArray:
-    """The lag's output column with the nut at evenly spaced places, (P, R)."""
-    L = modes.rod.length_m
-    stretches = [nut_stretch(x, nut.length_m, L) for x in np.linspace(0.0, L, nut_places).tolist()]
-    rows = modal_rows(modes, full.places)
-    return share * np.array([_lag_row(full, modes, s, rows) for s in stretches])
+def _nut_rows(full: FullModel, modes: Modes, nut: Nut, nut_places: int) -> FloatArray:
+    """The lag's output column of all of the heat with the nut at evenly spaced places, (P, R)."""
+    if not full.static_correction:
+        return np.zeros((nut_places, len(modal_rows(modes, full.places))))
+    return _left_along(modes, full.places, nut.length_m, nut_places)
+
+
+@kept(8)
+def _left_along(modes: Modes, places: Places, nut_m: float, nut_places: int) -> FloatArray:
+    """The same where there is such a column."""
+    L, rows = modes.rod.length_m, modal_rows(modes, places)
+    stretches = [nut_stretch(x, nut_m, L) for x in np.linspace(0.0, L, nut_places).tolist()]
+    return np.array([_left_of(modes, places, stretch, rows) for stretch in stretches])

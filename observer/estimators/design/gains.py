@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import itertools
 import warnings
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +23,7 @@ from scipy.optimize import linear_sum_assignment
 from observer.frames import BoolArray, FloatArray
 from observer.model.discretise import StepMatrices, step_matrices
 from observer.model.generator import design_step, frozen
+from observer.model.keeping import kept
 from observer.model.plant import Plant
 
 ComplexArray = NDArray[np.complex128]
@@ -226,20 +226,17 @@ def _place(pair: SlowPair, plant: Plant, present: BoolArray, z: FloatArray) -> F
     sigma_K = np.sqrt(plant.noise_R_K2[present])
     A = pair.A * pair.scale / pair.scale[:, None]
     CA = (pair.C[present] * pair.scale / sigma_K[:, None]) @ A
-    return np.asarray(pair.scale[:, None] * _placed(A.tobytes(), CA.tobytes(), z.tobytes()).T / sigma_K)
+    return np.asarray(pair.scale[:, None] * _placed(A, CA, z).T / sigma_K)
 
 
-@lru_cache(maxsize=256)
-def _placed(A: bytes, CA: bytes, z: bytes) -> FloatArray:
-    """Gain (rows of CA, n_s) in the scaled coordinates, kept: search, report and loop ask for the same."""
+@kept(256)
+def _placed(A: FloatArray, CA: FloatArray, z: FloatArray) -> FloatArray:
+    """Gain (rows of CA, n_s) in the scaled coordinates: search, report and loop ask for the same."""
     from scipy.signal import place_poles  # noqa: PLC0415  (start-up: only this estimator needs it)
 
-    A_scaled, CA_scaled = (np.frombuffer(M).reshape(-1, len(z) // 8) for M in (A, CA))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # where it is not optimal; the poles reached are checked by us
-        placed = place_poles(
-            A_scaled.T, CA_scaled.T, np.frombuffer(z), method="YT", rtol=1e-2, maxiter=_ITERATIONS
-        )
+        placed = place_poles(A.T, CA.T, z, method="YT", rtol=1e-2, maxiter=_ITERATIONS)
     return np.asarray(placed.gain_matrix)
 
 
