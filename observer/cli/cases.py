@@ -80,8 +80,8 @@ def _rows(
     yield row("all heats, W", [sum(case.heat_W.values()) for case in cases], ".2f")
     for place in dict.fromkeys(name for case in cases for name in case.temperature_degC):
         yield row(f"{place}, °C", [case.temperature_degC.get(place) for case in cases], ".2f")
-    yield row("warmest of the screw, °C", [float(case.field_degC.max()) for case in cases], ".2f")
-    yield row("coldest of the screw, °C", [float(case.field_degC.min()) for case in cases], ".2f")
+    yield row("warmest of the screw, °C", [case.warmest_degC for case in cases], ".2f")
+    yield row("coldest of the screw, °C", [case.coldest_degC for case in cases], ".2f")
     if any(len(case.error_um) for case in cases):
         yield row("largest error, µm", [case.largest_error_um for case in cases], ".2f")
         yield row("  at, mm", [1000.0 * case.largest_at_m for case in cases], ".0f")

@@ -37,13 +37,12 @@ def forecast(
 ) -> Forecast:
     """Forecast from a state on. Raises `ValueError` where the estimate is none to go ahead from."""
     begin = runner(plant, config.estimator, state, program)
-    settled, between_s, sooner = when(begin, program, travel_of(config, plant), within_um)
+    settled, between_s, sooner = when(begin, program, travel_of(config, plant.layout.position_m), within_um)
     return Forecast(state.time_s, program, ahead(begin, program, 3600.0 * hours), settled, between_s, sooner)
 
 
-def travel_of(config: Config, plant: Plant) -> BoolArray:
-    """Which places of the grid (g,) the nuts travel over; all where none moves."""
-    x_m = plant.layout.position_m
+def travel_of(config: Config, x_m: FloatArray) -> BoolArray:
+    """Which places (g,) the nuts travel over; all where none moves."""
     strokes = [
         s.stroke_m or (0.0, config.screw.length_m) for s in config.source if s.position_channel is not None
     ]

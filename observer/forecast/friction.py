@@ -150,7 +150,7 @@ def forecast_by_all(
     within_um: float,
 ) -> Forecast:
     """Forecast from weighed begins: moments and quantiles of their mixture; `plant` is the estimate's."""
-    travel, weight = travel_of(config, plant), np.array([w for w, _ in begins])
+    travel, weight = travel_of(config, plant.layout.position_m), np.array([w for w, _ in begins])
     where = [settling(begin, program, travel, within_um) for _, begin in begins]
     runners = [draws(begin, program, DRAWS) for _, begin in begins]
     drawn = [[settling(one, program, travel, within_um) for one in own] for own in runners]

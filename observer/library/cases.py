@@ -33,13 +33,16 @@ class CaseFigures:
     and nodes by name; heats by source; the thermal error (g,), empty without an expansion coefficient; the
     axial force, tension positive; the slowest time constant, None for a cycle.
     Of a cycle: the highest temperature at each place, the mean heats, and error and force where they are
-    largest by size. `largest_error_um` is the largest by size within the travel, at `largest_at_m`. `biot` is
-    the Biot number of the screw in the largest film of the case.
+    largest by size. `warmest_degC` and `coldest_degC` are of the whole screw, between the places too.
+    `largest_error_um` is the largest by size within the travel, at `largest_at_m`. `biot` is the Biot number
+    of the screw in the largest film of the case.
     """
 
     name: str
     position_m: FloatArray
     field_degC: FloatArray
+    warmest_degC: float
+    coldest_degC: float
     temperature_degC: Mapping[str, float]
     heat_W: Mapping[str, float]
     error_um: FloatArray
@@ -57,6 +60,7 @@ class CaseFigures:
         found["heat_total_W"] = sum(self.heat_W.values())
         found |= {f"{name}_degC": value for name, value in self.temperature_degC.items()}
         found |= {k: float(v[0]) for k, v in layout.along(field__degC=self.field_degC[None]).items()}
+        found |= {"warmest_degC": self.warmest_degC, "coldest_degC": self.coldest_degC}
         if layout.has_error:
             found |= {k: float(v[0]) for k, v in layout.along(error__um=self.error_um[None]).items()}
             found |= {"largest_error_um": self.largest_error_um, "largest_at_m": self.largest_at_m}
@@ -92,7 +96,8 @@ def steady_case(
         frames = frames_of_log(program, _plan(survey, inputs))
         point = mean_point(survey.plant, inputs_of(frames, Drive(survey.config, survey.plant)))
     found = settled(survey.plant, point)
-    return _case(name, config, survey, found.rows[None], found.heat_W, point.loss_1_s, found.slowest_s)
+    growth = growth_of(survey, found.rows[None])
+    return _case(name, config, survey, found.rows, growth, found.heat_W, point.loss_1_s, found.slowest_s)
 
 
 def cycle_case(name: str, config: Installation, inputs: Mapping[str, float], log: Log) -> SurveyedCase:
@@ -104,18 +109,22 @@ def cycle_case(name: str, config: Installation, inputs: Mapping[str, float], log
     survey = survey_of(config)
     program = with_inputs(log, inputs, survey)
     loop = OpenLoop(survey.plant, Drive(survey.config, survey.plant))
-    rows, heat_J, duration_s, loss_1_s = [], np.zeros(len(survey.plant.source_names)), 0.0, 0.0
+    hottest, grown = np.full(len(survey.plant.rows.C), -np.inf), list[Growth]()
+    heat_J, duration_s, loss_1_s = np.zeros(len(survey.plant.source_names)), 0.0, 0.0
     for frames in frames_of_log(program, _plan(survey, inputs)):
         if (found := loop.run(frames)) is not None:
-            driven, some = found
-            rows.append(some)
+            driven, rows = found
+            hottest = np.maximum(hottest, rows.max(axis=0))
+            if (growth := growth_of(survey, rows)) is not None:
+                grown.append(growth)
             heat_J += driven.dt_s @ driven.law_W
             duration_s += float(driven.dt_s.sum())
             loss_1_s = max(loss_1_s, float(driven.loss_1_s.max()))
-    if not rows:
+    if not np.isfinite(hottest).all():
         raise LogError(f"{log.path}: an input that the model needs never has a value; fill its column")
     heat_W = heat_J / max(duration_s, 1e-9)
-    return _case(name, config, survey, np.concatenate(rows), heat_W, loss_1_s, None)
+    whole = Growth(*map(np.concatenate, zip(*grown, strict=True))) if grown else None
+    return _case(name, config, survey, hottest, whole, heat_W, loss_1_s, None)
 
 
 def _refuse_implausible(config: Installation, inputs: Mapping[str, float]) -> None:
@@ -146,16 +155,16 @@ def _case(
     name: str,
     config: Installation,
     survey: Survey,
-    rows: FloatArray,
+    hottest: FloatArray,
+    growth: Growth | None,
     heat_W: FloatArray,
     loss_1_s: float,
     slowest_s: float | None,
 ) -> SurveyedCase:
-    """The figures of output rows (K, R), with the largest loss that depends on the speed."""
+    """The figures of the highest outputs (R,) and growth, with the largest loss that goes with the speed."""
     plant, g = survey.plant, len(survey.grid_m)
-    hottest = rows.max(axis=0)
-    travel = travel_of(config, plant)[:g]
-    growth = growth_of(survey, rows)
+    field_degC = hottest[plant.rows.field_slice]
+    travel = travel_of(config, survey.grid_m)
     error_um, force_N, largest, at = np.zeros((0,)), 0.0, 0.0, 0
     if growth is not None:
         errors, forces = displaced(restraint_on(config, survey.grid_m), growth)
@@ -169,7 +178,9 @@ def _case(
     figures = CaseFigures(
         name=name,
         position_m=survey.grid_m,
-        field_degC=hottest[plant.rows.field_slice][:g],
+        field_degC=field_degC[:g],
+        warmest_degC=float(field_degC.max()),
+        coldest_degC=float(field_degC.min()),
         temperature_degC=dict(zip(names, hottest[plant.rows.sensor_slice].tolist(), strict=True)),
         heat_W={n: w for n, w in zip(plant.source_names, heat_W.tolist(), strict=True) if n in given},
         error_um=error_um,
@@ -196,6 +207,8 @@ def as_document(figures: CaseFigures) -> dict[str, Any]:
         "temperature_degC": dict(figures.temperature_degC),
         "position_m": figures.position_m.tolist(),
         "field_degC": figures.field_degC.tolist(),
+        "warmest_degC": figures.warmest_degC,
+        "coldest_degC": figures.coldest_degC,
         "error_um": figures.error_um.tolist() if with_error else None,
         "largest_error_um": figures.largest_error_um if with_error else None,
         "largest_at_m": figures.largest_at_m if with_error else None,

@@ -183,7 +183,7 @@ class _Bench:
             standard_shift(config, plant),
             (*(one.sensor for one in candidates), *config.sensor[len(own) :]),
             np.array(often_s),
-            travel_of(config, plant),
+            travel_of(config, plant.layout.position_m),
         )
 
     def sigmas(self, sets: Sequence[SensorSet], step_s: float) -> SetSigmas:

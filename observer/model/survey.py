@@ -19,8 +19,15 @@ NODE = "node."
 """How the name of a survey's sensor on a node begins."""
 
 
+CLOSE_STEPS = 200
+"""How many steps of a screw find its warmest and coldest place: one is 0.5 % of its length."""
+
+
 class Survey(NamedTuple):
-    """A machine's plant with a sensor on each node, and the grid (g,), in m, at which it is looked at."""
+    """A machine's plant with a sensor on each node, and the grid (g,), in m, at which it is looked at.
+
+    Behind the grid, the plant's field has places close to each other from end to end.
+    """
 
     config: Config
     plant: Plant
@@ -52,7 +59,10 @@ def survey_of(config: Config) -> Survey:
         )
         for node in config.node
     )
-    places = (*grid_m.tolist(), length_m) if grid_m[-1] < length_m else tuple(grid_m.tolist())
+    # heats that enter at a place leave a peak there
+    peaks = {s.position_m for s in config.source if s.position_m is not None}
+    close_m = sorted(peaks.union(np.linspace(0.0, length_m, CLOSE_STEPS + 1).tolist()))
+    places = (*grid_m.tolist(), *close_m)
     output = config.output.model_copy(update={"positions_m": places})
     seen = config.model_copy(
         update={"sensor": (*warm, *nodes), "effect": effects, "supports": None, "output": output}

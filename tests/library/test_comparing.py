@@ -72,6 +72,19 @@ def test_kuznetsovs_mountings_by_his_steady_displacement() -> None:
     assert gap.force_N == pytest.approx(plain.force_N * (1.0 - 20.0 / grown_um[-1]))
 
 
+def test_the_warmest_and_coldest_of_the_screw_are_sought_between_the_reported_places() -> None:
+    machine = observer.load(CONFIG / "kuznetsov-screw.toml")
+    few = {"output": {"positions_m": [0.3, 0.7]}}
+    inputs = {"screw_speed_rpm": 600.0}
+    (found,) = machine.compare({"inputs": inputs, "variant": {"few": few}}, steady=True).cases
+    x_m = np.linspace(0.0, KUZNETSOV.length_m, 2001)
+    field_degC = 20.0 + kuznetsov.field(KUZNETSOV, 0.02 * 600, 0.012 * 600, x_m, 1e7)
+    assert found.warmest_degC == pytest.approx(field_degC.max(), abs=1e-6)  # at an end
+    # within a step of the search the curved field rises by less than half its second derivative times h²
+    assert found.coldest_degC == pytest.approx(field_degC.min(), abs=0.002)
+    assert found.field_degC.max() < found.warmest_degC - 10.0
+
+
 def program(hours: float = 2.0) -> dict[str, Any]:
     """The nut to and fro, then rest."""
     time_s = np.arange(0.0, 3600.0 * hours, 2.0)
@@ -92,12 +105,13 @@ def test_a_cycle_is_compared_by_its_most() -> None:
             "more film": {"surface": {"convection_W_m2K": 60.0}},
             "slower": {"inputs": {"screw_speed_rpm": 500.0}},
             "two fixed ends": {"supports": {"mounting": "L-III"}},
+            "few places": {"output": {"positions_m": [0.1, 0.9]}},
         }
     }
     machine = observer.load(RIG)
     found = machine.compare(table, log=program(), minimise="error")
     run = machine.simulate(program())
-    as_it_is, film, slower, fixed = found.cases
+    as_it_is, film, slower, fixed, few = found.cases
     assert as_it_is.field_degC[-1] == pytest.approx(run["field_1000_degC"].max(), abs=1e-9)
     assert as_it_is.error_um[-1] == pytest.approx(run["error_1000_um"].max(), abs=1e-9)
     assert film.error_um[-1] < as_it_is.error_um[-1]
@@ -107,6 +121,8 @@ def test_a_cycle_is_compared_by_its_most() -> None:
         assert found.mounted[name][0].supports.mounting == "L-III"
         assert found.mounted[name][0].size_um <= abs(fixed.largest_error_um) + 0.01
     assert any("rigid" in sentence for sentence in found.sentences)
+    assert few.warmest_degC == pytest.approx(as_it_is.warmest_degC, abs=1e-9)
+    assert few.coldest_degC == pytest.approx(as_it_is.coldest_degC, abs=1e-9)
 
 
 def test_a_nuts_own_preload_is_said_to_stay() -> None:
