@@ -220,7 +220,12 @@ def place(
     config: ConfigOption,
     sensors: Annotated[
         int | None,
-        typer.Option(min=1, max=32, help="Largest number of sensors; default: two more than heats."),
+        typer.Option(
+            min=1,
+            max=32,
+            help="Largest number of sensors in a set, those kept included; default: two more than heats, "
+            "beside those kept.",
+        ),
     ] = None,
     budget: Annotated[
         float | None,

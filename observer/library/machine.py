@@ -172,12 +172,13 @@ class Machine:
         spacing_m: float | None = None,
         progress: Callable[[str], None] = lambda _text: None,
     ) -> PlacedSensors:
-        """Return the sets of up to `count` sensors, within a `budget`, that leave the smallest σ for their
-        cost.
+        """Return the sets of up to `count` sensors in all, within a `budget`, that leave the smallest σ for
+        their cost.
 
         `candidates` are a file, or tables as `[[candidate]]` of a configuration, which they replace; without
         any, nodes in the air and places on the screw, `spacing_m` apart. Judged `by` the σ of `"heat"`,
-        `"field"` or `"error"`, or by the geometric mean of all. With `keep` the configured sensors stay.
+        `"field"` or `"error"`, or by the geometric mean of all. With `keep` the configured sensors stay,
+        and count.
         Raises `UserError`.
         """
         from observer.library.placing import Choice, candidates_of, placed

@@ -100,8 +100,8 @@ class PlacedSensors:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """The options of a search: largest number of sensors, budget, criterion, and whether
-    the configured ones stay; None is the default.
+    """The options of a search: largest number of sensors in a set, budget, criterion, and whether the
+    configured ones stay, which then count; None is the default.
     """
 
     sensors: int | None = None
@@ -258,15 +258,17 @@ def _in_the_air(config: Config) -> list[str]:
 
 
 def _limits(bench: _Bench, configured: int, costs: Sequence[float], choice: Choice) -> SetLimits:
-    n = len(costs)
-    most, budget = choice.sensors, choice.budget
-    if most is None:
-        most = n if budget is not None else min(n, int(bench.plant.estimated.sum()) + _MORE_THAN_HEATS)
-    if most > n:
+    n, budget, stay = len(costs), choice.budget, configured if choice.keep else 0
+    if choice.sensors is not None and not stay < choice.sensors <= stay + n:
+        count_too = f" beside {stay} configured ones, which stay and count too" if stay else ""
         raise UserError(
-            f"place: {most} sensors cannot stand on {n} candidate positions; ask for 1 to {n}, or name more "
-            "candidates"
+            f"place: {choice.sensors} sensors cannot stand on {n} candidate positions{count_too}; ask for "
+            f"{stay + 1} to {stay + n}, or name more candidates"
         )
+    if choice.sensors is not None:
+        most = choice.sensors - stay
+    else:
+        most = n if budget is not None else min(n, int(bench.plant.estimated.sum()) + _MORE_THAN_HEATS)
     thermal = frozenset(i for i, one in enumerate(bench.sensors) if one.kind == "temperature")
     first = min((costs[i] for i in thermal if i < n), default=None)
     if first is None and not choice.keep:

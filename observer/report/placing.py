@@ -49,10 +49,13 @@ def as_text(found: dict[str, Any]) -> RenderableType:
 
 
 def _said(found: dict[str, Any]) -> list[str]:
-    searched = f"all {found['tried']} sets were tried"
+    tried = found["tried"]
+    searched = (
+        f"all {tried} sets were tried" if tried > 1 else "the only set within number and budget was tried"
+    )
     if not found["exhaustive"]:
         searched = (
-            f"{found['tried']} sets were tried, not all: from those worth their cost, one sensor more, less "
+            f"{tried} sets were tried, not all: from those worth their cost, one sensor more, less "
             "or exchanged"
         )
     return [

@@ -48,6 +48,13 @@ def test_few_sets_are_all_tried_and_each_line_is_the_best_of_its_cost():
         assert score([one])[0] == pytest.approx(score(same).min(), rel=1e-5)
 
 
+@pytest.mark.parametrize(("budget", "tried"), [(0.5, 1), (1.0, 1 + 30), (1.9, 1 + 30)])
+def test_sets_within_a_small_budget_are_all_tried_however_many_there_would_be(budget, tried):
+    """All of 20 sensors at most, of 30: no search by steps, where only the budget allows few of them."""
+    found = best_sets(information(n=31), limits(most=20, budget=budget, kept=(30,), n=31))
+    assert (found.exhaustive, found.tried) == (True, tried)
+
+
 def test_nothing_on_the_front_is_dearer_without_being_better():
     costs = np.random.default_rng(3).uniform(1.0, 10.0, N)
     score, within = information(), limits(costs, most=5, budget=18.0)

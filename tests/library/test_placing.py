@@ -15,6 +15,7 @@ from observer.cli import app
 from observer.estimators.design.spread import spread
 from observer.model.build import build_plant
 from observer.model.cycle import standard_shift
+from observer.report.placing import as_text
 from observer.tables.sections import Sensor
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -88,6 +89,21 @@ def test_cost_decides_and_dearer_sets_leave_a_smaller_sigma(housings, tmp_path):
     assert [one.names for one in same.sets] == [("t1", "t2", "t3"), ("nut", "t1", "t2", "t3")]
 
 
+def test_what_is_kept_counts_among_the_sensors_and_a_single_set_is_no_plural(housings):
+    more = [{"name": name, "on": node} for name, node in (("a", "nut_body"), ("b", "table"))]
+    found = housings.place(4, candidates=more, keep=True)
+    assert {len(one.names) for one in found.sets} <= {3, 4}
+    assert found.tried == 3
+    assert "all 3 sets were tried" in said(found)
+    only = housings.place(candidates=[m | {"cost": 9.0} for m in more], keep=True, budget=1.0)
+    assert "the only set within number and budget was tried" in said(only)
+
+
+def said(found: observer.PlacedSensors) -> str:
+    """What the command prints above its table."""
+    return str(as_text(found.document).renderables[0])
+
+
 def test_a_probe_is_chosen_beside_thermocouples_and_worth_more_the_oftener_it_comes(housings):
     """On the configured sensors: an hourly probing cycle knows the error better, and heat hardly."""
     probe = {"name": "p", "kind": "displacement", "position_m": 0.3, "noise_um": 1.0, "zero_um": 2.0}
@@ -137,6 +153,10 @@ def test_a_choice_that_leaves_nothing_is_said_in_a_sentence(housings):
         housings.place(candidates=tables, budget=4.0)
     with pytest.raises(observer.UserError, match="ask for 1 to 1"):
         housings.place(2, candidates=tables)
+    with pytest.raises(
+        observer.UserError, match="3 configured ones, which stay and count too; ask for 4 to 4"
+    ):
+        housings.place(3, candidates=tables, keep=True)
     probe = {"name": "p", "kind": "displacement", "position_m": 0.3}
     with pytest.raises(observer.UserError, match="no candidate measures a temperature"):
         housings.place(candidates=[probe])

@@ -7,8 +7,6 @@ all sensors cost the same that is the best sensor more each time, with exchanges
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -58,7 +56,11 @@ class SetLimits(NamedTuple):
     def allow(self, sensors: SensorSet) -> bool:
         """Whether a set has what it needs, and is small and cheap enough."""
         fits = len(sensors) <= self.most + len(self.kept) and not self.one_of.isdisjoint(sensors)
-        return fits and self.cost(sensors) <= self.budget * (1 + 1e-9)
+        return fits and self.affords(sensors)
+
+    def affords(self, sensors: SensorSet) -> bool:
+        """Whether a set is within the budget."""
+        return self.cost(sensors) <= self.budget * (1 + 1e-9)
 
 
 def best_sets(score: Score, limits: SetLimits) -> Front:
@@ -70,11 +72,9 @@ def best_sets(score: Score, limits: SetLimits) -> Front:
         if new:
             tried.update(zip(new, np.round(np.log(score(new)), _DIGITS).tolist(), strict=True))
 
-    numbers = range(min(limits.most, len(limits.free)) + 1)
-    exhaustive = sum(math.comb(len(limits.free), k) for k in numbers) <= MOST_SETS
-    if exhaustive:
-        every = (itertools.combinations(limits.free, k) for k in numbers)
-        attempt(_with(limits.kept, more) for more in itertools.chain.from_iterable(every))
+    every = _every(limits)
+    if every is not None:
+        attempt(_with(limits.kept, more) for more in every)
     else:
         attempt(iter([limits.kept]))
         attempt(_beside(limits.kept, limits))
@@ -82,7 +82,20 @@ def best_sets(score: Score, limits: SetLimits) -> Front:
         while len(tried) < MOST_TRIED and (new := [s for s in _front(tried, limits) if s not in left]):
             left.add(new[0])  # the cheapest first, for what it leads to may replace the others
             attempt(_beside(new[0], limits))
-    return Front(_front(tried, limits), exhaustive, len(tried))
+    return Front(_front(tried, limits), every is not None, len(tried))
+
+
+def _every(limits: SetLimits) -> list[SensorSet] | None:
+    """All that may be added within number and budget, the fewest first; None if that is too many to try."""
+    layer: list[SensorSet] = [()]
+    found = list(layer)
+    for _ in range(min(limits.most, len(limits.free))):
+        wider = ((*s, i) for s in layer for i in limits.free if not s or i > s[-1])
+        layer = [s for s in wider if limits.affords(s)]
+        found += layer
+        if len(found) > MOST_SETS:
+            return None
+    return found
 
 
 def _beside(chosen: SensorSet, limits: SetLimits) -> Iterator[SensorSet]:
