@@ -95,7 +95,8 @@ class HeatLaw(Section):
     #: law: heat = scale · the heat by the law of the source of this name / `heat_ratio`
     heat_of: quantities.Name | None = None
     heat_ratio: Annotated[quantities.Factor, Field(gt=0)] | None = None  #: for `heat_of`
-    #: `heat_of`: no unknown of its own: as the other source's heat is estimated, this is its part of that
+    #: `heat_of`: no unknown of its own: as the other source's heat is estimated, this is its part of that.
+    #: Not with `[[node]]` or `covers_film`, nor for a nut whose position is measured
     follows: quantities.Flag = False
     share: quantities.Share = 1.0  #: share of the friction heat that enters the screw, 0 to 1
     #: fraction of time the drive runs, 0 to 1, where the speed channel only holds a set speed

@@ -18,6 +18,7 @@ from observer.model.simulate import simulate, start
 from tests.logs.inputs import lively
 
 ONE = Path(__file__).parents[2] / "config" / "kim-screw-one.toml"
+REFERENCE = ONE.parents[1] / "docs" / "reference" / "configuration.md"
 MOVING = {"position_channel": "nut_m", "lead_m": 0.01}
 ESTIMATORS = {
     "luenberger": {"kind": "luenberger", "period_s": 60.0, "bandwidth_1_s": 0.005},
@@ -114,6 +115,14 @@ def test_a_heat_that_follows_nothing_is_rejected(change, words):
     own["source"][1] = {k: v for k, v in (own["source"][1] | change).items() if v is not None}
     with pytest.raises(ConfigError, match=words):
         installation.parse(own)
+
+
+def test_a_machine_with_nodes_says_as_its_reference_does_that_no_heat_follows_another():
+    node = {"node": [{"name": "house", "capacity_J_K": 900.0}]}
+    node["link"] = [{"between": ["house", "ambient"], "conductance_W_K": 0.2}]
+    with pytest.raises(ConfigError, match=r"follows: not with \[\[node\]\] or covers_film"):
+        installation.parse(table() | node)
+    assert "Not with `[[node]]` or `covers_film`" in REFERENCE.read_text(encoding="utf-8")
 
 
 def test_an_effect_on_only_one_of_the_heats_is_rejected():
