@@ -19,6 +19,8 @@ _NAMED = re.compile(
     r"^(?:.*(?:time|zeit|timestamp|datum|date|elapsed|uhr|clock).*|t|x_value|x-value|sec|seconds|sekunden|ts)$",
     re.I,
 )
+_UNIT_ALONE = re.compile(r"^(?:min|minutes?|minuten|sec|seconds?|sekunden|hours?|stunden)$", re.I)
+"""Columns of times that are called as their unit."""
 _DATE, _OF_DAY = re.compile(r"date|datum|tag|day", re.I), re.compile(r"time|zeit|uhr|clock", re.I)
 _NOT = re.compile(r"date code|runtime|time ?out|time ?zone|lifetime|cycle", re.I)
 _EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
@@ -75,6 +77,7 @@ def _candidates(sheet: Sheet) -> Iterable[list[RawColumn]]:
     yield from ([c] for c in named if c.is_moments or c.is_text)
     yield from ([c] for c in sheet.columns if c.is_moments)
     yield from ([c] for c in named)
+    yield from ([c] for c in sheet.columns if _UNIT_ALONE.match(c.name.strip()) and c not in named)
     yield from ([c] for c in sheet.columns[:1] if c not in named)
 
 
@@ -148,7 +151,8 @@ def _of_numbers(
     if given is None and not by_name and (len(there) < 3 or (rising <= 0).any() or there[0] < 0.0):
         return None
     first, apart = float(there[0]), float(np.median(rising)) if len(rising) else 0.0
-    written = column.unit or split_name(column.name)[1]
+    alone = column.name if _UNIT_ALONE.match(column.name.strip()) else ""
+    written = column.unit or split_name(column.name)[1] or alone
     unit = given or known_unit(written)
     if unit == "excel" or (not unit and _is_serial(first, float(there[-1]), apart, column.name)):
         return SheetClock(np.round((values - _SERIAL_1970) * 86_400.0, 4), True, True, names, "excel")

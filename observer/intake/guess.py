@@ -65,13 +65,13 @@ def guessed(sources: Sources, config: Config, how: Logs) -> Guess:
     """Find the column of each channel that is neither given nor obvious. Raises no error."""
     placed, missing = placed_columns(sources, config, how, [])
     taken = {full_name(p.column) for parts in placed.values() for p in parts}
-    spare = [c for s in sources.timed for c in _numeric(s) if c.name not in taken]
+    spare = [c for s in sources.timed for c in columns_of_numbers(s) if c.name not in taken]
     spare = list({c.name: c for c in spare}.values())
     wanted = [name for name in config.channels if name in missing and name not in how.columns]
     limits, columns, doubts = Limits.of(config), dict(how.columns), dict[str, str]()
     for channel, parts in placed.items():
         given = how.columns.get(channel)
-        own = [c for c in _numeric(parts[0].source) if c.column is parts[0].column]
+        own = [c for c in columns_of_numbers(parts[0].source) if c.column is parts[0].column]
         if own and (given is None or given.unit is None):
             _with_unit(limits, config, channel, own[0], columns, doubts)
     scores = np.array([[_score(limits, config, channel, c) for c in spare] for channel in wanted])
@@ -97,7 +97,7 @@ def guessed(sources: Sources, config: Config, how: Logs) -> Guess:
     return Guess(columns, doubts, tuple(lost))
 
 
-def _numeric(source: TimedSheet) -> list[ColumnValues]:
+def columns_of_numbers(source: TimedSheet) -> list[ColumnValues]:
     """The columns of numbers of a sheet, except its clock's."""
     found = []
     for column in source.sheet.columns:

@@ -15,8 +15,8 @@ from observer.config import Config
 from observer.errors import LogError
 from observer.files.log_checks import several
 from observer.files.logs import Log
-from observer.intake.guess import guessed
-from observer.intake.mapped import mapped, no_clock, placed_columns
+from observer.intake.guess import columns_of_numbers, guessed
+from observer.intake.mapped import Placed, logged, mapped, no_clock, placed_columns
 from observer.intake.sheets import full_name
 from observer.intake.sources import Sources, sources_of
 from observer.intake.units import shown_unit, unit_of_channel
@@ -60,6 +60,25 @@ def proposed(paths: Sequence[Path], config: Config, how: Logs) -> Proposal:
     asked |= _of_time(sources, how)
     zoneless = any(s.clock.on_wall for s in sources.timed)
     return Proposal(log, found, asked, tuple(_rows(sources, config, found)), zoneless)
+
+
+def read_whole(path: Path, *, accept_truncated: bool = False) -> Log:
+    """Read a file from another recorder with every column of numbers, called as in the file and in its unit.
+
+    Raises `LogError` with all problems, doubts about the clock among them.
+    """
+    how = Logs()
+    sources = sources_of([path], how, accept_truncated=accept_truncated)
+    if not sources.timed:
+        raise several(path, list(sources.problems) or [no_clock(sources, how)])
+    asked = [f"{key}: {doubt}" for key, doubt in _of_time(sources, how).items()]
+    if asked:
+        asked.append("say it in the configuration of a machine, which then reads the file itself")
+    placed = dict[str, list[Placed]]()
+    for source in sources.timed:
+        for found in columns_of_numbers(source):
+            placed.setdefault(found.name, []).append(Placed(found.name, source, found.column, "", ""))
+    return logged([path], placed, how, {}, [*sources.problems, *asked], list(sources.doubts))
 
 
 def _of_time(sources: Sources, how: Logs) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,12 +60,34 @@ def mapped(
     placed, missing = placed_columns(sources, config, how, problems)
     if missing := [name for name in missing if name not in spare]:
         problems.append(_without(missing, sources))
-    problems += unlike_clocks([p.source for parts in placed.values() for p in parts])
+    return logged(paths, placed, how, kinds_of(config), problems, doubts)
+
+
+def logged(
+    paths: Sequence[Path],
+    placed: Mapping[str, Sequence[Placed]],
+    how: Logs,
+    kinds: Mapping[str, ChannelKind],
+    problems: list[str],
+    doubts: list[str],
+) -> Log:
+    """The log that placed columns are; a channel without a kind is one of unknown meaning.
+
+    Raises `LogError` with all problems, those given included.
+    """
+    name = " + ".join(map(str, paths))
+    every = [p.source for parts in placed.values() for p in parts]
+    problems += unlike_clocks(every)
+    doubts += [
+        f"{clock.columns[0]} has no unit and was taken for seconds"
+        for clock in (source.clock for source in every)
+        if not clock.sure
+    ]
     samples, words = list[ChannelSamples](), list[Words]()
-    kinds = kinds_of(config)
     for channel, parts in placed.items():
         found = [_values(p, problems, words) for p in parts]
-        held = parts[0].source.held and kinds[channel] not in (ChannelKind.SCREW, ChannelKind.NODE)
+        kind = kinds.get(channel, ChannelKind.OTHER)
+        held = parts[0].source.held and kind not in (ChannelKind.SCREW, ChannelKind.NODE)
         if len(found) == 1:
             samples.append(ChannelSamples(channel, parts[0].source.clock.time_s, found[0], held))
         else:
@@ -74,11 +96,11 @@ def mapped(
         raise several(name, problems or ["holds no channel of the configuration"])
     time_s, values, of_several = joined(samples)
     if how.hold:
-        inputs = [keeps_its_value(kinds[s.channel]) for s in samples]
+        inputs = [keeps_its_value(kinds.get(s.channel, ChannelKind.OTHER)) for s in samples]
         rows = len(time_s)
         time_s, values = with_steps(time_s, values, np.array(inputs))
         of_several = of_several or len(time_s) > rows
-    column = next((c for p in sources.timed for c in p.clock.columns), "the time")
+    column = next((c for source in every for c in source.clock.columns), "the time")
     refuse_other_units(paths[0], column, time_s, how.rows_apart_s)
     channels = tuple(s.channel for s in samples)
     return Log(

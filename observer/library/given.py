@@ -11,9 +11,10 @@ from observer.errors import LogError
 from observer.files.logs import TIME, Log, log_of
 from observer.files.logs import read_log as read_file
 from observer.installation import Installation
-from observer.intake.reading import read_channels
+from observer.intake.reading import own_header, read_channels
 from observer.library.packages import in_words
 from observer.library.signals import SignalTable
+from observer.tables.logs import Logs
 
 GivenLog = str | Path | Log | SignalTable | Mapping[str, Any] | Any
 """A log's path, a `Log`, the result of a simulation, columns by name, or a `pandas.DataFrame`."""
@@ -23,10 +24,16 @@ GivenLog = str | Path | Log | SignalTable | Mapping[str, Any] | Any
 def read_log(path: str | Path, *, accept_truncated: bool = False, accept_damaged: bool = False) -> Log:
     """Read a log, with all of its channels.
 
-    `accept_truncated` drops a last row that was cut off, `accept_damaged` the rows of a recording that do not
-    have the checksum they were recorded with. Raises `LogError` with one sentence that names the file, the
-    row or column, and the remedy.
+    One in our own form, or any other that `observer import` reads without asking: its channels then have the
+    names and units of the file's columns, as `"Temp1 [°F]"`, and `doubts` says what was assumed of its times.
+    A machine that is given the path instead reads the file by its `[log]`. `accept_truncated` drops a last
+    row that was cut off, `accept_damaged` the rows of a recording that do not have the checksum they were
+    recorded with. Raises `LogError` with one sentence that names the file, the row or column, and the remedy.
     """
+    from observer.intake.importing import read_whole
+
+    if own_header(Path(path), Logs()) is None:
+        return read_whole(Path(path), accept_truncated=accept_truncated)
     return read_file(path, accept_truncated=accept_truncated, accept_damaged=accept_damaged)
 
 

@@ -10,13 +10,16 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
+import observer
 from observer import app
 from observer.errors import LogError
 from observer.files.logs import read_log
-from tests.intake.machine import Truth, assert_is, configured, truth
+from observer.intake.reading import read_channels
+from tests.intake.machine import START, Truth, assert_is, configured, truth
 
 BERLIN = ZoneInfo("Europe/Berlin")
 AUTUMN, SPRING = datetime(2026, 10, 25, 0, 30, tzinfo=UTC), datetime(2026, 3, 29, 0, 30, tzinfo=UTC)
+START_MIN = START.timestamp() / 60.0
 NAMES = "t1 [degC],t2 [degC],nut position [m],screw speed [rpm],ambient [degC]"
 
 
@@ -137,3 +140,40 @@ def test_decimal_commas_between_separating_commas_are_rejected(tmp_path):
     head, *rows = path.read_text().splitlines()
     path.write_text("\n".join([head, *(row.replace(".", ",") for row in rows)]))
     assert "comma" in questions(path)
+
+
+@pytest.mark.parametrize("name", ["min", "Minuten", "t [min]", "time_min", "Zeit (min)"])
+def test_minutes_by_their_name_are_minutes(tmp_path, name):
+    was = truth(60, 60.0)
+    minute = written(tmp_path / "log.csv", was, lambda at: f"{at.timestamp() / 60.0 - START_MIN:.6f}", name)
+    log = observer.read_log(minute)
+    assert log.time_s == pytest.approx(was.time_s - 60.0 * START_MIN, abs=1e-3)
+    assert log.doubts == ()
+    assert imported(minute).time_s[1] - imported(minute).time_s[0] == pytest.approx(60.0, abs=1e-3)
+
+
+def test_a_log_without_a_machine_has_the_columns_of_its_file_and_says_what_it_assumes(tmp_path):
+    was = truth(60, 1.0)
+    path = written(tmp_path / "log.csv", was, lambda at: f"{at.timestamp() - 60.0 * START_MIN:.3f}")
+    log = observer.read_log(path)
+    assert log.channels == tuple(NAMES.split(","))
+    assert log["screw speed [rpm]"].tolist() == was.screw_speed_rpm.tolist()
+    assert log.doubts == ("time has no unit and was taken for seconds",)
+    # a machine that reads the same file is as sure, and no surer
+    assert read_channels(path, configured(tmp_path)).doubts == log.doubts
+    far = written(tmp_path / "far.csv", was, lambda at: f"{60.0 * (at.timestamp() - 60.0 * START_MIN):.3f}")
+    with pytest.raises(LogError, match=r"time_format: time has no unit and its rows are 60 apart"):
+        observer.read_log(far)
+
+
+def test_a_german_spreadsheet_is_read_without_a_machine(tmp_path):
+    path = tmp_path / "halle.csv"
+    rows = [f"25.11.2026 08:00:{i:02d};{20 + i},5;{1000 * (i > 3)};ok" for i in range(9)]
+    path.write_text("\n".join(["Datum;Temp [°C];Drehzahl [1/min];Zustand", *rows]) + "\n", encoding="cp1252")
+    log = observer.read_log(path)
+    assert log.channels == ("Temp [°C]", "Drehzahl [1/min]")
+    assert log["Temp [°C]"].tolist() == [20.5 + i for i in range(9)]
+    assert (log.time_s[-1] - log.time_s[0]) == 8.0
+    path.write_text("nothing;here\na;b\nc;d\n", encoding="utf-8")
+    with pytest.raises(LogError, match="no recognisable columns of numbers and times"):
+        observer.read_log(path)
