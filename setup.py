@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import importlib.util
 import re
 import shutil
 from pathlib import Path
@@ -20,6 +21,10 @@ from Cython.Compiler import Options
 from setuptools import Extension, setup
 
 from build_kernels import prepare
+
+_spec = importlib.util.spec_from_file_location("files", "observer/kernels/files.py")  # without the package
+files = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(files)
 
 KERNELS = Path("observer/kernels")
 BUILD = Path("build/kernels")
@@ -130,6 +135,7 @@ def join(build: Path) -> Path:
     joined = folder / "core.py"
     header = [HEADER_HEAD, *headers.values()]
     digest = hashlib.sha256("".join(code + header).encode()).hexdigest()
+    code.append(f'FILES = "{files.digest(KERNELS)}"  # as `observer.kernels` has it of those beside it\n')
     code.append(f'MADE_OF = "{digest}"  # tests ask whether these are the files that they have before them\n')
     for path, text in ((joined, "\n".join(code)), (joined.with_suffix(".pxd"), "\n".join(header))):
         if not path.exists() or path.read_text("utf-8") != text:

@@ -14,8 +14,16 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from observer.errors import UserError
+from observer.kernels.files import digest
+
 VARIABLE = "OBSERVER_KERNELS"
 _WAYS = ("any", "avx2", "interpreted")
+_REMEDY = "install the package again (`pip install .`; in a clone `make env`)"
+
+
+class KernelsError(UserError):
+    """The compiled kernels cannot run: not built, or of other files than those beside them."""
 
 
 def _has_avx2() -> bool:
@@ -32,7 +40,7 @@ def _has_avx2() -> bool:
 def _choose() -> str:
     way = os.environ.get(VARIABLE, "")
     if way and way not in _WAYS:
-        raise ImportError(f"{VARIABLE}={way}: it is one of {', '.join(_WAYS)}, or not set")
+        raise KernelsError(f"{VARIABLE}={way}: it is one of {', '.join(_WAYS)}, or not set")
     if way == "interpreted":
         return way
     if way == "any" or not any((Path(__path__[0]) / "avx2").glob("core.*")):
@@ -54,14 +62,16 @@ def _load(way: str) -> dict[str, Any]:
     if way == "avx2":
         __path__.insert(0, str(Path(__path__[0]) / "avx2"))
     try:
-        return vars(importlib.import_module(f"{__name__}.core"))
+        compiled = vars(importlib.import_module(f"{__name__}.core"))
     except ImportError as error:
-        raise ImportError(
-            f"observer's kernels are not built ({error}): install the package (`pip install .`) or `make env`"
-        ) from error
+        raise KernelsError(f"the kernels are not built ({error}); {_REMEDY}") from error
     finally:
         if way == "avx2":
             del __path__[0]
+    # kernels of before the first that keep the digest are taken as they are
+    if compiled.get("FILES", found := digest(Path(__path__[0]))) != found:
+        raise KernelsError(f"the compiled kernels are of other files than those installed; {_REMEDY}")
+    return compiled
 
 
 WAY = _choose()

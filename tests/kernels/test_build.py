@@ -6,6 +6,7 @@ import ast
 import math
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from observer import kernels
 from observer.frames import EstimateQuality, Quality
 from observer.kernels import codes, libc
+from observer.kernels.files import APART
 from observer.model.learning import Nuisance
 
 ROOT = Path(__file__).parents[2]
@@ -51,6 +53,22 @@ def test_what_runs_is_made_of_the_files_here(tmp_path: Path) -> None:
     assert made[1] == sys.modules["observer.kernels.core"].MADE_OF, (
         "kernels have changed: `make env` builds them"
     )
+
+
+@pytest.mark.skipif(kernels.WAY == "interpreted", reason="nothing compiled runs")
+@pytest.mark.parametrize("changed", ["step.py", "records.pxd"])
+def test_kernels_of_other_files_are_a_sentence_with_the_remedy(tmp_path: Path, changed: str) -> None:
+    package = Path(shutil.copytree(ROOT / "observer", tmp_path / "observer"))
+    with (package / "kernels" / changed).open("a") as file:
+        file.write("# changed\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "observer", "check", "--config", str(ROOT / "config/kim-rod.toml")],
+        cwd=tmp_path, env=os.environ | {kernels.VARIABLE: ""}, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith("observer: the compiled kernels are of other files")
+    assert "make env" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_two_functions_of_one_name_are_rejected(tmp_path: Path) -> None:
@@ -100,10 +118,9 @@ def test_functions_answer_as_in_c_where_python_raises() -> None:
 
 def test_no_name_is_in_two_kernel_files():
     """They are compiled as one, so that the second would change what the first means."""
-    apart = {"__init__.py", "layout.py", "libc.py"}
     seen: dict[str, str] = {}
     for path in sorted((ROOT / "observer/kernels").glob("*.py")):
-        if path.name in apart:
+        if path.name in APART:
             continue
         for node in ast.parse(path.read_text()).body:
             targets = node.targets if isinstance(node, ast.Assign) else []
