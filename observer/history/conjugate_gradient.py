@@ -52,10 +52,16 @@ def refuse_bent(plant: Plant) -> None:
         )
 
 
-def descend(sweeps: Sweeps, weight_1_K: FloatArray, rise_K: FloatArray) -> Descent:
+def descend(
+    sweeps: Sweeps,
+    weight_1_K: FloatArray,
+    rise_K: FloatArray,
+    progress: Callable[[str], None] = lambda _text: None,
+) -> Descent:
     """Return the first iterates towards the minima of |Z - H S w|² that explain each Z to its noise level.
 
-    `rise_K` (K, s, c) are c logs that differ in their readings, each with a descent of its own.
+    `rise_K` (K, s, c) are c logs that differ in their readings, each with a descent of its own. Before each
+    iteration `progress` is told how far the log is that is furthest from its end.
     """
     c, values = rise_K.shape[2], np.count_nonzero(weight_1_K)
     # white noise of variance 1 has a square of M ± √(2 M); 95 % of logs are below this
@@ -63,7 +69,7 @@ def descend(sweeps: Sweeps, weight_1_K: FloatArray, rise_K: FloatArray) -> Desce
     V, count, going = np.zeros((sweeps.unknowns, c)), np.zeros(c, np.int64), np.arange(c)
     way = _Way.at_start(sweeps, weight_1_K, rise_K)
     misfit, past = way.misfit.copy(), [way.misfit]
-    for _ in range(_ITERATIONS):
+    for k in range(_ITERATIONS):
         on = past[-1] > enough
         if len(past) > _PATIENCE:
             on &= past[-1] <= (1.0 - _WORTH_IT) * past[-1 - _PATIENCE]
@@ -72,6 +78,8 @@ def descend(sweeps: Sweeps, weight_1_K: FloatArray, rise_K: FloatArray) -> Desce
             break
         if not on.all():
             going, way, past = going[on], way.of(on), [m[on] for m in past[-1 - _PATIENCE :]]
+        far = float(np.sqrt(past[-1].max() / max(values, 1)))
+        progress(f"iteration {k + 1}, {len(going)} of {c} logs left, the furthest at {far:.3g} × its noise")
         V[:, going] += way.step(sweeps, weight_1_K)
         misfit[going] = way.misfit
         count[going] += 1

@@ -28,27 +28,28 @@ def heat_history(
     blocks: Sequence[Inputs],
     options: MethodOptions,
     tolerances: Callable[[FloatArray], Changes] | None = None,
+    progress: Callable[[str], None] = lambda _text: None,
 ) -> HeatHistory:
     """Return the heats over a whole log, given as consecutive blocks of inputs.
 
     `tolerances` returns what one standard deviation of each tolerance does to the sensors, along heats (K,
     m_e), NaN where they are not known; it is given those that the smoother estimates without any. The learnt
     part is subtracted from the readings, and the remaining uncertainty, as for the smoother, is added to σ
-    for every method. Raises `UserError` where the options contradict each other, or the method cannot take
-    this log.
+    for every method. `progress` is told of each iteration of a descent. Raises `UserError` where the options
+    contradict each other, or the method cannot take this log.
     """
     options.check()
     first = None if tolerances is None else smooth_heats(plant, settings, blocks)
     changes = None if tolerances is None or first is None else tolerances(first.heat_W)
     if changes is not None and len(changes.learnt):
         found = most_probable(plant, settings, blocks, changes)
-        history = _by_method(plant, settings, less(blocks, found.sensor_K), options)
+        history = _by_method(plant, settings, less(blocks, found.sensor_K), options, progress)
         sigma_W = np.sqrt(history.heat_sigma_W**2 + found.variance_W2)
         history = replace(history, heat_sigma_W=sigma_W)
     elif first is not None and options.method == "smoother":
         history = first
     else:
-        history = _by_method(plant, settings, blocks, options)
+        history = _by_method(plant, settings, blocks, options, progress)
     return replace(history, warnings=(*history.warnings, *_that_cool(plant, blocks, history)))
 
 
@@ -69,7 +70,11 @@ def _that_cool(plant: Plant, blocks: Sequence[Inputs], history: HeatHistory) -> 
 
 
 def _by_method(
-    plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], options: MethodOptions
+    plant: Plant,
+    settings: EstimatorSettings,
+    blocks: Sequence[Inputs],
+    options: MethodOptions,
+    progress: Callable[[str], None],
 ) -> HeatHistory:
     """The heats without regard to tolerances."""
     if options.method == "smoother":
@@ -77,7 +82,7 @@ def _by_method(
     if options.method == "tikhonov":
         found = _tikhonov(plant, settings, blocks, options)
     else:
-        found = _conjugate_gradient(plant, blocks, options)
+        found = _conjugate_gradient(plant, blocks, options, progress)
     weighted = found.residual_K**2 / plant.noise_R_K2
     misfit = float(np.nanmean(weighted))
     return replace(
@@ -111,7 +116,9 @@ def _regularisation(equation: Regularised, options: MethodOptions) -> tuple[floa
     return rule(equation.trial, trials(equation.top)), {"parameter_choice": choice}
 
 
-def _conjugate_gradient(plant: Plant, blocks: Sequence[Inputs], options: MethodOptions) -> HeatHistory:
+def _conjugate_gradient(
+    plant: Plant, blocks: Sequence[Inputs], options: MethodOptions, progress: Callable[[str], None]
+) -> HeatHistory:
     refuse_bent(plant)
     as_printed = options.gradient == "central-differences"
     order = 0 if as_printed or options.order == 0 else 1
@@ -125,7 +132,7 @@ def _conjugate_gradient(plant: Plant, blocks: Sequence[Inputs], options: MethodO
         sigma, details = spread(drawn, np.stack(others, axis=2)), {"gradient": options.gradient}
     else:
         every = np.concatenate([log.rise_K[:, :, None], drawn.rise_K], axis=2)
-        found = descend(Sweeps(plant, log.inputs, order), log.weight_1_K, every)
+        found = descend(Sweeps(plant, log.inputs, order), log.weight_1_K, every, progress)
         heat, rows = found.heat_W[:, :, 0], found.rows_K[:, :, 0]
         sigma, details = spread(drawn, found.heat_W[:, :, 1:]), {"iterations": int(found.iterations[0])}
     heat = heat + log.inputs.law_W[:, plant.estimated]

@@ -70,11 +70,13 @@ def identified_heats(
     frames = list(frames_of_log(log, machine.plan))
     blocks = inputs_of(frames, machine.drive)
     odd = doubts(log, [block.path for block in frames], config)
-    progress(f"heats by {options.method}, and their σ")
+    stage = f"heats by {options.method}, and their σ"
+    progress(stage)
     try:
         history = heat_history(
-            machine.plant, config.estimator, blocks, options, partial(changes_within, machine.config, blocks)
-        )
+            machine.plant, config.estimator, blocks, options, partial(changes_within, machine.config, blocks),
+            lambda step: progress(f"{stage}: {step}"),
+        )  # fmt: skip
     except UserError as error:
         raise LogError(f"{log.path}: {error}") from None
     layout, shown = machine.layout, machine.shown.heats

@@ -17,9 +17,20 @@ from tests.logs.inputs import inputs, temperatures
 from tests.logs.plants import AMBIENT_DEGC, moving_columns, rod
 
 
-def descended(plant, u, order):
+def descended(plant, u, order, said=print):
     log = readings(plant, [u], order)
-    return log, descend(Sweeps(plant, u, order), log.weight_1_K, log.rise_K[:, :, None])
+    return log, descend(Sweeps(plant, u, order), log.weight_1_K, log.rise_K[:, :, None], said)
+
+
+def test_a_descent_says_at_each_iteration_how_far_it_is():
+    plant, u, _ = logged(steps=120)
+    said = []
+    _, found = descended(plant, u, 1, said.append)
+    assert len(said) == found.iterations[0]
+    far = [float(text.split(" ×")[0].rsplit(" ", 1)[1]) for text in said]
+    assert far[0] > 10.0
+    assert far[-1] < 1.5
+    assert said[0].startswith("iteration 1, 1 of 1 logs left")
 
 
 @pytest.mark.parametrize("order", [0, 1])
