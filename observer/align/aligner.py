@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -282,6 +283,17 @@ def faults_of(flags: str | None) -> dict[str, str]:
     items = flags.split(";") if flags else ()
     pairs = (item.split("=", 1) for item in items if not item.startswith(COMMAND_MARK))
     return {unquote(pair[0]): unquote(pair[-1]) for pair in pairs}
+
+
+def commands_of(log: Log) -> list[dict[str, Any]]:
+    """The commands in a recording: of each `time_s`, `command`, and `outcome`, as `done by anna@desk`."""
+    found = []
+    for row, flags in enumerate(log.flags or ()):
+        for item in (flags or "").split(";"):
+            if item.startswith(COMMAND_MARK):
+                name, _, outcome = item.removeprefix(COMMAND_MARK).partition("=")
+                found.append({"time_s": float(log.time_s[row]), "command": name, "outcome": unquote(outcome)})
+    return found
 
 
 def doubts(log: Log, paths: Sequence[Mapping[str, NutPath]], config: Config) -> list[str]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from observer.align.aligner import doubts
+from observer.align.aligner import commands_of, doubts
 from observer.estimate.checkpoint import CheckpointFit
 from observer.estimate.open_loop import OpenLoopGap
 from observer.estimate.pipeline import MachineModel
@@ -61,6 +61,7 @@ def replayed(
         **({"open_loop_rms_um": moved} if (moved := open_loop.rms_um) else {}),
         "doubts": doubts(log, paths, config),
         "start": kind_of_start,
+        "commands": commands_of(log),
     }, kept
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import structlog
 
-from observer.align.aligner import blocks_of_log, faults_of, frames_of_log
+from observer.align.aligner import blocks_of_log, commands_of, faults_of, frames_of_log
 from observer.control.compensator import Compensator
 from observer.control.steering import NoControl
 from observer.control.zero import NEVER
@@ -124,6 +124,22 @@ def test_a_command_is_not_a_fault_of_any_channel():
     assert faults_of("!reset=done by anna") == {}
     assert faults_of("t1_degC=open_circuit;!arm=done by a") == {"t1_degC": "open_circuit"}
     assert faults_of("%21reset=open_circuit") == {"!reset": "open_circuit"}  # a channel of that name
+
+
+def test_the_commands_of_a_recording_are_listed_with_their_time_and_outcome():
+    flags = (
+        None,
+        "!zero=done by homed%40x",
+        "a=silent",
+        "!arm=refused to a%3Bb: no;!reset=done by a",
+    )
+    log = Log("run.csv", np.arange(4.0), CHANNELS, np.full((4, 3), np.nan), np.zeros(4, bool), flags)
+    assert commands_of(log) == [
+        {"time_s": 1.0, "command": "zero", "outcome": "done by homed@x"},
+        {"time_s": 3.0, "command": "arm", "outcome": "refused to a;b: no"},
+        {"time_s": 3.0, "command": "reset", "outcome": "done by a"},
+    ]
+    assert commands_of(replace(log, flags=None)) == []
 
 
 class _Loop:
