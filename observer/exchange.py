@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, Protocol
 
 ESTIMATE_ENCODING = "application/cbor;ballscrew.estimate.v1"
@@ -180,6 +180,7 @@ KEYS = {
             KeyFigure("overruns", "Steps left out because the computer was late.", "overruns", counter=True),
             KeyFigure("published", "Messages that went to Zenoh.", "published", counter=True),
             KeyFigure("publish_drops", "Messages that could not go to Zenoh.", "publish_drops", counter=True),
+            KeyFigure("unsent.*.steps", "Steps kept to be sent late.", "unsent_steps", label="outlet"),
             KeyFigure("recorded", "Rows that were recorded.", "recorded", counter=True),
             KeyFigure("record_drops", "Rows that could not be recorded.", "record_drops", counter=True),
             KeyFigure("drivers.*.errors", "Failed polls.", "driver_errors", label="driver", counter=True),
@@ -322,7 +323,7 @@ class PublishStatus:
 
     `settled` says that the first attempt at a session has ended. `taken` is a sentence if another service
     has the axis, `rival` one if another program publishes on its keys. Without `alive` queries are no
-    longer answered.
+    longer answered. `unsent` is what outlets still have to send late: `steps`, and their `duration_s`.
     """
 
     connected: bool = False
@@ -334,3 +335,4 @@ class PublishStatus:
     taken: str | None = None
     rival: str | None = None
     alive: bool = True
+    unsent: Mapping[str, Mapping[str, float]] = field(default_factory=dict)

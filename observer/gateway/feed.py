@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections import deque
+from collections.abc import Mapping
 from typing import IO, Any
 
 import structlog
@@ -38,6 +39,7 @@ class Feed:
         self._pending = Pending(self._awake.set)
         self._commands: deque[Command] = deque()
         self._reasons: dict[str, str] = {}
+        self._unsent: dict[str, dict[str, float]] = {}
         self._child: subprocess.Popen[bytes] | None = None
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="gateway", daemon=True)
@@ -50,6 +52,11 @@ class Feed:
     def reason(self) -> str | None:
         """A problem of an outlet in one sentence; None without."""
         return next(iter(self._reasons.values()), None)
+
+    @property
+    def unsent(self) -> Mapping[str, Mapping[str, float]]:
+        """What each outlet still has to send late: `steps`, and the `duration_s` they span."""
+        return dict(self._unsent)
 
     def put(self, key: str, payload: bytes) -> None:
         """Pass a message on; never blocks."""
@@ -125,6 +132,8 @@ class Feed:
         if "acknowledge" in said:
             by, alarm = plain_name(f"{said['by']}@page"), said["acknowledge"]
             self._commands.append(Command("acknowledge", by, time.monotonic(), _answered, None, alarm))
+        elif "unsent" in said:
+            self._unsent[said["outlet"]] = said["unsent"]
         elif "outlet" in said:
             self._reasons.pop("gateway", None)
             name, reason = said["outlet"], said["reason"]

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from paho.mqtt.client import MQTTMessageInfo
 
     from observer.gateway.messages import Latest
-    from observer.gateway.start import Start
+    from observer.gateway.start import Say, Start
 
 _LAST_OF_A_STEP = "readings"
 _OF_EVERY_STEP = ("estimate", "heat", "readings")  # field and error are published less often
@@ -36,6 +36,7 @@ _SETTLE_S = 3.0  # until subscribers are back too, and the rows of the outage's 
 _RETRY_S = 10.0
 _ACKNOWLEDGED_S = 0.005
 _SAVE_LATE_S = 1.0
+_SAY_S = 1.0
 
 Send = Callable[[str, bytes], "MQTTMessageInfo"]
 
@@ -64,20 +65,24 @@ class PastOfStart:
 
 class LateSender:
     """Tracks what a broker has received, and sends what it missed. `send` publishes at QoS 1 below the
-    prefix.
+    prefix, `say` reports what is not sent yet.
     """
 
-    def __init__(self, start: Start, latest: Latest, send: Send, is_connected: Callable[[], bool]) -> None:
+    def __init__(
+        self, start: Start, latest: Latest, say: Say, send: Send, is_connected: Callable[[], bool]
+    ) -> None:
         assert start.mqtt is not None
         assert start.recordings is not None
         self._settings = start.mqtt
-        self._send, self._is_connected = send, is_connected
+        self._say, self._send, self._is_connected = say, send, is_connected
+        self._latest, self._step_s = latest, start.mqtt.late_every_s or start.period_s
+        self._said: dict[str, float] | None = None
         name = f"{start.machine}-{start.axis}.mqtt-sent"
         self.backlog = Backlog(start.recordings / name, f"{start.mqtt.broker} {start.mqtt.prefix or ''}")
         self._marks: dict[int, tuple[int, float]] = {}
         self._connection = 0  # the library sends a mark again on the next one, where it says nothing
         self._resumes = False
-        self._marked_s = self._saved_s = self._connected_s = self._resumed_s = -math.inf
+        self._marked_s = self._saved_s = self._connected_s = self._resumed_s = self._said_s = -math.inf
         self._slot = math.nan
         self._went: dict[str, tuple[int, float]] = {}
         self._past = PastOfStart(start, latest)
@@ -151,6 +156,7 @@ class LateSender:
         """Send what is missing, for ever."""
         while True:
             await asyncio.sleep(_LOOK_S)
+            self._tell()
             if time.monotonic() - self._saved_s >= _SAVE_S and self._is_connected():
                 self._saved_s = time.monotonic()
                 await asyncio.to_thread(self.backlog.save)
@@ -162,6 +168,18 @@ class LateSender:
                 continue
             log.info("late values", outlet="mqtt", missing_s=round(self.backlog.left_s, 1))
             await self._send_span(span)
+
+    def _tell(self) -> None:
+        """Say how much has not been sent yet, for health, where that has changed."""
+        if time.monotonic() - self._said_s < _SAY_S:
+            return
+        newest_s = float(self._latest.document("heat").get("time_s", -math.inf))
+        is_out = not self._is_connected() or self._resumes
+        behind_s = self.backlog.behind_s(newest_s) if is_out else self.backlog.left_s
+        unsent = {"steps": round(behind_s / self._step_s), "duration_s": round(behind_s, 3)}
+        if unsent != self._said:
+            self._said, self._said_s = unsent, time.monotonic()
+            self._say({"unsent": unsent})
 
     async def _send_span(self, span: MissingSpan) -> None:
         """Send a page of a span."""
@@ -181,6 +199,7 @@ class LateSender:
         for note in page["notes"]:
             log.warning("late values", outlet="mqtt", note=note)
         for time_s, messages in page["steps"]:
+            self._tell()
             next_s = time.monotonic() + 1.0 / self._settings.late_rate_Hz
             waiting = [self._send(key, payload) for key, payload in messages.items()]
             while not all(info.is_published() for info in waiting):  # also after another outage

@@ -77,7 +77,7 @@ class _Broker:
                     f"{settings.ca}: cannot be used ({error}); name a PEM file in mqtt.ca"
                 ) from None
         if settings.late and start.recordings is not None:
-            self.late = late = LateSender(start, latest, self._send_surely, client.is_connected)
+            self.late = late = LateSender(start, latest, say, self._send_surely, client.is_connected)
             client.on_publish = lambda _client, _data, mid, *_: late.acknowledged(mid)
         client.connect_async(*host_and_port(settings.broker), keepalive=_KEEPALIVE_S)
         client.loop_start()

@@ -94,6 +94,8 @@ async def _supervised(name: str, start: Start, latest: Latest) -> None:
 
 
 def _say(name: str, more: dict[str, Any]) -> None:
-    """Report the state of an outlet to the service: a `reason`, None with its `address` once it serves."""
+    """Report the state of an outlet to the service: a `reason`, None with its `address` once it serves; or
+    what is `unsent`.
+    """
     sys.stdout.write(json.dumps({"outlet": name, **more}) + "\n")
     sys.stdout.flush()

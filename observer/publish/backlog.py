@@ -65,6 +65,12 @@ class Backlog:
         with self._lock:
             return sum(span.to_s - span.from_s for span in self._missing)
 
+    def behind_s(self, newest_s: float) -> float:
+        """Return what is missing together with what has not gone up to a time, during an outage."""
+        with self._lock:
+            out_s = 0.0 if self._got_s is None else max(newest_s - self._got_s, 0.0)
+        return self.left_s + out_s
+
     def got(self, time_s: float) -> None:
         """Note that the live values up to a time have arrived."""
         with self._lock:

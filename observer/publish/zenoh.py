@@ -69,6 +69,10 @@ class Outlet(Protocol):
     def reason(self) -> str | None:
         """A problem in one sentence; None without."""
 
+    @property
+    def unsent(self) -> Mapping[str, Mapping[str, float]]:
+        """What is kept to be sent late, by outlet: `steps` and `duration_s`."""
+
     def start(self) -> None:
         """Begin to take messages."""
 
@@ -143,6 +147,7 @@ class ZenohPublisher:
             self._taken,
             rival,
             alive,
+            self._outlet.unsent if self._outlet else {},
         )
 
     def start(self) -> None:

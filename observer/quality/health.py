@@ -75,6 +75,7 @@ def assess(facts: Facts) -> Health:
         "published": facts.publish.published,
         "publish_drops": facts.publish.dropped,
         "publish_reconnects": facts.publish.reconnects,
+        "unsent": facts.publish.unsent,
         "recorded": record.rows_written,
         "record_drops": record.rows_dropped,
         "recording": str(record.path) if record.path else None,

@@ -33,6 +33,15 @@ def all_of(backlog: Backlog) -> list[MissingSpan]:
     return found
 
 
+def test_what_is_behind_counts_an_outage_that_still_lasts(backlog):
+    assert backlog.behind_s(10.0) == backlog.left_s == 0.0
+    assert backlog.behind_s(25.0) == pytest.approx(15.0)
+    backlog.resumed(30.0)
+    assert backlog.left_s == pytest.approx(20.0)
+    backlog.sent(backlog.first, 22.0)
+    assert backlog.behind_s(5.0) == pytest.approx(8.0)
+
+
 def test_an_outage_is_missing_from_the_last_value_that_arrived_to_the_first_after_it(backlog, tmp_path):
     backlog.resumed(50.0)
     assert backlog.first == MissingSpan(after(10.0), 50.0, STEP_KEYS)

@@ -34,7 +34,7 @@ def _facts(**changes) -> Facts:
         overruns=1,
         drivers={"amp": (DriverStatus(connected=True, reconnects=2, drops=3), 40)},
         record=RecordStatus(Path("r.csv"), 80, 0, None),
-        publish=PublishStatus(True, 20, 4, 1, None),
+        publish=PublishStatus(True, 20, 4, 1, None, unsent={"mqtt": {"steps": 12, "duration_s": 12.0}}),
         clock_offset_s=0.01,
     )
     return replace(facts, **changes)
@@ -54,6 +54,7 @@ def test_all_well_is_good_and_counts_are_there():
         "connected": True, "samples": 40, "drops": 3, "errors": 0, "reconnects": 2
     }  # fmt: skip
     assert document["channels"]["t1_degC"] == {"quality": "good", "age_s": 0.1, "fault": None}
+    assert document["unsent"] == {"mqtt": {"steps": 12, "duration_s": 12.0}}
     assert (document["published"], document["publish_drops"], document["recorded"]) == (20, 4, 80)
 
 

@@ -22,7 +22,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from observer.publish.codec import decode_estimate
 from tests.patience import PATIENCE_S, until
 from tests.publish.router import free_port
-from tests.system.plant import PREFIX, Daemon, machine, table_for
+from tests.system.plant import PREFIX, Daemon, Subscriber, machine, table_for
 
 MOSQUITTO = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
 pytestmark = pytest.mark.system
@@ -169,6 +169,11 @@ def _wait_until_whole(plant: Plant, daemon: Daemon) -> None:
     until(lambda: not _missing(daemon), pause_s=0.2)
 
 
+def _unsent(seen: Subscriber) -> int:
+    """The steps that health counts as not sent yet."""
+    return int(seen.health()["unsent"]["mqtt"]["steps"])
+
+
 def _missing(daemon: Daemon) -> list[list[float]]:
     """The spans that the service still has to send."""
     (kept,) = daemon.recordings.glob("*.mqtt-sent")
@@ -181,16 +186,20 @@ def test_a_broker_that_was_killed_gets_every_step_beside_the_live_ones(tmp_path)
     with (
         closing(broker),
         machine() as wires,
-        Daemon(tmp_path, _mqtt(broker, wires.wires)) as daemon,
+        Daemon(tmp_path, table := _mqtt(broker, wires.wires)) as daemon,
+        Subscriber(table["publish"]["listen"][0]) as seen,
         Plant(broker.port) as plant,
     ):
         _back(broker, plant)
         until(lambda: len(plant.times_s("heat")) > 20)
-        for _ in range(2):
+        for outage in range(2):
             broker.kill()
             _wait_for_steps(daemon)
+            if outage == 0:
+                until(lambda: _unsent(seen) >= OUTAGE_STEPS // 2, pause_s=0.2)
             _back(broker, plant)
             _wait_until_whole(plant, daemon)
+        until(lambda: _unsent(seen) == 0, pause_s=0.2)
         kinds = [_late(d) for k, d in plant.got if k == "heat"]
         begin = kinds.index(True)
         assert False in kinds[begin : begin + OUTAGE_STEPS]  # live ones among them
