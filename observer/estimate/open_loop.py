@@ -63,20 +63,44 @@ def gap_K(plant: Plant, inputs: Inputs, rows: FloatArray) -> FloatArray:
     return np.where(inputs.usable, inputs.y_degC - rows[:, plant.rows.sensor_slice], np.nan)
 
 
+_OPPOSED = -0.5
+"""With a lower correlation to its prediction, a displacement has the wrong sign."""
+_MOVED = 3.0
+"""Predictions that vary by less than this times the noise say nothing of a sign."""
+
+
 class OpenLoopGap:
-    """How far the prediction by the heat laws alone is from each sensor over a log."""
+    """How far the prediction by the heat laws alone is from each sensor over a log, and which displacements
+    go against it.
+    """
 
     def __init__(self, plant: Plant, drive: Drive) -> None:
         self._plant, self._loop = plant, OpenLoop(plant, drive)
         self._squares_K2 = np.zeros(plant.rows.sensors)
         self._count = np.zeros(plant.rows.sensors)
+        self._products = np.zeros((5, plant.rows.sensors))
 
     def take(self, frames: FrameBlock) -> None:
         """Take the next frames."""
         if (found := self._loop.run(frames)) is not None:
             gap = gap_K(self._plant, *found)
             self._squares_K2 += np.nansum(gap**2, axis=0)
-            self._count += np.isfinite(gap).sum(axis=0)
+            there = np.isfinite(gap)
+            self._count += there.sum(axis=0)
+            y = np.where(there, found[0].y_degC, 0.0)
+            p = np.where(there, found[1][:, self._plant.rows.sensor_slice], 0.0)
+            self._products += [column.sum(axis=0) for column in (y, p, y * y, p * p, y * p)]
+
+    @property
+    def opposed(self) -> dict[str, float]:
+        """The correlation with its prediction of each displacement sensor that goes against it."""
+        y, p, yy, pp, yp = self._products / np.maximum(self._count, 1.0)
+        moved = pp - p * p > _MOVED**2 * self._plant.noise_R_K2
+        spread = np.sqrt(np.maximum((yy - y * y) * (pp - p * p), 1e-30))
+        found = zip(
+            self._plant.layout.sensors, self._plant.layout.units, moved, (yp - y * p) / spread, strict=True
+        )
+        return {name: float(r) for name, unit, has, r in found if unit == "um" and has and r <= _OPPOSED}
 
     @property
     def rms_K(self) -> dict[str, float | None]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -59,10 +59,20 @@ def replayed(
         "speed_mean_rpm": speeds(config, log),
         "open_loop_rms_K": open_loop.rms_K,
         **({"open_loop_rms_um": moved} if (moved := open_loop.rms_um) else {}),
-        "doubts": doubts(log, paths, config),
+        "doubts": [*doubts(log, paths, config), *_opposed(open_loop.opposed)],
         "start": kind_of_start,
         "commands": commands_of(log),
     }, kept
+
+
+def _opposed(found: Mapping[str, float]) -> Iterator[str]:
+    """Sentences about displacement sensors that go against what heat makes of the screw."""
+    for name, correlation in found.items():
+        yield (
+            f"{name} moves against what the heat laws make of the screw (correlation {correlation:.2f}), so "
+            "that sensors beside it are doubted: its sign is probably wrong; negate its values, as by the "
+            "scale of its driver"
+        )
 
 
 def title_of_replay(log: Log) -> str:

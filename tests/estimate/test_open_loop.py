@@ -77,3 +77,29 @@ def test_an_end_at_another_temperature_is_felt_as_heat_reaches():
         left, right = half_space_step(bar, 10.0, x, time_s), half_space_step(bar, 5.0, x[::-1], time_s)
         # after 200 s heat has gone 6 cm, so neither end feels the other
         np.testing.assert_allclose(field[k], 20.0 + left + right, atol=2e-3)
+
+
+def warmed(sign: float, rpm: float = 600.0) -> list[str]:
+    """What a replay doubts of a warm-up that a probe sees with this sign."""
+    table = tomllib.loads((CONFIG / "kuznetsov-screw.toml").read_text(encoding="utf-8"))
+    table["sensor"].append(
+        {"name": "probe", "kind": "displacement", "channel": "probe_um", "position_m": 0.9, "noise_um": 0.5}
+    )
+    warming = observer.Machine(installation.parse(table), b"")
+    time_s = np.arange(0.0, 3600.0, 5.0)
+    run = warming.simulate({"time_s": time_s, "screw_speed_rpm": np.where(time_s > 300.0, rpm, 0.0)})
+    noise_um = 0.5 * np.random.default_rng(3).standard_normal(len(time_s))
+    log = {name: run[name] for name in ("t1_degC", "t2_degC", "screw_speed_rpm")}
+    log |= {"time_s": time_s, "probe_um": sign * run["probe_um"] + noise_um}
+    return list(warming.replay(log).summary["doubts"])
+
+
+def test_a_probe_with_the_wrong_sign_is_named_and_no_other():
+    (said,) = [doubt for doubt in warmed(-1.0) if "probe" in doubt]
+    assert said.startswith("probe moves against what the heat laws make of the screw (correlation -1.00)")
+    assert "negate its values" in said
+    assert not warmed(1.0)
+
+
+def test_a_sign_is_not_judged_where_nothing_warms():
+    assert not warmed(-1.0, rpm=0.0)
