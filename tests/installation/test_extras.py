@@ -79,7 +79,7 @@ def test_what_needs_an_extra_says_so(arguments, tmp_path):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("check", "--config", "config/demo.toml"),
+        ("check", "--config", "config/kim-screw.toml"),
         ("place", "--config", "config/kim-screw.toml", "--sensors", "1"),
         ("adopt", "--status", "--config", "config/demo.toml"),
     ],

@@ -103,8 +103,4 @@ def test_the_command_writes_the_log_and_prints_the_table(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "240 rows over 358.5 s written to log.parquet" in done.stdout
     assert "[log]" in done.stdout
-    words = ["replay", "log.parquet", "--config", "m.toml", "--output", "out"]
-    done = subprocess.run(
-        [sys.executable, "-m", "observer", *words], cwd=tmp_path, capture_output=True, text=True, timeout=100
-    )
-    assert done.returncode == 0, done.stderr
+    assert_is(read_log(tmp_path / "log.parquet"), truth(), apart=6e-6)

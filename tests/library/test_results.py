@@ -158,8 +158,9 @@ def test_a_calibration_gives_a_machine(machine, short_file, tmp_path):
 
 
 def test_what_a_machine_means(machine):
-    assert machine.check().usable
-    assert machine.check()["modes"] > 0
+    found = machine.check()
+    assert found.usable
+    assert found["modes"] > 0
     system = machine.state_space()
     names = machine.replay({"time_s": [0.0, 1.0], **_standing(machine)}).signals
     along = [name for name in system.output_labels if not name.startswith("sensor_")]
