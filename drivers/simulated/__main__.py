@@ -14,12 +14,15 @@ import signal
 import sys
 import threading
 
-from pydantic import ValidationError
+# python-can would load asammdf and pandas, pymodbus a web server: half of the time until the wires are there
+sys.modules.update(dict.fromkeys(("asammdf", "aiohttp")))  # type: ignore[arg-type]  # None: not to be found
 
-from drivers.simulated.faults import Faults, MachineCommand
-from drivers.simulated.housings import HousedMachine
-from drivers.simulated.machine import SimulatedMachine, speed_rpm
-from drivers.simulated.wires import (
+from pydantic import ValidationError  # noqa: E402
+
+from drivers.simulated.faults import Faults, MachineCommand  # noqa: E402
+from drivers.simulated.housings import HousedMachine  # noqa: E402
+from drivers.simulated.machine import SimulatedMachine, speed_rpm  # noqa: E402
+from drivers.simulated.wires import (  # noqa: E402
     AxisBus,
     ThermocoupleServer,
     TruthPublisher,
