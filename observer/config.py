@@ -169,6 +169,7 @@ class Config(Description):
     def channels(self) -> tuple[str, ...]:
         """Every channel the model reads, each once, in the order of the configuration."""
         names = [s.channel for s in self.sensor]
+        names += [s.measured_channel for s in self.sensor]
         for source in self.source:
             names += [source.position_channel, source.speed_channel, *source.law_channels]  # type: ignore[list-item]
         names += [self.ambient.channel, self.boundary.left.channel, self.boundary.right.channel]  # type: ignore[list-item]
@@ -176,6 +177,16 @@ class Config(Description):
         names.append(self.surface.speed_channel)  # type: ignore[arg-type]
         names += [channel for effect in self.effect for channel in effect.channels]
         return tuple(dict.fromkeys(n for n in names if n is not None))
+
+    @property
+    def sensor_channels(self) -> frozenset[str]:
+        """The channels of sensors, none of which is an input of the model."""
+        return frozenset(c for s in self.sensor for c in (s.channel, s.measured_channel))
+
+    @property
+    def derived_channels(self) -> frozenset[str]:
+        """The channels that no driver delivers: they follow from others."""
+        return frozenset(s.channel for s in self.sensor if s.along is not None)
 
     @property
     def needs_um(self) -> float | None:

@@ -46,6 +46,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1, help="of the thermocouples' noise")
     parser.add_argument("--period", type=float, default=0.1, help="s between new thermocouple values")
     parser.add_argument("--can-stamps", action="store_true", help="have the CAN adapter stamp its frames")
+    parser.add_argument(
+        "--scale", action="store_true", help="send how far the screw has grown at the nut with each frame"
+    )
     parser.add_argument("--warm-minutes", type=float, default=20.0, help="how long it has been running")
     parser.add_argument("--zenoh", help="endpoint of a router to publish the truth to")
     parser.add_argument("--key", default="ballscrew/demo/x/truth/heat", help="key of the truth")
@@ -110,6 +113,8 @@ class MachineProcess:
             if not self._faults.silence_can:
                 position_m = self._machine.nut_position_m(loop.time() - start_s - step * STEP_S)
                 axis.send(position_m + self._faults.homed_off_m, speed_rpm(self._machine.time_s), STEP_S)
+                if self._args.scale:
+                    axis.send_probed(self._machine.probed_um(position_m))
             if before // self._steps_per_period != step // self._steps_per_period:
                 self._sample()
                 if self._truth:

@@ -18,6 +18,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from observer.align.log_times import doubt_of_times, expected_cells, given_intervals_s, intervals_s
+from observer.align.passing import Passing, Passings, passings_of, with_passings
 from observer.align.plausibility import Breach, Limits, doubts_of_log
 from observer.align.walk import Expected, Memory, Rows, Walk
 from observer.config import Config
@@ -52,7 +53,7 @@ class AlignPlan:
     `period_s` is the tick's; `expected_s` (c,) each channel's own, NaN where it is learned from what comes,
     infinite where it is occasional; `noise_K` (c,) that of thermocouples, NaN elsewhere; `positions` those
     whose path is kept; `limits` the plausible values. `log_s` (c,) the channels' own periods in logs that
-    others wrote, NaN where learnt.
+    others wrote, NaN where learnt. `passings` are the displacements that are read where the nut passes.
     """
 
     channels: tuple[str, ...]
@@ -62,6 +63,7 @@ class AlignPlan:
     period_s: float
     limits: Limits
     log_s: FloatArray | None = None
+    passings: tuple[Passing, ...] = ()
 
     @classmethod
     def of(cls, config: Config) -> AlignPlan:
@@ -78,6 +80,7 @@ class AlignPlan:
             config.estimator.period_s,
             Limits.of(config),
             given_intervals_s(config),
+            passings_of(config),
         )
 
     def of_log(self, log: Log) -> AlignPlan:
@@ -134,6 +137,7 @@ class Aligner:
         self._plan = plan
         self._walk = Walk(plan.channels, plan.expected(), last_tick_s)
         self._occasional = {name: j for j, name in enumerate(plan.channels) if plan.occasional[j]}
+        self._passings = Passings(plan.passings)
         self._faults: dict[str, str] = {}
         self._last_s = -math.inf
 
@@ -156,10 +160,15 @@ class Aligner:
                 found[name] = self._plan.limits.sentence(j, Breach(breach), value, ambient_degC)
         return found | self._faults
 
-    def news_of(self, reading: Reading) -> Reading | None:
-        """Return what of a reading is news: of an occasional channel no absence, and no value that it still
-        has, as a register keeps it, but a new one; None where nothing is left.
+    def news_of(self, reading: Reading) -> list[Reading]:
+        """Return what of a reading is news, none where nothing is: of an occasional channel no absence, and
+        no value that it still has, as a register keeps it, but a new one. What follows from it where the nut
+        has passed comes first.
         """
+        given = [*self._passings.take(reading), reading]
+        return [news for each in given if (news := self._new_in(each)) is not None]
+
+    def _new_in(self, reading: Reading) -> Reading | None:
         there = self._occasional.keys() & reading.values.keys()
         if not (old := [name for name in there if self._is_old(name, reading)]):
             return reading
@@ -235,6 +244,7 @@ def blocks_of_log(
 
     `walk` is that of the part before, for a part of a recording.
     """
+    log = log if log.step is not None else with_passings(log, plan.passings)
     plan = plan.of_log(log)
     walk = walk or Walk(plan.channels, plan.expected(), last_tick_s)
     rows = _rows_of_log(log, plan)

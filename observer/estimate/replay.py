@@ -246,8 +246,7 @@ def _by_name(names: tuple[str, ...], values: FloatArray) -> dict[str, float | No
 
 def program_of(log: Log, config: Config) -> Log:
     """A log as a program; sensors that it lacks count as missing. Raises `LogError`."""
-    sensors = {s.channel for s in config.sensor}
-    needed = [c for c in config.channels if c not in sensors or c in log.channels]
+    needed = [c for c in config.channels if c not in config.sensor_channels or c in log.channels]
     log = log.with_channels(needed)
     values = {c: log.values[:, i] for i, c in enumerate(log.channels)}
     nothing = np.full(len(log), np.nan)
@@ -263,14 +262,34 @@ def simulated_columns(
 ) -> dict[str, FloatArray]:
     """Return the columns of a simulated log: sensors, inputs, heats, field, thermal error."""
     meaning, layout = plant.rows, plant.layout
-    sensors = {s.channel for s in config.sensor}
-    columns = {s.channel: rows[:, i] / s.channel_scale for i, s in enumerate(config.sensor)}
+    columns = {s.channel: rows[:, i] / s.channel_scale for i, s in enumerate(config.sensor) if not s.along}
     at = np.searchsorted(log.time_s, time_s)
-    columns |= _displacements(config, plant, rows)
-    columns |= {c: log.values[at, i] for i, c in enumerate(log.channels) if c not in sensors}
+    given = {c: log.values[at, i] for i, c in enumerate(log.channels) if c not in config.sensor_channels}
+    columns |= _displacements(config, plant, rows) | _along_the_way(config, plant, rows, given) | given
     columns |= {f"heat_{name}_W": law_W[:, j] for j, name in enumerate(plant.source_names)}
     columns |= layout.along(field__degC=rows[:, meaning.field_slice])
     return columns | (layout.along(error__um=meaning.error_um(rows)) if layout.has_error else {})
+
+
+def _along_the_way(
+    config: Config, plant: Plant, rows: FloatArray, given: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """What displacements along a nut's way read, where the columns of inputs say it is."""
+    moving = {s.measured_channel: s for s in config.sensor if s.along}
+    if not moving:
+        return {}
+    error_um, grid_m = plant.rows.error_um(rows), plant.layout.position_m
+    position_of = {s.name: str(s.position_channel) for s in config.source}
+    return {
+        name: np.array(
+            [
+                np.interp(at_m, grid_m, row)
+                for at_m, row in zip(given[position_of[str(s.along)]], error_um, strict=True)
+            ]
+        )
+        / s.channel_scale
+        for name, s in moving.items()
+    }
 
 
 def _displacements(config: Config, plant: Plant, rows: FloatArray) -> dict[str, FloatArray]:
@@ -279,7 +298,7 @@ def _displacements(config: Config, plant: Plant, rows: FloatArray) -> dict[str, 
     if restraint is None or restraint.linear:
         return {}
     error_um, grid_m = plant.rows.error_um(rows), plant.layout.position_m
-    moved = {s.channel: s for s in config.sensor if s.kind == "displacement"}
+    moved = {s.channel: s for s in config.sensor if s.kind == "displacement" and not s.along}
     return {
         name: np.array([np.interp(s.position_m or 0.0, grid_m, row) for row in error_um]) / s.channel_scale
         for name, s in moved.items()

@@ -80,6 +80,10 @@ class Log:
         words = tuple(words for words in self.words if words.column in kept)
         return replace(self, channels=tuple(kept), values=self.values[:, columns], words=words)
 
+    def adding(self, names: Sequence[str], values: FloatArray) -> Log:
+        """Return the log with other channels behind its own; `values` (n, c) are theirs."""
+        return replace(self, channels=(*self.channels, *names), values=np.hstack([self.values, values]))
+
 
 def log_of(columns: Mapping[str, Any], name: str = "log") -> Log:
     """Return the log that columns of n numbers are, `time_s` among them; `name` is what errors call it.

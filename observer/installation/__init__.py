@@ -73,6 +73,7 @@ class Installation(Config):
         offers = [driver.delivered for driver in self.drivers.values()]
         offered = {channel for offer in offers for channel in offer or ()}
         wanted = dict.fromkeys((*self.channels, self.compensation.zero_channel))
+        offered |= self.derived_channels
         missing = [] if None in offers else [c for c in wanted if c is not None and c not in offered]
         if not missing:
             return []

@@ -138,6 +138,8 @@ def placed_columns(
     """The columns of each channel, and the channels without any."""
     kinds, placed, missing = kinds_of(config), dict[str, list[Placed]](), list[str]()
     for channel in config.channels:
+        if channel in config.derived_channels:
+            continue
         given = how.columns.get(channel)
         to = unit_of_channel(channel, kinds[channel])
         parts = [(s, c) for s in sources.timed if (c := _column(s, channel, given)) is not None]

@@ -40,6 +40,7 @@ def read_channels(
         return read_foreign(
             [path], config, spare=spare, accept_truncated=accept.get("accept_truncated", False)
         )
+    spare = {*spare, *config.derived_channels}
     needed = [name for name in config.channels if name in header or name not in spare]
     log = read_log(path, needed, rows_apart_s=how.rows_apart_s, **accept)
     return log if log.step is not None or not how.hold else held(log, config)

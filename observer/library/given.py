@@ -58,14 +58,16 @@ def read_program(path: Path, config: Installation, spare: Iterable[str] = ()) ->
     """A program: a log of the channels of a machine's inputs; those of sensors, and optional
     ones, may be missing.
     """
-    return read_channels(path, config, spare={s.channel for s in config.sensor} | set(spare))
+    return read_channels(path, config, spare=config.sensor_channels | set(spare))
 
 
 def as_log(given: GivenLog, config: Installation, name: str = "log") -> Log:
     """Return the given log, with a configuration's channels. Raises `LogError`."""
     if isinstance(given, str | Path):
         return recorded(Path(given), config)
-    log = _in_memory(given, name).with_channels(config.channels)
+    log = _in_memory(given, name)
+    there = [c for c in config.channels if c in log.channels or c not in config.derived_channels]
+    log = log.with_channels(there)
     refuse_empty(log, config, sensors=True)
     return log
 

@@ -22,7 +22,7 @@ from observer.model.build import build_plant
 from observer.model.cycle import Stage, standard_shift
 from observer.model.plant import Plant
 from observer.report.sensitivity import few_modes
-from observer.tables.candidates import PROBING_S, SensorCandidate
+from observer.tables.candidates import SensorCandidate
 from observer.tables.sections import AMBIENT, Sensor
 
 Quantity = Literal["all", "heat", "field", "error"]
@@ -173,7 +173,7 @@ class _Bench:
         ]
         period_s = config.estimator.period_s
         often_s = [one.every_s or period_s for one in candidates]
-        often_s += [PROBING_S if sensor.occasional else period_s for sensor in config.sensor]
+        often_s += [sensor.probing_s or period_s for sensor in config.sensor]
         kalman = config.estimator.model_copy(update={"kind": "kalman", "engine": "compiled"})
         more = {"sensor": (*own, *config.sensor), "estimator": kalman}
         config = few_modes(config.model_copy(update=more))

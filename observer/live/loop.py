@@ -223,7 +223,7 @@ class _Cycles:
         self._samples[name] += 1
         for observer in self._service.observers:
             observer.hear(reading)
-        if (news := self._aligner.news_of(reading)) is not None:
+        for news in self._aligner.news_of(reading):
             self._service.recorder.reading(self._aligner.ingest(news))
 
     async def tick_until_renewed(self) -> Renewal[Any] | None:

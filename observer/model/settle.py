@@ -62,7 +62,7 @@ def needed_channels(config: Config) -> tuple[str, ...]:
     runs over its stroke where nobody says where it stands, positions.
     """
     machine = realise(config).config
-    spare = {s.channel for s in config.sensor} | {s.position_channel for s in machine.source}
+    spare = config.sensor_channels | {s.position_channel for s in machine.source}
     by_law = {c for s in machine.source for c in law_channels(s, machine.source)}
     return tuple(c for c in config.channels if c not in spare or c in by_law)
 
@@ -71,8 +71,7 @@ def check_inputs(config: Config, values: Mapping[str, Any], place: str) -> None:
     """Raise `ConfigError` where a channel is no input of the model, or its value no number; `place` is named
     in errors.
     """
-    sensors = {s.channel for s in config.sensor}
-    inputs = [c for c in config.channels if c not in sensors]
+    inputs = [c for c in config.channels if c not in config.sensor_channels]
     for channel, value in values.items():
         if channel not in inputs:
             raise ConfigError(

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from observer.align.aligner import AlignPlan, blocks_of_log
+from observer.align.passing import Passings, passings_of
 from observer.errors import ConfigError, LogError
 from observer.files.logs import Log, read_log
 from observer.fit.runs import LEAST_S, joined, part
@@ -203,6 +204,9 @@ def read_can_log(path: Path, config: Installation) -> Log:
     readings = [reading for readings in buses for reading in readings]
     if len(buses) == 1 and any(b.time_s < a.time_s for a, b in itertools.pairwise(readings)):
         raise LogError(f"{path}: time goes backwards; sort the recording by time")
+    readings.sort(key=lambda reading: reading.time_s)
+    passings = Passings(passings_of(config))
+    readings += [found for reading in readings for found in passings.take(reading)]
     readings.sort(key=lambda reading: reading.time_s)
     if not readings:
         raise LogError(f"{path}: no frame that the configured DBC files describe; check the bus and the DBC")

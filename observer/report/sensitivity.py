@@ -17,7 +17,6 @@ from observer.model.build import build_plant
 from observer.model.cycle import SPEED_RPM, standard_shift
 from observer.model.learning import Nuisance
 from observer.model.plant import Plant
-from observer.tables.candidates import PROBING_S
 
 MOST_MODES = 40
 """Faster modes hardly change a σ, and cost most of the time."""
@@ -59,12 +58,12 @@ def tolerances(config: Config) -> dict[str, Any]:
     """Return `tolerances`, σ over the standard shift as configured, with each tolerance known and with all,
     and `improve_first`, by quantity the key whose knowledge would help most, or None where none helps much.
 
-    An occasional displacement counts as read once in `PROBING_S`, spread over all steps. Both are empty where
-    nothing of it is defined or it would take long; `tolerances_left_out` says why.
+    An occasional displacement counts as read once in its `probing_s`, spread over all steps. Both are empty
+    where nothing of it is defined or it would take long; `tolerances_left_out` says why.
     """
     config = few_modes(config)
     plant = build_plant(config, learns=True)
-    rarer = [PROBING_S / config.estimator.period_s if s.occasional else 1.0 for s in config.sensor]
+    rarer = [s.probing_s / config.estimator.period_s if s.probing_s else 1.0 for s in config.sensor]
     plant = replace(plant, noise_R_K2=plant.noise_R_K2 * rarer)
     keys = np.array([Nuisance(kind).key for kind in plant.parameters.kind], np.str_)
     parts = [s.shows_tolerance for s in config.sensor if s.shows_tolerance is not None]
@@ -165,7 +164,7 @@ def _why_not(config: Config) -> str | None:
 def _sample_s(config: Config) -> FloatArray:
     """How often each sensor has a sample (s,): at the ticks of the estimator after its own."""
     period_s = config.estimator.period_s
-    own_s = [PROBING_S if s.occasional else config.sample_s.get(s.channel, period_s) for s in config.sensor]
+    own_s = [s.probing_s or config.sample_s.get(s.channel, period_s) for s in config.sensor]
     return np.array([period_s * max(1, math.ceil(each / period_s - 1e-9)) for each in own_s])
 
 

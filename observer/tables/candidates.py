@@ -10,12 +10,10 @@ from pydantic import Field, model_validator
 
 from observer.tables import quantities
 from observer.tables.quantities import Section
-from observer.tables.sections import Sensor, SensorKind, refuse_foreign_keys
+from observer.tables.sections import PROBING_S, Sensor, SensorKind, refuse_foreign_keys
 
 MOST_PLACES = 200
 """The most places that candidates may have altogether."""
-PROBING_S = 3600.0
-"""How often an occasional displacement comes where nothing is said of that."""
 
 
 class SensorCandidate(Section):

@@ -6,8 +6,9 @@ Every unit and every range of these tables is checked here, once.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -290,9 +291,16 @@ MICROMETRES = {"_um": 1.0, "_mm": 1e3, "_m": 1e6}
 """How the channel of a displacement may end, and what its unit is in µm, in which displacements count."""
 
 
+PROBING_S = 3600.0
+"""How often an occasional displacement comes where nothing is said of that …"""
+PASSING_S = 60.0
+"""… and how often at most at a place that the nut passes."""
+PASSED = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""The places at which a displacement along a nut's way is read, as parts of its stroke."""
+
 SensorKind = Literal["temperature", "displacement"]
 _THERMAL_KEYS = ("noise_K", "offset_K", "shows", "shows_tolerance", "on")
-_DISPLACEMENT_KEYS = ("noise_um", "zero_um", "occasional")
+_DISPLACEMENT_KEYS = ("noise_um", "zero_um", "occasional", "along")
 
 
 def refuse_foreign_keys(table: Section, kind: SensorKind) -> None:
@@ -328,18 +336,36 @@ class Sensor(Section):
     zero_um: Annotated[quantities.NonNegative, Field(le=10_000)] = 5.0
     #: displacement: it comes only now and then, as when a probing cycle runs, and nothing is missing between
     occasional: quantities.Flag = False
-
-    _one = quantities.exactly_one("position_m", "on")
+    #: displacement: instead of `position_m`, the nut at which it measures, wherever that is: a scale
+    #: compared with the motor's encoder; it counts as [five sensors along its
+    #: stroke](../how-to/probe.md#a-scale-beside-the-axis)
+    along: quantities.Name | None = None
 
     @model_validator(mode="after")
     def _keys_of_its_kind(self) -> Sensor:
         refuse_foreign_keys(self, self.kind)
+        if self.along is None and (self.position_m is None) == (self.on is None):
+            raise ValueError("give exactly one of position_m and on")
+        if self.along is not None and self.position_m is not None and self.channel == self.measured_channel:
+            raise ValueError("along says where it measures; remove position_m, or along")
         if self.kind == "displacement" and not self.channel.endswith(tuple(MICROMETRES)):
             raise ValueError(
                 f'channel "{self.channel}" of a displacement is to end in its unit, _um, _mm or _m; '
                 "rename it, or read it by [log.columns]"
             )
         return self
+
+    @property
+    def measured_channel(self) -> str:
+        """The channel that measures it: another than its own where it is read when the nut passes."""
+        return self.channel if self.along is None else _OF_PLACE.sub("", self.channel)
+
+    @property
+    def probing_s(self) -> float | None:
+        """How far apart the readings of an occasional displacement are, None of any other sensor."""
+        if not self.occasional:
+            return None
+        return PROBING_S if self.along is None else PASSING_S
 
     @property
     def channel_scale(self) -> float:
@@ -365,6 +391,41 @@ class Sensor(Section):
         return "um" if self.kind == "displacement" else "K"
 
 
+_OF_PLACE = re.compile(r"_\d+(?=_(?:um|mm|m)$)")
+
+
+def _placed_along(sensor: dict[str, Any], sources: list[Any]) -> list[dict[str, Any]]:
+    """The sensors at the places of the stroke that one along a nut's way counts as; raises `ValueError`."""
+    nuts = {
+        str(one.get("name")): one["stroke_m"]
+        for one in sources
+        if isinstance(one, dict) and one.get("stroke_m") and one.get("position_channel")
+    }
+    name, channel = sensor.get("name"), str(sensor.get("channel"))
+    if sensor.get("kind") != "displacement" or not channel.endswith(tuple(MICROMETRES)):
+        return [sensor]  # it is refused by itself
+    if (stroke_m := nuts.get(str(sensor["along"]))) is None:
+        known = ", ".join(nuts) or "none yet"
+        raise ValueError(
+            f'sensor {name}: along names "{sensor["along"]}", which is no nut with stroke_m and '
+            f"position_channel; the nuts are: {known}"
+        )
+    if sensor.get("occasional"):
+        raise ValueError(f"sensor {name}: along is read whenever the nut passes; remove occasional")
+    stem, _, unit = channel.rpartition("_")
+    low_m, high_m = map(float, stroke_m)
+    return [
+        sensor
+        | {
+            "name": f"{name}_{k}",
+            "channel": f"{stem}_{k}_{unit}",
+            "position_m": round(low_m + part * (high_m - low_m), 6),
+            "occasional": True,
+        }
+        for k, part in enumerate(PASSED, 1)
+    ]
+
+
 class Description(Section):
     """What the model is built from: the physical part of a configuration."""
 
@@ -378,6 +439,17 @@ class Description(Section):
     link: tuple[Link, ...] = Field(default=(), max_length=1000)
     source: tuple[Source, ...] = Field(min_length=1, max_length=32)
     sensor: tuple[Sensor, ...] = Field(min_length=1, max_length=100)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _along_the_way(cls, table: Any) -> Any:
+        if not isinstance(table, dict) or not isinstance(sensors := table.get("sensor"), list | tuple):
+            return table
+        found: list[Any] = []
+        for one in sensors:
+            moves = isinstance(one, dict) and one.get("along") and one.get("position_m") is None
+            found += _placed_along(one, list(table.get("source") or ())) if moves else [one]
+        return table | {"sensor": found}
 
     @model_validator(mode="after")
     def _nodes_are_known(self) -> Description:

@@ -145,19 +145,19 @@ def test_live_an_occasional_channel_says_only_what_is_new() -> None:
     config = probed(sensor=OCCASIONAL)
     aligner = Aligner(AlignPlan.of(config))
     other = {"t1_degC": 20.0}
-    assert aligner.news_of(Reading(1.0, {"probe_um": math.nan}, {"probe_um": "silent"})) is None
-    assert aligner.news_of(Reading(1.0, {"probe_um": math.nan})) is None
+    assert not aligner.news_of(Reading(1.0, {"probe_um": math.nan}, {"probe_um": "silent"}))
+    assert not aligner.news_of(Reading(1.0, {"probe_um": math.nan}))
     first = Reading(1.0, other | {"probe_um": 3.5})
-    assert aligner.news_of(first) is first
+    assert aligner.news_of(first) == [first]
     aligner.ingest(first)
     aligner.tick(5.0)
-    held = aligner.news_of(Reading(6.0, other | {"probe_um": 3.5}))
+    (held,) = aligner.news_of(Reading(6.0, other | {"probe_um": 3.5}))
     assert held is not None
     assert held.values == other
     broken = Reading(7.0, {"probe_um": math.nan}, {"probe_um": "open_circuit"})
-    assert aligner.news_of(broken) is broken
+    assert aligner.news_of(broken) == [broken]
     changed = Reading(8.0, {"probe_um": 3.6})
-    assert aligner.news_of(changed) is changed
+    assert aligner.news_of(changed) == [changed]
 
 
 def test_a_sensor_that_should_come_always_is_missing() -> None:

@@ -68,7 +68,7 @@ class Machine:
 
 
 @contextmanager
-def machine(warm_minutes: float = 1.0) -> Iterator[Machine]:
+def machine(warm_minutes: float = 1.0, *options: str) -> Iterator[Machine]:
     """A running machine that has been warm for so long; it ends when its standard input closes."""
     process = subprocess.Popen(
         [
@@ -79,6 +79,7 @@ def machine(warm_minutes: float = 1.0) -> Iterator[Machine]:
             str(warm_minutes),
             "--period",
             "0.05",
+            *options,
         ],
         cwd=ROOT,
         stdin=subprocess.PIPE,

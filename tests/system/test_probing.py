@@ -1,4 +1,6 @@
-"""A real service and a simulated machine that probes itself: what is then known, and what is advised."""
+"""A real service and a simulated machine that probes itself, or has a scale beside its axis: what is known
+then, and what is advised.
+"""
 
 from __future__ import annotations
 
@@ -50,4 +52,23 @@ def test_a_probing_is_asked_for_and_taken_and_nothing_is_missing_without(tmp_pat
     # between probings nothing is missing, nor does the bus say so
     assert {e["sensor_quality"][-1] for e in live if e["quality"] == "good"} == {"good"}
     assert heard.health()["channels"]["probe_um"]["fault"] is None
+    assert_replay_is_live(daemon.recording(), daemon.config, live, tmp_path / "one")
+
+
+def test_a_scale_counts_at_the_places_that_the_nut_passes(tmp_path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine(5.0, "--scale") as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        scale = {k: v for k, v in PROBE.items() if k not in ("position_m", "occasional")}
+        table["sensor"].append(scale | {"along": "nut"})
+        table["drivers"]["axis"]["channels"]["probe_um"] = {"message": "ProbeResult", "signal": "ScrewGrowth"}
+        table["output"] = {"reference_degC": table["ambient"]["temperature_degC"]}
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
+            heard.wait_until_good()
+            until(lambda: sum(np.isfinite(e["innovation_K"][-5:]).sum() for e in heard.estimates) >= 3)
+            heard.wait_for_more(5)
+            daemon.stop()
+            live = list(heard.estimates)
+    assert max(np.nanmax(e["error_sigma_um"]) for e in live[:1]) > 2.0 * np.nanmax(live[-1]["error_sigma_um"])
+    assert heard.health()["channels"]["probe_um"]["quality"] == "good"
     assert_replay_is_live(daemon.recording(), daemon.config, live, tmp_path / "one")

@@ -1,0 +1,151 @@
+"""A displacement that is measured wherever the nut is, as readings at the places which the nut passes.
+
+A scale beside the axis, compared with the motor's encoder, shows the thermal error at the nut, which is
+somewhere else at each reading. An estimator's rows belong to fixed places: so such a sensor counts as one at
+each of some places, which reads when the nut passes it. It does so on its way away from x = 0 only, so that
+the play of the drive is the same at each reading, and part of the zero.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.config import Config
+from observer.files.logs import Log
+from observer.frames import FloatArray, Reading
+from observer.tables.sections import PASSING_S
+
+APART_S = 5.0
+"""Readings further apart say nothing of the place between them …"""
+_PART = 0.5
+"""… nor those further apart than this part of the distance between two places: the error is not straight."""
+NEAR_M = 0.003
+"""A reading so near a place is one at that place, however far away the one before was."""
+_WAITING = 64
+
+
+class Sighting(NamedTuple):
+    """When, where the nut was, and what was read there."""
+
+    time_s: float
+    position_m: float
+    value: float
+
+
+class Passing(NamedTuple):
+    """The channels (n,) at the places (n,), in order, of what is read along a nut's way."""
+
+    measured: str
+    position: str
+    channels: tuple[str, ...]
+    places_m: tuple[float, ...]
+
+    @property
+    def most_m(self) -> float:
+        """How far apart two readings may be taken."""
+        return _PART * float(np.diff(self.places_m).min())
+
+
+def passings_of(config: Config) -> tuple[Passing, ...]:
+    """The sensors of a configuration that measure along a nut's way."""
+    positions = {s.name: str(s.position_channel) for s in config.source}
+    sensors = [s for s in config.sensor if s.along is not None]
+    found = []
+    for measured in dict.fromkeys(s.measured_channel for s in sensors):
+        own = [s for s in sensors if s.measured_channel == measured]
+        channels, places_m = tuple(s.channel for s in own), tuple(s.position_m or 0.0 for s in own)
+        found.append(Passing(measured, positions[str(own[0].along)], channels, places_m))
+    return tuple(found)
+
+
+@dataclass(slots=True)
+class _Track:
+    """What is remembered of one of them."""
+
+    of: Passing
+    nut: tuple[float, float] = (math.nan, math.nan)
+    waiting: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=_WAITING))
+    way: deque[Sighting] = field(default_factory=lambda: deque(maxlen=4))
+    read_s: dict[str, float] = field(default_factory=dict)
+
+    def take(self, reading: Reading) -> list[Reading]:
+        """Return the readings at the places that the nut has passed by this reading."""
+        value = float(reading.values.get(self.of.measured, math.nan))
+        if math.isfinite(value) and self.of.measured not in reading.faults:
+            self.waiting.append((reading.time_s, value))
+        position_m = float(reading.values.get(self.of.position, math.nan))
+        if not math.isfinite(position_m) or self.of.position in reading.faults:
+            return []
+        (before_s, before_m), self.nut = self.nut, (reading.time_s, position_m)
+        found, since_s = [], reading.time_s - before_s
+        while self.waiting and self.waiting[0][0] <= reading.time_s:
+            time_s, value = self.waiting.popleft()
+            if time_s == reading.time_s:
+                there_m = position_m
+            elif 0.0 < since_s <= APART_S and time_s >= before_s:
+                there_m = before_m + (position_m - before_m) * (time_s - before_s) / since_s
+            else:
+                continue
+            found += self._passed(Sighting(time_s, there_m, value))
+        return found
+
+    def _passed(self, now: Sighting) -> list[Reading]:
+        """Look at the way before the last: where the nut turns next to it, part of the play may be in it."""
+        if self.way and not self.way[-1].time_s < now.time_s <= self.way[-1].time_s + APART_S:
+            self.way.clear()
+        self.way.append(now)
+        if len(self.way) < 4 or np.diff([m.position_m for m in self.way]).min() <= 0.0:
+            return []
+        _, before, after, _ = self.way
+        way_m = after.position_m - before.position_m
+        close, found = way_m <= self.of.most_m, []
+        for channel, place_m in zip(self.of.channels, self.of.places_m, strict=True):
+            if close and before.position_m < place_m <= after.position_m:
+                part = (place_m - before.position_m) / way_m
+            elif not close and abs(after.position_m - place_m) <= NEAR_M:
+                part = 1.0
+            else:
+                continue
+            time_s = before.time_s + part * (after.time_s - before.time_s)
+            if time_s - self.read_s.get(channel, -math.inf) >= PASSING_S:
+                self.read_s[channel] = time_s
+                value = before.value + part * (after.value - before.value)
+                found.append(Reading(time_s, {channel: value}))
+        return found
+
+
+class Passings:
+    """Takes readings as they come, and returns those that follow from them at the places passed.
+
+    A place is read once in `PASSING_S`: in between the screw hardly changes, and readings so close share
+    their errors.
+    """
+
+    def __init__(self, of: tuple[Passing, ...]) -> None:
+        self._tracks = [_Track(each) for each in of]
+
+    def take(self, reading: Reading) -> list[Reading]:
+        """Return the readings that follow from one, none of them later than it."""
+        return [found for track in self._tracks for found in track.take(reading)]
+
+
+def with_passings(log: Log, of: tuple[Passing, ...]) -> Log:
+    """A plain log with the columns of the places passed; a value stands in the row after its passage."""
+    if not (of := tuple(each for each in of if {each.measured, each.position} <= set(log.channels))):
+        return log
+    names = tuple(channel for each in of for channel in each.channels if channel not in log.channels)
+    column = {name: j for j, name in enumerate(names)}
+    found: FloatArray = np.full((len(log), len(names)), np.nan)
+    read = list(dict.fromkeys(name for each in of for name in (each.measured, each.position)))
+    values, passings = log.values[:, [log.channels.index(name) for name in read]], Passings(of)
+    for row, (time_s, given) in enumerate(zip(log.time_s.tolist(), values.tolist(), strict=True)):
+        for reading in passings.take(Reading(time_s, dict(zip(read, given, strict=True)))):
+            for name, value in reading.values.items():
+                if name in column:
+                    found[row, column[name]] = value
+    return log.adding(names, found)
