@@ -1,4 +1,4 @@
-"""A rough machine whose thermal error is probed each hour, against the same day without."""
+"""A rough machine that is probed each hour, or followed by a scale, against the same day without."""
 
 from __future__ import annotations
 
@@ -22,6 +22,16 @@ from tests.truth.machine.machine import stream
 PROBE_M, NOISE_UM, ZERO_UM = 0.9, 0.7, 1.0
 EVERY_S, BURST = 3600.0, 3
 PROBE = probe("probe", PROBE_M, NOISE_UM, ZERO_UM, occasional=True)
+LEAD_UM, PLAY_UM, SCALE_NOISE_UM = 1.7, 4.0, 1.0
+SCALE = """
+[[sensor]]
+name = "scale"
+kind = "displacement"
+channel = "scale_um"
+along = "nut"
+noise_um = 1.0
+zero_um = 3.0
+"""
 
 
 class Probed(NamedTuple):
@@ -55,6 +65,22 @@ def probed_log(one: Day, at: NDArray[np.int64], rng: np.random.Generator) -> Log
     return replace(log, path=Path("probed.csv"), channels=(*log.channels, "probe_um"), values=values)
 
 
+def scaled_log(one: Day, rng: np.random.Generator) -> Log:
+    """A day as its user's log with a scale less an encoder: also the screw's errors of lead, and on the way
+    back the play of the drive.
+    """
+    log = log_of(one)
+    true_um = [np.interp(at_m, GRID_M, row) for at_m, row in zip(one.nut_m, one.error_um, strict=True)]
+    turns, phases = 2.0 * np.pi * one.nut_m / 0.6, rng.uniform(0.0, 2.0 * np.pi, 3)
+    lead_um = sum(
+        LEAD_UM * rng.standard_normal() * np.sin(k * turns + phase) for k, phase in enumerate(phases, 1)
+    )
+    back = np.diff(one.nut_m, prepend=one.nut_m[0]) < 0.0
+    noise_um = SCALE_NOISE_UM * rng.standard_normal(len(back))
+    values = np.column_stack([log.values, true_um + lead_um - PLAY_UM * back + noise_um])
+    return replace(log, path=Path("scaled.csv"), channels=(*log.channels, "scale_um"), values=values)
+
+
 def estimates(log: Log, text: str) -> EstimateBlock:
     """What the observer of a configuration estimates over a log."""
     machine = MachineModel.of(config_of(text), learns=True)
@@ -77,13 +103,18 @@ class Gain(NamedTuple):
 def gain(one: Probed, *, housed: bool) -> Gain:
     """Estimate a day without and with its probe."""
     own = HOUSED_CONFIG if housed else CONFIG
-    late = one.day.time_s > one.cycles_s[0] + 60.0
+    return gained(one.day, one.log, (own, own + PROBE), one.cycles_s[0] + 60.0)
+
+
+def gained(day: Day, log: Log, texts: tuple[str, str], from_s: float) -> Gain:
+    """Estimate a day by two configurations, and hold both against the truth from a time on."""
+    late = day.time_s > from_s
     error, field, sigma, covered = [], [], [], []
-    for text in (own, own + PROBE):
-        found = estimates(one.log, text)
-        off_um = (found.error_um - one.day.error_um)[late, 1:]
+    for text in texts:
+        found = estimates(log, text)
+        off_um = (found.error_um - day.error_um)[late, 1:]
         error.append(float(np.sqrt(np.mean(off_um**2))))
-        field.append(float(np.sqrt(np.mean((found.field_degC - one.day.field_degC)[late] ** 2))))
+        field.append(float(np.sqrt(np.mean((found.field_degC - day.field_degC)[late] ** 2))))
         sigma.append(float(np.mean(found.error_sigma_um[late, 1:])))
         covered.append(float(np.mean(np.abs(off_um) <= 1.96 * found.error_sigma_um[late, 1:])))
     pairs = ((each[0], each[1]) for each in (error, field, sigma, covered))
