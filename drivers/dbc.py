@@ -13,13 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cantools
-from cantools.errors import Error as CantoolsError
-
 from drivers.places import CanChannel, Signals
 from drivers.protocol import Decoded
 from observer.errors import UserError
 from observer.files.regular import one_line, read_regular
+from observer.process.memory import not_found
+
+with not_found("asammdf"):  # python-can would load it, and with it pandas, to read files nobody has here
+    import cantools
+    from cantools.errors import Error as CantoolsError
 
 if TYPE_CHECKING:
     import can
