@@ -1,8 +1,7 @@
 """The composition root of the commands for logs: one function for each."""
 
 from observer.app.exports import export, export_table
-from observer.app.intake import import_log
-from observer.app.logs import compare, forecast, identify, replay, simulate, simulate_steady
+from observer.app.logs import compare, forecast, identify, import_log, replay, simulate, simulate_steady
 from observer.app.models import calibrate, discover, learned
 
 __all__ = [

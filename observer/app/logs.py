@@ -1,11 +1,14 @@
-"""Commands that take a log as it is: replay, forecast, heats, and open-loop prediction; results as files."""
+"""Commands that take a log as it is: replay, forecast, heats, open-loop prediction, and what other recorders
+wrote made a log; results as files.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from observer.errors import LogError
 from observer.estimate.pipeline import MachineModel
 from observer.files.folders import results_in, write_json
 from observer.files.logs import suffix_of
@@ -17,6 +20,7 @@ from observer.library.given import read_program, recorded
 from observer.library.profiles import Report
 
 if TYPE_CHECKING:
+    from observer.intake.importing import Proposal
     from observer.library.comparing import Comparison
     from observer.library.steady import SteadyScrew
 
@@ -175,4 +179,50 @@ def compare(
         config, source, variants_path, log_path, steady=steady, minimise=minimise, progress=progress
     )
     found.write(output)
+    return found
+
+
+def import_log(
+    paths: Sequence[Path],
+    config: Installation,
+    output: Path,
+    agree: Callable[[Proposal], bool] | None,
+    *,
+    columns: Sequence[str] = (),
+    time: str | None = None,
+    time_format: str | None = None,
+    timezone: str | None = None,
+) -> Proposal:
+    """Write files as one log, by `[log]`, the options and guesses; return the result.
+
+    `agree` is asked once where something is doubtful; without it that is an error, which names the keys of
+    `[log]` that settle it. Raises `LogError`.
+    """
+    from pydantic import ValidationError
+
+    from observer.files.writer import write_log
+    from observer.intake.importing import column_option, proposed
+    from observer.tables.logs import Logs
+
+    suffix_of(output)
+    given = config.log.model_dump(exclude_unset=True)
+    clock = {"time": time, "time_format": time_format, "timezone": timezone}
+    given |= {key: value for key, value in clock.items() if value}
+    given["columns"] = config.log.columns | dict(map(column_option, columns))
+    if unknown := [name for name in given["columns"] if name not in config.channels]:
+        known = ", ".join(config.channels)
+        raise LogError(f"--column: the model reads no channel {unknown[0]}; it reads {known}")
+    try:
+        how = Logs.model_validate(given)
+    except ValidationError as error:
+        wrong = error.errors()[0]
+        option = "--" + str(wrong["loc"][0]).replace("_", "-")
+        raise LogError(f"{option}: {wrong['msg'].removeprefix('Value error, ')}") from error
+    found = proposed(paths, config, how)
+    if found.asked and (agree is None or not agree(found)):
+        said = [f"  {key}: {doubt}" for key, doubt in found.asked.items()]
+        first = f"{output}: not written, because this is doubtful; clarify it in the configuration:"
+        raise LogError("\n".join([first, *said, "the guess was", found.table]))
+    log = found.log
+    write_log(output, log.time_s, {name: log.values[:, i] for i, name in enumerate(log.channels)})
     return found
