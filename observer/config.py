@@ -24,6 +24,8 @@ from observer.tables.mounting import Compensation
 from observer.tables.quantities import Section
 from observer.tables.sections import Description
 
+LEARNT = ("convection", "offset_K", "link", "gain")
+"""What is learnt where nothing else is said, beside thermocouples on the screw."""
 MOST_ROWS = 1500
 """Limit of moving nuts times reported positions: the effect of each nut at each position is tabulated at the
 start.
@@ -187,6 +189,15 @@ class Config(Description):
     def derived_channels(self) -> frozenset[str]:
         """The channels that no driver delivers: they follow from others."""
         return frozenset(s.channel for s in self.sensor if s.along is not None)
+
+    @property
+    def learnt(self) -> tuple[str, ...]:
+        """What is learnt; nothing by an estimator with a gain that knows of heats and field alone."""
+        if not self.estimator.learns:
+            return ()
+        if self.estimator.learn is not None:
+            return self.estimator.learn
+        return LEARNT if self.screw_is_seen else (*LEARNT, "law")
 
     @property
     def needs_um(self) -> float | None:

@@ -166,7 +166,7 @@ def _refuse_learnt(config: Installation) -> None:
     from observer.estimate.pipeline import MachineModel
 
     file = config.checkpoint_file
-    if file is None or not file.exists() or not config.estimator.learnt:
+    if file is None or not file.exists() or not config.learnt:
         return
     try:
         load_checkpoint(file, CheckpointFit.of(MachineModel.of(config, learns=True)))

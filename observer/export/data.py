@@ -80,7 +80,7 @@ def _facts(config: Config, gains: GainSets) -> list[str]:
     ]
     if gains.refused:
         found.append(f"Without {'; '.join(gains.refused)} there is no gain: the observer then predicts only.")
-    learns = [key for key in config.estimator.learnt if key != "offset_K" or config.tolerance.offset_K > 0]
+    learns = [key for key in config.learnt if key != "offset_K" or config.tolerance.offset_K > 0]
     if learns:
         found.append(f"Not exported: what the service learns while it runs ({', '.join(learns)}).")
     if config.estimator.screens and config.integrity.enabled:

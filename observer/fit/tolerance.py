@@ -125,9 +125,10 @@ def calibration_tolerances(config: Config, runs: int) -> Iterator[tuple[Config, 
         if end_W_K > 0.0 and getattr(config.boundary, end).kind != "prescribed":
             yield _with(config, EndConductance(end, end_W_K)), "whole"
     for source in config.source:
-        if source.law in SPEED_LAWS and source.law_uncertainty > 0.0:
+        share = config.law_uncertainty(source)
+        if source.law in SPEED_LAWS and share > 0.0:
             for time_s in SETTLING_S:
-                part = SettlingFriction(source.law_uncertainty, time_s)
+                part = SettlingFriction(share, time_s)
                 yield _with(config, LawFactor(source.name, part)), "whole"
 
 

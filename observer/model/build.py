@@ -100,7 +100,7 @@ def _heat(config: Config, source: Source, ends_fraction: float) -> HeatInput:
         estimated=source.estimate and not source.follows,
         random_walk_W2_s=source.random_walk_W_sqrt_s**2,
         decay_1_s=1 / source.time_constant_s if source.time_constant_s else 0.0,
-        law_uncertainty=source.law_uncertainty,
+        law_uncertainty=config.law_uncertainty(source),
         also=tuple((part, mean_stretch(other, config.screw)) for part, other in also),
         follows=(source.own_or_followed, part_of_heat(source)) if source.follows else None,
     )

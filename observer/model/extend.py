@@ -190,8 +190,8 @@ def with_learning(plant: Plant, config: Config, modes: Modes, beside: Iterable[P
     its screw; as it is where that is nothing.
     """
     known = [*_of_machine(plant, config, modes), *beside, *_of_sensors(plant, config, modes)]
-    settings = config.estimator
-    return with_parameters(plant, known, settings.learnt, REST_K**2 / settings.initial_sigma_K**2)
+    rest = REST_K**2 / config.estimator.initial_sigma_K**2
+    return with_parameters(plant, known, config.learnt, rest)
 
 
 def with_parameters(
@@ -259,9 +259,9 @@ def _of_machine(plant: Plant, config: Config, modes: Modes) -> Iterator[Paramete
             yield Parameter(Nuisance.END, i, tolerance.end_W_K, loss, f"boundary.{side}.loss_W_K", loss_W_K)
     for j, index in enumerate(np.flatnonzero(plant.estimated).tolist()):
         source = config.source[index]
-        if source.law is not None and Nuisance.LAW.key in config.estimator.learnt:
+        if source.law is not None and Nuisance.LAW.key in config.learnt:
             name, more, scale = f"source.{source.name}.scale", none._replace(law=index), source.scale
-            yield Parameter(Nuisance.LAW, j, source.law_uncertainty, more, name, scale, scale)
+            yield Parameter(Nuisance.LAW, j, config.law_uncertainty(source), more, name, scale, scale)
 
 
 def _of_sensors(plant: Plant, config: Config, modes: Modes) -> Iterator[Parameter]:

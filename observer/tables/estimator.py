@@ -82,10 +82,10 @@ class EstimatorSettings(Section):
     #: exact
     field_noise_K_sqrt_s: Annotated[NonNegative, Field(le=1000)] = 0.002
     #: compiled kalman and `identify`: what of `[tolerance]` is [learnt](../explanation/learning.md), the
-    #: rest is considered; `"law"` is the scale of each heat law
-    learn: Annotated[tuple[Learnable, ...], Field(max_length=20)] = (
-        "convection", "offset_K", "link", "gain",
-    )  # fmt: skip
+    #: rest is considered; `"law"` is the scale of each heat law; – is `["convection", "offset_K", "link",
+    #: "gain"]`, and `"law"` too where [no thermocouple sits on the
+    #: screw](../explanation/learning.md#without-a-sensor-on-the-screw)
+    learn: Annotated[tuple[Learnable, ...], Field(max_length=20)] | None = None
     # Luenberger
     #: luenberger: `"bandwidth"` moves the slow poles only; `"kim"` is the paper's rule
     pole_rule: Literal["bandwidth", "kim"] = "bandwidth"
@@ -96,11 +96,6 @@ class EstimatorSettings(Section):
     def allows(self) -> bool:
         """Whether the estimator is one whose σ hold what tolerances cost."""
         return self.kind == "luenberger" or (self.kind == "kalman" and self.engine != "filterpy")
-
-    @property
-    def learnt(self) -> tuple[str, ...]:
-        """What is learnt; nothing by an estimator with a gain that knows of heats and field alone."""
-        return self.learn if self.learns else ()
 
     @property
     def learns(self) -> bool:

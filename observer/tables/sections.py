@@ -20,6 +20,10 @@ from observer.tables.screw import Screw
 
 AMBIENT = "ambient"
 """What a link names as its end where it leads into the air."""
+LAW_UNCERTAINTY, UNSEEN_LAW_UNCERTAINTY = 0.2, 0.3
+"""How well heat laws are known where nothing else is said: beside thermocouples on the screw, which soon know
+better than any law, and without them, as preload torques are.
+"""
 Tolerated = Annotated[quantities.NonNegative, Field(le=1)]
 
 
@@ -193,8 +197,10 @@ class Source(HeatLaw):
     random_walk_W_sqrt_s: quantities.HeatSigma = 0.1
     #: time constant with which that deviation decays (first-order Markov); – is a pure random walk
     time_constant_s: quantities.Duration | None = None
-    #: when the law jumps, this fraction of the jump is added to the uncertainty of the heat
-    law_uncertainty: quantities.Factor = 0.2
+    #: standard deviation of the law's scale, relative; when the law jumps, this fraction of the jump is
+    #: added to the uncertainty of the heat; – is 0.2, and 0.3 where [no thermocouple sits on the
+    #: screw](../explanation/learning.md#without-a-sensor-on-the-screw)
+    law_uncertainty: quantities.Factor | None = None
     #: standard deviation of the heat at the start
     initial_sigma_W: Annotated[quantities.HeatSigma, Field(gt=0)] = 30.0
 
@@ -450,6 +456,17 @@ class Description(Section):
             moves = isinstance(one, dict) and one.get("along") and one.get("position_m") is None
             found += _placed_along(one, list(table.get("source") or ())) if moves else [one]
         return table | {"sensor": found}
+
+    @property
+    def screw_is_seen(self) -> bool:
+        """Whether a thermocouple sits on the screw; else an estimate of it rests on the laws as well."""
+        return any(s.kind == "temperature" and s.on is None for s in self.sensor)
+
+    def law_uncertainty(self, source: Source) -> float:
+        """Return the relative standard deviation of a source's law: its own where it says one."""
+        if source.law_uncertainty is not None:
+            return source.law_uncertainty
+        return LAW_UNCERTAINTY if self.screw_is_seen else UNSEEN_LAW_UNCERTAINTY
 
     @model_validator(mode="after")
     def _nodes_are_known(self) -> Description:

@@ -11,6 +11,7 @@ from observer.config import Config
 from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.generator import generator
+from observer.model.learning import Nuisance
 from observer.model.plant import Plant
 from tests.learning.housings import HOUSED_CONFIG
 
@@ -94,3 +95,25 @@ def test_each_may_have_a_tolerance_of_its_own_and_none_is_exact() -> None:
     assert sigma["link.left_bearing-left_housing.factor"] == 0.3
     assert sigma["node.nut_body.capacity_J_K"] == 0.05
     assert sigma["node.left_housing.capacity_J_K"] == 0.1
+
+
+ON_SCREW = '\n[[sensor]]\nname = "on_screw"\nchannel = "on_screw_degC"\nposition_m = 0.5\n'
+PROBE = '\n[[sensor]]\nname = "probe"\nkind = "displacement"\nchannel = "probe_um"\nposition_m = 0.9\n'
+LEARNS_FILM = '[estimator]\nlearn = ["convection"]\n'
+SAYS_SO = HOUSED_CONFIG.replace("speed_channel", "law_uncertainty = 0.1\nspeed_channel")
+
+
+@pytest.mark.parametrize(
+    ("text", "uncertain", "learnt"),
+    [(HOUSED_CONFIG, 0.3, True), (HOUSED_CONFIG + PROBE, 0.3, True), (HOUSED_CONFIG + ON_SCREW, 0.2, False),
+     (HOUSED_CONFIG + LEARNS_FILM, 0.3, False), (SAYS_SO, 0.1, True)],
+    ids=["housings", "and a probe", "and one on the screw", "learns the film", "says how well"],
+)  # fmt: skip
+def test_laws_are_learnt_where_no_thermocouple_sits_on_the_screw(
+    text: str, uncertain: float, learnt: bool
+) -> None:
+    plant = build_plant(config_of(text), learns=True)
+    np.testing.assert_array_equal(plant.law_uncertainty, uncertain)
+    of_laws = plant.parameters.kind == Nuisance.LAW
+    assert of_laws.sum() == (len(plant.source_names) if learnt else 0)
+    np.testing.assert_array_equal(plant.parameters.sigma[of_laws], uncertain)
