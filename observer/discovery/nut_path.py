@@ -94,8 +94,7 @@ def _described(sparse: Sparse) -> Suspect:
     source, least_s = sparse.source, sparse.row_s * sparse.positions / ENOUGH
     text = (
         f"Log {sparse.run + 1} shows {sparse.positions:.1f} positions of {source.name} a traverse, and "
-        f"{ENOUGH:.0f} are needed to show its way, so no effect of it, or under it, is looked for, and a "
-        f"strength found may be a third off, more than its bounds say; log "
+        f"{ENOUGH:.0f} are needed to show its way, so no effect of it, or under it, is looked for; log "
         f"{source.position_channel} every {least_s:.2g} s or more often"
     )
     return Suspect(NUTS_WAY, source.position_channel, float(f"{sparse.positions:.3g}"), text)

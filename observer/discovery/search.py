@@ -16,7 +16,7 @@ import numpy as np
 from observer.discovery.candidates import Candidate, Promise, Signature, promises, signatures
 from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.effects.base import Fitted
-from observer.fit.hypothesis import EffectParameter, Fit, fit_effects, fit_null
+from observer.fit.hypothesis import EffectParameter, Fit, fit_effects, fit_null, refitted
 from observer.fit.problem import Problem
 from observer.frames import BoolArray, FloatArray
 
@@ -109,7 +109,8 @@ class FittedCandidate:
 class Search(NamedTuple):
     """The result of a search.
 
-    `null` is the fit without effects, `fit` the last accepted one; `chosen` its effects, each with the trials
+    `null` is the fit without effects, `fit` the last accepted one, where rows are far apart fitted again with
+    the tolerances at its own parameters; `chosen` its effects, each with the trials
     it won against (`rivals`, itself first, then the best) while the others stood; `ranking` the first round;
     `blind` the candidates confounded with the free parameters; `signatures` those of the
     library.
@@ -157,6 +158,8 @@ def search(
     for i in range(len(chosen) if len(chosen) > 1 else 0):
         fit, chosen, trials = _exchanged(null, fit, chosen, i, found, pool)
         rivals.append(trials)
+    if chosen and any(run.coarse for run in problem.forward.runs):
+        fit = refitted(fit)
     return Search(null, fit, tuple(chosen), tuple(rivals), ranking, blind, tuple(found))
 
 

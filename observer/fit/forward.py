@@ -150,7 +150,7 @@ class Forward:
 
     def by_coarse_rows(self, config: Config) -> list[list[FloatArray]]:
         """The change (b, s) of each prediction with what rows far apart leave open, one standard deviation
-        each: when between two rows a heat changed, and where on its path a nut left how much heat.
+        each: when between two rows heats changed, and where on its path a nut left how much heat.
         """
         if not any(run.coarse for run in self.runs):
             return []
@@ -158,7 +158,7 @@ class Forward:
         here, changes = self._every(setting), list[list[FloatArray]]()
         for i, run in enumerate(self.runs):
             if run.coarse:
-                open_W = _undetermined(run, setting.plant, self._inputs(setting, run).law_W, bands)
+                open_W = _undetermined(run, setting.plant, self._inputs(setting, run), bands)
                 changes += [self._with_more(setting, i, more_W, here) for more_W in open_W]
         return changes
 
@@ -206,7 +206,8 @@ class Forward:
         """
         inputs = run.inputs(setting.config, setting.plant, setting.key, setting.driving)
         added = np.ones(inputs.law_W.shape[1] - len(setting.strength))
-        return inputs._replace(law_W=inputs.law_W * np.concatenate([setting.strength, added]))
+        strength = np.concatenate([setting.strength, added])
+        return inputs._replace(law_W=inputs.law_W * strength, law_jump_W=inputs.law_jump_W * strength)
 
     def _predict(self, setting: Setting, run: SteppedRun, more_W: FloatArray | None = None) -> FloatArray:
         inputs, values = self._rows(setting, run, more_W)
@@ -245,19 +246,24 @@ def outages_of(run: SteppedRun) -> NDArray[np.int64]:
 
 
 def _undetermined(
-    run: SteppedRun, plant: Plant, law_W: FloatArray, bands: Sequence[tuple[int, Source]]
+    run: SteppedRun, plant: Plant, inputs: Inputs, bands: Sequence[tuple[int, Source]]
 ) -> Iterator[FloatArray]:
     """Yield changes of the heats by law (T, m) that rows far apart leave open; `bands` are stretches of the
     screw, each with its number among the sources.
+
+    A heat goes evenly from one row's to the next's in a prediction. All may instead have changed at the one
+    row, or all at the other, as the recorder has it; and each at any time between.
     """
+    law_W, jump_W = inputs.law_W, inputs.law_jump_W
     usual_W = np.maximum(np.quantile(np.abs(law_W), 0.9, axis=0), 1e-9)
-    later_W = np.diff(law_W, axis=0, prepend=law_W[:1])
-    size = np.max(np.abs(later_W) / usual_W, axis=1)
+    size = np.max(np.abs(jump_W) / usual_W, axis=1)
     largest = np.argsort(-size)[:MOST_SWITCHES]
     switches = np.sort(largest[size[largest] > SWITCHED])
+    if len(switches):
+        yield 0.5 * jump_W
     for tick in switches.tolist():
         more_W = np.zeros_like(law_W)
-        more_W[tick] = later_W[tick] / np.sqrt(12.0)  # standard deviation of a uniform distribution
+        more_W[tick] = jump_W[tick] / np.sqrt(12.0)  # standard deviation of a uniform distribution
         yield more_W
     parts = np.split(np.arange(len(law_W)), switches)
     for nut in plant.moving:

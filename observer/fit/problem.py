@@ -184,7 +184,7 @@ class Problem:
         """
         changes = []
         for i, run in enumerate(self.forward.runs):
-            if run.row_s < FAR_APART_S:
+            if run.row_s < FAR_APART_S or run.coarse:  # see `Forward.by_coarse_rows`
                 continue
             change = np.zeros_like(here)
             for s in range(len(self.config.sensor)):

@@ -3,7 +3,8 @@
 Where the rows are too far apart to follow a nut, its way between them is filled in: such a nut shows itself
 at seemingly random positions of its stroke, or, as under a stroboscope, creeping, and a straight line from
 one to the next is not its way. While the speed stays the same, the nut is taken to run to and fro between the
-outermost positions it shows, or, where it is seen at too few places to show its ends, those of the whole log.
+outermost positions it shows and a little further, or, where it is seen at too few places to show its ends,
+those of the whole log.
 Where speed and lead are known, its way follows from them instead.
 """
 
@@ -270,8 +271,10 @@ FEWEST_TURNS, CREEPS = 4, 0.02
 """Least number of turns that the even rows and the odd ones show together, for a stroke to be seen; and what
 counts as no step from one of them to the next, as a part of the whole way.
 """
-TRAVERSES, PER_TRAVERSE = 5, 24
-"""Traverses between two rows where the path is unknown, and points on each."""
+TRAVERSES, PER_TRAVERSE = 6, 24
+"""Traverses between two rows where the path is unknown, and points on each: an even number, so that neither
+end of the stroke comes more often.
+"""
 
 
 def filled(frames: FrameBlock, config: Config) -> FrameBlock:
@@ -301,9 +304,12 @@ def _to_and_fro(path: NutPath, dt_s: FloatArray, speed_rpm: FloatArray, length_m
     """The path with traverses inserted between samples too far apart to follow it."""
     ends = np.full((len(path.time_s), 2), np.nan)
     for part in stretches_of_a_speed(speed_rpm):
-        own_m = path.position_m[part]
-        seen_m = own_m if shows_ends(own_m, float(np.ptp(path.position_m))) else path.position_m
-        low, high = float(seen_m.min()), float(seen_m.max())
+        own_m, whole_m = path.position_m[part], path.position_m
+        low, high = float(whole_m.min()), float(whole_m.max())
+        if shows_ends(own_m, high - low):
+            beyond_m = float(np.ptp(own_m)) / (len(own_m) - 1)  # K of even chance span (K − 1)/(K + 1) of it
+            low = max(float(own_m.min()) - beyond_m, 0.0)
+            high = min(float(own_m.max()) + beyond_m, length_m)
         gone_m = speed_rpm[part].min() / 60.0 * LEAST_LEAD_M * float(np.median(dt_s[part]))
         if low < high and gone_m > 0.5 * length_m:
             ends[part] = low, high

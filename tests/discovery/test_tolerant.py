@@ -56,6 +56,19 @@ def test_and_a_loss_is_found_among_them(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.nightly
+def test_of_rows_a_minute_apart_a_loss_has_its_strength(tmp_path: Path) -> None:
+    """With the tolerances of the calibration without it, whose heats make up for it, it is a quarter less."""
+    result = found(tmp_path, Case("minutes.end_conduction", (LOSS,), 42005, faults=("minutes",)))
+    (effect,) = result["effects"]
+    strength = effect["parameters"]["conductance_W_K"]
+    low, high = strength["ci95"]
+    assert low < 0.15 < high
+    assert strength["value"] == pytest.approx(0.15, rel=0.1)
+    assert [s["what"] for s in result["suspects"]] == ["nut's way"]
+
+
+@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_unknown_reports_what_explains_most_of_it(tmp_path: Path) -> None:
     result = found(tmp_path, Case("partial", (GREASE,), 3))
     assert result["verdict"] == "unknown"

@@ -48,7 +48,8 @@ def test_between_rows_a_minute_apart_it_runs_over_what_it_shows_of_its_stroke(sp
     path = filled(log, config).path["x_m"]
     late = path.time_s > 1860.0
     shown = log.path["x_m"].position_m[log.time_s >= 1800.0]
-    low, high = shown.min(), shown.max()
+    beyond = np.ptp(shown) / (len(shown) - 1)
+    low, high = shown.min() - beyond, shown.max() + beyond
     inside = path.position_m[late]
     # the way is described by 24 places a traverse
     assert inside.min() == pytest.approx(low, abs=0.2 / 24)
@@ -56,6 +57,9 @@ def test_between_rows_a_minute_apart_it_runs_over_what_it_shows_of_its_stroke(sp
     assert np.all(np.diff(path.time_s) > 0.0)
     # as long in every part of its way: the spread of an even chance
     assert inside.std() == pytest.approx((high - low) / np.sqrt(12.0), rel=0.1)
+    # and no nearer to one end than the shown places are: they are part of the way
+    nearer = (shown.mean() - (low + high) / 2) / 6
+    assert inside.mean() == pytest.approx((low + high) / 2 + nearer, abs=0.004)
     # at each row it is where the row says, and while it stands it stands
     at_rows = path.position_m[path.offset[1:] - 1]
     np.testing.assert_allclose(at_rows, log.path["x_m"].position_m)
@@ -96,10 +100,26 @@ def test_where_a_nut_left_its_heat_is_open_but_not_how_much() -> None:
     config, log = log_of(60.0, 1438.0)
     forward = problem_of(config, [log]).forward
     setting, bands = forward._with_stretches(config)
-    law_W = np.zeros((len(forward.runs[0].ticks.first), len(setting.plant.source_names)))
+    inputs = forward._inputs(setting, forward.runs[0])
+    law_W = np.zeros_like(inputs.law_W)
     law_W[:, 0] = 12.0
-    moved = list(_undetermined(forward.runs[0], setting.plant, law_W, bands))
+    steady = inputs._replace(law_W=law_W, law_jump_W=np.zeros_like(law_W))
+    moved = list(_undetermined(forward.runs[0], setting.plant, steady, bands))
     assert len(moved) > 2
     for more_W in moved:
         assert np.abs(more_W).max() > 1.0
         np.testing.assert_allclose(more_W.sum(axis=1), 0.0, atol=1e-9)
+
+
+def test_between_two_rows_a_heat_may_have_changed_at_the_one_or_the_other_or_in_between() -> None:
+    config, log = log_of(60.0, 1438.0)
+    forward = problem_of(config, [log]).forward
+    setting, bands = forward._with_stretches(config)
+    inputs = forward._inputs(setting, forward.runs[0])
+    heat_W = inputs.law_W[-1, 0]
+    (at,) = np.flatnonzero(inputs.law_jump_W[:, 0])
+    assert inputs.law_W[at, 0] == pytest.approx(heat_W / 2)  # it goes evenly from one row to the next
+    as_recorded, whenever, *_ = _undetermined(forward.runs[0], setting.plant, inputs, bands)
+    for more_W, by_W in ((as_recorded, heat_W / 2), (whenever, heat_W / np.sqrt(12.0))):
+        assert more_W[at, 0] == pytest.approx(by_W)
+        assert np.flatnonzero(more_W.any(axis=1)).tolist() == [at]
