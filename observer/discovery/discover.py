@@ -20,7 +20,7 @@ from observer.discovery.localise import ErrorLocation, Event, courses_of, event,
 from observer.discovery.nut_path import NUTS_WAY, needs_path, sparse_paths
 from observer.discovery.proof import Proof, prove
 from observer.discovery.search import Progress, Search, search, without
-from observer.discovery.suspects import Suspect, about_the_air, suspects
+from observer.discovery.suspects import Suspect, about_the_air, suspects, unlikely_offset
 from observer.discovery.verdict import Partial, Verdict, decide, partial_of, under_suspicion
 from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.discovery.worth import Worth, worth_of
@@ -95,6 +95,8 @@ def discover(
     less = _with_one_less(found, pool)
     proof = prove(found.null, found.fit, less)
     verdict = decide(found, proof, missing_excitation(config, prepared, courses_of(problem)))
+    if verdict.kind in ("none", "not_identifiable"):
+        wrong = wrong or unlikely_offset(found.null, found.ranking)
     verdict = under_suspicion(verdict, [s.text for s in wrong if _counts(s, verdict)])
     progress("what displacements say", 0.95)
     displacements = displacements_of(given, runs, verdict, found.null)

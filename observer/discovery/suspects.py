@@ -16,10 +16,10 @@ import numpy as np
 from observer.config import Config
 from observer.discovery.candidates import Signature, promises
 from observer.discovery.log_faults import FaultFit, Linearised, What, deviance, fit_faults, follows, score
-from observer.discovery.search import BLIND, PER_PARAMETER, FittedCandidate
+from observer.discovery.search import BLIND, MATERIAL, PER_PARAMETER, FittedCandidate
 from observer.discovery.verdict import WITHIN_REACH
 from observer.effects.base import EffectTable
-from observer.effects.terms import AmbientShift
+from observer.effects.terms import AmbientShift, SensorOffset
 from observer.fit.hypothesis import Fit
 from observer.fit.problem import Problem
 from observer.physics.constants import RAD_S_PER_RPM
@@ -90,6 +90,30 @@ def suspects(
             what = fitted.hypothesis.what
             channel, by, text = _DESCRIBE[what](null.problem, fitted)
             return (Suspect(what, channel, by if isinstance(by, str) else float(f"{by:.3g}"), text),)
+    return ()
+
+
+def unlikely_offset(null: Fit, ranking: Sequence[FittedCandidate]) -> tuple[Suspect, ...]:
+    """Return the sensor whose offset explains most of logs for which no effect is named, if it is unlikely
+    within its tolerance.
+
+    That explains an offset of z standard deviations at a cost of z², so a few cannot be named.
+    """
+    best = max(ranking, key=lambda t: t.score, default=None)
+    if best is None or best.score < SPARED or best.held_out < MATERIAL or not best.significant:
+        return ()
+    terms = best.candidate.effect(best.candidate.shapes[0]).terms(null.problem.config)
+    (value, *more), half = best.fit.values.tolist(), float(best.fit.half_width[0])
+    match terms:
+        case (SensorOffset(name, _, 0.0),) if not more:
+            (sensor,) = (s for s in null.problem.config.sensor if s.name == name)
+            way, z, enough = "much" if value > 0 else "little", np.sqrt(best.drop), np.sqrt(best.least)
+            text = (
+                f"{sensor.channel} reads {abs(value):.1f} ± {half:.1f} K too {way}, {z:.1f} standard "
+                f"deviations of its tolerance where {enough:.1f} name an effect; compare it with the other "
+                "sensors after a night at standstill, then correct it or set its offset_K"
+            )
+            return (Suspect("offsets", sensor.channel, float(f"{value:.3g}"), text),)
     return ()
 
 

@@ -151,6 +151,21 @@ def test_of_logs_in_doubt_nothing_is_reported_missing() -> None:
     assert found.event is None
 
 
+@pytest.mark.parametrize(("offset_K", "reported"), [(0.3, []), (1.4, ["b_degC"])])
+def test_an_offset_unlikely_within_its_tolerance_is_reported_though_not_named(
+    offset_K: float, reported: list[str]
+) -> None:
+    config = machine(tolerance={"offset_K": 0.3})
+    bias = machine(effect=[{"kind": "sensor_bias", "target": "b", "offset_K": offset_K}]).effect
+    truth = config.model_copy(update={"effect": bias})
+    found = discover(config, [[made_log(truth, seed, minutes=60.0)] for seed in range(2)])
+    assert not found.verdict.sets
+    assert [s.channel for s in found.suspects] == reported
+    if reported:
+        assert float(found.suspects[0].by) == pytest.approx(offset_K, abs=0.6)
+        assert "compare it with the other sensors" in found.suspects[0].text
+
+
 @pytest.mark.slow
 @pytest.mark.nightly
 def test_an_effect_beside_offsets_as_they_are_tolerated_is_no_fault_of_the_logs() -> None:
