@@ -6,7 +6,6 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import replace
-from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 import zenoh
@@ -120,9 +119,7 @@ class ServiceClient:
             raise
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *_error: object) -> None:
         await asyncio.to_thread(close_within, self._session, 1.0)
 
     async def _ask(self, wanted: str, timeout_s: float) -> dict[str, Any]:
