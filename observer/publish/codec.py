@@ -235,34 +235,19 @@ def late_json(document: bytes) -> bytes:
     return document[:-1] + b',"late":true}'
 
 
-def decode_page(data: bytes) -> dict[str, Any]:
-    """A page of the past, as the queryable answers `?from=…;to=…`; raises `ValueError`."""
-    page = _decode(data)
-    if not isinstance(page, dict) or "next" not in page:
-        raise ValueError("not a page of estimates: a map with next is expected")
-    return page
-
-
 def decode_estimate(data: bytes) -> dict[str, Any]:
     """An estimate from its CBOR; typed arrays become float32 arrays.
 
     Raises `ValueError` where the bytes are not exactly one estimate.
     """
-    estimate = _decode(data)
+    estimate = decode(data)
     if not isinstance(estimate, dict) or "time_s" not in estimate or "sequence" not in estimate:
         raise ValueError("not an estimate: a map with time_s and sequence is expected")
     return estimate
 
 
-def decode_estimates(data: bytes) -> list[dict[str, Any]]:
-    """Several estimates, as the queryable answers `?last=N`; raises `ValueError` like `decode_estimate`."""
-    estimates = _decode(data)
-    if not isinstance(estimates, list):
-        raise ValueError("not a list of estimates")
-    return estimates
-
-
-def _decode(data: bytes) -> Any:
+def decode(data: bytes) -> Any:
+    """What comes as CBOR: an estimate, a list or a page of them; raises `ValueError` for other bytes."""
     stream = io.BytesIO(data)
     try:
         message = cbor2.load(stream, tag_hook=_array)

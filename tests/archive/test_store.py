@@ -12,7 +12,7 @@ import pytest
 from observer.archive.pages import LONGEST_S, Pages, Span, time_of
 from observer.archive.store import Archive, UnfinishedError
 from observer.errors import ConfigError, LogError
-from observer.publish.codec import decode_estimate, decode_page
+from observer.publish.codec import decode, decode_estimate
 from observer.record.retention import CONFIG_SUFFIX, STATE_SUFFIX
 from tests.archive.lived import BEGIN_S, PERIOD_S, configuration, lived
 
@@ -21,7 +21,7 @@ def _estimates(pages: Pages, from_s: float, to_s: float) -> tuple[list, list[dic
     """All pages of a span: the estimates, and what each page says of itself."""
     found, heads, at_s = [], [], from_s
     while at_s is not None:
-        page = decode_page(pages.estimates(Span(at_s, to_s)))
+        page = decode(pages.estimates(Span(at_s, to_s)))
         found += page.pop("estimates")
         heads.append(page)
         at_s = page["next"]
@@ -100,7 +100,7 @@ def test_a_query_that_takes_too_long_is_rejected_and_completes_when_repeated(mon
 
 def test_one_step_of_each_interval(month):
     config, _, _ = month
-    page = decode_page(_all(None, config).estimates(Span(BEGIN_S + 1.0, BEGIN_S + 200.0, 60.0)))
+    page = decode(_all(None, config).estimates(Span(BEGIN_S + 1.0, BEGIN_S + 200.0, 60.0)))
     times_s = [estimate["time_s"] for estimate in page["estimates"]]
     first = 60.0 * math.ceil((BEGIN_S + 1.0) / 60.0)
     np.testing.assert_array_equal(times_s, [t for t in first + 60.0 * np.arange(4) if t < BEGIN_S + 200.0])
@@ -112,7 +112,7 @@ def test_a_page_has_an_end_and_says_where_to_go_on(month, monkeypatch):
     found, heads = _estimates(_all(None, config), BEGIN_S, BEGIN_S + 600.0)
     _assert_same(found, estimates)
     assert len(heads) > 5
-    (page, *_), long = heads, decode_page(_all(None, config).estimates(Span(BEGIN_S - 9000.0, BEGIN_S)))
+    (page, *_), long = heads, decode(_all(None, config).estimates(Span(BEGIN_S - 9000.0, BEGIN_S)))
     assert page["to_s"] == page["next"]
     assert long["next"] == BEGIN_S - 9000.0 + LONGEST_S
     assert long["gaps_s"] == [[BEGIN_S - 9000.0, long["next"]]]

@@ -19,8 +19,8 @@ from observer.publish.codec import (
     EstimateEncoder,
     array_of,
     config_json,
+    decode,
     decode_estimate,
-    decode_estimates,
     to_json,
 )
 from tests.publish.blocks import LAYOUT, block
@@ -191,7 +191,7 @@ def test_arrays_are_typed_as_rfc_8746_says():
 @pytest.mark.parametrize("count", [0, 1, 23, 24, 300])
 def test_several_estimates_are_one_array(count):
     messages = [EstimateEncoder(LAYOUT, "ab12cd34").cbor(block(float(i)), 0, i) for i in range(count)]
-    assert [m["sequence"] for m in decode_estimates(array_of(messages))] == list(range(count))
+    assert [m["sequence"] for m in decode(array_of(messages))] == list(range(count))
 
 
 ONE = EstimateEncoder(LAYOUT, "ab12cd34").cbor(block(), 0, 0)
@@ -215,11 +215,6 @@ ONE = EstimateEncoder(LAYOUT, "ab12cd34").cbor(block(), 0, 0)
 def test_other_bytes_are_rejected(data, words):
     with pytest.raises(ValueError, match=words):
         decode_estimate(data)
-
-
-def test_one_estimate_is_not_a_list():
-    with pytest.raises(ValueError, match="not a list"):
-        decode_estimates(ONE)
 
 
 def test_the_configuration_is_published_without_credentials():

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from observer.publish.answers import Budget, Responder
-from observer.publish.codec import decode_estimates
+from observer.publish.codec import decode
 from observer.publish.session import service_config, session_config
 from observer.tables.publishing import Publish
 from tests.patience import until as wait
@@ -117,7 +117,7 @@ def test_an_invalid_number_does_no_harm(last):
         assert len(refused) < 200
         opened.get(f"{PREFIX}/estimate?last=3", timeout=1)
         (reply,) = opened.get(f"{PREFIX}/estimate?last=3", timeout=5)
-        assert len(decode_estimates(reply.ok.payload.to_bytes())) == 1
+        assert len(decode(reply.ok.payload.to_bytes())) == 1
         assert made.status.alive
 
 

@@ -9,7 +9,7 @@ import time
 import pytest
 import zenoh
 
-from observer.publish.codec import decode_estimate, decode_estimates
+from observer.publish.codec import decode, decode_estimate
 from observer.publish.session import session_config
 from observer.publish.watch import Subscription
 from observer.publish.zenoh import ZenohPublisher
@@ -134,7 +134,7 @@ def test_answers_for_the_configuration_and_the_last_estimates(publisher):
     assert decode_estimate(last.ok.payload.to_bytes())["sequence"] == 7
     for asked, expected in (("3", [5, 6, 7]), ("100", [3, 4, 5, 6, 7])):  # history holds five
         (several,) = _get(endpoint, f"{prefix}/estimate?last={asked}")
-        assert [e["sequence"] for e in decode_estimates(several.ok.payload.to_bytes())] == expected
+        assert [e["sequence"] for e in decode(several.ok.payload.to_bytes())] == expected
     for asked in ("0", "-1", "x", "1.5"):
         (refused,) = _get(endpoint, f"{prefix}/estimate?last={asked}")
         assert "whole number" in refused.err.payload.to_string()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from observer.publish.codec import decode_page
+from observer.publish.codec import decode
 from observer.publish.session import session_config
 from tests.patience import PATIENCE_S, until
 from tests.publish.router import Router, free_port
@@ -50,7 +50,7 @@ def test_a_running_service_serves_its_past_from_several_files(tmp_path):
             with zenoh.open(session_config("client", (endpoint,), ())) as session:
 
                 def all_there() -> bool:  # the newest rows are on their way to the disk
-                    page = decode_page(_ask(session, f"estimate?from={at};to={last_s + 0.01}"))
+                    page = decode(_ask(session, f"estimate?from={at};to={last_s + 0.01}"))
                     return page["estimates"][-1]["time_s"] == last_s and page
 
                 page = until(all_there)
@@ -90,7 +90,7 @@ def test_who_was_cut_off_by_a_dead_router_gets_every_step_by_time(tmp_path):
                     selector = f"estimate?from={begin_s!r};to={first_s!r}"
 
                     def all_there() -> bool:  # the newest rows are on their way to the disk
-                        page = decode_page(_ask(session, selector))
+                        page = decode(_ask(session, selector))
                         return [e["time_s"] for e in page["estimates"]] == missed and page
 
                     page = until(all_there)
