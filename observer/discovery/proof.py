@@ -61,7 +61,8 @@ class Proof:
 
     Before: with the free parameters calibrated and no effect added. `as_given_rms_K`: with the configuration
     as it was given. `expected`: the mean squared whitened error of noise alone. `unproved`: the effects that
-    take too little off the gap: see `proves`.
+    take too little off the gap (see `proves`), and `stretch` by how many standard deviations tolerances have
+    to be off in their place.
     """
 
     whole: SensorError
@@ -69,6 +70,7 @@ class Proof:
     as_given_rms_K: float
     expected: float
     unproved: tuple[str, ...] = ()
+    stretch: float = 0.0
 
     @property
     def grown_on(self) -> tuple[str, ...]:
@@ -137,12 +139,14 @@ def prove(null: Fit, fit: Fit, less: Sequence[tuple[str, Fit]] = ()) -> Proof:
     whole = error(rows)
     left_K, noise_K = whole.beyond_tolerances_K[1], whole.floor_rms_K
     gaps_K = [(name, rms(ProofError.of(others, fit.config).beyond_K[rows])) for name, others in less]
+    unproved = tuple(name for name, gap_K in gaps_K if not proves(gap_K, left_K, noise_K))
     return Proof(
         whole=whole,
         per_sensor={name: error(mine) for name, mine in sensors.items() if mine.any()},
         as_given_rms_K=rms(problem.error_K(problem.config)[rows]),
         expected=evidence.expected,
-        unproved=tuple(name for name, gap_K in gaps_K if not proves(gap_K, left_K, noise_K)),
+        unproved=unproved,
+        stretch=max((others.stretch(fit.config) for name, others in less if name in unproved), default=0.0),
     )
 
 

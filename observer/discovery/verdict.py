@@ -27,6 +27,8 @@ WITHIN_REACH = 9.0
 """A rival whose score is within this of the winner's cannot be distinguished from it: three standard
 deviations.
 """
+UNLIKELY = 3.0
+"""Standard deviations of a tolerance that are worth a word."""
 WITHIN_SHARE, WITHIN_UNFIT = 0.02, 4.0
 """The same as a part of the winner's own drop, since its form may be slightly wrong, but at most so many
 times what it leaves unexplained beyond noise.
@@ -39,7 +41,8 @@ class Verdict:
 
     `fit` is what may be written back, or what remains to be explained; `sets` the sets of effects that
     explain the logs equally well, the best first, and `fits` their fits; `remains` where an unexplained error
-    is left; `unproved` the effects that would explain what was fitted, but do not prove themselves; `lacking`
+    is left; `unproved` the effects that would explain what was fitted, but do not prove themselves, and
+    `stretch` how many standard deviations of tolerances would explain as much; `lacking`
     the excitation that the logs lack, a clause for each; `suspected` the faults of the logs, a sentence for
     each without its full stop, that withdraw or qualify the verdict.
     """
@@ -50,6 +53,7 @@ class Verdict:
     fits: tuple[Fit, ...] = ()
     remains: Literal["in what was fitted", "on data held back"] | None = None
     unproved: tuple[str, ...] = ()
+    stretch: float = 0.0
     lacking: tuple[str, ...] = ()
     suspected: tuple[str, ...] = ()
 
@@ -63,7 +67,7 @@ class Verdict:
             return (
                 f"{' and '.join(self.unproved)} would explain what was fitted, but on data held back the gap "
                 f"beyond tolerances does not fall by {100 * FALLS:.0f} % and more than noise with it"
-            )
+            ) + self._other
         names = [" and ".join(c.name for c in each) for each in self.sets]
         return {
             "named": f"missing: {''.join(names[:1])}",
@@ -73,6 +77,13 @@ class Verdict:
             "ambiguous": f"these logs cannot distinguish {' from '.join(names)}",
             "not_identifiable": f"no missing effect is found, but {'; '.join(self.lacking)}",
         }[self.kind]
+
+    @property
+    def _other(self) -> str:
+        """What explains as much as the unproved, if tolerances have to be beyond what is likely for that."""
+        if self.stretch < UNLIKELY:
+            return ""
+        return f": tolerances of which one is off by {self.stretch:.0f} standard deviations leave as little"
 
 
 def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
@@ -85,7 +96,7 @@ def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
     if proof.whole.after > noise + PROOF_UNFIT + 2 * form or proof.worse or proof.grown_on:
         return Verdict("unknown", fit, remains="on data held back")
     if proof.unproved:
-        return Verdict("unknown", fit, unproved=proof.unproved)
+        return Verdict("unknown", fit, unproved=proof.unproved, stretch=proof.stretch)
     if not search.chosen:
         return Verdict("not_identifiable" if lacking else "none", fit, lacking=tuple(lacking))
     sets, fits = alternatives(search, noise)

@@ -17,7 +17,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.effects.terms import SensorOffset, StretchFilm, Term
-from observer.fit.problem import Marginal, Problem, modelled_lags
+from observer.fit.problem import Marginal, NuisanceColumns, Problem, modelled_lags
 from observer.frames import BoolArray, FloatArray
 
 TRIALS = 8
@@ -188,12 +188,25 @@ class Fit:
         nuisance = self.problem.nuisance
         if nuisance is None or not nuisance.columns.shape[1]:
             return np.zeros(len(self.residual))
+        kept, taken = self._taken(nuisance, named or self.config)
+        return np.asarray(nuisance.changes_K[:, kept] @ taken)
+
+    def stretch(self, named: Config | None = None) -> float:
+        """How many times its standard deviation the most stretched tolerance is, as in
+        `within_tolerances_K`.
+        """
+        nuisance = self.problem.nuisance
+        if nuisance is None or not nuisance.columns.shape[1]:
+            return 0.0
+        return float(np.max(np.abs(self._taken(nuisance, named or self.config)[1]), initial=0.0))
+
+    def _taken(self, nuisance: NuisanceColumns, named: Config) -> tuple[BoolArray, FloatArray]:
+        """The tolerances (t,) that count beside a fit, and their most probable values on the used rows."""
         kept = np.array([name not in modelled_lags(self.config) for name in nuisance.lag_of])
-        own = np.array([replaces(term, named or self.config) for term in nuisance.terms])
+        own = np.array([replaces(term, named) for term in nuisance.terms])
         most = np.where(own, OWN_SIGMA, MOST_SIGMA)[kept]
         used = self.problem.evidence.used
-        taken = most_probable(nuisance.columns[used][:, kept], self.residual[used], most)
-        return np.asarray(nuisance.changes_K[:, kept] @ taken)
+        return kept, most_probable(nuisance.columns[used][:, kept], self.residual[used], most)
 
     @cached_property
     def covariance(self) -> FloatArray:

@@ -171,7 +171,9 @@ def test_without_proof_of_each_effect_nothing_is_named() -> None:
     found = decide(two, proof(unproved=("body",)), ())
     assert (found.kind, found.unproved, found.sets) == ("unknown", ("body",), ())
     assert found.reason.startswith("body would explain")
-    assert "20 %" in found.reason
+    assert found.reason.endswith("by 20 % and more than noise with it")
+    stretched = decide(two, replace(proof(unproved=("body",)), stretch=8.2), ())
+    assert stretched.reason.endswith("one is off by 8 standard deviations leave as little")
 
 
 def test_nothing_found_is_none_or_not_identifiable() -> None:
@@ -267,6 +269,7 @@ def proved(less_K: float | None = None) -> Proof:
             config=SimpleNamespace(name=name),
             marginal=marginal,
             within_tolerances_K=lambda _named: np.full(len(SENSOR), 0.1 * off_K[name]),
+            stretch=lambda _named: 8.2,
         )
 
     less = () if less_K is None else (("body", of("less", 0.1)),)
@@ -281,6 +284,7 @@ def test_an_effect_is_unproved_where_the_others_alone_leave_as_little(
     found = proved(less_K)
     assert found.whole.form_K == pytest.approx(2 * found.whole.floor_rms_K)
     assert found.unproved == (("body",) if unproved else ())
+    assert found.stretch == (8.2 if unproved else 0.0)
 
 
 def test_what_tolerances_explain_is_taken_off_the_gap() -> None:
