@@ -15,8 +15,8 @@ import numpy as np
 from observer.errors import UserError
 from observer.estimators import packing
 from observer.estimators.by_block import BlockEstimator, Scratch
-from observer.estimators.design.gains import Refusal, everything, sensor_rows
-from observer.estimators.design.steady import bandwidth, design, steady_covariance, steady_kalman
+from observer.estimators.design.gains import LuenbergerGain, Refusal, everything, sensor_rows
+from observer.estimators.design.steady import bandwidth, gain_for, steady_covariance
 from observer.estimators.fixed_gain_records import FixedGainWork, GainTable, StepBins, considered, steady_step
 from observer.estimators.packing import PlantArrays, Results
 from observer.estimators.protocol import EstimatorState
@@ -141,7 +141,7 @@ class FixedGainEstimator(BlockEstimator):
 
     def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
         """Design the gain for all sensors at the period. Raises `UserError` where there is none."""
-        self._roughly = packing.pack_plant(plant)
+        self._roughly, self._settings = packing.pack_plant(plant), settings
         plant = replace(plant, learning=None)
         super().__init__(plant, settings)
         whole = self.gain(step_matrices(plant, settings.period_s), everything(plant))
@@ -215,8 +215,9 @@ class ConstantGainEstimator(FixedGainEstimator):
     )
 
     def gain(self, step: StepMatrices, present: BoolArray) -> FloatArray | Refusal:
-        """The steady Kalman gain."""
-        return steady_kalman(self._plant, step, present)
+        """The steady Kalman gain, or a more cautious one."""
+        gain = gain_for(self._plant, step, present, self._settings)
+        return gain.K if isinstance(gain, LuenbergerGain) else gain
 
 
 class LuenbergerEstimator(FixedGainEstimator):
@@ -230,11 +231,10 @@ class LuenbergerEstimator(FixedGainEstimator):
 
     def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
         """Find the bandwidth, and the gain for all sensors; raises `UserError` where there is none."""
-        self._rule = settings.pole_rule
         self._bandwidth_1_s = bandwidth(plant, settings)
         super().__init__(plant, settings)
 
     def gain(self, step: StepMatrices, present: BoolArray) -> FloatArray | Refusal:
         """The gain that places the poles."""
-        gain = design(self._plant, step, present, self._rule, self._bandwidth_1_s)
-        return gain if isinstance(gain, Refusal) else gain.K
+        gain = gain_for(self._plant, step, present, self._settings, self._bandwidth_1_s)
+        return gain.K if isinstance(gain, LuenbergerGain) else gain

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,12 +12,7 @@ from scipy.linalg import block_diag
 from observer.config import Config
 from observer.errors import ConfigError
 from observer.estimators.design.gains import LuenbergerGain, Refusal, closed_loop, everything, sensor_rows
-from observer.estimators.design.steady import (
-    bandwidth,
-    gain_for,
-    standing_growth_1_s,
-    steady_covariance,
-)
+from observer.estimators.design.steady import bandwidth, gain_for, steady_covariance
 from observer.frames import FloatArray
 from observer.model.discretise import StepMatrices
 from observer.model.plant import Plant
@@ -27,9 +20,7 @@ from observer.model.plant import Plant
 _MOST_GAINS = 40_000
 """Numbers in the table of gains up to which two absent sensors have gains, too: 320 kB in double."""
 _GROWTH_AT_MOST_1_S = 1e-5
-"""Permitted growth of an error while a nut stands: e-fold in more than a day, longer than any standstill."""
-_CAUTIONS = (1.0, 10.0, 100.0, 1e3, 1e4)
-"""Multiples of the sensors' noise for the design of a gain; the first that works is used."""
+"""Permitted growth of an error while a nut stands, on an unattended controller: e-fold in more than a day."""
 _SETTLED_SIGMA = 1.1
 """The heats count as settled once their σ are within a tenth of the steady ones."""
 LONG = 30_000
@@ -58,6 +49,7 @@ def gain_sets(config: Config, plant: Plant, step: StepMatrices) -> GainSets:
     s, n = len(config.sensor), len(plant.decay_1_s) + len(plant.heat_decay_1_s)
     most_absent = 2 if 2 * (1 + s + s * (s - 1) // 2) * s * n <= _MOST_GAINS else 1
     omega = bandwidth(plant, config.estimator) if config.estimator.kind == "luenberger" else None
+    constant = config.estimator.model_copy(update={"engine": "constant"})
     offset_K2 = (
         np.array([config.tolerance.offset_K if x.offset_K is None else x.offset_K for x in config.sensor])
         ** 2
@@ -69,7 +61,7 @@ def gain_sets(config: Config, plant: Plant, step: StepMatrices) -> GainSets:
     for absent in itertools.chain(*(itertools.combinations(range(s), k) for k in range(most_absent + 1))):
         present = everything(plant)
         present[list(absent)] = False
-        K = _gain(plant, step, present, config, omega)
+        K = gain_for(plant, step, present, constant, omega, _GROWTH_AT_MOST_1_S)
         if isinstance(K, Refusal):
             if not absent:
                 raise ConfigError(
@@ -81,6 +73,7 @@ def gain_sets(config: Config, plant: Plant, step: StepMatrices) -> GainSets:
             continue
         first, second = (*absent, s, s)[:2]
         number[first, second] = len(steady)
+        K = K.K if isinstance(K, LuenbergerGain) else K
         P0 = block_diag(plant.prior_P, np.diag(plant.initial_sigma_W**2))
         found = steady_covariance(plant, step, K)
         assert found is not None, "a gain that is not stable"
@@ -95,25 +88,6 @@ def gain_sets(config: Config, plant: Plant, step: StepMatrices) -> GainSets:
     gate_K2 = config.estimator.gate_sigma**2 * np.array(S_all)
     gains = np.array(K_all).transpose(0, 2, 1)
     return GainSets(gains, gate_K2, number, min(most_absent, s), settled, tuple(refused))
-
-
-def _gain(
-    plant: Plant, step: StepMatrices, present: np.ndarray, config: Config, omega: float | None
-) -> FloatArray | Refusal:
-    """The gain of the estimator, or a more cautious one under which no error diverges while a nut stands:
-    gains are designed for the mean of the stroke, and a controller is unattended.
-    """
-    names = tuple(itertools.compress(plant.layout.sensors, present))
-    for caution in _CAUTIONS:
-        doubtful = replace(plant, noise_R_K2=caution * plant.noise_R_K2)
-        slower = None if omega is None else omega / math.sqrt(caution)
-        K = gain_for(doubtful, step, present, config.estimator, slower)
-        if isinstance(K, Refusal):
-            return K
-        K = K.K if isinstance(K, LuenbergerGain) else K
-        if standing_growth_1_s(plant, step, K) <= _GROWTH_AT_MOST_1_S:
-            return K
-    return Refusal(names, "while the nut stands at some places, errors would grow")
 
 
 def _variance(plant: Plant, P: FloatArray) -> FloatArray:

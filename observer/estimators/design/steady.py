@@ -4,6 +4,7 @@ the bandwidth where none is given; and whether it holds while a nut stands still
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
@@ -35,8 +36,10 @@ _LADDER_STEPS = 32
 _WORSE = 10.0
 # Sensor noise alone may at most move a heat by this share of its initial sigma.
 _NOISE_AT_MOST = 1.0
-# Without a sensor, errors may grow e-fold in no less than 17 minutes while a nut stands.
-_GROWTH_AT_MOST_1_S = 1e-3
+GROWTH_AT_MOST_1_S = 1e-3
+"""Permitted growth of an error while a nut stands: e-fold in 17 minutes or more."""
+_CAUTIONS = (1.0, 10.0, 100.0, 1e3, 1e4)
+"""Multiples of the sensors' noise for the design of a constant gain; the first that works is used."""
 _PLACES = 13
 # Relative residual above which a solution of the Riccati equation is not believed: forecasts of σ need three
 # digits.
@@ -46,9 +49,7 @@ _RESIDUAL = 1e-6
 def design(
     plant: Plant, step: StepMatrices, present: BoolArray, rule: str, bandwidth_1_s: float
 ) -> LuenbergerGain | Refusal:
-    """Design by the configured rule; under the bandwidth rule a gain that only makes noise is refused, and
-    one for sensors that are left over that would run away while a nut stands still.
-    """
+    """Design by the configured rule; under the bandwidth rule a gain that only makes noise is refused."""
     if rule == "kim":
         return design_kim(plant, step, present)
     gain = gains.design_bandwidth(plant, step, present, bandwidth_1_s)
@@ -56,12 +57,6 @@ def design(
         return refusal(
             plant, present, "sensor noise alone would move a heat by more than its initial_sigma_W"
         )
-    if isinstance(gain, LuenbergerGain) and not present.all():
-        growth_1_s = standing_growth_1_s(plant, step, gain.K)
-        if growth_1_s > _GROWTH_AT_MOST_1_S:
-            return refusal(
-                plant, present, f"while the nut stands, errors would grow e-fold in {1.0 / growth_1_s:.0f} s"
-            )
     return gain
 
 
@@ -71,14 +66,33 @@ def gain_for(
     present: BoolArray,
     settings: EstimatorSettings,
     bandwidth_1_s: float | None = None,
+    growth_at_most_1_s: float = GROWTH_AT_MOST_1_S,
 ) -> LuenbergerGain | FloatArray | Refusal:
     """Return the gain that the settings ask for, the Kalman filter's in its steady state; without
     `bandwidth_1_s` that of the settings.
+
+    Gains are designed for nuts spread over their strokes. One that is to stay as it is, a Luenberger
+    observer's or that of the engine "constant", is a more cautious one where errors would otherwise grow
+    faster than `growth_at_most_1_s` while a nut stands, and refused where they would under each.
     """
-    if settings.kind != "luenberger":
-        return steady_kalman(plant, step, present)
-    omega = bandwidth(plant, settings) if bandwidth_1_s is None else bandwidth_1_s
-    return design(plant, step, present, settings.pole_rule, omega)
+    is_placed = settings.kind == "luenberger"
+    omega = bandwidth(plant, settings) if is_placed and bandwidth_1_s is None else bandwidth_1_s
+    growth_1_s = np.inf
+    for caution in _CAUTIONS:
+        found: LuenbergerGain | FloatArray | Refusal
+        if is_placed and omega is not None:
+            found = design(plant, step, present, settings.pole_rule, omega / math.sqrt(caution))
+        else:
+            doubtful = replace(plant, noise_R_K2=caution * plant.noise_R_K2)
+            found = steady_kalman(doubtful, step, present)
+        if isinstance(found, Refusal) or not (is_placed or settings.engine == "constant"):
+            return found
+        growth_1_s = standing_growth_1_s(plant, step, found.K if isinstance(found, LuenbergerGain) else found)
+        if growth_1_s <= growth_at_most_1_s:
+            return found
+    return refusal(
+        plant, present, f"while the nut stands, errors would grow e-fold in {1.0 / growth_1_s:.0f} s"
+    )
 
 
 def noise_share(plant: Plant, gain: LuenbergerGain, present: BoolArray) -> float:
