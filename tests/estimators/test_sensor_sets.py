@@ -7,6 +7,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from observer.config import LEARNT
 from observer.estimators.design.sensor_sets import set_sigmas
 from observer.estimators.design.spread import spread
 from observer.installation import load
@@ -29,8 +30,10 @@ def housings():
         Sensor(name="s2", channel="s2", position_m=0.45, offset_K=0.0),
         Sensor(name="probe", kind="displacement", channel="probe_um", position_m=0.3, zero_um=2.0),
     )
-    kalman = config.estimator.model_copy(update={"period_s": 1.0})
-    return config.model_copy(update={"sensor": (*config.sensor, *more), "estimator": kalman})
+    # whatever is measured: without a sensor on the screw another would learn its laws, and trust them less
+    kalman = config.estimator.model_copy(update={"period_s": 1.0, "learn": LEARNT})
+    laws = tuple(source.model_copy(update={"law_uncertainty": 0.2}) for source in config.source)
+    return config.model_copy(update={"sensor": (*config.sensor, *more), "estimator": kalman, "source": laws})
 
 
 def alone(config, sensors):
