@@ -13,7 +13,6 @@ import numpy as np
 from observer.frames import FloatArray, Inputs
 from observer.kernels.coupling import coupled, faded
 from observer.model.discretise import fixed_noise, quantise, step_matrices
-from observer.model.learning import WANDER_S
 from observer.model.plant import Plant
 
 
@@ -105,7 +104,7 @@ def transition(plant: Plant, u: Inputs, k: int, x: FloatArray, columns: Columns)
     before, shift = _half(plant, u, k, u.z_start[k], B, x, n)
     x = before @ x + shift
     law_W = laws(plant, u, k, B, x[:n_x])
-    F, forced, Q = np.eye(n) * np.exp(-dt_s / WANDER_S), np.zeros(n), np.zeros((n, n))
+    F, forced, Q = np.eye(n), np.zeros(n), np.zeros((n, n))
     F[:first, :first] = np.diag(np.concatenate([step.decay, step.heat_decay]))
     F[:n_x, n_x:first] = own * step.couple.T
     F[:n_x, first : first + t] = G
@@ -117,8 +116,9 @@ def transition(plant: Plant, u: Inputs, k: int, x: FloatArray, columns: Columns)
     Q[n_x:first, :n_x] = Q[:n_x, n_x:first].T
     Q[n_x:first, n_x:first] = np.diag(step.walk_dd)
     if plant.learning is not None:
-        sigma = plant.learning.arrays.sigma
-        Q[first:, first:] = np.diag(sigma**2 * (1.0 - np.exp(-dt_s / WANDER_S) ** 2))
+        fade, sigma = np.exp(-dt_s / plant.learning.wander_s), plant.learning.arrays.sigma
+        F[first:, first:] *= fade
+        Q[first:, first:] = np.diag(sigma**2 * (1.0 - fade**2))
     jump = np.zeros(n)
     jump[n_x:first] = plant.law_uncertainty * u.law_jump_W[k, plant.estimated]
     Q += F @ np.diag(jump**2) @ F.T

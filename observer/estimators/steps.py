@@ -12,7 +12,6 @@ from observer.frames import BoolArray, FloatArray, Inputs
 from observer.kernels import number_steps, record
 from observer.kernels.layout import pad_rows
 from observer.model.discretise import StepMatrices, fixed_noise, quantise, step_matrices
-from observer.model.learning import WANDER_S
 from observer.model.plant import Plant
 
 _STEPS_IN_TABLE = 64
@@ -119,7 +118,8 @@ def _noise(plant: Plant, step: StepMatrices, still: BoolArray) -> FloatArray:
 
 def _fade(plant: Plant, dt_s: float) -> FloatArray:
     """What a step leaves of each state that is learnt, (L,)."""
-    return np.full(plant.learnt, np.exp(-dt_s / WANDER_S))
+    wander_s = np.inf if plant.learning is None else plant.learning.wander_s
+    return np.full(plant.learnt, np.exp(-dt_s / wander_s))
 
 
 class Chunk(NamedTuple):

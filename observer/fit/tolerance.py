@@ -31,7 +31,7 @@ from observer.effects.terms import (
     StretchFilm,
     Term,
 )
-from observer.fit.parameters import candidates, get, put
+from observer.fit.parameters import PARAMETERS, candidates, get, put
 from observer.frames import FloatArray
 from observer.tables.laws import SPEED_LAWS
 from observer.tables.sections import Sensor
@@ -136,9 +136,17 @@ def remaining_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str
     """Return the remaining tolerances of fitted parameters, by their keys in a configuration.
 
     `sigma` is the relative standard deviation of each fitted parameter, by its key. A tolerance never grows.
-    Heats keep their `law_uncertainty`: friction varies from day to day, even with a known scale.
+    Heats keep their `law_uncertainty`: they depart from their law at each start, even with a known scale,
+    whose own tolerance is that of the fit and of what friction differs from one log to the next.
     """
     left = {own: min(sigma[key], share) for key, own, share in _beside(config) if key in sigma}
+    for source in config.source:
+        own_keys = {f"source.{source.name}.{name}" for name in PARAMETERS["source"]} & sigma.keys()
+        if own_keys:
+            scale = math.hypot(*(sigma[key] for key in own_keys), config.tolerance.heat_per_log)
+            own = source.scale_tolerance
+            before = config.law_uncertainty(source) if own is None else own
+            left[f"source.{source.name}.scale_tolerance"] = min(scale, before)
     for name, keys in TOLERANCE_OF.items():
         found = [sigma[key] for key in keys if key in sigma]
         if found:

@@ -243,7 +243,7 @@ def _doubtful(plant: Plant, program: Program, share: FloatArray, mean_W: FloatAr
         wander_K = max(AIR_K_sqrt_h, _wander_K(program.past.z[:, arrays.ambient]))
         air = arrays.kind == Nuisance.AMBIENT
         sigma = np.where(air, wander_K * np.sqrt(WANDER_S / 2 / HOUR_S), CALM * arrays.sigma)
-        learning = replace(learning, arrays=arrays._replace(sigma=sigma))
+        learning = replace(learning, arrays=arrays._replace(sigma=sigma), wander_s=WANDER_S)
     return replace(
         plant,
         field_noise_Q=plant.field_noise_Q + program.noise_W2_s * np.outer(b, b),

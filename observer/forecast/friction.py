@@ -4,7 +4,8 @@ Heats that wander as freely as the configuration allows may be anything an hour 
 little of film and laws beside them. Most friction wanders less: it is its law times a constant, and what it
 has more when work begins dies away. The rivals are that, with several time constants, and the heats as
 configured; all of them learn everything that `[tolerance]` and the laws leave open. A rival's weight is its
-likelihood (Magill 1965), so that a machine whose friction does otherwise is forecast as ever.
+likelihood (Magill 1965) to a power (Holmes & Walker 2017), so that a machine whose friction does otherwise is
+forecast as ever.
 """
 
 from __future__ import annotations
@@ -20,14 +21,14 @@ from observer.config import Config
 from observer.estimators import packing
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.steps import Chunk
-from observer.forecast.ahead import Runner, ahead, runner, runner_by_law
+from observer.forecast.ahead import CALM, Runner, ahead, runner, runner_by_law
 from observer.forecast.document import Forecast, travel_of
 from observer.forecast.program import Program
 from observer.forecast.settling import MOST_S as LONGEST_S
 from observer.forecast.settling import Settled, draws, likely, settling, warm_up, with_spread
 from observer.frames import EstimateBlock, FloatArray, Inputs, Quality
 from observer.model.build import build_plant
-from observer.model.learning import Nuisance
+from observer.model.learning import WANDER_S, Nuisance
 from observer.model.plant import Plant
 from observer.tables.estimator import Learnable
 
@@ -37,6 +38,8 @@ MORE = 0.15
 """One standard deviation of what it has more or less when work begins, in parts of its law."""
 DRAWS = 20
 """Of what may be, by each rival, for the spread of when and where it settles."""
+EACH_COUNTS = 0.5
+"""The power: readings near each other share what no rival describes, and each counts as half a one."""
 LEAST_WEIGHT = 0.02
 """A rival that is less likely than this is left out."""
 PAUSE_S, IDLE_W = 60.0, 1e-3
@@ -78,8 +81,9 @@ class FrictionBank:
         """
         inputs = since_start(Inputs.joined(list(self._parts)), float(program.past.dt_s.sum()))
         settings = self._config.estimator.model_copy(update={"learn": get_args(Learnable)})
-        plant = build_plant(self._config.model_copy(update={"estimator": settings}), learns=True)
-        rivals = [(runner, plant), *((runner_by_law, running_in(plant, time_s)) for time_s in RUNS_IN_S)]
+        config = self._config.model_copy(update={"estimator": settings})
+        plant, lasting = (build_plant(one, learns=True) for one in (config, with_known_scales(config)))
+        rivals = [(runner, plant), *((runner_by_law, running_in(lasting, time_s)) for time_s in RUNS_IN_S)]
         filters = [WeighedFilter(own, settings) for _, own in rivals]
         states = [one.run(one.initial(), inputs)[0] for one in filters]
         weights = weights_of([one.log_likelihood for one in filters])
@@ -117,16 +121,26 @@ def weights_of(log_likelihoods: Sequence[float]) -> FloatArray:
     """The probability of each rival, 0 where it is little; the first counts as much before as all others."""
     count = len(log_likelihoods)
     prior = np.array([0.5, *[0.5 / (count - 1)] * (count - 1)])
-    logs = np.array(log_likelihoods) + np.log(prior)
+    logs = EACH_COUNTS * np.array(log_likelihoods) + np.log(prior)
     weights = np.exp(logs - logs.max())
     weights[weights < LEAST_WEIGHT * weights.sum()] = 0.0
     return np.asarray(weights / weights.sum())
 
 
+def with_known_scales(config: Config) -> Config:
+    """The configuration whose laws are as uncertain as a calibration has left their scales, where one has."""
+    known = (
+        s if s.scale_tolerance is None else s.model_copy(update={"law_uncertainty": s.scale_tolerance})
+        for s in config.source
+    )
+    return config.model_copy(update={"source": tuple(known)})
+
+
 def running_in(plant: Plant, time_s: float) -> Plant:
     """A plant whose heats by law are the law times a constant that is learnt, and what dies away in a time.
 
-    That begins anew whenever the law jumps. Heats without a law stay as they are.
+    That begins anew whenever the law jumps. Heats without a law stay as they are. What is learnt changes less
+    than from day to day: a scale that wanders by four parts in a hundred in half an hour imitates running in.
     """
     assert plant.learning is not None
     arrays = plant.learning.arrays
@@ -136,6 +150,7 @@ def running_in(plant: Plant, time_s: float) -> Plant:
         random_walk_W2_s=np.where(by_law, 0.0, plant.random_walk_W2_s),
         heat_decay_1_s=np.where(by_law, 1.0 / time_s, plant.heat_decay_1_s),
         law_uncertainty=np.where(by_law, MORE, plant.law_uncertainty),
+        learning=replace(plant.learning, wander_s=WANDER_S / CALM**2),
         initial_sigma_W=np.where(by_law, 1e-3, plant.initial_sigma_W),
     )
 

@@ -198,7 +198,8 @@ def joined(arrays: LearningArrays, more: LearningArrays) -> LearningArrays:
 @dataclass(frozen=True, slots=True)
 class Learning:
     """The states, and what the learnt ones are called: `names` (l,), which `states` (l,) they are, and the
-    `value` (l,) and `unit` (l,) in which they are reported: value + unit · state.
+    `value` (l,) and `unit` (l,) in which they are reported: value + unit · state. All become others in
+    `wander_s`.
     """
 
     arrays: LearningArrays
@@ -206,6 +207,7 @@ class Learning:
     states: NDArray[np.int64]
     value: FloatArray
     unit: FloatArray
+    wander_s: float = WANDER_S
 
     def estimates(self, x: FloatArray, P: FloatArray) -> dict[str, tuple[float, float]]:
         """What is learnt, by name, with its σ: from the states (L,), the last of an estimator's, and their

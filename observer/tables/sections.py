@@ -201,6 +201,9 @@ class Source(HeatLaw):
     #: added to the uncertainty of the heat; – is 0.2, and 0.3 where [no thermocouple sits on the
     #: screw](../explanation/learning.md#without-a-sensor-on-the-screw)
     law_uncertainty: quantities.Factor | None = None
+    #: one standard deviation of the law's scale once it has run in, relative, as `calibrate` leaves it; – is
+    #: `law_uncertainty`; in the `forecast` from a log
+    scale_tolerance: quantities.Factor | None = None
     #: standard deviation of the heat at the start
     initial_sigma_W: Annotated[quantities.HeatSigma, Field(gt=0)] = 30.0
 

@@ -208,3 +208,11 @@ def test_a_fitted_link_keeps_no_more_tolerance_than_it_had() -> None:
     _, config = with_nodes()
     left = remaining_tolerances(config, {SEAT: 0.07, BLOCK: 0.5})
     assert left == {"link.block.1-heater.tolerance": 0.07, "node.block.1.tolerance": 0.05}
+
+
+def test_a_fitted_scale_keeps_what_friction_differs_from_log_to_log_too() -> None:
+    config = machine(tolerance={"heat_per_log": 0.03})
+    left = remaining_tolerances(config, {"source.bearing.l.heat_W_rpm": 0.04})
+    assert left == {"source.bearing.l.scale_tolerance": pytest.approx(0.05)}
+    left = remaining_tolerances(config, {"source.bearing.l.heat_W_rpm": 0.5})
+    assert left == {"source.bearing.l.scale_tolerance": 0.2}

@@ -6,10 +6,20 @@ import numpy as np
 import pytest
 
 from campaigns.forecast import warming
-from observer.forecast.friction import mixture, quantiles_s, running_in, since_start, weights_of
+from observer.estimators.steps import StepCache
+from observer.forecast.friction import (
+    EACH_COUNTS,
+    mixture,
+    quantiles_s,
+    running_in,
+    since_start,
+    weights_of,
+    with_known_scales,
+)
 from observer.forecast.settling import Settled
 from observer.frames import EstimateBlock, Inputs
 from observer.model.build import build_plant
+from observer.model.learning import Nuisance
 from tests.learning.machines import CONFIG as MACHINE
 from tests.learning.machines import Rough, config_of, draw
 
@@ -49,9 +59,28 @@ def test_heats_that_run_in_do_not_wander_and_die_away_to_their_law() -> None:
     np.testing.assert_array_equal(plant.random_walk_W2_s, 0.0)
 
 
+def test_the_scale_of_a_law_hardly_wanders_where_friction_runs_in() -> None:
+    # what it wanders in the 28 minutes of a warm-up would else be taken for what has run in
+    config = config_of(MACHINE, '\n[estimator]\nlearn = ["convection", "law"]\n')
+    plant = build_plant(config, learns=True)
+    assert plant.learning is not None
+    law = len(plant.decay_1_s) + 3 + np.flatnonzero(plant.learning.arrays.kind == Nuisance.LAW)
+    wanders = [
+        np.sqrt(np.asarray(StepCache(own).table([1680.0]).noise)[0, law, law])
+        for own in (plant, running_in(plant, 1200.0))
+    ]
+    np.testing.assert_allclose(wanders, [[0.039] * 3, [0.0118] * 3], rtol=0.01)
+
+
+def test_a_scale_that_a_calibration_found_is_no_more_open_than_it_left_it() -> None:
+    text = MACHINE.replace('name = "nut"', 'name = "nut"\nscale_tolerance = 0.04')
+    found = {s.name: s.law_uncertainty for s in with_known_scales(config_of(text)).source}
+    assert found == {"nut": 0.04, "left_bearing": None, "right_bearing": None}
+
+
 def test_the_heats_as_configured_count_as_much_before_as_all_others() -> None:
     np.testing.assert_allclose(weights_of([5.0, 5.0, 5.0]), [0.5, 0.25, 0.25])
-    np.testing.assert_allclose(weights_of([0.0, np.log(2.0), -50.0]), [0.5, 0.5, 0.0])
+    np.testing.assert_allclose(weights_of([0.0, np.log(2.0) / EACH_COUNTS, -50.0]), [0.5, 0.5, 0.0])
 
 
 def test_a_mixture_has_the_moments_of_its_parts() -> None:
