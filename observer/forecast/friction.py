@@ -16,6 +16,7 @@ from dataclasses import replace
 from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.estimators import packing
@@ -32,12 +33,14 @@ from observer.model.learning import WANDER_S, Nuisance
 from observer.model.plant import Plant
 from observer.tables.estimator import Learnable
 
-RUNS_IN_S = (900.0, 1800.0, 3600.0)
+RUNS_IN_S = (900.0, 1270.0, 1800.0, 2550.0, 3600.0)
 """Time constants with which friction may settle to its law, once running."""
 MORE = 0.15
 """One standard deviation of what it has more or less when work begins, in parts of its law."""
-DRAWS = 20
-"""Of what may be, by each rival, for the spread of when and where it settles."""
+DRAWS = 80
+"""Of what may be, by each rival as many as its weight says, for the spread of when and where it settles: of
+20 the least and the largest hold 90 % between them, and no more.
+"""
 EACH_COUNTS = 0.5
 """The power: readings near each other share what no rival describes, and each counts as half a one."""
 LEAST_WEIGHT = 0.02
@@ -167,9 +170,10 @@ def forecast_by_all(
     """Forecast from weighed begins: moments and quantiles of their mixture; `plant` is the estimate's."""
     travel, weight = travel_of(config, plant.layout.position_m), np.array([w for w, _ in begins])
     where = [settling(begin, program, travel, within_um) for _, begin in begins]
-    runners = [draws(begin, program, DRAWS) for _, begin in begins]
+    counts = counts_of(weight)
+    runners = [draws(begin, program, n) for (_, begin), n in zip(begins, counts.tolist(), strict=True)]
     drawn = [[settling(one, program, travel, within_um) for one in own] for own in runners]
-    each, all_drawn = np.repeat(weight / DRAWS, DRAWS), [one for own in drawn for one in own]
+    each, all_drawn = np.repeat(weight / counts, counts), [one for own in drawn for one in own]
     field, error = (weight @ np.array([getattr(s, n) for s in where]) for n in ("field_degC", "error_um"))
     settled, between_s = replace(where[0], field_degC=field, error_um=error), None
     settled = with_spread(settled, all_drawn, each)
@@ -181,6 +185,11 @@ def forecast_by_all(
         sooner = likely(sooner, program, runners[0], drawn[0], travel, within_um)
     blocks = [ahead(begin, program, 3600.0 * hours) for _, begin in begins]
     return Forecast(now_s, program, mixture(blocks, weight), settled, between_s, sooner)
+
+
+def counts_of(weight: FloatArray) -> NDArray[np.int64]:
+    """How many draws each rival has by its weight (r,): they come in pairs, and each has one."""
+    return np.asarray(2 * np.maximum(1, np.round(0.5 * DRAWS * weight)), np.int64)
 
 
 def mixture(blocks: Sequence[EstimateBlock], weight: FloatArray) -> EstimateBlock:
