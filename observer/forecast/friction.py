@@ -42,7 +42,9 @@ DRAWS = 80
 20 the least and the largest hold 90 % between them, and no more.
 """
 EACH_COUNTS = 0.5
-"""The power: readings near each other share what no rival describes, and each counts as half a one."""
+"""The power, where a calibration has left the laws so well known that readings near each other share what no
+rival describes: each counts as half a one.
+"""
 LEAST_WEIGHT = 0.02
 """A rival that is less likely than this is left out."""
 PAUSE_S, IDLE_W = 60.0, 1e-3
@@ -86,10 +88,14 @@ class FrictionBank:
         settings = self._config.estimator.model_copy(update={"learn": get_args(Learnable)})
         config = self._config.model_copy(update={"estimator": settings})
         plant, lasting = (build_plant(one, learns=True) for one in (config, with_known_scales(config)))
-        rivals = [(runner, plant), *((runner_by_law, running_in(lasting, time_s)) for time_s in RUNS_IN_S)]
+        is_known = any(s.scale_tolerance is not None for s in config.source)
+        wander_s = WANDER_S / CALM**2 if is_known else WANDER_S
+        rivals = [(runner, plant)]
+        rivals += [(runner_by_law, running_in(lasting, time_s, wander_s)) for time_s in RUNS_IN_S]
         filters = [WeighedFilter(own, settings) for _, own in rivals]
         states = [one.run(one.initial(), inputs)[0] for one in filters]
-        weights = weights_of([one.log_likelihood for one in filters])
+        power = EACH_COUNTS if is_known else 1.0
+        weights = weights_of([power * one.log_likelihood for one in filters])
         found = [
             (float(weights[i]), way(own, settings, states[i], program))
             for i, (way, own) in enumerate(rivals)
@@ -124,7 +130,7 @@ def weights_of(log_likelihoods: Sequence[float]) -> FloatArray:
     """The probability of each rival, 0 where it is little; the first counts as much before as all others."""
     count = len(log_likelihoods)
     prior = np.array([0.5, *[0.5 / (count - 1)] * (count - 1)])
-    logs = EACH_COUNTS * np.array(log_likelihoods) + np.log(prior)
+    logs = np.array(log_likelihoods) + np.log(prior)
     weights = np.exp(logs - logs.max())
     weights[weights < LEAST_WEIGHT * weights.sum()] = 0.0
     return np.asarray(weights / weights.sum())
@@ -139,11 +145,11 @@ def with_known_scales(config: Config) -> Config:
     return config.model_copy(update={"source": tuple(known)})
 
 
-def running_in(plant: Plant, time_s: float) -> Plant:
+def running_in(plant: Plant, time_s: float, wander_s: float) -> Plant:
     """A plant whose heats by law are the law times a constant that is learnt, and what dies away in a time.
 
-    That begins anew whenever the law jumps. Heats without a law stay as they are. What is learnt changes less
-    than from day to day: a scale that wanders by four parts in a hundred in half an hour imitates running in.
+    That begins anew whenever the law jumps. Heats without a law stay as they are. What is learnt becomes
+    another in `wander_s`: a scale that wanders by a twenty-fifth in half an hour imitates running in.
     """
     assert plant.learning is not None
     arrays = plant.learning.arrays
@@ -153,7 +159,7 @@ def running_in(plant: Plant, time_s: float) -> Plant:
         random_walk_W2_s=np.where(by_law, 0.0, plant.random_walk_W2_s),
         heat_decay_1_s=np.where(by_law, 1.0 / time_s, plant.heat_decay_1_s),
         law_uncertainty=np.where(by_law, MORE, plant.law_uncertainty),
-        learning=replace(plant.learning, wander_s=WANDER_S / CALM**2),
+        learning=replace(plant.learning, wander_s=wander_s),
         initial_sigma_W=np.where(by_law, 1e-3, plant.initial_sigma_W),
     )
 

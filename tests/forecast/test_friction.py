@@ -8,7 +8,6 @@ import pytest
 from campaigns.forecast import warming
 from observer.estimators.steps import StepCache
 from observer.forecast.friction import (
-    EACH_COUNTS,
     mixture,
     quantiles_s,
     running_in,
@@ -54,7 +53,7 @@ def test_friction_begins_anew_where_work_changes_its_level() -> None:
 
 def test_heats_that_run_in_do_not_wander_and_die_away_to_their_law() -> None:
     config = config_of(MACHINE, '\n[estimator]\nlearn = ["convection", "law"]\n')
-    plant = running_in(build_plant(config, learns=True), 1200.0)
+    plant = running_in(build_plant(config, learns=True), 1200.0, 1e6)
     np.testing.assert_allclose(plant.heat_decay_1_s, 1.0 / 1200.0)
     np.testing.assert_array_equal(plant.random_walk_W2_s, 0.0)
 
@@ -67,7 +66,7 @@ def test_the_scale_of_a_law_hardly_wanders_where_friction_runs_in() -> None:
     law = len(plant.decay_1_s) + 3 + np.flatnonzero(plant.learning.arrays.kind == Nuisance.LAW)
     wanders = [
         np.sqrt(np.asarray(StepCache(own).table([1680.0]).noise)[0, law, law])
-        for own in (plant, running_in(plant, 1200.0))
+        for own in (plant, running_in(plant, 1200.0, 86400.0 / 0.09))
     ]
     np.testing.assert_allclose(wanders, [[0.039] * 3, [0.0118] * 3], rtol=0.01)
 
@@ -80,7 +79,7 @@ def test_a_scale_that_a_calibration_found_is_no_more_open_than_it_left_it() -> N
 
 def test_the_heats_as_configured_count_as_much_before_as_all_others() -> None:
     np.testing.assert_allclose(weights_of([5.0, 5.0, 5.0]), [0.5, 0.25, 0.25])
-    np.testing.assert_allclose(weights_of([0.0, np.log(2.0) / EACH_COUNTS, -50.0]), [0.5, 0.5, 0.0])
+    np.testing.assert_allclose(weights_of([0.0, np.log(2.0), -50.0]), [0.5, 0.5, 0.0])
 
 
 def test_a_mixture_has_the_moments_of_its_parts() -> None:
