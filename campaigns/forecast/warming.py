@@ -43,11 +43,12 @@ COMPARED = "\n[tolerance]\nposition_m = 0.001\noffset_K = 0.0\nambient_K = 0.0\n
 
 
 class Group(NamedTuple):
-    """Machines, what their configuration says beside, and whether an earlier day calibrated it."""
+    """Machines, what their configuration says beside, whether a day before calibrated it, and their seed."""
 
     rough: Rough
     more: str = ""
     is_calibrated: bool = False
+    seed: int = 9900
 
 
 _COMPARED = Rough(offset_K=0.0, ambient_K=0.0, place_m=0.001)
@@ -55,7 +56,7 @@ GROUPS = {
     "as configured": Group(AS_CONFIGURED),
     "rough": Group(Rough()),
     "rough, friction does not run in": Group(Rough(run_in=0.0)),
-    "sensors compared, calibrated the day before": Group(_COMPARED, COMPARED, is_calibrated=True),
+    "sensors compared, calibrated the day before": Group(_COMPARED, COMPARED, is_calibrated=True, seed=58000),
 }
 
 

@@ -5,43 +5,27 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from campaigns.forecast import warming
-from campaigns.forecast.trial import WARMING_SEED
 from observer.report.panels import CATEGORIES
 from tests.learning.machines import draw as draw_machine
 from tests.truth.machine.cycles import STEP_s
 
 HERE = Path(__file__).parent
-NUMBER, HOURS = 0, 4.0
-PANELS = {
-    "rough": "as its configuration says",
-    "sensors compared, calibrated the day before": "sensors compared, and calibrated the day before",
-}
-"""The same machine, and what is known of it."""
+GROUP, NUMBER, HOURS = "rough", 0, 4.0
 
 
 def draw(target: Path) -> None:
     """The thermal error at the far end: the truth, and with 95 % what log and live state say of it."""
-    figure = Figure(figsize=(9.0, 3.8), layout="constrained")
-    for axes, (group, title) in zip(figure.subplots(1, 2, sharey=True), PANELS.items(), strict=True):
-        draw_one(axes, group)
-        axes.set_title(title, fontsize="medium")
-    figure.axes[0].set_ylabel("thermal error at 1000 mm, µm")
-    figure.axes[0].legend(loc="lower right", frameon=False, fontsize="small")
-    FigureCanvasAgg(figure).print_png(str(target))
-
-
-def draw_one(axes: Axes, name: str) -> None:
-    """What is forecast of the machine of one group."""
-    group = warming.GROUPS[name]
-    one = draw_machine(WARMING_SEED, NUMBER, group.rough)
-    whole, live, now_s = warming.forecasts(group, one, WARMING_SEED, NUMBER, HOURS)
-    true_um = warming.path(one, WARMING_SEED, NUMBER, now_s)[1][:, -1]
+    group = warming.GROUPS[GROUP]
+    one = draw_machine(group.seed, NUMBER, group.rough)
+    whole, live, now_s = warming.forecasts(group, one, group.seed, NUMBER, HOURS)
+    true_um = warming.path(one, group.seed, NUMBER, now_s)[1][:, -1]
     begin_s = warming.REST_S
+    figure = Figure(figsize=(8.0, 3.8), layout="constrained")
+    axes = figure.subplots()
     for found, words, colour in (
         (live, "from the live state", CATEGORIES[1]),
         (whole, "from the log", CATEGORIES[0]),
@@ -56,8 +40,11 @@ def draw_one(axes: Axes, name: str) -> None:
     )
     axes.axvline((now_s - begin_s) / 3600.0, color="0.4", lw=0.8)
     axes.set_xlabel("hours of running")
+    axes.set_ylabel("thermal error at 1000 mm, µm")
     axes.margins(x=0.0)
+    axes.legend(loc="lower right", frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
+    FigureCanvasAgg(figure).print_png(str(target))
 
 
 if __name__ == "__main__":

@@ -33,13 +33,17 @@ from observer.model.learning import WANDER_S, Nuisance
 from observer.model.plant import Plant
 from observer.tables.estimator import Learnable
 
-RUNS_IN_S = (900.0, 1270.0, 1800.0, 2550.0, 3600.0)
-"""Time constants with which friction may settle to its law, once running."""
+RUNS_IN_S = (900.0, 1800.0, 3600.0)
+"""Time constants with which friction may settle to its law, once running …"""
+FINELY_S = (900.0, 1270.0, 1800.0, 2550.0, 3600.0)
+"""… and those where a calibration has found the laws."""
 MORE = 0.15
 """One standard deviation of what it has more or less when work begins, in parts of its law."""
-DRAWS = 80
-"""Of what may be, by each rival as many as its weight says, for the spread of when and where it settles: of
-20 the least and the largest hold 90 % between them, and no more.
+DRAWS = 20
+"""Of what may be, by each rival, for the spread of when and where it settles."""
+DRAWS_OF_ALL = 80
+"""Of what may be where a calibration has found the laws, by each rival as its weight says: its bands are so
+much narrower that the least and the largest of 20 draws, with 90 % between them, would cut them short.
 """
 EACH_COUNTS = 0.5
 """The power, where a calibration has left the laws so well known that readings near each other share what no
@@ -88,10 +92,10 @@ class FrictionBank:
         settings = self._config.estimator.model_copy(update={"learn": get_args(Learnable)})
         config = self._config.model_copy(update={"estimator": settings})
         plant, lasting = (build_plant(one, learns=True) for one in (config, with_known_scales(config)))
-        is_known = any(s.scale_tolerance is not None for s in config.source)
-        wander_s = WANDER_S / CALM**2 if is_known else WANDER_S
+        is_known = is_calibrated(config)
+        wander_s, times_s = (WANDER_S / CALM**2, FINELY_S) if is_known else (WANDER_S, RUNS_IN_S)
         rivals = [(runner, plant)]
-        rivals += [(runner_by_law, running_in(lasting, time_s, wander_s)) for time_s in RUNS_IN_S]
+        rivals += [(runner_by_law, running_in(lasting, time_s, wander_s)) for time_s in times_s]
         filters = [WeighedFilter(own, settings) for _, own in rivals]
         states = [one.run(one.initial(), inputs)[0] for one in filters]
         power = EACH_COUNTS if is_known else 1.0
@@ -136,6 +140,11 @@ def weights_of(log_likelihoods: Sequence[float]) -> FloatArray:
     return np.asarray(weights / weights.sum())
 
 
+def is_calibrated(config: Config) -> bool:
+    """Whether a calibration has written how well it left the scale of some law known."""
+    return any(s.scale_tolerance is not None for s in config.source)
+
+
 def with_known_scales(config: Config) -> Config:
     """The configuration whose laws are as uncertain as a calibration has left their scales, where one has."""
     known = (
@@ -176,7 +185,7 @@ def forecast_by_all(
     """Forecast from weighed begins: moments and quantiles of their mixture; `plant` is the estimate's."""
     travel, weight = travel_of(config, plant.layout.position_m), np.array([w for w, _ in begins])
     where = [settling(begin, program, travel, within_um) for _, begin in begins]
-    counts = counts_of(weight)
+    counts = counts_of(weight) if is_calibrated(config) else np.full(len(weight), DRAWS)
     runners = [draws(begin, program, n) for (_, begin), n in zip(begins, counts.tolist(), strict=True)]
     drawn = [[settling(one, program, travel, within_um) for one in own] for own in runners]
     each, all_drawn = np.repeat(weight / counts, counts), [one for own in drawn for one in own]
@@ -195,7 +204,7 @@ def forecast_by_all(
 
 def counts_of(weight: FloatArray) -> NDArray[np.int64]:
     """How many draws each rival has by its weight (r,): they come in pairs, and each has one."""
-    return np.asarray(2 * np.maximum(1, np.round(0.5 * DRAWS * weight)), np.int64)
+    return np.asarray(2 * np.maximum(1, np.round(0.5 * DRAWS_OF_ALL * weight)), np.int64)
 
 
 def mixture(blocks: Sequence[EstimateBlock], weight: FloatArray) -> EstimateBlock:
