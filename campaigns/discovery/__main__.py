@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from rich.console import Console
 
-from campaigns.discovery.summary import rough_summary, summary, typical_summary
+from campaigns.discovery.summary import housed_summary, rough_summary, summary, typical_summary
 from campaigns.discovery.suspects import SuspectRow, suspect_summary, try_suspect
 from campaigns.discovery.trial import Row, rows_of, try_entry
 from campaigns.resumable import Rows, go_on, read_rows, show
@@ -18,6 +18,7 @@ from tests.truth.machine.entries import (
     FIRST_SEED,
     Entry,
     campaign,
+    housed_campaign,
     rough_campaign,
     slice_entries,
     suspect_campaign,
@@ -28,6 +29,7 @@ FOLDER, PAGE = Path("docs/campaign"), Path("docs/discovery.md")
 MARKS = ("<!-- campaign -->", "<!-- end of campaign -->")
 TYPICAL_MARKS = ("<!-- typical users -->", "<!-- end of typical users -->")
 ROUGH_MARKS = ("<!-- rough -->", "<!-- end of rough -->")
+HOUSED_MARKS = ("<!-- housings -->", "<!-- end of housings -->")
 SUSPECT_MARKS = ("<!-- suspects -->", "<!-- end of suspects -->")
 GROUPS = ("null", "ladder", "outside", "pair", "ambiguous", "poor", "absent", "faulty")
 
@@ -68,6 +70,7 @@ SLICES: dict[str | None, Slice] = {
     "ci": Slice("results.csv", slice_entries, summary, MARKS),
     "typical": Slice("typical.csv", typical_campaign, typical_summary, TYPICAL_MARKS),
     "rough": Slice("rough.csv", rough_campaign, rough_summary, ROUGH_MARKS),
+    "housings": Slice("housings.csv", housed_campaign, housed_summary, HOUSED_MARKS),
     "suspects": Slice("suspects.csv", suspect_campaign, suspect_summary, SUSPECT_MARKS, try_suspect),
 }
 
@@ -98,8 +101,8 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--slice",
         choices=[name for name in SLICES if name],
-        help="a few cases of every sort, the machines of typical users, what is rough about real ones, or "
-        "logs with something wrong",
+        help="a few cases of every sort, the machines of typical users, what is rough about real ones, "
+        "sensors on housings only, or logs with something wrong",
     )
     parser.add_argument("--only", help=f"one group ({', '.join(GROUPS)}), kind of effect, or case")
     parser.add_argument(

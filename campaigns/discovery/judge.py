@@ -93,6 +93,8 @@ def is_good(entry: Entry, outcome: str) -> bool:
             good = ["none"]
         case "one log" if not entry.case.effects:
             good = ["none", "not_identifiable"]
+        case "housings":
+            good = ["right", "in_set", "unknown"] if entry.case.effects else ["none"]
         case "outside" | "absent":
             good = ["unknown"]
         case "ambiguous":

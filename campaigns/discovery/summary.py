@@ -187,6 +187,32 @@ ROUGH_GOALS: tuple[Goal, ...] = (
 )
 
 
+def _housed(label: str | None) -> Callable[[Cells], bool]:
+    return lambda row: (row["label"] == "null") == (label == "null")
+
+
+HOUSED_GOALS: tuple[Goal, ...] = (
+    Goal("nothing hidden: “none”", "100 %", _at_least(1.0), _housed("null"), _good),
+    Goal("an effect hidden: wrongly named", "0", _at_most(0.0), _housed(None), _is(*WRONG)),
+    Goal("… right, in the set, or “unknown”", "100 %", _at_least(1.0), _housed(None), _good),
+    Goal("… right or in the set", "–", None, _housed(None), _is("right", "in_set")),
+)
+
+
+def housed_summary(rows: Sequence[Cells]) -> str:
+    """The table of machines with sensors on nut and housings only, and which effects came out how."""
+    lines = ["| figure | share | 95 % bounds | goal | met |", "|---|---|---|---|---|"]
+    lines += [goal.line(rows) for goal in HOUSED_GOALS]
+    lines += ["", "| hidden | shows | what it came out as | named |", "|---|---|---|---|"]
+    lines += [
+        f"| `{row['label']}` {row['strength']} | {float(row['shows_K']):.2f} K | {row['outcome']} | "
+        f"{row['named'] or row['alternatives'] or '–'} |"
+        for row in rows
+        if row["label"] != "null"
+    ]
+    return "\n".join(lines) + "\n"
+
+
 def rough_summary(rows: Sequence[Cells]) -> str:
     """The table of real nuts and rough logs, how well the bodies' parameters were found, and each sort."""
     lines = ["| figure | share | 95 % bounds | goal | met |", "|---|---|---|---|---|"]

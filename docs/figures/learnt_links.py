@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 from observer.estimate.pipeline import MachineModel
 from observer.report.panels import CATEGORIES
 from tests.learning.cover import estimates
-from tests.learning.housings import CONTACT_W_K, HOUSED_CONFIG, NUT_AIR_W_K, draw_housed
+from tests.learning.housings import HOUSED_CONFIG, draw_housed
 from tests.learning.machines import config_of, day
+from tests.truth.machine.housings import CONTACT_W_K, NUT_AIR_W_K
 
 HERE = Path(__file__).parent
 SEED, NUMBER, RUN, OFF = 45000, 8, "a", 0.2

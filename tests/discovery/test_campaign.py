@@ -20,14 +20,13 @@ from campaigns.discovery.summary import (
     detection_limit,
     limit_lines,
     parameter_lines,
-    rough_summary,
     summary,
 )
 from campaigns.resumable import append_rows, go_on, with_tables
 from observer.discovery import localise
 from observer.effects.catalogue import KINDS
 from tests.truth.machine.effects import LIBRARY, Effect
-from tests.truth.machine.entries import Entry, campaign, rough_campaign
+from tests.truth.machine.entries import Entry, campaign
 from tests.truth.machine.generate import Case
 
 MOTOR = Effect("motor_heat", "left", {"heat_W": 2.0})
@@ -103,6 +102,9 @@ def test_what_is_good_depends_on_what_could_be_known() -> None:
     assert not is_good(NULL, "unknown")
     assert is_good(entry("absent", MOTOR, without=("motor_heat",)), "unknown")
     assert not is_good(ONE, "unknown")
+    assert is_good(entry("housings", MOTOR), "unknown")
+    assert not is_good(entry("housings", MOTOR), "none")
+    assert not is_good(entry("housings"), "unknown")
     doubts = {e.label: e for e in campaign() if e.doubt}
     assert is_good(doubts["exponent"], "none")
     assert not is_good(doubts["exponent"], "wrong")
@@ -222,9 +224,10 @@ def test_tables_go_between_their_marks() -> None:
     assert with_tables("", "| new |\n", command.MARKS) == "| new |\n"
 
 
-def test_the_page_describes_the_rough_campaign_as_its_table_does() -> None:
-    root = Path(__file__).parents[2]
+@pytest.mark.parametrize("name", ["rough", "housings"])
+def test_the_page_describes_a_campaign_as_its_table_does(name: str) -> None:
+    root, own = Path(__file__).parents[2], command.SLICES[name]
     page = (root / "docs/discovery.md").read_text(encoding="utf-8")
-    rows = command.latest(root / "docs/campaign/rough.csv")
-    assert with_tables(page, rough_summary(rows), command.ROUGH_MARKS) == page
-    assert len(rows) == len(rough_campaign())
+    rows = command.latest(root / "docs/campaign" / own.table)
+    assert with_tables(page, own.summary(rows), own.marks) == page
+    assert len(rows) == len(own.entries())

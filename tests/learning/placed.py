@@ -13,9 +13,10 @@ from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.cycle import standard_shift
 from tests.learning.cover import estimates, misses
-from tests.learning.housings import BODIES, HOUSED_CONFIG, draw_housed
+from tests.learning.housings import HOUSED_CONFIG, draw_housed
 from tests.learning.machines import Day, Rough, config_of, draw, work
 from tests.truth.machine.cycles import START_m, programme
+from tests.truth.machine.housings import BODIES
 from tests.truth.machine.logs import CHANNELS
 from tests.truth.machine.machine import SENSOR_M, stream
 

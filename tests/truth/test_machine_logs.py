@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from observer.installation import load
 from tests.truth.machine.catalogue import OUTSIDE, PAIRS
 from tests.truth.machine.cycles import PROGRAMMES, RUNS
 from tests.truth.machine.effects import LADDERS, LIBRARY, Effect
 from tests.truth.machine.entries import FIRST_SEED, campaign, slice_entries
-from tests.truth.machine.generate import Case, runs_of, write_answer, write_case
+from tests.truth.machine.generate import LINKS_OFF, Case, runs_of, trace, write_answer, write_case
 from tests.truth.machine.logs import CHANNELS
 from tests.truth.machine.visibility import hidden_rms_K
 
@@ -48,6 +49,22 @@ def test_a_log_reveals_nothing_of_what_is_hidden(tmp_path: Path) -> None:
     assert answer["library"] == [
         {"kind": "end_conduction", "target": "right", "parameters": LOSSY.parameters}
     ]
+
+
+def test_of_a_machine_with_housings_the_log_shows_its_bodies(tmp_path: Path) -> None:
+    """The bodies, by links that are off, and no place on the screw."""
+    case = Case("housed", seed=7, typical=True, housed=True, logs=1)
+    (path,) = write_case(case, tmp_path)
+    sensors, config = CHANNELS[:3], load(tmp_path / "config.toml")
+    with gzip.open(path, "rt") as file:
+        assert next(csv.reader(file)) == ["time_s", *sensors, *CHANNELS[-3:]]
+    assert [s.channel for s in config.sensor] == list(sensors)
+    traced = trace(case, "a")
+    machine, (run,) = traced.scene.machine, runs_of(case)
+    shown_K = traced.result.body_degC[-1] + machine.offset_K
+    np.testing.assert_allclose(run.values[-1, :3], shown_K, atol=0.3)
+    contact = machine.physics.body_W_K / [link.conductance_W_K for link in config.link[:3]]
+    np.testing.assert_allclose(abs(contact - 1.0), LINKS_OFF)
 
 
 def test_the_configuration_lacks_the_effect(tmp_path: Path) -> None:

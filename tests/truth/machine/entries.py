@@ -18,6 +18,8 @@ from tests.truth.machine.catalogue import (
 )
 from tests.truth.machine.effects import LADDERS, Effect, Ladder
 from tests.truth.machine.generate import Case
+from tests.truth.machine.housings import BODIES
+from tests.truth.machine.machine import ENDS, SENSORS, SOURCES
 from tests.truth.machine.troubles import BETWEEN, TROUBLES
 
 FIRST_SEED = 3000
@@ -25,6 +27,7 @@ FIRST_SEED = 3000
 TYPICAL_SEED = 10_000
 SUSPECT_SEED = 9400
 ROUGH_SEED, ROUGH_SEEDS = 11_000, 8
+HOUSED_SEED = 59_100
 STRENGTHS = 5
 NULLS, SEEDS, FEW_SEEDS = 200, 8, 4
 
@@ -138,6 +141,29 @@ def typical_campaign(first_seed: int = TYPICAL_SEED) -> list[Entry]:
                 case = Case(name, hidden, first_seed, ladder.cycle, typical=True, logs=logs)
                 entries.append(Entry(group, ladder.label, case, rung, ladder.strengths[rung]))
     return entries
+
+
+NOT_ON_HOUSINGS = ("surface_convection", "attached_mass", "end_heat")
+"""The machine has a film, bodies and heat at its ends, which these take away or put there."""
+
+
+def housed_campaign(first_seed: int = HOUSED_SEED, nulls: int = 5) -> list[Entry]:
+    """The machines of typical users with sensors on nut and housings only, with nothing hidden, and with the
+    strongest of each effect that such a machine can have; in the order of seeds.
+    """
+    seeds = range(first_seed, first_seed + nulls)
+    entries = [Entry("housings", "null", Case("housings", (), s, typical=True, housed=True)) for s in seeds]
+    seen = {*SENSORS[: len(BODIES)], *SOURCES, *ENDS, None}
+    ladders = {
+        ladder.kind: ladder
+        for ladder in reversed(LADDERS)
+        if ladder.kind not in NOT_ON_HOUSINGS and ladder.target in seen
+    }
+    for i, ladder in enumerate(ladders.values()):
+        hidden, name = (ladder.effect(STRENGTHS - 1),), f"housings.{ladder.label}"
+        case = Case(name, hidden, first_seed + i % nulls, ladder.cycle, typical=True, housed=True)
+        entries.append(Entry("housings", ladder.label, case, STRENGTHS - 1, ladder.strengths[-1]))
+    return sorted(entries, key=lambda e: e.case.seed)
 
 
 def suspect_campaign(first_seed: int = SUSPECT_SEED, made: int = 10) -> list[Entry]:

@@ -23,13 +23,16 @@ from tests.truth.machine.cycles import (
 )
 from tests.truth.machine.effects import LIBRARY, Effect, apply
 from tests.truth.machine.faults import FAULTS, sample_times_s, spoil
-from tests.truth.machine.logs import CHANNELS, configuration, write_log
+from tests.truth.machine.housings import on_bodies, with_bodies
+from tests.truth.machine.logs import CHANNELS, FORMATS, configuration, write_log
 from tests.truth.machine.machine import SENSORS, SOURCES, Machine, as_users_have_it, draw_machine, stream
 from tests.truth.machine.motion import positions_at
 from tests.truth.machine.outside import OUTSIDE, Facts, Scene
 from tests.truth.machine.physics import LEFT, FloatArray
 from tests.truth.machine.run import Result, run_machine
 from tests.truth.machine.sensing import shown, true_readings
+
+LINKS_OFF = 0.2
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,8 @@ class Case:
     sensors and screw are as far off as a typical user's, and his configuration says no more of that than its
     defaults. `logs`: how many of the runs there are. `short`: by what part of its rise above the air each
     sensor reads too little, mean and standard deviation. `torque`: by what part the nut's differs from one
-    run to the next, standard deviation. `air_K`: by how much the air varies, which is measured.
+    run to the next, standard deviation. `air_K`: by how much the air varies, which is measured. `housed`: its
+    sensors are on the nut and both bearings' housings, by links that are 20 % off, and none is on the screw.
     """
 
     name: str
@@ -55,6 +59,7 @@ class Case:
     short: tuple[float, float] = (0.0, 0.0)
     torque: float = 0.0
     air_K: float = 0.5
+    housed: bool = False
 
     def __post_init__(self) -> None:
         for given, known in (
@@ -107,6 +112,8 @@ def machine_of(case: Case) -> Machine:
     machine = draw_machine(case.seed, case.name)
     if case.typical:
         machine = as_users_have_it(machine, case.seed, case.name)
+    if case.housed:
+        machine = with_bodies(machine, LINKS_OFF, stream(case.seed, case.name, "links"))
     physics = machine.physics
     if "film" in case.unmodelled and "surface_convection" not in (e.kind for e in case.effects):
         physics = physics._replace(film_W_m2K=np.zeros_like(physics.film_W_m2K))
@@ -138,13 +145,14 @@ def trace(
     if case.torque:
         factor = 1.0 + case.torque * stream(case.seed, case.name, run, "torque").standard_normal()
         schedule = schedule._replace(nut_factor=factor * schedule.nut_factor)
-    scene, facts = Scene(machine, schedule, np.ones((steps + 1, len(SENSORS)))), {}
+    scene, facts = Scene(machine, schedule, np.ones((steps + 1, len(machine.lag_s)))), {}
     for effect in case.effects:
         if effect.kind in OUTSIDE:
             rng = stream(case.seed, case.name, run, effect.kind)
             scene, facts[effect.kind] = OUTSIDE[effect.kind](scene, effect, rng)
     result = run_machine(scene.machine.physics, scene.schedule, scene.machine.sensor_m)
-    reading = true_readings(scene.machine, result.section_degC, felt, scene.contact, STEP_s)
+    seen = result.body_degC if case.housed else result.section_degC
+    reading = true_readings(scene.machine, seen, felt, scene.contact, STEP_s)
     return Traced(scene, result, logged, reading, facts)
 
 
@@ -160,8 +168,9 @@ def logged(case: Case, run: str, traced: Traced) -> Run:
     reading = np.column_stack([np.interp(rows_s, grid_s, column) for column in traced.reading_degC.T])
     sensors = spoil(shown(reading, rng, traced.scene.machine.step_K), case.faults, rng)
     air = np.round(np.interp(rows_s, grid_s, traced.air_degC), 2)
+    channels = (*CHANNELS[: sensors.shape[1]], *CHANNELS[len(SENSORS) :])
     return Run(
-        rows_s, CHANNELS, np.column_stack([sensors, np.round(nut_m, 4), schedule.speed_rpm[step], air])
+        rows_s, channels, np.column_stack([sensors, np.round(nut_m, 4), schedule.speed_rpm[step], air])
     )
 
 
@@ -179,10 +188,9 @@ def write_case(case: Case, folder: Path, without: tuple[str, ...] = ()) -> list[
     folder.mkdir(parents=True, exist_ok=True)
     logs = [folder / f"run_{name}.csv.gz" for name in RUNS[: case.logs]]
     for log, run in zip(logs, runs_of(case), strict=True):
-        write_log(log, run.time_s, run.values)
-    (folder / "config.toml").write_text(
-        configuration(case.unmodelled, without, known=not case.rough), encoding="utf-8"
-    )
+        write_log(log, run.time_s, run.values, {name: FORMATS[name] for name in run.channels})
+    text = configuration(case.unmodelled, without, known=not case.rough)
+    (folder / "config.toml").write_text(on_bodies(text) if case.housed else text, encoding="utf-8")
     return logs
 
 
