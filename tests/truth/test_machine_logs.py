@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from observer.installation import load
 from tests.truth.machine.catalogue import OUTSIDE, PAIRS
 from tests.truth.machine.cycles import PROGRAMMES, RUNS
 from tests.truth.machine.effects import LADDERS, LIBRARY, Effect
@@ -55,15 +54,16 @@ def test_of_a_machine_with_housings_the_log_shows_its_bodies(tmp_path: Path) -> 
     """The bodies, by links that are off, and no place on the screw."""
     case = Case("housed", seed=7, typical=True, housed=True, logs=1)
     (path,) = write_case(case, tmp_path)
-    sensors, config = CHANNELS[:3], load(tmp_path / "config.toml")
+    sensors, table = CHANNELS[:3], tomllib.loads((tmp_path / "config.toml").read_text(encoding="utf-8"))
     with gzip.open(path, "rt") as file:
         assert next(csv.reader(file)) == ["time_s", *sensors, *CHANNELS[-3:]]
-    assert [s.channel for s in config.sensor] == list(sensors)
+    assert [s["channel"] for s in table["sensor"]] == list(sensors)
+    assert all("on" in s for s in table["sensor"])
     traced = trace(case, "a")
     machine, (run,) = traced.scene.machine, runs_of(case)
     shown_K = traced.result.body_degC[-1] + machine.offset_K
     np.testing.assert_allclose(run.values[-1, :3], shown_K, atol=0.3)
-    contact = machine.physics.body_W_K / [link.conductance_W_K for link in config.link[:3]]
+    contact = machine.physics.body_W_K / [link["conductance_W_K"] for link in table["link"][:3]]
     np.testing.assert_allclose(abs(contact - 1.0), LINKS_OFF)
 
 
