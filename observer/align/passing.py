@@ -18,7 +18,7 @@ import numpy as np
 from observer.config import Config
 from observer.files.logs import Log
 from observer.frames import FloatArray, Reading
-from observer.tables.sections import PASSING_S
+from observer.tables.sensors import PASSING_S
 
 APART_S = 5.0
 """Readings further apart say nothing of the place between them …"""

@@ -21,7 +21,8 @@ from observer.fit.runs import Run
 from observer.fit.steps import SteppedRun
 from observer.frames import BoolArray, FloatArray
 from observer.model.cycle import DWELL_S, FAST, PHASES
-from observer.tables.sections import Sensor, Source
+from observer.tables.sections import Source
+from observer.tables.sensors import Sensor
 
 
 @dataclass(frozen=True)

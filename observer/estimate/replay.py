@@ -246,7 +246,8 @@ def _by_name(names: tuple[str, ...], values: FloatArray) -> dict[str, float | No
 
 def program_of(log: Log, config: Config) -> Log:
     """A log as a program; sensors that it lacks count as missing. Raises `LogError`."""
-    needed = [c for c in config.channels if c not in config.sensor_channels or c in log.channels]
+    lacking = config.sensor_channels - set(log.channels)
+    needed = [c for c in config.channels if c not in lacking]
     log = log.with_channels(needed)
     values = {c: log.values[:, i] for i, c in enumerate(log.channels)}
     nothing = np.full(len(log), np.nan)
@@ -264,7 +265,8 @@ def simulated_columns(
     meaning, layout = plant.rows, plant.layout
     columns = {s.channel: rows[:, i] / s.channel_scale for i, s in enumerate(config.sensor) if not s.along}
     at = np.searchsorted(log.time_s, time_s)
-    given = {c: log.values[at, i] for i, c in enumerate(log.channels) if c not in config.sensor_channels}
+    sensors = config.sensor_channels
+    given = {c: log.values[at, i] for i, c in enumerate(log.channels) if c not in sensors}
     columns |= _displacements(config, plant, rows) | _along_the_way(config, plant, rows, given) | given
     columns |= {f"heat_{name}_W": law_W[:, j] for j, name in enumerate(plant.source_names)}
     columns |= layout.along(field__degC=rows[:, meaning.field_slice])

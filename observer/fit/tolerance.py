@@ -34,7 +34,7 @@ from observer.effects.terms import (
 from observer.fit.parameters import PARAMETERS, candidates, get, put
 from observer.frames import FloatArray
 from observer.tables.laws import SPEED_LAWS
-from observer.tables.sections import Sensor
+from observer.tables.sensors import Sensor
 
 Scope = Literal["whole", "position", "lag", "run"]
 

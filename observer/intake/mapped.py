@@ -137,9 +137,8 @@ def placed_columns(
 ) -> tuple[dict[str, list[Placed]], list[str]]:
     """The columns of each channel, and the channels without any."""
     kinds, placed, missing = kinds_of(config), dict[str, list[Placed]](), list[str]()
-    for channel in config.channels:
-        if channel in config.derived_channels:
-            continue
+    derived = config.derived_channels
+    for channel in (c for c in config.channels if c not in derived):
         given = how.columns.get(channel)
         to = unit_of_channel(channel, kinds[channel])
         parts = [(s, c) for s in sources.timed if (c := _column(s, channel, given)) is not None]

@@ -66,7 +66,8 @@ def as_log(given: GivenLog, config: Installation, name: str = "log") -> Log:
     if isinstance(given, str | Path):
         return recorded(Path(given), config)
     log = _in_memory(given, name)
-    there = [c for c in config.channels if c in log.channels or c not in config.derived_channels]
+    derived = config.derived_channels - set(log.channels)
+    there = [c for c in config.channels if c not in derived]
     log = log.with_channels(there)
     refuse_empty(log, config, sensors=True)
     return log

@@ -23,7 +23,8 @@ from observer.model.cycle import Stage, standard_shift
 from observer.model.plant import Plant
 from observer.report.sensitivity import few_modes
 from observer.tables.candidates import SensorCandidate
-from observer.tables.sections import AMBIENT, Sensor
+from observer.tables.sections import AMBIENT
+from observer.tables.sensors import Sensor
 
 Quantity = Literal["all", "heat", "field", "error"]
 """The criterion for a set of sensors."""

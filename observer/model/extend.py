@@ -18,7 +18,8 @@ from observer.model.network import Attached, NodeModes
 from observer.model.plant import Plant
 from observer.model.rod.modes import Modes, Stretch, modal_input
 from observer.model.rod.screw import surface_rate
-from observer.tables.sections import Description, Sensor
+from observer.tables.sections import Description
+from observer.tables.sensors import Sensor
 
 
 class States(NamedTuple):

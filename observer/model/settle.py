@@ -71,7 +71,8 @@ def check_inputs(config: Config, values: Mapping[str, Any], place: str) -> None:
     """Raise `ConfigError` where a channel is no input of the model, or its value no number; `place` is named
     in errors.
     """
-    inputs = [c for c in config.channels if c not in config.sensor_channels]
+    sensors = config.sensor_channels
+    inputs = [c for c in config.channels if c not in sensors]
     for channel, value in values.items():
         if channel not in inputs:
             raise ConfigError(

@@ -13,7 +13,7 @@ from observer.frames import FloatArray
 from observer.model.build import build_plant, grid_of
 from observer.model.plant import Plant
 from observer.model.rod.supports import Restraint, displacement_um, force_N
-from observer.tables.sections import Sensor
+from observer.tables.sensors import Sensor
 
 NODE = "node."
 """How the name of a survey's sensor on a node begins."""

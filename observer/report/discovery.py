@@ -32,7 +32,7 @@ from observer.report.page import (
 )
 from observer.report.panels import duration_text
 from observer.tables.estimator import Tolerance
-from observer.tables.sections import Sensor
+from observer.tables.sensors import Sensor
 
 PLACES = 5
 """How many of the largest errors are reported."""

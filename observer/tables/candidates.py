@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from observer.tables import quantities
 from observer.tables.quantities import Section
-from observer.tables.sections import PROBING_S, Sensor, SensorKind, refuse_foreign_keys
+from observer.tables.sensors import PROBING_S, Sensor, SensorKind, refuse_foreign_keys
 
 MOST_PLACES = 200
 """The most places that candidates may have altogether."""

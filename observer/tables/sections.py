@@ -1,4 +1,4 @@
-"""The machine as the configuration describes it: screw, surface, ends, air, sources and sensors.
+"""The machine as the configuration describes it: screw, surface, ends, air and sources.
 
 Every unit and every range of these tables is checked here, once.
 """
@@ -6,7 +6,6 @@ Every unit and every range of these tables is checked here, once.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
@@ -17,6 +16,7 @@ from observer.tables.laws import LAWS, HeatLaw, Surface
 from observer.tables.mounting import Supports
 from observer.tables.quantities import Section
 from observer.tables.screw import Screw
+from observer.tables.sensors import Sensor, placed_along
 
 AMBIENT = "ambient"
 """What a link names as its end where it leads into the air."""
@@ -296,145 +296,6 @@ def owner(source: Source, sources: Sequence[Source]) -> Source:
     return next(other for other in sources if other.name == source.heat_of)
 
 
-MICROMETRES = {"_um": 1.0, "_mm": 1e3, "_m": 1e6}
-"""How the channel of a displacement may end, and what its unit is in µm, in which displacements count."""
-
-
-PROBING_S = 3600.0
-"""How often an occasional displacement comes where nothing is said of that …"""
-PASSING_S = 60.0
-"""… and how often at most at a place that the nut passes."""
-PASSED = (0.1, 0.3, 0.5, 0.7, 0.9)
-"""The places at which a displacement along a nut's way is read, as parts of its stroke."""
-
-SensorKind = Literal["temperature", "displacement"]
-_THERMAL_KEYS = ("noise_K", "offset_K", "shows", "shows_tolerance", "on")
-_DISPLACEMENT_KEYS = ("noise_um", "zero_um", "occasional", "along")
-
-
-def refuse_foreign_keys(table: Section, kind: SensorKind) -> None:
-    """Refuse a key of a sensor that has no meaning with its `kind`; raises `ValueError`."""
-    for key in _THERMAL_KEYS if kind == "displacement" else _DISPLACEMENT_KEYS:
-        if key in table.model_fields_set and getattr(table, key) is not None:
-            raise ValueError(f'{key} has no meaning with kind = "{kind}"; remove it')
-
-
-class Sensor(Section):
-    """A thermocouple on the screw, or on a node beside it; an infrared sensor or a sliding contact, which
-    shows a part of the rise above the air; or what measures the thermal error: a probe, a laser.
-    """
-
-    name: quantities.Name  #: names the columns of its innovation and quality
-    #: `"temperature"`, or `"displacement"`: the thermal error at its position, positive away from x = 0,
-    #: [as a probe measures it](../how-to/probe.md)
-    kind: SensorKind = "temperature"
-    #: the channel that measures it; of a displacement its name ends in its unit: `_um`, `_mm` or `_m`
-    channel: quantities.Channel
-    position_m: quantities.Position | None = None  #: its position on the screw
-    on: quantities.Name | None = None  #: the node it sits on
-    noise_K: quantities.Noise = 0.1  #: standard deviation of its noise
-    #: standard deviation of its offset; – is `tolerance.offset_K`
-    offset_K: Annotated[quantities.NonNegative, Field(le=50)] | None = None
-    #: the part of its rise above the air [that it shows](../how-to/choose-sensors.md#a-part-of-the-rise)
-    shows: quantities.PartOfRise = 1.0
-    #: standard deviation of that part, relative; – is `tolerance.gain`
-    shows_tolerance: quantities.Share | None = None
-    #: displacement: standard deviation of its noise
-    noise_um: Annotated[quantities.Positive, Field(ge=1e-4, le=1000)] = 1.0
-    #: displacement: standard deviation of its zero, from where the screw has its reference temperature
-    zero_um: Annotated[quantities.NonNegative, Field(le=10_000)] = 5.0
-    #: displacement: it comes only now and then, as when a probing cycle runs, and nothing is missing between
-    occasional: quantities.Flag = False
-    #: displacement: instead of `position_m`, the nut at which it measures, wherever that is: a scale
-    #: compared with the motor's encoder; it counts as [five sensors along its
-    #: stroke](../how-to/probe.md#a-scale-beside-the-axis)
-    along: quantities.Name | None = None
-
-    @model_validator(mode="after")
-    def _keys_of_its_kind(self) -> Sensor:
-        refuse_foreign_keys(self, self.kind)
-        if self.along is None and (self.position_m is None) == (self.on is None):
-            raise ValueError("give exactly one of position_m and on")
-        if self.along is not None and self.position_m is not None and self.channel == self.measured_channel:
-            raise ValueError("along says where it measures; remove position_m, or along")
-        if self.kind == "displacement" and not self.channel.endswith(tuple(MICROMETRES)):
-            raise ValueError(
-                f'channel "{self.channel}" of a displacement is to end in its unit, _um, _mm or _m; '
-                "rename it, or read it by [log.columns]"
-            )
-        return self
-
-    @property
-    def measured_channel(self) -> str:
-        """The channel that measures it: another than its own where it is read when the nut passes."""
-        return self.channel if self.along is None else _OF_PLACE.sub("", self.channel)
-
-    @property
-    def probing_s(self) -> float | None:
-        """How far apart the readings of an occasional displacement are, None of any other sensor."""
-        if not self.occasional:
-            return None
-        return PROBING_S if self.along is None else PASSING_S
-
-    @property
-    def channel_scale(self) -> float:
-        """What one unit of the channel is in K, or of a displacement in µm."""
-        return MICROMETRES["_" + self.channel.rpartition("_")[2]] if self.kind == "displacement" else 1.0
-
-    @property
-    def noise(self) -> float:
-        """The standard deviation of its noise in K, or of a displacement in µm."""
-        return self.noise_um if self.kind == "displacement" else self.noise_K
-
-    def offset(self, usual_K: float) -> float:
-        """The standard deviation of its offset in K, or of a displacement in µm; `usual_K` is that of
-        thermocouples.
-        """
-        if self.kind == "displacement":
-            return self.zero_um
-        return usual_K if self.offset_K is None else self.offset_K
-
-    @property
-    def unit(self) -> str:
-        """The unit of what its readings miss, as results have it."""
-        return "um" if self.kind == "displacement" else "K"
-
-
-_OF_PLACE = re.compile(r"_\d+(?=_(?:um|mm|m)$)")
-
-
-def _placed_along(sensor: dict[str, Any], sources: list[Any]) -> list[dict[str, Any]]:
-    """The sensors at the places of the stroke that one along a nut's way counts as; raises `ValueError`."""
-    nuts = {
-        str(one.get("name")): one["stroke_m"]
-        for one in sources
-        if isinstance(one, dict) and one.get("stroke_m") and one.get("position_channel")
-    }
-    name, channel = sensor.get("name"), str(sensor.get("channel"))
-    if sensor.get("kind") != "displacement" or not channel.endswith(tuple(MICROMETRES)):
-        return [sensor]  # it is refused by itself
-    if (stroke_m := nuts.get(str(sensor["along"]))) is None:
-        known = ", ".join(nuts) or "none yet"
-        raise ValueError(
-            f'sensor {name}: along names "{sensor["along"]}", which is no nut with stroke_m and '
-            f"position_channel; the nuts are: {known}"
-        )
-    if sensor.get("occasional"):
-        raise ValueError(f"sensor {name}: along is read whenever the nut passes; remove occasional")
-    stem, _, unit = channel.rpartition("_")
-    low_m, high_m = map(float, stroke_m)
-    return [
-        sensor
-        | {
-            "name": f"{name}_{k}",
-            "channel": f"{stem}_{k}_{unit}",
-            "position_m": round(low_m + part * (high_m - low_m), 6),
-            "occasional": True,
-        }
-        for k, part in enumerate(PASSED, 1)
-    ]
-
-
 class Description(Section):
     """What the model is built from: the physical part of a configuration."""
 
@@ -457,7 +318,7 @@ class Description(Section):
         found: list[Any] = []
         for one in sensors:
             moves = isinstance(one, dict) and one.get("along") and one.get("position_m") is None
-            found += _placed_along(one, list(table.get("source") or ())) if moves else [one]
+            found += placed_along(one, list(table.get("source") or ())) if moves else [one]
         return table | {"sensor": found}
 
     @property

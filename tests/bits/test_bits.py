@@ -16,10 +16,6 @@ import pytest
 from tests.bits.cases import CASES
 from tests.bits.record import GIVEN, MATRICES, RECORDED, SAMPLES, canonical, library, places, record_of, run
 
-ZERO = 1e-18
-"""Numbers below this part of the largest of an array are zeros but for LAPACK's rounding, and that depends on
-where arrays lie in memory: from one process to the next on the same computer.
-"""
 NEAR, NEAR_BY_MATRICES = 1e-12, 1e-6
 """Relative to the largest of the numbers recorded of an array: elsewhere, and past LAPACK's results, whose
 last bits the placing of a Luenberger observer's poles makes up to 1e8 times as large (seen: 3e-8).
@@ -55,8 +51,6 @@ def difference(array: np.ndarray, line: str) -> str | None:
     if digest == own_digest:
         return None
     at = [i for i, (a, b) in enumerate(zip(samples, own, strict=True)) if a != b]
-    if at and kind.startswith("f8") and not (at := [i for i in at if not are_zeros(samples, own, i)]):
-        return None
     if not at:
         return f"differs, but in none of the {len(own)} numbers of {array.size} that are recorded"
     first = int(places(array.size)[at[0]])
@@ -67,12 +61,6 @@ def difference(array: np.ndarray, line: str) -> str | None:
         f"differs in {len(at)} of {len(own)} numbers recorded of its {array.size}, first at {index}: "
         f"{own[at[0]]} = {now!r}, was {samples[at[0]]} = {was!r}, {apart:.1e} apart"
     )
-
-
-def are_zeros(samples: list[str], own: list[str], i: int) -> bool:
-    """Whether the i-th number was as good as zero beside the others, and still is."""
-    size = max((abs(x) for x in map(number, samples) if np.isfinite(x)), default=0.0)
-    return max(abs(number(samples[i])), abs(number(own[i]))) < ZERO * size
 
 
 def is_near(array: np.ndarray, line: str, part: float) -> bool:

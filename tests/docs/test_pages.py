@@ -14,7 +14,7 @@ from drivers import DriverSettings
 from observer import installation
 from observer.effects.catalogue import Effect
 from observer.installation.variants import variants_of
-from observer.tables import sections
+from observer.tables import sections, sensors
 from observer.tables.candidates import SensorCandidate
 from observer.tables.publishing import Client
 from observer.tables.quantities import Section
@@ -66,7 +66,7 @@ def test_toml_examples_are_valid(page: Path) -> None:
 
 ENTRIES: dict[str, type[Section]] = {
     "source": sections.Source,
-    "sensor": sections.Sensor,
+    "sensor": sensors.Sensor,
     "candidate": SensorCandidate,
 }
 

@@ -14,7 +14,7 @@ from observer.installation import load
 from observer.model.build import build_plant
 from observer.model.cycle import standard_shift
 from observer.tables.estimator import Learnable
-from observer.tables.sections import Sensor
+from observer.tables.sensors import Sensor
 
 CONFIG = Path(__file__).parents[2] / "config"
 STEP_S = 30.0

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.frames import EstimateBlock
-from observer.tables.sections import Sensor
+from observer.tables.sensors import Sensor
 from tests.learning.cover import estimates
 from tests.learning.machines import CONFIG, GRID_M, Day, Rough, config_of, day, draw
 from tests.truth.machine.machine import stream

@@ -16,7 +16,7 @@ from observer.estimators.design.spread import spread
 from observer.model.build import build_plant
 from observer.model.cycle import standard_shift
 from observer.report.placing import as_text
-from observer.tables.sections import Sensor
+from observer.tables.sensors import Sensor
 
 CONFIG = Path(__file__).parents[2] / "config"
 HOUSINGS = """

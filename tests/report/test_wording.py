@@ -14,7 +14,7 @@ from observer.discovery.verdict import Verdict
 from observer.effects.catalogue import LIBRARY
 from observer.report.discovery import _suspects, site
 from observer.report.wording import as_sentences, interval
-from observer.tables.sections import Sensor
+from observer.tables.sensors import Sensor
 from tests.report.verdicts import BASE, BODY, FELL, SURFACE, TEST, candidate
 
 
