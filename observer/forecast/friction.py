@@ -91,8 +91,8 @@ class FrictionBank:
         inputs = since_start(Inputs.joined(list(self._parts)), float(program.past.dt_s.sum()))
         settings = self._config.estimator.model_copy(update={"learn": get_args(Learnable)})
         config = self._config.model_copy(update={"estimator": settings})
-        plant, lasting = (build_plant(one, learns=True) for one in (config, with_known_scales(config)))
-        is_known = is_calibrated(config)
+        plant, is_known = build_plant(config, learns=True), is_calibrated(config)
+        lasting = build_plant(with_known_scales(config), learns=True) if is_known else plant
         wander_s, times_s = (WANDER_S / CALM**2, FINELY_S) if is_known else (WANDER_S, RUNS_IN_S)
         rivals = [(runner, plant)]
         rivals += [(runner_by_law, running_in(lasting, time_s, wander_s)) for time_s in times_s]

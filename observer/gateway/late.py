@@ -156,7 +156,7 @@ class LateSender:
         """Send what is missing, for ever."""
         while True:
             await asyncio.sleep(_LOOK_S)
-            self._tell()
+            self._report()
             if time.monotonic() - self._saved_s >= _SAVE_S and self._is_connected():
                 self._saved_s = time.monotonic()
                 await asyncio.to_thread(self.backlog.save)
@@ -169,7 +169,7 @@ class LateSender:
             log.info("late values", outlet="mqtt", missing_s=round(self.backlog.left_s, 1))
             await self._send_span(span)
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         """Say how much has not been sent yet, for health, where that has changed."""
         if time.monotonic() - self._said_s < _SAY_S:
             return
@@ -199,7 +199,7 @@ class LateSender:
         for note in page["notes"]:
             log.warning("late values", outlet="mqtt", note=note)
         for time_s, messages in page["steps"]:
-            self._tell()
+            self._report()
             next_s = time.monotonic() + 1.0 / self._settings.late_rate_Hz
             waiting = [self._send(key, payload) for key, payload in messages.items()]
             while not all(info.is_published() for info in waiting):  # also after another outage

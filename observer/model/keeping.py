@@ -36,7 +36,9 @@ def kept(most: int) -> Callable[[Callable[P, FloatArray]], Callable[P, FloatArra
             return function(*asked.arguments)  # type: ignore[call-arg,arg-type]
 
         @wraps(function)
-        def copied(*arguments: P.args, **_named: P.kwargs) -> FloatArray:
+        def copied(*arguments: P.args, **named: P.kwargs) -> FloatArray:
+            if named:
+                raise TypeError(f"{function.__name__} takes its arguments by position")
             return found(_Asked(arguments)).copy()
 
         return copied
