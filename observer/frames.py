@@ -213,10 +213,15 @@ _SMALL = {"usable": np.bool_, "quality": np.int8, "degraded": np.int8}
 _KINDS = [_SMALL.get(name, np.float64) for name in Inputs._fields]
 
 
+FORCE = ("force_N", "force_sigma_N", "force_bound_N")
+"""The columns of the axial force, which only a screw that is held at both ends has."""
+
+
 @dataclass(frozen=True, slots=True)
 class Layout:
     """What the columns of an estimate are: names of the estimated sources, grid, sensors, what is learnt;
-    which sensors measure `displacements`: their innovations are in µm.
+    which sensors measure `displacements`: their innovations are in µm; whether there is an axial force in the
+    screw, which is held at both ends.
     """
 
     sources: tuple[str, ...]
@@ -225,6 +230,7 @@ class Layout:
     has_error: bool
     learned: tuple[str, ...] = ()
     displacements: tuple[str, ...] = ()
+    has_force: bool = False
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -248,13 +254,14 @@ class EstimateBlock(_Cut):
 
     Shapes, with m_e estimated sources, g grid points, s sensors: `heat_W`, `heat_sigma_W` (K, m_e);
     `field_degC`, `field_sigma_K` (K, g); `error_um`, `error_sigma_um` (K, g), or (K, 0) without an
-    expansion coefficient; `innovation_K` (K, s), of a displacement in µm, and its standard deviation
-    `innovation_sigma_K`, NaN where no value arrived; `sensor_quality` (K, s); `quality` (K,), of type
-    `EstimateQuality`; `law_W` (K, m_e), each heat by its law at the temperature of the moment; `learned`,
-    `learned_sigma` (K, l), what has been learnt of the machine, in the units of its names; `heat_bound_W`
-    (K, m_e), `field_bound_K` (K, g) and `error_bound_um` like the error, the largest error of each
-    (see `observer.estimators.bank`), NaN where no bound is known, as everywhere in a block that is made
-    without them.
+    expansion coefficient; `force_N`, `force_sigma_N`, `force_bound_N` (K, 1), the axial force, tension
+    positive, or (K, 0) where the screw is not held at both ends; `innovation_K` (K, s), of a displacement
+    in µm, and its standard deviation `innovation_sigma_K`, NaN where no value arrived; `sensor_quality` (K,
+    s); `quality` (K,), of type `EstimateQuality`; `law_W` (K, m_e), each heat by its law at the temperature
+    of the moment; `learned`, `learned_sigma` (K, l), what has been learnt of the machine, in the units of
+    its names; `heat_bound_W` (K, m_e), `field_bound_K` (K, g) and `error_bound_um` like the error, the
+    largest error of each (see `observer.estimators.bank`), NaN where no bound is known, as everywhere in a
+    block that is made without them.
     """
 
     time_s: FloatArray
@@ -274,9 +281,12 @@ class EstimateBlock(_Cut):
     heat_bound_W: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     field_bound_K: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     error_bound_um: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    force_N: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    force_sigma_N: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    force_bound_N: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Fill in NaN for bounds that are not given."""
+        """Fill in NaN for bounds that are not given, and no force where none is."""
         bounds = {
             "heat_bound_W": self.heat_W,
             "field_bound_K": self.field_degC,
@@ -285,6 +295,9 @@ class EstimateBlock(_Cut):
         for name, like in bounds.items():
             if not getattr(self, name).size:
                 object.__setattr__(self, name, np.full(like.shape, np.nan))
+        for name in FORCE:
+            if not getattr(self, name).size:
+                object.__setattr__(self, name, np.zeros((len(self.time_s), 0)))
 
     @classmethod
     def joined(cls, blocks: Sequence[EstimateBlock]) -> Self:

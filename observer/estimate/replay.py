@@ -17,7 +17,16 @@ from observer.estimate.checkpoint import CheckpointFit, Snapshot, UnfitError, lo
 from observer.estimate.pipeline import Pipeline
 from observer.files.logs import SUFFIXES, TIME, Log
 from observer.files.writer import Column, TableSink
-from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Inputs, Layout, Quality
+from observer.frames import (
+    FORCE,
+    EstimateBlock,
+    EstimateQuality,
+    FloatArray,
+    FrameBlock,
+    Inputs,
+    Layout,
+    Quality,
+)
 from observer.history.history import HeatHistory
 from observer.model.drive import Drive
 from observer.model.plant import Plant
@@ -131,6 +140,8 @@ def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
             error__sigma_um=block.error_sigma_um,
             error__bound_um=block.error_bound_um,
         )
+    if layout.has_force:
+        columns |= {name: getattr(block, name)[:, 0] for name in FORCE}
     for j, (name, unit) in enumerate(zip(layout.sensors, layout.units, strict=True)):
         columns[f"innovation_{name}_{unit}"] = block.innovation_K[:, j]
         columns[f"quality_{name}"] = _SENSOR_LABELS[block.sensor_quality[:, j]]
@@ -270,7 +281,8 @@ def simulated_columns(
     columns |= _displacements(config, plant, rows) | _along_the_way(config, plant, rows, given) | given
     columns |= {f"heat_{name}_W": law_W[:, j] for j, name in enumerate(plant.source_names)}
     columns |= layout.along(field__degC=rows[:, meaning.field_slice])
-    return columns | (layout.along(error__um=meaning.error_um(rows)) if layout.has_error else {})
+    columns |= layout.along(error__um=meaning.error_um(rows)) if layout.has_error else {}
+    return columns | ({"force_N": meaning.force_N(rows)[:, 0]} if layout.has_force else {})
 
 
 def _along_the_way(

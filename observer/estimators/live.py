@@ -34,7 +34,7 @@ class LiveEstimator:
         self.fields = self._block.fields
         own = {ours: self._block[name] for ours, name in _SAME.items()}
         self._learned = self._block["learned"], self._block["learned_sigma"]
-        self._folds = plant.rows.restraint is not None and not plant.rows.restraint.linear
+        self._folds = made.field.shape[1] > self._block["field_degC"].size + self._block["error_um"].size
         if not self._folds:
             own["field"] = self._block.over("field_degC", made.field.shape)
             own["field_sigma"] = self._block.over("field_sigma_K", made.field.shape)
@@ -134,7 +134,8 @@ _SAME = {
 }  # fmt: skip
 """Results that a block has as they are, by their names there."""
 _FOLDED = (
-    "field_degC", "error_um", "field_sigma_K", "error_sigma_um", "field_bound_K", "error_bound_um"
+    "field_degC", "error_um", "field_sigma_K", "error_sigma_um", "field_bound_K", "error_bound_um",
+    "force_N", "force_sigma_N", "force_bound_N",
 )  # fmt: skip
 _ORDER = (
     "heat_W", "heat_sigma_W", "law_W", *_FOLDED, "heat_bound_W",

@@ -15,7 +15,7 @@ from observer.kernels.layout import packed, pad_rows
 from observer.model.coupling import Coupling
 from observer.model.learning import LearningArrays
 from observer.model.plant import Plant
-from observer.model.rod.supports import fold
+from observer.model.rod.supports import fold, tension
 
 IntArray = NDArray[np.int64]
 # Rows of a covariance are padded with zeros to whole vector registers: a step is twice as fast for it. Rows
@@ -311,6 +311,8 @@ def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBloc
     error_um, error_sigma_um = fold(plant.rows.restraint, results.field[:, g:], results.field_sigma[:, g:])
     learned, learned_sigma = learned_of(plant, results)
     _, error_bound_um = fold(plant.rows.restraint, results.field[:, g:], results.field_bound[:, g:])
+    force_N, force_sigma_N = tension(plant.rows.restraint, results.field[:, g:], results.field_sigma[:, g:])
+    _, force_bound_N = tension(plant.rows.restraint, results.field[:, g:], results.field_bound[:, g:])
     return EstimateBlock(
         time_s=time_s,
         heat_W=results.heat,
@@ -329,6 +331,9 @@ def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBloc
         heat_bound_W=results.heat_bound,
         field_bound_K=results.field_bound[:, :g],
         error_bound_um=error_bound_um,
+        force_N=force_N,
+        force_sigma_N=force_sigma_N,
+        force_bound_N=force_bound_N,
     )
 
 

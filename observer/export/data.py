@@ -16,6 +16,7 @@ from observer.export.exportable import refuse_unexportable
 from observer.export.form import Form, Kind, Role, Slot, identifiers
 from observer.export.gain_sets import LONG, GainSets, gain_sets
 from observer.export.laws import law_terms
+from observer.frames import Layout
 from observer.kernels.judging import RELEASE_AFTER_STEPS, STALE_AFTER_STEPS
 from observer.model.build import build_plant, grid_of
 from observer.model.discretise import StepMatrices, quantise, step_matrices
@@ -31,7 +32,7 @@ _SANE = 1e6
 """A state beyond this (K, W) is invalid; the observer then restarts."""
 _PARTS_OF_NUT = 4
 """Of its length, as far apart as the places at most for which a nut's columns are tabulated."""
-UNITS = ("degC", "K", "m", "um", "rpm", "W", "s")
+UNITS = ("degC", "K", "m", "um", "N", "rpm", "W", "s")
 
 
 class Exportable:
@@ -63,6 +64,8 @@ def observer_form(config: Config) -> Form:
     gains = gain_sets(config, own.plant, own.step)
     constants = plant_constants(own) | input_constants(own) | _gain_constants(gains)
     parts = list(sequence.ESTIMATE)
+    if own.plant.layout.has_force:
+        parts += sequence.TENSION
     if own.plant.layout.has_error:
         constants |= _compensation_constants(own)
         parts += sequence.COMPENSATE
@@ -95,7 +98,7 @@ def plant_constants(own: Exportable) -> dict[str, Any]:
     lag_of = [plant.modes + nut.index for nut in plant.moving]
     C = rows.C.copy()
     C[:, lag_of] = 0.0
-    errors = len(rows.C) - rows.sensors - rows.grid
+    errors = rows.grid if plant.layout.has_error else 0
     return {
         "PERIOD_S": own.period_s, "LONG": LONG, "SANE": _SANE, "STATES": n_x, "HEATS": m_e,
         "SOURCES": len(plant.source_names), "KNOWN": len(plant.known_names), "SENSORS": rows.sensors,
@@ -105,7 +108,7 @@ def plant_constants(own: Exportable) -> dict[str, Any]:
         "COUPLE": step.couple, "HEAT_OF": np.flatnonzero(plant.estimated), "B": plant.B.T, "E": plant.E.T,
         "C": C, "F": rows.F, "LAGS": plant.lags, "UNIFORM": plant.uniform, "LAG_OF": np.array(lag_of, int),
         "GRID_M": plant.layout.position_m, "GRID_1_M": 1.0 / np.diff(plant.layout.position_m),
-        **_nut_constants(own),
+        **_nut_constants(own), **_support_constants(own),
     }  # fmt: skip
 
 
@@ -222,6 +225,19 @@ def unit_of(name: str) -> str:
     return name.rpartition("_")[2] if name.rpartition("_")[2] in UNITS else ""
 
 
+def _support_constants(own: Exportable) -> dict[str, float]:
+    held = own.plant.rows.restraint
+    if held is None or not own.plant.layout.has_force:
+        return {}
+    return {"STIFFNESS_N_UM": held.stiffness_N_um, "LOST_UM": held.lost_um}
+
+
+def force_slots(layout: Layout) -> list[Slot]:
+    """The output of a screw that is held at both ends; none of others."""
+    text = "axial force in the screw, tension positive"
+    return [Slot("force_N", "real", "output", text, units=("N",))] if layout.has_force else []
+
+
 def _outputs(own: Exportable) -> list[Slot]:
     plant, layout, config = own.plant, own.plant.layout, own.config
     places = tuple(f"{1000 * x:.10g}_mm" for x in layout.position_m)
@@ -241,6 +257,7 @@ def _outputs(own: Exportable) -> list[Slot]:
         out("quality", "int", "0 good, 1 starting, 2 degraded, 3 stale, 4 invalid"),
         out("alive", "int", f"counts the steps, from 0 again after {LONG}"),
     ]
+    found += force_slots(layout)
     if not layout.has_error:
         return found
     travel = tuple(f"{1000 * x:.10g}_mm" for x in plan_of(config).machine_m)

@@ -24,6 +24,7 @@ _TYPES: dict[Kind, tuple[str, str]] = {
 _UNITS = {
     "degC": {"K": "1", "offset": "273.15"}, "K": {"K": "1"}, "m": {"m": "1"},
     "um": {"m": "1", "factor": "1e-6"}, "s": {"s": "1"}, "W": {"kg": "1", "m": "2", "s": "-3"},
+    "N": {"kg": "1", "m": "1", "s": "-2"},
     "rpm": {"rad": "1", "s": "-1", "factor": "0.10471975511965977"},
 }  # fmt: skip
 _BOTH_WAYS = """

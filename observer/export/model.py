@@ -12,7 +12,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.export import sequence
-from observer.export.data import Exportable, plant_constants, unit_of
+from observer.export.data import Exportable, force_slots, plant_constants, unit_of
 from observer.export.form import Form, Kind, Slot, identifiers
 from observer.files.folders import write_json
 from observer.model.generator import generator, known_columns, output_names
@@ -28,7 +28,8 @@ def model_form(config: Config) -> Form:
         f"{own.period_s:g} s over which the inputs are held.",
         "The screw begins at start_degC, all lags at rest under the first heats.",
     ]
-    return own.form("model", constants, _slots(own, constants), sequence.MODEL, facts)
+    parts = [*sequence.MODEL, *(sequence.TENSION if plant.layout.has_force else ())]
+    return own.form("model", constants, _slots(own, constants), parts, facts)
 
 
 def _slots(own: Exportable, c: dict[str, Any]) -> list[Slot]:
@@ -54,6 +55,7 @@ def _slots(own: Exportable, c: dict[str, Any]) -> list[Slot]:
                 "error_um", "real", "output", "thermal error along the screw", (len(places),), places, ("um",)
             )
         )
+    found += force_slots(layout)
     remembered: list[tuple[str, Kind, tuple[int, ...]]] = [
         ("x", "real", (n,)), ("B", "real", (len(sources), n)), ("lag_C", "real", (len(nuts), rows)),
         ("z_before", "real", (len(known),)), ("weight", "real", (weights,)), ("nut_m", "real", (len(nuts),)),

@@ -62,6 +62,11 @@ def judge(c: Any, v: Any) -> None:
         v.started = False
 
 
+def tension(c: Any, v: Any) -> None:
+    """The axial force of a screw held at both ends, tension positive; the last row is its free growth."""
+    v.force_N = c.STIFFNESS_N_UM * (c.LOST_UM - v.row[c.ROWS - 1])
+
+
 def compensate(c: Any, v: Any) -> None:
     """The table that a control adds, at a limited rate, within a limited slope; armed by a rising `enable`.
 
@@ -153,6 +158,8 @@ ESTIMATE = (
     report, judge,
 )  # fmt: skip
 """The parts of a step, in order."""
+TENSION = (tension,)
+"""The part where the screw is held at both ends."""
 COMPENSATE = (compensate,)
 """The parts where the machine's thermal error is known …"""
 AT_NUT = (at_nut,)

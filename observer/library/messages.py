@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import TypeAdapter
 
+from observer.frames import FORCE
+
 Message = TypeVar("Message")
 
 
@@ -45,7 +47,9 @@ class ServiceField:
 
 @dataclass(frozen=True, slots=True)
 class ServiceThermalError:
-    """The thermal error (g,) along the screw at `position_m` (g,), with sigma and bound."""
+    """The thermal error (g,) along the screw at `position_m` (g,), with sigma and bound; of a screw that is
+    held at both ends the axial force, tension positive, with the same.
+    """
 
     time_s: float
     quality: str
@@ -53,6 +57,9 @@ class ServiceThermalError:
     error_um: tuple[float | None, ...]
     sigma_um: tuple[float | None, ...]
     bound_um: tuple[float | None, ...] = ()
+    force_N: float | None = None
+    force_sigma_N: float | None = None
+    force_bound_N: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +119,7 @@ def documents_of(estimate: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
         ("error", {"error_um": "error_um", "sigma_um": "error_sigma_um", "bound_um": "error_bound_um"}),
     ):
         found[name] = along | {key: known[column] for key, column in keys.items() if column in known}
+    found["error"] |= {key: known[key][0] for key in FORCE if key in known}
     return found
 
 

@@ -143,6 +143,7 @@ def output_names(plant: Plant) -> list[str]:
         *(f"sensor_{name}_degC" for name in plant.layout.sensors),
         *plant.layout.along(field__degC=places),
         *(plant.layout.along(error__um=places) if plant.layout.has_error else ()),
+        *(("growth_um",) if plant.layout.has_force else ()),
     ]
 
 

@@ -22,7 +22,7 @@ from observer.frames import BoolArray, FloatArray, Layout
 from observer.model.coupling import Coupling
 from observer.model.learning import Learning, LearningArrays, learning_of
 from observer.model.rod.moving import NutTable
-from observer.model.rod.supports import Restraint, fold
+from observer.model.rod.supports import Restraint, fold, tension
 
 OFFSET = "offset."
 """How the name of a known input begins that is a sensor's offset; the sensor's name follows."""
@@ -103,6 +103,11 @@ class OutputRows:
         """The thermal error (K, g) from the values (K, R) of all rows."""
         rows = values[:, self.error_slice]
         return fold(self.restraint, rows, np.zeros_like(rows))[0]
+
+    def force_N(self, values: FloatArray) -> FloatArray:
+        """The axial force (K, 1) from the values (K, R) of all rows; (K, 0) where both ends are not held."""
+        rows = values[:, self.error_slice]
+        return tension(self.restraint, rows, np.zeros_like(rows))[0]
 
 
 @dataclass(frozen=True, slots=True)

@@ -251,6 +251,9 @@ def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS)
             sensors=full.sensors,
             has_error=places.expansion_1_K is not None,
             displacements=tuple(full.sensors[i] for i in places.moved),
+            has_force=places.expansion_1_K is not None
+            and places.restraint is not None
+            and places.restraint.holds,
         ),
         decay_1_s=np.concatenate([modes.decay_1_s, np.full(m, lag_decay_1_s)]),
         B=B,

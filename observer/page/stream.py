@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from observer.exchange import KEYS, Key
+from observer.frames import FORCE
 from observer.gateway.messages import Latest
 from observer.gateway.start import Start
 from observer.page.viewers import Viewers, event
@@ -147,6 +148,7 @@ class Recent:
             "quality": field["quality"],
             **{key: _rounded(field.get(key) or []) for key in ("temperature_degC", "sigma_K", "bound_K")},
             **{key: _rounded(error.get(key) or []) for key in ("error_um", "sigma_um", "bound_um")},
+            **{key: error[key] for key in FORCE if key in error},
             **{
                 key: {name: entry.get(key) for name, entry in heat.get("sources", {}).items()}
                 for key in ("heat_W", "sigma_W", "bound_W")

@@ -16,7 +16,7 @@ import cbor2
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout, Quality
+from observer.frames import FORCE, EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout, Quality
 from observer.kernels import encode, record
 from observer.kernels.layout import Bundle, Fields
 
@@ -37,6 +37,7 @@ _ARRAYS = (
     "error_um", "error_sigma_um", "error_bound_um", "innovation_K", "innovation_sigma_K",
 )  # fmt: skip
 _ENTRIES = len(_ARRAYS) + 8
+"""Entries of the map, without those that only some machines have."""
 
 
 class Message(NamedTuple):
@@ -58,7 +59,7 @@ class Message(NamedTuple):
 
 def _kept(block: EstimateBlock, k: int) -> tuple[Fields, bytes]:
     """One step of a block in one piece."""
-    names = (*_ARRAYS, "time_s", "quality", "sensor_quality")
+    names = (*_ARRAYS, *FORCE, "time_s", "quality", "sensor_quality")
     bundle = Bundle.of({name: np.asarray(getattr(block, name)[k]) for name in names})
     return bundle.fields, bundle.octets.tobytes()
 
@@ -104,8 +105,10 @@ class EstimateEncoder:
             "innovation_K": _pair("sensors", sensors) + moved,
         }
         self._widths = dict(zip(_ARRAYS, (m, m, m, m, g, g, g, error, error, error, s, s), strict=True))
+        self._force = FORCE if layout.has_force else ()
+        self._widths |= dict.fromkeys(self._force, 1)
         self._pieces = [
-            cbor2.dumps(dict.fromkeys(range(_ENTRIES + len(moved[:1]))))[:1]
+            cbor2.dumps(dict.fromkeys(range(_ENTRIES + len(moved[:1]) + len(self._force))))[:1]
             + cbor2.dumps("time_s")
             + _FLOAT64_MARK,
             cbor2.dumps("sequence"),
@@ -145,7 +148,7 @@ class EstimateEncoder:
             np.zeros(room, np.uint8),
             np.frombuffer(b"".join(self._pieces), np.uint8).copy(),
             np.cumsum([0, *sizes]),
-            np.array([fields[name][1] for name in _ARRAYS]),
+            np.array([fields[name][1] for name in self._widths]),
             np.array(list(self._widths.values())),
             len(_QUALITY),
             self._sensors,
@@ -164,18 +167,19 @@ class EstimateEncoder:
     def field(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
         """The `field` document."""
         arrays = (block.field_degC, block.field_sigma_K, block.field_bound_K)
-        return self._curve(block, k, sequence, ("temperature_degC", "sigma_K", "bound_K"), arrays)
+        names = ("temperature_degC", "sigma_K", "bound_K")
+        return self._json(block, k, sequence, self._curve(k, names, arrays))
 
     def error(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
         """The `error` document."""
         arrays = (block.error_um, block.error_sigma_um, block.error_bound_um)
-        return self._curve(block, k, sequence, ("error_um", "sigma_um", "bound_um"), arrays)
+        body = self._curve(k, ("error_um", "sigma_um", "bound_um"), arrays)
+        body |= {name: _rounded(getattr(block, name)[k])[0] for name in self._force}
+        return self._json(block, k, sequence, body)
 
-    def _curve(
-        self, block: EstimateBlock, k: int, sequence: int, names: Sequence[str], arrays: Sequence[FloatArray]
-    ) -> bytes:
+    def _curve(self, k: int, names: Sequence[str], arrays: Sequence[FloatArray]) -> dict[str, Any]:
         body = {name: _rounded(array[k]) for name, array in zip(names, arrays, strict=True)}
-        return self._json(block, k, sequence, {"position_m": self._position_m, **body})
+        return {"position_m": self._position_m, **body}
 
     def learned(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
         """The `learned` document."""

@@ -107,7 +107,7 @@ def live_table(latest: Mapping[str, Mapping[str, Any]]) -> RenderableType:
     parts: list[RenderableType] = [title, _heats(heat, latest.get("truth/heat", {}))]
     parts += [_profile(latest.get("field", {}), "field", "temperature_degC", "sigma_K", "°C")]
     if "error" in latest:
-        parts += [_profile(latest["error"], "error", "error_um", "sigma_um", "µm")]
+        parts += [_profile(latest["error"], "error", "error_um", "sigma_um", "µm"), *_force(latest["error"])]
     parts += [_sensors(latest.get("estimate", {}))]
     if "learned" in latest:
         parts += [_learned(latest["learned"])]
@@ -255,6 +255,12 @@ def _profile(document: Mapping[str, Any], name: str, key: str, sigma: str, unit:
     if sigmas:
         text.append(f"  σ ≤ {max(sigmas):.2f}")
     return text
+
+
+def _force(document: Mapping[str, Any]) -> list[Text]:
+    """The axial force of a screw that is held at both ends."""
+    force_N, sigma_N = _float(document.get("force_N")), _float(document.get("force_sigma_N"))
+    return [] if force_N is None or sigma_N is None else [Text(f"force {force_N:.0f} N  σ {sigma_N:.0f}")]
 
 
 def _sensors(estimate: Mapping[str, Any]) -> Table:

@@ -63,6 +63,7 @@ TABLES = {
     "effects": {"effect": EFFECTS},
     "learning": {"tolerance": {}},
     "supports with a gap": {"supports": GAP},
+    "pre-stretched, and learning": {"supports": GAP | {"gap_m": 0.0}, "tolerance": {}},
     "constant gain": {"estimator": {"engine": "constant"}},
     "luenberger": {"estimator": {"kind": "luenberger"}},
     "filterpy": {"estimator": {"engine": "filterpy"}},
@@ -70,7 +71,7 @@ TABLES = {
 
 
 def machine_of(name: str) -> MachineModel:
-    return MachineModel.of(parse(PLAIN | TABLES[name]), learns=name == "learning")
+    return MachineModel.of(parse(PLAIN | TABLES[name]), learns="learning" in name)
 
 
 def events(ticks: int) -> list[Reading | float]:

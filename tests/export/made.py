@@ -23,6 +23,7 @@ SCALE = {
     "error_um": 100.0,
     "compensation_um": 100.0,
     "innovation_K": 1.0,
+    "force_N": 1000.0,
 }
 """What 1e-12 is relative to: the size of each output, as the numbers that are summed up to it have it."""
 
@@ -31,7 +32,8 @@ FOURTH = {"name": "d", "channel": "d_degC", "position_m": 0.28}
 
 
 def nut_machine(**changes: Any) -> Config:
-    """The small bar with a nut that moves, a law of two speeds, air by a channel and a thermal error."""
+    """The small bar with a nut that moves, a law of two speeds, air by a channel, and a
+    thermal error and an axial force between two supports."""
     given = table()
     given["screw"] |= {"expansion_1_K": 11.8e-6}
     return machine(
@@ -51,6 +53,7 @@ def nut_machine(**changes: Any) -> Config:
             ],
             "sensor": [*given["sensor"], given["sensor"][0] | FOURTH],
             "tolerance": {"offset_K": 0.3},
+            "supports": {"mounting": "L-III", "preload_N": 2000.0, "stiffness_second_N_m": 2e8},
             "compensation": {"points": 7, "rate_limit_um_s": 0.3, "gradient_limit_um_m": 40.0},
         }
         | changes

@@ -19,7 +19,7 @@ from observer.errors import ConfigError
 from observer.estimators import build_estimator
 from observer.files.logs import read_log
 from observer.files.writer import write_log
-from observer.frames import FloatArray
+from observer.frames import EstimateBlock, FloatArray
 from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
@@ -232,8 +232,8 @@ def machine(**tables: Any) -> Config:
 
 
 @cache
-def rows_of(engine: str, **supports: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Estimates of a short run: error, σ, and the free screw's covariance-free growth for the same states."""
+def block_of(engine: str, **supports: Any) -> EstimateBlock:
+    """Estimates of a short run."""
     config = machine(estimator={"engine": engine}, **({"supports": supports} if supports else {}))
     time_s = np.arange(0.0, 1200.0, 2.0)
     warm = 20.0 + 12.0 * (1.0 - np.exp(-time_s / 500.0))
@@ -242,7 +242,12 @@ def rows_of(engine: str, **supports: Any) -> tuple[FloatArray, FloatArray, Float
     plant = build_plant(config)
     drive, estimator = Drive(config, plant), build_estimator(plant, config.estimator)
     _, inputs = drive.run(drive.initial(), frames(config, time_s, columns))
-    _, block = estimator.run(estimator.initial(), inputs)
+    return estimator.run(estimator.initial(), inputs)[1]
+
+
+def rows_of(engine: str, **supports: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Error and σ of a short run, and the field."""
+    block = block_of(engine, **supports)
     return block.error_um, block.error_sigma_um, block.field_degC
 
 
@@ -276,6 +281,27 @@ def test_the_estimators_follow_a_gap_as_it_closes(engine: str) -> None:
     share = np.linspace(0.0, 1.0, free.shape[1])
     np.testing.assert_allclose(error[is_closed], (held + share * gap_um)[is_closed], atol=1e-9)
     np.testing.assert_allclose(sigma[is_closed], held_sigma[is_closed], atol=1e-9)
+
+
+@pytest.mark.parametrize("engine", ["compiled", "filterpy", "constant"])
+def test_the_force_falls_as_a_pre_stretched_screw_warms(engine: str) -> None:
+    """Less by the stiffness of screw and support in series for each micrometre that the free screw grows."""
+    free, free_sigma, _ = rows_of(engine)
+    own_N_um = 1e-6 / (0.4 / (MODULUS_PA * math.pi * 0.02**2 / 4) + 1 / 2e8)
+    stretched = LIII | {"preload_N": 4000.0, "stiffness_second_N_m": 2e8}
+    block = block_of(engine, **stretched)
+    assert block.force_N.shape == block.force_sigma_N.shape == (len(free), 1)
+    np.testing.assert_allclose(block.force_N, 4000.0 - own_N_um * free[:, -1:], rtol=1e-9)
+    np.testing.assert_allclose(block.force_sigma_N, own_N_um * free_sigma[:, -1:], rtol=1e-9, atol=1e-9)
+    assert block.force_N[0, 0] > 3500.0
+    assert block.force_N[-1, 0] < 1000.0
+    gapped = block_of(engine, **stretched | {"preload_N": 1000.0, "gap_m": 1e-3})
+    slack_um, near_um = free[:, -1] - 1000.0 / own_N_um, 2.0 * free_sigma[:, -1]
+    assert (slack_um > near_um).sum() > 20
+    np.testing.assert_array_equal(gapped.force_N[slack_um > near_um], 0.0)
+    np.testing.assert_array_equal(gapped.force_sigma_N[slack_um > near_um], 0.0)
+    assert (gapped.force_sigma_N[np.abs(slack_um) < near_um] > 0.0).all()
+    assert block_of(engine, mounting="L-II").force_N.shape == (len(free), 0)
 
 
 def test_the_check_prints_force_and_where_pretension_and_gap_end() -> None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from observer import installation
-from observer.frames import EstimateBlock, EstimateQuality, Layout, Quality
+from observer.frames import FORCE, EstimateBlock, EstimateQuality, Layout, Quality
 from observer.publish.codec import (
     EstimateEncoder,
     array_of,
@@ -52,8 +52,8 @@ def _estimates(draw):
     def numbers(*shape):
         return draw(hnp.arrays(np.float64, shape, elements=st.floats(width=32)))
 
-    e = g if has_error else 0
-    layout = Layout(tuple(sources), numbers(g), tuple(sensors), has_error)
+    e, f = g if has_error else 0, int(has_error and draw(st.booleans()))
+    layout = Layout(tuple(sources), numbers(g), tuple(sensors), has_error, has_force=bool(f))
     return layout, EstimateBlock(
         draw(hnp.arrays(np.float64, k, elements=st.floats(-1e12, 1e12))),
         numbers(k, len(sources)), numbers(k, len(sources)), numbers(k, g), numbers(k, g), numbers(k, e),
@@ -62,6 +62,7 @@ def _estimates(draw):
         draw(hnp.arrays(np.int8, k, elements=st.integers(0, 4))),
         numbers(k, len(sensors)), numbers(k, len(sources)), heat_bound_W=numbers(k, len(sources)),
         field_bound_K=numbers(k, g), error_bound_um=numbers(k, e),
+        force_N=numbers(k, f), force_sigma_N=numbers(k, f), force_bound_N=numbers(k, f),
     )  # fmt: skip
 
 
@@ -92,6 +93,7 @@ def _as_a_map(layout: Layout, block: EstimateBlock, k: int, sequence: int) -> by
             "sensors": list(layout.sensors),
             "innovation_K": typed(block.innovation_K[k]),
             "innovation_sigma_K": typed(block.innovation_sigma_K[k]),
+            **{name: typed(getattr(block, name)[k]) for name in FORCE if layout.has_force},
             "sensor_quality": [Quality(q).label for q in block.sensor_quality[k]],
         }
     )

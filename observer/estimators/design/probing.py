@@ -30,7 +30,7 @@ def probing_worth(plant: Plant, P: FloatArray, sensor: int) -> ProbingWorth:
         raise ValueError("with play in a support the error has no constant rows")
     n_x, first = len(plant.decay_1_s), len(P) - plant.learnt
     h, C = np.zeros(len(P)), np.zeros((rows.grid, len(P)))
-    h[:n_x], C[:, :n_x] = rows.C[sensor], rows.C[rows.error_slice]
+    h[:n_x], C[:, :n_x] = rows.C[sensor], rows.C[rows.error_slice][: rows.grid]
     kinds = plant.parameters
     h[first + np.flatnonzero((kinds.kind == Nuisance.OFFSET) & (kinds.of == sensor))] = 1.0
     g = P @ h

@@ -19,7 +19,7 @@ sections x/EF is ∫_0^x dx/EF, and L/EF that of all of it.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,6 +47,11 @@ class Restraint(NamedTuple):
     def linear(self) -> bool:
         """Whether displacement is linear in temperature: no gap."""
         return self.gap_um == 0.0
+
+    @property
+    def holds(self) -> bool:
+        """Whether the screw is held at both ends, so that there is an axial force in it."""
+        return self.stiffness_N_um > 0.0
 
 
 def restraint_of(supports: Supports, screw: Screw, grid_m: FloatArray) -> Restraint:
@@ -105,33 +110,62 @@ def restrained_rows(restraint: Restraint | None, free: FloatArray) -> FloatArray
     """Return the rows of the thermal error from those of the free growth.
 
     `free` (g + 1, …) is the growth from x = 0 to each grid point, then to the screw's end. Returns g rows
-    that are linear in the temperature; with a gap g rows as if the supports always held, g rows as if
-    they never did, and the growth of the whole free screw, from which `fold` makes the error.
+    that are linear in the temperature; with a gap g rows as if the supports always held, and g rows as if
+    they never did. Where both ends are held, the last row is the growth of the whole free screw. `fold`
+    makes the error from all of these, and `tension` the force.
     """
     growth, whole = free[:-1], free[-1:]
     if restraint is None:
         return growth
     held = growth - np.multiply.outer(restraint.hold, free[-1])
-    return held if restraint.linear else np.concatenate([held, growth, whole])
+    if not restraint.linear:
+        return np.concatenate([held, growth, whole])
+    return np.concatenate([held, whole]) if restraint.holds else held
 
 
 def fold(restraint: Restraint | None, value: FloatArray, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return error and σ (K, g) from the rows of `restrained_rows` and their σ, (K, g) or (K, 2 g + 1).
+    """Return error and σ (K, g) from the values of `restrained_rows` and their σ, (K, g), (K, g + 1) or
+    (K, 2 g + 1).
 
     With H linearised at the estimate, the σ is that of the rows as held where H follows the growth, and as
     free where it stands still; within two σ of a bend, the larger of both.
     """
-    if restraint is None or restraint.linear or value.shape[1] == 0:
+    if restraint is None or value.shape[1] == 0:
         return value, sigma
     g = len(restraint.hold)
+    if restraint.linear:
+        return value[:, :g], sigma[:, :g]
     growth = value[:, -1:]
     error = value[:, :g] + restraint.hold * (growth - held_back_um(restraint, growth))
-    near = _NEAR_SIGMAS * sigma[:, -1:]
-    first, last = restraint.lost_um, restraint.lost_um + restraint.gap_um
     held, free = sigma[:, :g], sigma[:, g : 2 * g]
-    inside = (growth > first + near) & (growth < last - near)
-    outside = (growth < first - near) | (growth > last + near)
+    inside, outside = _about_gap(restraint, growth, sigma[:, -1:])
     return error, np.where(inside, free, np.where(outside, held, np.maximum(held, free)))
+
+
+def tension(
+    restraint: Restraint | None, value: FloatArray, sigma: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the axial force, N, tension positive, and its σ, (K, 1), from what `fold` takes; (K, 0) where
+    the screw is not held at both ends.
+
+    In a gap there is no force, whatever the growth; within two σ of its ends the σ is that of a held screw.
+    """
+    if restraint is None or not restraint.holds or value.shape[1] == 0:
+        nothing = np.zeros((len(value), 0))
+        return nothing, nothing
+    growth, growth_sigma = value[:, -1:], sigma[:, -1:]
+    inside, _ = _about_gap(restraint, growth, growth_sigma)
+    return force_N(restraint, growth), np.where(inside, 0.0, restraint.stiffness_N_um * growth_sigma)
+
+
+def _about_gap(restraint: Restraint, growth: FloatArray, sigma: FloatArray) -> tuple[Any, Any]:
+    """Where the screw surely is within the gap, and where surely not."""
+    near = _NEAR_SIGMAS * sigma
+    first, last = restraint.lost_um, restraint.lost_um + restraint.gap_um
+    return (
+        (growth > first + near) & (growth < last - near),
+        (growth < first - near) | (growth > last + near),
+    )
 
 
 def error_at(

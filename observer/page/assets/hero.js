@@ -75,6 +75,8 @@ function drawFigures() {
   else figure("f-here", "–", lost ? "position lost" : position_m.length ? "no nut" : "no thermal error");
   if (far) figure("f-error", `${number(far.value)} µm`, `${place(far.x)}, ${doubts(now, position_m, far.x)}`);
   say("f-error-name", strokeOfNut() ? "largest error within the stroke" : "largest error");
+  byId("force").hidden = !known(now.force_N); // only a screw that is held at both ends has one
+  if (known(now.force_N)) figure("f-force", `${number(now.force_N, 0)} N`, `± ${number(now.force_sigma_N, 0)}, ${now.force_N > 0 ? "pulled" : now.force_N < 0 ? "pushed" : "no pre-tension left"}`);
   const hot = now.temperature_degC.reduce((best, t, i) => (known(t) && (best < 0 || t > now.temperature_degC[best]) ? i : best), -1);
   if (hot >= 0) figure("f-hot", `${number(now.temperature_degC[hot])} °C`, place(field.position_m[hot]));
   const heats = Object.values(now.heat_W).filter(known);

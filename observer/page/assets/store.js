@@ -46,6 +46,7 @@ function live() {
     time_s: estimate?.time_s ?? field?.time_s, quality: estimate?.quality,
     temperature_degC: field?.temperature_degC ?? [], sigma_K: field?.sigma_K ?? [], bound_K: field?.bound_K ?? [],
     error_um: error?.error_um ?? [], sigma_um: error?.sigma_um ?? [], bound_um: error?.bound_um ?? [],
+    force_N: error?.force_N, force_sigma_N: error?.force_sigma_N,
     heat_W: of("heat_W"), sigma_W: of("sigma_W"), bound_W: of("bound_W"),
     law_W: Object.fromEntries((estimate?.sources ?? []).map((name, i) => [name, estimate.law_W?.[i]]).filter(([name]) => hasLaw(name))),
     channels: Object.fromEntries(Object.entries(readings?.channels ?? {}).map(([name, c]) => [name, c.value])),
