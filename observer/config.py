@@ -22,7 +22,7 @@ from observer.tables.estimator import EstimatorSettings, ForecastSettings, Integ
 from observer.tables.logs import Logs
 from observer.tables.mounting import Compensation
 from observer.tables.quantities import Section
-from observer.tables.sections import Description
+from observer.tables.sections import UNSEEN_LAW_UNCERTAINTY, Description
 
 LEARNT = ("convection", "offset_K", "link", "gain")
 """What is learnt where nothing else is said, beside thermocouples on the screw."""
@@ -198,6 +198,18 @@ class Config(Description):
         if self.estimator.learn is not None:
             return self.estimator.learn
         return LEARNT if self.screw_is_seen else (*LEARNT, "law")
+
+    def resting_on_laws(self) -> Self:
+        """Return it with its heat laws known and learnt as where no thermocouple sits on the screw."""
+        learn = (*LEARNT, "law") if self.estimator.learn is None else self.estimator.learn
+        unseen = [
+            s.model_copy(update={"law_uncertainty": UNSEEN_LAW_UNCERTAINTY})
+            if s.law_uncertainty is None
+            else s
+            for s in self.source
+        ]
+        estimator = self.estimator.model_copy(update={"learn": learn})
+        return self.model_copy(update={"estimator": estimator, "source": tuple(unseen)})
 
     @property
     def needs_um(self) -> float | None:

@@ -14,8 +14,10 @@ NONE, NEW_PROGRAM = "none", "a new program's strokes"
 LEGITIMATE = (NONE, NEW_PROGRAM)
 GROUPS = (
     "no fault", "common jump", "slow common", "jump of one", "jump of several", "swap", "gain", "slow single",
-    "held", "noise and resolution", "nut position", "ambient", "twice the least noticed",
+    "held", "noise and resolution", "nut position", "ambient", "on housings", "twice the least noticed",
 )  # fmt: skip
+HOUSINGS = GROUPS[-2]
+"""Machines with thermocouples on the nut and on both housings only, links 20 % off."""
 ALL = SENSORS
 T3, T5 = ("t3",), ("t5",)
 SWAPS = (("t1", "t2"), ("t2", "t3"), ("t4", "t5"), ("t1", "t5"), ("t2", "t4"))
@@ -91,6 +93,16 @@ def _other() -> list[Fault]:
     ]
 
 
+def _on_housings() -> list[Fault]:
+    """Quiet faults and jumps of the nut's and a housing's only thermocouple."""
+    found = [Fault("on housings, none", HOUSINGS, (), of.nothing)]
+    for place, name in (("nut", "t1"), ("housing", "t2")):
+        changes = {f"{rate:+g} K/h": of.drift((name,), rate) for rate in (1.0, 3.0, 10.0)}
+        changes |= {"held": of.held((name,)), "+1 K": of.offset((name,), 1.0)}
+        found += [Fault(f"on the {place}, {what}", HOUSINGS, (name,), to) for what, to in changes.items()]
+    return found
+
+
 @lru_cache(maxsize=1)
 def minimal_detectable_K() -> dict[str, float]:
     """The smallest fault of each sensor that `check` says is noticed; none where it says nothing of it."""
@@ -101,7 +113,7 @@ def minimal_detectable_K() -> dict[str, float]:
 def _listed() -> dict[str, Fault]:
     whole = [
         *(Fault(name, "no fault", (), of.nothing) for name in LEGITIMATE),
-        *_common(), *_jumps(), *_other(), *_slow(),
+        *_common(), *_jumps(), *_other(), *_slow(), *_on_housings(),
     ]  # fmt: skip
     whole.sort(key=lambda fault: GROUPS.index(fault.group))
     return {fault.name: fault for fault in whole}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+from tests.learning.housings import draw_housed
 from tests.learning.machines import Day, Rough, draw, work
 from tests.truth.machine.cycles import Phase, START_m, programme
 from tests.truth.machine.machine import stream
@@ -15,17 +16,23 @@ RUN_OF = ("a", "b", "a", "c")
 MORE = {"a": (), "b": (Phase(900, 1400, 0.3, 0.6),), "c": (Phase(1800, 1200, 0.3, 0.7),)}
 """So that each works for about two hours and a half, the last 5000 s of which are watched."""
 SHIFT_m = 0.05
+LINKS = 0.2
+"""What part each link of a housed machine is off."""
 
 
 @lru_cache(maxsize=4)
-def day_of(number: int, *, new_stroke: bool = False) -> Day:
-    """A machine's day. With `new_stroke` another program begins at `FAULT_S`: shorter strokes elsewhere."""
+def day_of(number: int, *, new_stroke: bool = False, housed: bool = False) -> Day:
+    """A machine's day. With `new_stroke` another program begins at `FAULT_S`: shorter strokes elsewhere.
+
+    `housed` is another machine, whose thermocouples sit on nut and housings.
+    """
     run = RUN_OF[number % len(RUN_OF)]
     rng = stream(FIRST_SEED, "integrity", str(number))
     phases = (*programme("standard", run, rng), *MORE[run])
     if new_stroke:
         phases = with_new_stroke(phases)
-    return work(draw(FIRST_SEED, number, Rough()), phases, START_m[run], rng, 0.0)
+    machine = draw_housed(FIRST_SEED, number, LINKS) if housed else draw(FIRST_SEED, number, Rough())
+    return work(machine, phases, START_m[run], rng, 0.0)
 
 
 def with_new_stroke(phases: tuple[Phase, ...], from_s: float = FAULT_S) -> tuple[Phase, ...]:

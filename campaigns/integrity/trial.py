@@ -15,13 +15,15 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from campaigns.integrity.catalogue import GROUP_OF, GROUPS, NEW_PROGRAM, NONE, catalogue
+from campaigns.integrity.catalogue import GROUP_OF, GROUPS, HOUSINGS, NEW_PROGRAM, NONE, catalogue
 from campaigns.integrity.judge import Verdict, judged
 from campaigns.integrity.promise import MONTH_H, Row, short_of, total
 from campaigns.resumable import go_on, read_rows, show
 
-MACHINES, CALM, NEW_PROGRAMS = 12, 300, 48
-"""How many machines have each fault, how many have none, and how many change their strokes."""
+MACHINES, CALM, NEW_PROGRAMS, HOUSED = 12, 300, 48, 6
+"""How many machines have each fault, how many have none, how many change their strokes, and how many with
+sensors on housings have each of theirs.
+"""
 COLUMNS = ("fault", "machine", *Verdict._fields)
 DOCS = Path(__file__).parents[2] / "docs"
 RESULTS, PAGE = DOCS / "integrity" / "results.csv", DOCS / "explanation" / "integrity.md"
@@ -136,7 +138,8 @@ def _calm(rows: list[Row]) -> list[str]:
 
 def machines_of(name: str) -> range:
     """On which machines a fault is tried."""
-    return range({NONE: CALM, NEW_PROGRAM: NEW_PROGRAMS}.get(name, MACHINES))
+    usual = HOUSED if GROUP_OF[name] == HOUSINGS else MACHINES
+    return range({NONE: CALM, NEW_PROGRAM: NEW_PROGRAMS}.get(name, usual))
 
 
 def _options() -> argparse.Namespace:

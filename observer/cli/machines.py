@@ -105,7 +105,10 @@ _QUESTIONS = {
     "steel": "Its steel: bearing, case, carbon, stainless",
     "length_m": "Length between the bearings, such as 1000 mm or 1.0 m",
     "stroke_m": "Stroke of the nut's middle from the left bearing, such as 150 800 mm",
-    "sensors_m": "Positions of the thermocouples from there, such as 50 500 950 mm",
+    "housings": "Housings that carry a thermocouple, of nut, left and right (bearings), or none",
+    "nut_kg": "Mass of the nut with what is bolted to it, in kg, if you know it",
+    "housing_kg": "Mass of a bearing's housing, in kg, if you know it",
+    "sensors_m": "Positions of the thermocouples on the screw from there, such as 50 500 950 mm",
     "module": "Module that reads them: wago_750_458, icpdas_m7018, micro800_tc2, css_canmod_temp, "
     "peak_mu_thermocouple1",
     "module_at": "Its address: 192.168.0.20, /dev/ttyUSB0 or can0",

@@ -5,7 +5,8 @@ them all, and their offsets walk, each and in common, as those of thermocouples 
 drift. If sensor i is at fault, the filter without it is clean, whatever the fault: by how much the estimate
 is off is then no more than how far the two are apart and what the clean one is uncertain by. The largest of
 these over all faults that are to be reckoned with is the bound. Where tolerances are considered, the
-estimate is more uncertain by what drifts make, and never less than some part of how far a clean one is away.
+estimate is more uncertain by what drifts make, and never less than some part of how far a clean one is away,
+unless that one is as far as laws are wrong: where these are learnt, no sensor tells a heat from a fault.
 Source: solution separation, Blanch et al. (2012), as satellite navigation has it; here the filters are those
 of the screw. Which sensor is at fault is found in `fault_search`.
 """
@@ -31,6 +32,7 @@ from observer.kernels.bank import SPAN_S
 from observer.kernels.layout import Bundle
 from observer.kernels.screening import DECIDED_S, YOUNG_S
 from observer.model.discretise import quantise
+from observer.model.learning import Nuisance
 from observer.model.plant import Plant
 from observer.tables.estimator import Integrity
 
@@ -140,6 +142,7 @@ class Bank:
         s, wide = plant.rows.sensors, len(plant.rows.C) - plant.rows.sensors
         self.design, self._thermal = Design.of(plant.thermal, settings), plant.thermal
         self._allows = plant.learnt > 0  # else the model is taken as exact, and no difference is trusted
+        self._rests_on_laws = bool(np.any(plant.parameters.kind == Nuisance.LAW))
         initial = packing.initial_state(plant)
         F = len(self.design.uses)
         each = packing.thaw(initial)._asdict()
@@ -249,7 +252,8 @@ class Bank:
             held.heat_drift_W2[:] = self._drift(found.heat_sigma, 0.0)
             apart = found.field[design.drifting] - found.field[0]
             more = self._drift(found.field_sigma, apart)
-            if age_s >= YOUNG_S:  # before, filters without a sensor have yet to find the field
+            # before, filters without a sensor have yet to find the field; on laws alone they are always away
+            if age_s >= YOUNG_S and not self._rests_on_laws:
                 away = field[design.alone].max(axis=0) / _TRUSTED
                 more = np.fmax(more, away**2 - found.field_sigma[0] ** 2)
             held.field_drift2[:] = np.fmax(more, 0.0)

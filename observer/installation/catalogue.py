@@ -20,7 +20,8 @@ class CatalogueScrew:
     `root_mm` is the diameter between the grooves: nominal less 0.8 times the usual ball of that size (pitch
     circle 0.2 balls above nominal, groove one ball deep; ISO 3408-2 for diameters and leads). Torque and
     bearing heat are usual of a preloaded nut and a pair of angular contact bearings at that size: priors of
-    an estimator that finds the heats itself, not data of a maker.
+    an estimator that finds the heats itself, not data of a maker. So are the masses of a flanged nut (outer
+    diameters of DIN 69051-5) and of a fixed bearing's unit, and the conductance from rings to housing.
     """
 
     lead_mm: float
@@ -28,21 +29,24 @@ class CatalogueScrew:
     nut_mm: float
     torque_Nm: float
     bearing_W_rpm: float
+    nut_kg: float
+    housing_kg: float
+    housing_W_K: float
 
 
 SCREWS = {
-    "16x5": CatalogueScrew(5.0, 13.5, 42.0, 0.05, 0.002),
-    "20x5": CatalogueScrew(5.0, 17.5, 52.0, 0.10, 0.003),
-    "25x5": CatalogueScrew(5.0, 22.5, 55.0, 0.15, 0.004),
-    "25x10": CatalogueScrew(10.0, 21.2, 75.0, 0.20, 0.004),
-    "32x5": CatalogueScrew(5.0, 29.5, 58.0, 0.20, 0.005),
-    "32x10": CatalogueScrew(10.0, 26.9, 95.0, 0.30, 0.005),
-    "40x5": CatalogueScrew(5.0, 37.5, 62.0, 0.25, 0.006),
-    "40x10": CatalogueScrew(10.0, 34.9, 100.0, 0.40, 0.006),
-    "40x20": CatalogueScrew(20.0, 34.9, 110.0, 0.40, 0.006),
-    "50x10": CatalogueScrew(10.0, 44.9, 110.0, 0.60, 0.008),
-    "63x10": CatalogueScrew(10.0, 57.9, 120.0, 0.90, 0.010),
-    "80x10": CatalogueScrew(10.0, 74.9, 125.0, 1.20, 0.012),
+    "16x5": CatalogueScrew(5.0, 13.5, 42.0, 0.05, 0.002, 0.23, 0.4, 2.5),
+    "20x5": CatalogueScrew(5.0, 17.5, 52.0, 0.10, 0.003, 0.41, 0.6, 3.5),
+    "25x5": CatalogueScrew(5.0, 22.5, 55.0, 0.15, 0.004, 0.47, 1.4, 5.0),
+    "25x10": CatalogueScrew(10.0, 21.2, 75.0, 0.20, 0.004, 0.59, 1.4, 5.0),
+    "32x5": CatalogueScrew(5.0, 29.5, 58.0, 0.20, 0.005, 0.82, 2.2, 7.0),
+    "32x10": CatalogueScrew(10.0, 26.9, 95.0, 0.30, 0.005, 1.2, 2.2, 7.0),
+    "40x5": CatalogueScrew(5.0, 37.5, 62.0, 0.25, 0.006, 1.3, 3.3, 10.0),
+    "40x10": CatalogueScrew(10.0, 34.9, 100.0, 0.40, 0.006, 1.9, 3.3, 10.0),
+    "40x20": CatalogueScrew(20.0, 34.9, 110.0, 0.40, 0.006, 2.0, 3.3, 10.0),
+    "50x10": CatalogueScrew(10.0, 44.9, 110.0, 0.60, 0.008, 2.8, 6.5, 13.0),
+    "63x10": CatalogueScrew(10.0, 57.9, 120.0, 0.90, 0.010, 3.9, 10.0, 18.0),
+    "80x10": CatalogueScrew(10.0, 74.9, 125.0, 1.20, 0.012, 4.8, 18.0, 25.0),
 }
 """By nominal diameter and lead in mm."""
 
@@ -99,6 +103,17 @@ def _air(text: str) -> object:
     return word if word == "input" else typed.degC(text)
 
 
+def _places_or_none(text: str) -> tuple[float, ...]:
+    return () if text.strip().lower() == "none" else typed.places_m(text)
+
+
+def _mass_kg(text: str) -> float:
+    kg = typed.number(text.lower().removesuffix("kg"))
+    if not 0.02 <= kg <= 2000.0:
+        raise ValueError("give a mass in kg, such as 1.9")
+    return kg
+
+
 def _ascending(ends: tuple[float, float]) -> tuple[float, float]:
     if not ends[0] < ends[1]:
         raise ValueError("give both ends, the smaller first, such as 150 800 mm")
@@ -121,14 +136,64 @@ class OfControl:
     names: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class OfHousings:
+    """The housings, for any of which a question is asked."""
+
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Housing:
+    """A body that may carry a thermocouple: its node, the source whose place on the screw it touches, and
+    what of its heat goes to the air: W/K per kg^(2/3), in a film of about 10 W/m²K.
+    """
+
+    node: str
+    source: str
+    air_W_K: float
+
+
+HOUSINGS = {
+    "nut": Housing("nut_body", "nut", 0.4),
+    "left": Housing("left_housing", "left_bearing", 0.45),
+    "right": Housing("right_housing", "right_bearing", 0.45),
+}
+"""By the word for each; of a bearing's housing the air stands for the bed under its foot, too."""
+NUT_FILM_W_m2K = 700.0
+"""Between nut and screw, over the thread: a grease film of 0.2 mm, and the balls."""
+BODY_J_kgK = 470.0
+"""Of steel and of cast iron."""
+TYPICAL_MASS, TYPICAL_LINK = 0.2, 0.4
+"""How well a typical mass, and a typical conductance, are known, relative."""
+
+
+def _housings(text: str) -> tuple[str, ...]:
+    """Some of `HOUSINGS`, in their order."""
+    words = text.lower().replace(",", " ").split()
+    if words in ([], ["none"]):
+        return ()
+    if words == ["all"]:
+        return tuple(HOUSINGS)
+    if unknown := [word for word in words if word not in HOUSINGS]:
+        raise ValueError(f"{unknown[0]} is not known; give some of {', '.join(HOUSINGS)}, or none")
+    return tuple(name for name in HOUSINGS if name in words)
+
+
 _BY_NAME = OfControl(("can", "opcua", "mtconnect"))
 _BY_COUNT = OfControl(("canopen", "modbus"))
 _MODBUS = OfControl(("modbus",))
 
 
+def option(name: str) -> str:
+    """The command-line option of a field of `Answers`."""
+    return f"--{name.replace('_', '-')}"
+
+
 class Answers(BaseModel):
     """One machine's answers, in the order in which they are asked; lengths count from the screw's left end.
 
+    `sensors_m` may be left out where `housings` carry thermocouples, which are the module's first inputs.
     `ambient` is a temperature in °C, or `"input"`: the module's next input after the sensors.
     """
 
@@ -142,7 +207,10 @@ class Answers(BaseModel):
     stroke_m: Annotated[
         tuple[float, float], _typed(partial(typed.places_m, count=2)), AfterValidator(_ascending)
     ]
-    sensors_m: Annotated[tuple[float, ...], _typed(typed.places_m)]
+    housings: Annotated[tuple[str, ...], _typed(_housings)] = ()
+    nut_kg: Annotated[float | None, _typed(_mass_kg), OfHousings(("nut",))] = None
+    housing_kg: Annotated[float | None, _typed(_mass_kg), OfHousings(("left", "right"))] = None
+    sensors_m: Annotated[tuple[float, ...], _typed(_places_or_none)] = ()
     module: Annotated[str, _one_of(MODULES)] = "wago_750_458"
     module_at: str
     ambient: Annotated[float | Literal["input"], _typed(_air)] = "input"
@@ -155,6 +223,12 @@ class Answers(BaseModel):
     dbc: Annotated[str, OfControl(("can",))]
     position_signal: Annotated[str, _BY_NAME]
     speed_signal: Annotated[str, _BY_NAME] = ""
+
+    @property
+    def thermocouples(self) -> tuple[str, ...]:
+        """The names of all thermocouples, in the order of the module's inputs."""
+        on_screw = (f"t{n}" for n in range(1, len(self.sensors_m) + 1))
+        return (*(HOUSINGS[name].node for name in self.housings), *on_screw)
 
     @property
     def has_speed(self) -> bool:

@@ -157,9 +157,13 @@ def placed(
 
 @dataclass(frozen=True, slots=True)
 class _Bench:
-    """A plant that has every candidate for a sensor, and behind these the configured ones."""
+    """A plant that has every candidate for a sensor, and behind these the configured ones.
+
+    `on_laws` is the same for sets without a thermocouple on the screw, whose estimates rest on laws as well.
+    """
 
     plant: Plant
+    on_laws: Plant
     shift: tuple[Stage, ...]
     sensors: tuple[Sensor, ...]
     every_s: FloatArray
@@ -181,6 +185,7 @@ class _Bench:
         plant = build_plant(config, learns=True)
         return cls(
             plant,
+            build_plant(config.resting_on_laws(), learns=True) if config.screw_is_seen else plant,
             standard_shift(config, plant),
             (*(one.sensor for one in candidates), *config.sensor[len(own) :]),
             np.array(often_s),
@@ -188,8 +193,15 @@ class _Bench:
         )
 
     def sigmas(self, sets: Sequence[SensorSet], step_s: float) -> SetSigmas:
-        """The σ over the shift with each of some sets."""
-        return set_sigmas(self.plant, self.shift, sets, self.every_s, step_s)
+        """The σ over the shift with each of some sets, each as a configuration with just these has them."""
+        seen = np.array([any(self.sensors[i].sees_the_screw for i in one) for one in sets])
+        parts: list[SetSigmas] = []
+        for plant, which in ((self.plant, seen), (self.on_laws, ~seen)):
+            if which.any():
+                own = [sets[v] for v in np.flatnonzero(which).tolist()]
+                parts.append(set_sigmas(plant, self.shift, own, self.every_s, step_s))
+        order = np.argsort(np.argsort(~seen, kind="stable"))
+        return SetSigmas(*(np.concatenate(column)[order] for column in zip(*parts, strict=True)))
 
     def judged(self, found: SetSigmas, by: Quantity) -> FloatArray:
         """One number for each set (v,): the rms σ of a quantity, or the geometric mean of those of all."""

@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from observer.report.sensitivity import SHIFT_SAID, advice, buys
+from observer.report.sensitivity import IN_BOUND, SHIFT_SAID, advice, buys
 
 
 def as_text(found: dict[str, Any]) -> RenderableType:
@@ -53,7 +53,7 @@ def as_text(found: dict[str, Any]) -> RenderableType:
     style = "red" if not verdict["usable"] else "yellow" if found["warnings"] else "green"
     opening = [Text(verdict["text"], style=style), *(Text(f"warning: {w}", style="yellow") for w in more)]
     costs = [_costs(found["tolerances"])] if found["tolerances"] else []
-    least = _least(found["minimal_detectable"], found["further_sensor"])
+    least = _least(found["minimal_detectable"], found["further_sensor"], found["slow_in_sigma"])
     return Group(*opening, Text(), table, *costs, *least)
 
 
@@ -80,15 +80,19 @@ def _costs(rows: list[dict[str, Any]]) -> Table:
     return _grid(["σ if known", "now", *heats, "field, K", *["error, µm"] * there], lines)
 
 
-def _least(rows: dict[str, dict[str, Any]], further: dict[str, Any] | None) -> list[RenderableType]:
-    """The smallest fault of each sensor that is noticed, and what a further sensor would gain."""
+def _least(
+    rows: dict[str, dict[str, Any]], further: dict[str, Any] | None, in_sigma: bool
+) -> list[RenderableType]:
+    """The smallest fault of each sensor that is noticed, where others are allowed for, and what a further
+    sensor would gain.
+    """
     if not rows:
         return []
     keys = ("fault_K", "time_s", "slow_K")
     lines = [[n, *("–" if r[k] is None else f"{r[k]:.3g}" for k in keys)] for n, r in rows.items()]
     table = _grid(["sensor", "jump noticed, K", "within, s", "slow fault noticed, K"], lines)
-    said = buys(further)
-    return [table, Text(said)] if said else [table]
+    said = ["" if in_sigma else IN_BOUND, buys(further)]
+    return [table, *(Text(words) for words in said if words)]
 
 
 def _weakest(found: dict[str, Any]) -> str:

@@ -129,7 +129,8 @@ def advice(improve_first: dict[str, dict[str, Any] | None]) -> str:
 def detectable(config: Config) -> dict[str, Any]:
     """Return `minimal_detectable`, by sensor `fault_K`, the smallest jump that is noticed, `time_s`, within
     what time, and `slow_K`, the smallest slow fault, None where slow faults are not looked for;
-    `further_sensor`, how one more would reduce the largest of these; and `not_screened`, why none of it.
+    `further_sensor`, how one more would reduce the largest of these; `slow_in_sigma`, whether σ allows for
+    slow faults that are not noticed; and `not_screened`, why none of it.
     """
     reason, found = _why_not(config), None
     if reason is None:
@@ -138,7 +139,9 @@ def detectable(config: Config) -> dict[str, Any]:
         found = noticed(plant, standard_shift(config, plant), _sample_s(config))
         reason = "not computed: there are too many states" if found is None else None
     if found is None:
-        return {"minimal_detectable": {}, "further_sensor": None, "not_screened": reason}
+        return {
+            "minimal_detectable": {}, "further_sensor": None, "slow_in_sigma": False, "not_screened": reason
+        }  # fmt: skip
     rows = {
         sensor.name: {"fault_K": jump_K, "time_s": time_s, "slow_K": _finite(slow_K)}
         for sensor, jump_K, time_s, slow_K in zip(
@@ -147,7 +150,12 @@ def detectable(config: Config) -> dict[str, Any]:
         if sensor.kind == "temperature"
     }
     further = _further(config, found.slow_K) if np.isfinite(found.slow_K).all() else None
-    return {"minimal_detectable": rows, "further_sensor": further, "not_screened": None}
+    return {
+        "minimal_detectable": rows,
+        "further_sensor": further,
+        "slow_in_sigma": Nuisance.LAW.key not in config.learnt,
+        "not_screened": None,
+    }
 
 
 def _why_not(config: Config) -> str | None:
@@ -198,6 +206,13 @@ def _with_another(config: Config, x_m: float) -> Config:
     """The configuration with one thermocouple more on the screw, like its first and read as often."""
     new = {"name": _FURTHER, "position_m": x_m, "on": None}
     return config.model_copy(update={"sensor": (*config.sensor, config.sensor[0].model_copy(update=new))})
+
+
+IN_BOUND = (
+    "a slow fault that is not noticed passes for heat: laws are learnt, and no sensor tells the two apart; "
+    "bounds allow for it, σ does not"
+)
+"""What is said where `slow_in_sigma` is false."""
 
 
 def buys(further: dict[str, Any] | None) -> str:

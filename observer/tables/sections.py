@@ -324,7 +324,7 @@ class Description(Section):
     @property
     def screw_is_seen(self) -> bool:
         """Whether a thermocouple sits on the screw; else an estimate of it rests on the laws as well."""
-        return any(s.kind == "temperature" and s.on is None for s in self.sensor)
+        return any(s.sees_the_screw for s in self.sensor)
 
     def law_uncertainty(self, source: Source) -> float:
         """Return the relative standard deviation of a source's law: its own where it says one."""

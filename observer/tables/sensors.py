@@ -79,6 +79,11 @@ class Sensor(Section):
         return self
 
     @property
+    def sees_the_screw(self) -> bool:
+        """Whether it is a thermocouple on the screw, or what looks at it."""
+        return self.kind == "temperature" and self.on is None
+
+    @property
     def measured_channel(self) -> str:
         """The channel that measures it: another than its own where it is read when the nut passes."""
         return self.channel if self.along is None else _OF_PLACE.sub("", self.channel)

@@ -15,9 +15,9 @@ from observer.discovery.discover import discover
 from observer.errors import UserError
 from observer.fit.parameters import lawless
 from observer.installation import first_configuration, parse
-from observer.installation.catalogue import CONTROLS, MODULES, SCREWS, STEELS, Answers
+from observer.installation.catalogue import CONTROLS, MODULES, SCREWS, STEELS, Answers, option
 from observer.installation.examine import examine
-from observer.installation.first_configuration import agreed, answers, compose, option, write_new
+from observer.installation.first_configuration import agreed, answers, compose, write_new
 
 GIVEN = {
     "length_m": "1.0",
