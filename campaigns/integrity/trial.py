@@ -20,7 +20,7 @@ from campaigns.integrity.judge import Verdict, judged
 from campaigns.integrity.promise import MONTH_H, Row, short_of, total
 from campaigns.resumable import go_on, read_rows, show
 
-MACHINES, CALM, NEW_PROGRAMS, HOUSED = 12, 300, 48, 6
+MACHINES, CALM, NEW_PROGRAMS, HOUSED = 12, 300, 48, 4
 """How many machines have each fault, how many have none, how many change their strokes, and how many with
 sensors on housings have each of theirs.
 """

@@ -220,15 +220,15 @@ def _sources(answers: Answers) -> list[FileTable]:
         nut |= {
             "speed_channel": "screw_speed_rpm",
             "torque_Nm": Note(screw.torque_Nm, "look: friction with preload; a starting value"),
-            "share": Note(0.5, "of it into the screw, the rest into nut and table"),
         }
-        if "nut" in answers.housings:
-            del nut["share"]
-            nut["nodes"] = Note(inline({HOUSINGS["nut"].node: 0.5}), "half of it, the rest into the screw")
         bearing = {
             "speed_channel": "screw_speed_rpm",
             "heat_W_rpm": Note(screw.bearing_W_rpm, "look: a starting value"),
         }
+    if "nut" in answers.housings:
+        nut["nodes"] = Note(inline({HOUSINGS["nut"].node: 0.5}), "half of it, the rest into the screw")
+    elif answers.has_speed:
+        nut["share"] = Note(0.5, "of it into the screw, the rest into nut and table")
     ends = (("left_bearing", 0.0), ("right_bearing", answers.length_m))
     return [
         FileTable("[[source]]", nut, about),

@@ -71,7 +71,7 @@ def test_the_defaults_of_init_are_those_of_its_answers() -> None:
     usual = {
         name: str(f.default)
         for name, f in Answers.model_fields.items()
-        if not f.is_required() and f.default not in (None, "")
+        if not f.is_required() and f.default not in (None, "", ())
     }
     assert usual == machines._USUAL
 

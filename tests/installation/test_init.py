@@ -96,6 +96,49 @@ def test_without_a_control_the_heats_have_no_law_and_a_search_says_so():
     assert lawless(parse(tomllib.loads(compose(answers(GIVEN | whole, None))))) is None
 
 
+ON_HOUSINGS = {name: text for name, text in GIVEN.items() if name != "sensors_m"} | {"housings": "all"}
+
+
+@pytest.mark.parametrize("screw", SCREWS)
+@pytest.mark.parametrize("control", ["none", "modbus"])
+def test_thermocouples_on_housings_stand_on_bodies_of_the_screws_size(screw, control):
+    given = ON_HOUSINGS | {"screw": screw, "control": control} | OF_CONTROL[control]
+    config = parse(tomllib.loads(compose(answers(given, None))))
+    bodies = ["nut_body", "left_housing", "right_housing"]
+    assert [node.name for node in config.node] == [sensor.on for sensor in config.sensor] == bodies
+    assert not config.screw_is_seen
+    assert all(sensor.position_m is None for sensor in config.sensor)
+    assert {link.between for link in config.link} == {
+        *zip(["nut", "left_bearing", "right_bearing"], bodies, strict=True),
+        *((body, "ambient") for body in bodies),
+    }
+    nut = config.link[0]
+    assert 1.0 < nut.film_W_m2K * nut.area_m2 < 25.0
+    assert config.source[0].nodes == {"nut_body": 0.5}
+
+
+def test_masses_that_are_known_are_taken_and_hold_more_than_typical_ones():
+    given = ON_HOUSINGS | {"housings": "left nut", "nut_kg": "2,5 kg", "sensors_m": "500 mm"}
+    config = parse(tomllib.loads(compose(answers(given, None))))
+    nut, left = config.node
+    assert (nut.capacity_J_K, nut.tolerance) == (1175.0, None)
+    assert left.tolerance == pytest.approx(0.2)
+    assert [sensor.channel for sensor in config.sensor] == ["nut_body_degC", "left_housing_degC", "t1_degC"]
+    assert config.drivers["thermocouples"].channels["t1_degC"] == 2
+
+
+def test_a_housing_is_asked_for_its_mass_and_needs_no_place_on_the_screw():
+    heard = []
+
+    def ask(name, usual, trouble):
+        heard.append(name)
+        return {"housings": "right"}.get(name, usual)
+
+    found = answers({k: v for k, v in GIVEN.items() if k != "sensors_m"}, ask)
+    assert (found.housings, found.sensors_m) == (("right",), ())
+    assert ("housing_kg" in heard, "nut_kg" in heard) == (True, False)
+
+
 def test_a_register_pair_is_scaled_to_metres():
     found = parse(tomllib.loads(compose(answers(GIVEN | {"control": "modbus"} | OF_CONTROL["modbus"], None))))
     place = found.drivers["axis"].channels["nut_position_m"]
@@ -141,6 +184,14 @@ def test_missing_answers_are_asked_until_they_are_valid():
         ({"control": "opcua"} | OF_CONTROL["mtconnect"], "write it as opc.tcp://192.168.0.21:4840"),
         ({"sensors_m": "0.05 1.2"}, "--sensors-m: 1.2 m is beyond the screw's end, at 1 m"),
         ({"length_m": "0"}, "--length-m: '0': input should be greater than 0"),
+        (
+            {"housings": "nut front"},
+            "--housings: 'nut front': front is not known; give some of nut, left, right",
+        ),
+        ({"sensors_m": "none"}, "--sensors-m: there is no thermocouple yet"),
+        ({"nut_kg": "2"}, "--nut-kg: belongs to --housings nut; leave it out"),
+        ({"housings": "nut", "nut_kg": "2 t"}, "--nut-kg: '2 t': give a number"),
+        ({"housings": "all", "sensors_m": " ".join(["0.1"] * 6)}, "9 inputs are needed"),
     ],
 )
 def test_a_wrong_answer_is_reported_in_one_sentence(wrong, words, tmp_path):

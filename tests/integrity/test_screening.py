@@ -10,7 +10,7 @@ import pytest
 
 from campaigns.integrity.catalogue import NEW_PROGRAM, catalogue
 from campaigns.integrity.days import FAULT_S, day_of
-from campaigns.integrity.judge import RIG, Verdict, faulty, verdict
+from campaigns.integrity.judge import HOUSED_RIG, RIG, Verdict, faulty, verdict
 from observer.align.aligner import frames_of_log
 from observer.estimate.pipeline import MachineModel
 from observer.estimators.selftest import Fault as Found
@@ -22,6 +22,7 @@ from tests.learning.machines import config_of
 from tests.learning.probing import PROBE, probed_log
 from tests.truth.machine.machine import stream
 
+UNSCREENED = "[integrity]\nenabled = false\n"
 MACHINES = (0, 1)
 """At the fault the first stands, and the nut of the second moves."""
 
@@ -145,6 +146,19 @@ def test_without_a_fault_nothing_is_found(name: str, number: int) -> None:
     assert found.wrong <= 0.01 * found.good
 
 
+def test_sigma_of_a_healthy_machine_on_housings_is_that_of_its_estimate_and_of_drift() -> None:
+    """Without the nut's sensor the field would rest on its law and be kelvins away: that is no fault."""
+    day = day_of(0, housed=True)
+    day = day._replace(**{name: column[:2400] for name, column in day._asdict().items()})
+    screened, plain = (estimates(config_of(HOUSED_RIG, more), day) for more in ("", UNSCREENED))
+    late = slice(1200, None)
+    for name, most in (("field_sigma_K", 1.5), ("error_sigma_um", 1.5), ("heat_sigma_W", 1.2)):
+        own, other = (np.mean(getattr(block, name)[late]) for block in (screened, plain))
+        assert other <= own < most * other
+    assert np.mean(screened.quality[late] == EstimateQuality.GOOD) > 0.95
+    assert np.all(screened.error_bound_um[late, -1] > 10.0 * plain.error_sigma_um[late, -1])
+
+
 @pytest.mark.parametrize("name", ["all +4 K", "t5 +3 K", "t2 and t4 swapped", "nut homed 50 mm off"])
 def test_step_by_step_gives_the_bits_of_a_whole_log(name: str) -> None:
     """What is remembered of each reading goes on from block to block."""
@@ -176,7 +190,7 @@ def test_a_reset_starts_again() -> None:
 def test_without_integrity_all_is_believed_again() -> None:
     """The switch switches: what was good before this was there is so again."""
     day, fault = day_of(0), catalogue()["all +4 K"]
-    block = estimates(config_of(RIG, "[integrity]\nenabled = false\n"), faulty(day, fault, 0))
+    block = estimates(config_of(RIG, UNSCREENED), faulty(day, fault, 0))
     found = verdict(block, day, fault)
     assert found.wrong > 0.9 * found.good > 0
 

@@ -74,6 +74,15 @@ def test_the_configured_sensors_are_as_sure_as_check_says(housings):
     assert by_check.error_um[0] * 0.98 < found.error_sigma_um < found.error_worst_um
 
 
+def test_sets_on_housings_rest_on_the_laws_whatever_else_could_be_mounted():
+    """As their own configuration would run, which learns the laws where nothing sits on the screw."""
+    machine = observer.load(CONFIG / "demo-housings.toml")
+    nut, screw = {"name": "nut", "on": "nut_body"}, {"name": "screw", "position_m": 0.5}
+    alone, beside = (machine.place(1, candidates=some).configured for some in ([nut], [nut, screw]))
+    assert beside.heat_sigma_W == pytest.approx(alone.heat_sigma_W, rel=1e-6)
+    assert beside.error_sigma_um == pytest.approx(alone.error_sigma_um, rel=1e-6)
+
+
 def test_cost_decides_and_dearer_sets_leave_a_smaller_sigma(housings, tmp_path):
     file = tmp_path / "candidates.toml"
     file.write_text(HOUSINGS, encoding="utf-8")

@@ -18,7 +18,7 @@ from observer.kernels.screening import DRIFT_K_S, JUMP_SIGMA
 from observer.model.build import build_plant
 from observer.report import sensitivity
 from observer.report.check import findings
-from observer.report.check_text import as_text
+from observer.report.check_text import _least, as_text
 from observer.report.sensitivity import buys, detectable
 from tests.logs.simulated import shift_log
 
@@ -187,9 +187,20 @@ def test_the_text_has_the_table_and_the_sentence_or_the_reason() -> None:
     assert "sensor  jump noticed, K  within, s  slow fault noticed, K\nt1 " in said
     assert "would bring t1's slow fault from" in said
     assert "faults in values" not in said
+    assert "passes for heat" not in said
     without = text_of(demo(integrity={"enabled": False}))
     assert "jump noticed" not in without
     assert "nothing is screened: [integrity] enabled = false" in without
+
+
+@pytest.mark.usefixtures("no_further")
+def test_on_housings_it_is_said_that_sigma_holds_no_slow_fault() -> None:
+    housed = installation.load(ROOT / "config" / "demo-housings.toml")
+    found = detectable(housed)
+    assert (found["slow_in_sigma"], of_demo()["slow_in_sigma"]) == (False, True)
+    assert min(column(found, "slow_K")) > 20.0
+    (_, said) = _least(found["minimal_detectable"], None, found["slow_in_sigma"])
+    assert "bounds allow for it, σ does not" in str(said)
 
 
 def test_too_many_states_are_said_not_to_be_worked_out() -> None:
