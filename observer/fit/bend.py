@@ -12,7 +12,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.frames import FloatArray
-from observer.model.rod.supports import Restraint, held_back_um, restraint_of
+from observer.model.rod.supports import Restraint, restraint_of, taken_off_um
 from observer.model.simulate import Means
 
 _WHOLE = "screw.growth"
@@ -31,7 +31,7 @@ class Bend(NamedTuple):
 
     def _held(self, rows: FloatArray) -> FloatArray:
         out, growth_um = rows[:, :-1].copy(), rows[:, -1:]
-        out[:, list(self.moved)] -= self.restraint.hold * held_back_um(self.restraint, growth_um)
+        out[:, list(self.moved)] -= taken_off_um(self.restraint, growth_um)
         return out
 
 

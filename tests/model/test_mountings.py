@@ -36,15 +36,18 @@ def by_springs(found: MountingProblem, preload_N: float, gap_m: float, *, right:
     """Largest error, µm, and force, N, of three springs in a row: the force at which they fit between their
     walls, moment by moment.
     """
-    near, far = (SECOND_N_m, FIRST_N_m) if right else (FIRST_N_m, SECOND_N_m)
     own = MODULUS_Pa * AREA_m2
-    give_m_N = 1.0 / near + 1.0 / far + 1.0 / own
+    give_m_N = 1.0 / FIRST_N_m + 1.0 / SECOND_N_m + 1.0 / own
     worst_um, worst_N = 0.0, 0.0
     for along_um, whole_um in zip(found.along_um, found.whole_um, strict=True):
         tension_N = preload_N - whole_um * 1e-6 / give_m_N
         if tension_N < 0.0:  # the pull is lost; the screw crosses the gap, then pushes
             tension_N = min(0.0, preload_N - (whole_um * 1e-6 - gap_m) / give_m_N)
-        moved_um = along_um + 1e6 * (tension_N - preload_N) * (1.0 / near + found.grid_m / own)
+        # from the support that always holds: it gives way by what the force falls, and the screw in between
+        from_m = 1.0 - found.grid_m if right else found.grid_m
+        grown_um = whole_um - along_um if right else along_um
+        away_um = grown_um + 1e6 * (tension_N - preload_N) * (1.0 / FIRST_N_m + from_m / own)
+        moved_um = -away_um if right else away_um
         worst_um = max(worst_um, float(np.abs(moved_um[found.travel]).max()))
         worst_N = max(worst_N, abs(tension_N))
     return worst_um, worst_N

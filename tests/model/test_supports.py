@@ -23,7 +23,14 @@ from observer.frames import EstimateBlock, FloatArray
 from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
-from observer.model.rod.supports import Restraint, error_at, fold, force_N, held_back_um, restraint_of
+from observer.model.rod.supports import (
+    Restraint,
+    displacement_um,
+    error_at,
+    fold,
+    force_N,
+    restraint_of,
+)
 from observer.report.check import findings
 from observer.tables.mounting import Supports
 from observer.tables.screw import Screw
@@ -47,7 +54,7 @@ def restraint(**keys: Any) -> Restraint:
 
 def displaced_um(held: Restraint, free_um: FloatArray) -> FloatArray:
     """U on the grid from the free growth on the grid, whose last point is the screw's end."""
-    return free_um - held.hold * held_back_um(held, free_um[-1:])
+    return displacement_um(held, free_um[None], free_um[-1:])[0]
 
 
 stiffness = st.floats(1e6, 1e10)
@@ -136,8 +143,9 @@ def test_kuznetsovs_limits_of_the_stiffnesses() -> None:
     assert end_um(None, 2e8) == pytest.approx(40.0 * OWN_N_M / (OWN_N_M + 2e8))
 
 
-def test_a_mirrored_screw_moves_the_mirrored_way() -> None:
-    stiff = {"stiffness_first_N_m": 3e8, "stiffness_second_N_m": 1e8}
+@pytest.mark.parametrize("more", [{}, {"preload_N": 300.0, "gap_m": 3e-6}, {"gap_m": 1.0}])
+def test_a_mirrored_screw_moves_the_mirrored_way(more: dict[str, float]) -> None:
+    stiff = {"stiffness_first_N_m": 3e8, "stiffness_second_N_m": 1e8} | more
     rise = np.array([3.0, 5.0, 7.0, 4.0, 2.0, 2.0, 1.0, 1.0])
     free_um, mirrored_um = (np.concatenate([[0.0], np.cumsum(r)]) for r in (rise, rise[::-1]))
     left = displaced_um(restraint(**LIII, **stiff), free_um)
@@ -261,6 +269,19 @@ def test_the_estimators_carry_the_sigma_through_linear_supports(engine: str) -> 
     # rigid at both ends: known there without any doubt, doubtful in between
     np.testing.assert_allclose(sigma[1:, [0, -1]], 0.0, atol=1e-6)
     assert (sigma[1:, 10] > 1e-3).all()
+
+
+@pytest.mark.parametrize("gap_m", [1e-3, 20e-6])
+def test_what_a_gap_at_the_left_lets_go_leaves_there(gap_m: float) -> None:
+    """As a screw that only the right support holds, as long as the gap is open."""
+    free, free_sigma, _ = rows_of("compiled", mounting="L-II", first="right")
+    error, sigma, _ = rows_of("compiled", **LIII, first="right", gap_m=gap_m)
+    whole = -free[:, 0]
+    near = 2.0 * free_sigma[:, 0]
+    is_open = (whole > near) & (whole < 1e6 * gap_m - near)
+    assert is_open.sum() > 20
+    np.testing.assert_allclose(error[is_open], free[is_open], atol=1e-9)
+    np.testing.assert_allclose(sigma[is_open], free_sigma[is_open], atol=1e-9)
 
 
 @pytest.mark.parametrize("engine", ["compiled", "filterpy", "constant"])

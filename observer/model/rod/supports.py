@@ -8,7 +8,8 @@ pre-stretched state:
 
 The held-back growth H is D where the supports hold in both directions. With a gap δ_0 the second support
 only pulls until the pre-tension is lost, at D_1 = P/j_Σ, lets the screw grow freely across the gap, and
-then pushes: H = min(D, D_1) + max(D − D_1 − δ_0, 0).
+then pushes: H = min(D, D_1) + max(D − D_1 − δ_0, 0). Where the first support is at the right, what is not
+held back leaves at the left: D − H is taken off U(x).
 
 Source: Kuznetsov 2021, eqs. 12 and 13. Without pre-tension and gap this is (12), with a gap that has closed
 (13). In (13) as printed the bracket holds x·P/EF where the whole screw must count, and the pre-tension's
@@ -32,7 +33,8 @@ _NEAR_SIGMAS = 2.0
 
 
 class Restraint(NamedTuple):
-    """Supports as the grid sees them: U = free growth − `hold` · H(D), everything in µm.
+    """Supports as the grid sees them: U = free growth − `hold` · H(D), everything in µm, less D − H(D) where
+    the screw `leaves_left`, as it does through a gap there.
 
     `hold` (g,) is j_Σ (1/j_1 + x/EF), 0 where the screw is fixed and 1 where all its growth is pushed back;
     `lost_um` the growth D_1 at which the pre-tension is lost; `gap_um` the gap; `stiffness_N_um` is j_Σ.
@@ -42,6 +44,7 @@ class Restraint(NamedTuple):
     lost_um: float
     gap_um: float
     stiffness_N_um: float
+    leaves_left: bool = False
 
     @property
     def linear(self) -> bool:
@@ -69,6 +72,7 @@ def restraint_of(supports: Supports, screw: Screw, grid_m: FloatArray) -> Restra
         lost_um=supports.preload_N * total * UM_PER_M,
         gap_um=supports.gap_m * UM_PER_M,
         stiffness_N_um=1.0 / total / UM_PER_M,
+        leaves_left=supports.first == "right",
     )
 
 
@@ -89,6 +93,14 @@ def held_back_um(restraint: Restraint, growth_um: FloatArray) -> FloatArray:
     return np.asarray(pulled + np.maximum(growth_um - restraint.lost_um - restraint.gap_um, 0.0))
 
 
+def taken_off_um(restraint: Restraint, growth_um: FloatArray) -> FloatArray:
+    """Return what the supports take off the free growth at each place, (…, g), from that of the whole screw,
+    (…, 1).
+    """
+    held_um = held_back_um(restraint, growth_um)
+    return np.asarray(restraint.hold * held_um + restraint.leaves_left * (growth_um - held_um))
+
+
 def force_N(restraint: Restraint, growth_um: FloatArray) -> FloatArray:
     """Return the axial force in the screw, tension positive: N = j_Σ (D_1 − H(D)).
 
@@ -103,7 +115,7 @@ def displacement_um(restraint: Restraint | None, growth_um: FloatArray, whole_um
     """
     if restraint is None:
         return growth_um
-    return np.asarray(growth_um - np.multiply.outer(held_back_um(restraint, whole_um), restraint.hold))
+    return np.asarray(growth_um - taken_off_um(restraint, whole_um[..., None]))
 
 
 def restrained_rows(restraint: Restraint | None, free: FloatArray) -> FloatArray:
@@ -119,7 +131,7 @@ def restrained_rows(restraint: Restraint | None, free: FloatArray) -> FloatArray
         return growth
     held = growth - np.multiply.outer(restraint.hold, free[-1])
     if not restraint.linear:
-        return np.concatenate([held, growth, whole])
+        return np.concatenate([held, growth - restraint.leaves_left * whole, whole])
     return np.concatenate([held, whole]) if restraint.holds else held
 
 
@@ -136,7 +148,7 @@ def fold(restraint: Restraint | None, value: FloatArray, sigma: FloatArray) -> t
     if restraint.linear:
         return value[:, :g], sigma[:, :g]
     growth = value[:, -1:]
-    error = value[:, :g] + restraint.hold * (growth - held_back_um(restraint, growth))
+    error = value[:, :g] + restraint.hold * growth - taken_off_um(restraint, growth)
     held, free = sigma[:, :g], sigma[:, g : 2 * g]
     inside, outside = _about_gap(restraint, growth, sigma[:, -1:])
     return error, np.where(inside, free, np.where(outside, held, np.maximum(held, free)))
