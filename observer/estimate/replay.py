@@ -33,6 +33,7 @@ from observer.model.plant import Plant
 from observer.model.rod.moving import judge_path
 from observer.quality.reasons import NotGood
 from observer.record.retention import START_SUFFIX, STATE_SUFFIX
+from observer.tables.sensors import Sensor
 
 Progress = Callable[[int, int], None]
 _SENSOR_LABELS = np.array([quality.label for quality in Quality])
@@ -278,42 +279,32 @@ def simulated_columns(
     at = np.searchsorted(log.time_s, time_s)
     sensors = config.sensor_channels
     given = {c: log.values[at, i] for i, c in enumerate(log.channels) if c not in sensors}
-    columns |= _displacements(config, plant, rows) | _along_the_way(config, plant, rows, given) | given
+    columns |= _displacements(config, plant, rows, given) | given
     columns |= {f"heat_{name}_W": law_W[:, j] for j, name in enumerate(plant.source_names)}
     columns |= layout.along(field__degC=rows[:, meaning.field_slice])
     columns |= layout.along(error__um=meaning.error_um(rows)) if layout.has_error else {}
     return columns | ({"force_N": meaning.force_N(rows)[:, 0]} if layout.has_force else {})
 
 
-def _along_the_way(
+def _displacements(
     config: Config, plant: Plant, rows: FloatArray, given: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray]:
-    """What displacements along a nut's way read, where the columns of inputs say it is."""
-    moving = {s.measured_channel: s for s in config.sensor if s.along}
-    if not moving:
-        return {}
-    error_um, grid_m = plant.rows.error_um(rows), plant.layout.position_m
-    position_of = {s.name: str(s.position_channel) for s in config.source}
-    return {
-        name: np.array(
-            [
-                np.interp(at_m, grid_m, row)
-                for at_m, row in zip(given[position_of[str(s.along)]], error_um, strict=True)
-            ]
-        )
-        / s.channel_scale
-        for name, s in moving.items()
-    }
-
-
-def _displacements(config: Config, plant: Plant, rows: FloatArray) -> dict[str, FloatArray]:
-    """What displacement sensors read where a support has play: their own rows are those of a held screw."""
+    """What displacement sensors read whose rows do not say it: along a nut's way, where the columns of inputs
+    say it is; and all where a support has play, for their rows are those of a held screw.
+    """
     restraint = plant.rows.restraint
-    if restraint is None or restraint.linear:
+    held = restraint is None or restraint.linear
+    moved = {
+        s.measured_channel: s for s in config.sensor if s.along or (s.kind == "displacement" and not held)
+    }
+    if not moved:
         return {}
     error_um, grid_m = plant.rows.error_um(rows), plant.layout.position_m
-    moved = {s.channel: s for s in config.sensor if s.kind == "displacement" and not s.along}
-    return {
-        name: np.array([np.interp(s.position_m or 0.0, grid_m, row) for row in error_um]) / s.channel_scale
-        for name, s in moved.items()
-    }
+    way_m = {s.name: given[str(s.position_channel)] for s in config.source if s.position_channel in given}
+
+    def read(sensor: Sensor) -> FloatArray:
+        at_m = way_m[sensor.along] if sensor.along else np.full(len(rows), sensor.position_m or 0.0)
+        read_um = [np.interp(x, grid_m, row) for x, row in zip(at_m, error_um, strict=True)]
+        return np.array(read_um) / sensor.channel_scale
+
+    return {channel: read(sensor) for channel, sensor in moved.items()}
