@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,9 +24,21 @@ def form() -> Form:
     return observer_form(nut_machine())
 
 
-def test_the_recording_holds_every_fault(form: Form) -> None:
+@pytest.fixture(scope="module")
+def inputs(form: Form) -> Any:
+    """A recording with every fault."""
+    return faulty(form, 3000)
+
+
+@pytest.fixture(scope="module")
+def reference(form: Form, inputs: Any) -> Any:
+    """What the reference in Python makes of it."""
+    return by_python(form, inputs)
+
+
+def test_the_recording_holds_every_fault(form: Form, reference: Any) -> None:
     """Or else equality would mean little."""
-    found = by_python(form, faulty(form, 3000))
+    found = reference
     assert set(found["quality"]) == {1, 2, 3, 4, 0}
     assert set(found["sensor_quality"].ravel()) == {0, 1, 2, 3}
     assert set(found["armed"]) == {0, 1}
@@ -36,25 +49,23 @@ def test_the_recording_holds_every_fault(form: Form) -> None:
 
 
 @pytest.mark.parametrize("name", ["gcc", "clang"])
-def test_c_is_equal_to_python(form: Form, tmp_path: Path, name: str) -> None:
-    inputs = faulty(form, 3000)
+def test_c_is_equal_to_python(form: Form, inputs: Any, reference: Any, tmp_path: Path, name: str) -> None:
     program = built(form, tmp_path, name, "-O2")
-    assert not apart(by_python(form, inputs), by_c(form, program, inputs))
+    assert not apart(reference, by_c(form, program, inputs))
 
 
-def test_nothing_is_undefined(form: Form, tmp_path: Path) -> None:
+def test_nothing_is_undefined(form: Form, inputs: Any, reference: Any, tmp_path: Path) -> None:
     program = built(
         form, tmp_path, "gcc", "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"
     )
-    inputs = faulty(form, 3000)
-    assert not apart(by_python(form, inputs), by_c(form, program, inputs))
+    assert not apart(reference, by_c(form, program, inputs))
 
 
-def test_single_precision_is_as_near_as_said(form: Form, tmp_path: Path) -> None:
+def test_single_precision_is_as_near_as_said(form: Form, inputs: Any, tmp_path: Path) -> None:
     """Docs say 0.01 K, 0.1 W and 0.01 µm; a float has seven digits, and heats are differences of readings
     over their gains: 24 °C · 6e-8 · some hundred W/K, again at each step.
     """
-    inputs = faulty(form, 3000)[:850]  # before the faults, of which the gate may judge one the other way
+    inputs = inputs[:850]  # before the faults, of which the gate may judge one the other way
     program = built(form, tmp_path, "gcc", "-O2", "-DOBSERVER_SINGLE")
     one, other = by_python(form, inputs), by_c(form, program, inputs, ctypes.c_float)
     for name, most in (("field_degC", 0.01), ("heat_W", 0.1), ("error_um", 0.01)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -43,8 +44,9 @@ def judged(name: str, number: int) -> tuple[Verdict, dict[Found, str]]:
     return verdict(block, day, fault), said
 
 
-@pytest.mark.parametrize("number", MACHINES)
-@pytest.mark.parametrize("name", ["t5 +3 K", "t3 +1 K", "t1 -2 K", "t2, t4 +2 and -2 K"])
+@pytest.mark.parametrize(
+    ("name", "number"), [("t5 +3 K", 0), ("t3 +1 K", 1), ("t1 -2 K", 0), ("t2, t4 +2 and -2 K", 1)]
+)
 def test_a_sensor_that_steps_is_out_at_once_and_the_rest_is_right(name: str, number: int) -> None:
     found, _ = judged(name, number)
     assert (found.bad_s, found.right) == (0.0, "yes")
@@ -52,8 +54,9 @@ def test_a_sensor_that_steps_is_out_at_once_and_the_rest_is_right(name: str, num
     assert found.wrong <= 0.01 * found.good
 
 
-@pytest.mark.parametrize("number", MACHINES)
-@pytest.mark.parametrize("name", ["all +1 K", "all +4 K", "all +15 K", "all -3 K"])
+@pytest.mark.parametrize(
+    ("name", "number"), [("all +1 K", 0), ("all +4 K", 1), ("all +15 K", 0), ("all -3 K", 1)]
+)
 def test_equal_steps_of_all_are_taken_out_of_all(name: str, number: int) -> None:
     """A reference junction that moves: nothing is wrong of what is good, and no sensor is lost."""
     found, sentences = judged(name, number)
@@ -103,8 +106,7 @@ def test_a_gain_of_all_is_named_and_never_good() -> None:
     assert "their rise above the air" in said[Found.GAIN]
 
 
-@pytest.mark.parametrize("number", MACHINES)
-@pytest.mark.parametrize("name", ["nut homed 50 mm off", "nut homed -50 mm off"])
+@pytest.mark.parametrize(("name", "number"), [("nut homed 50 mm off", 0), ("nut homed -50 mm off", 1)])
 def test_a_nut_homed_again_is_not_good_until_a_reset(name: str, number: int) -> None:
     found, said = judged(name, number)
     assert found.bad_s in (0.0, 1.0)  # while it moves, the path of the next second decides
@@ -138,8 +140,7 @@ def test_air_that_returns_wrong_is_detected() -> None:
     assert EstimateQuality.GOOD not in set(block.quality[since_s >= 30.0])
 
 
-@pytest.mark.parametrize("number", [0, 1, 2, 3])
-@pytest.mark.parametrize("name", ["none", "a new program's strokes"])
+@pytest.mark.parametrize(("name", "number"), [("none", 0), ("none", 1), (NEW_PROGRAM, 2), (NEW_PROGRAM, 3)])
 def test_without_a_fault_nothing_is_found(name: str, number: int) -> None:
     found, _ = judged(name, number)
     assert found.out == 0
@@ -164,6 +165,8 @@ def test_step_by_step_gives_the_bits_of_a_whole_log(name: str) -> None:
     """What is remembered of each reading goes on from block to block."""
     machine = MachineModel.of(config_of(RIG), learns=True)
     log = log_of(faulty(day_of(1), catalogue()[name], 1))
+    near = np.abs(log.time_s - FAULT_S) < 1200.0
+    log = replace(log, time_s=log.time_s[near], values=log.values[near])
     blocks = []
     for size in (1 << 20, 37):
         pipeline = pipeline_of(machine)
