@@ -83,22 +83,27 @@ def found(case: HeatCase, seed: int, options: dict[str, Any]) -> HeatHistory:
     return heat_history(case.plant, settings, [case.inputs(seed)], MethodOptions(**options))
 
 
-def compare(case: HeatCase, seeds: range, methods: dict[str, dict[str, Any]] = METHODS) -> list[Row]:
+def error_W(case: HeatCase, seeds: range, options: dict[str, Any]) -> FloatArray:
+    """The errors (m,) of the method that the options name, rms over all noisy logs."""
+    errors = [found(case, seed, options).heat_W - case.heat_W for seed in seeds]
+    return np.asarray(np.sqrt(np.mean(np.stack(errors)[:, 2:-2] ** 2, axis=(0, 1))))
+
+
+def compare(case: HeatCase, seeds: range) -> list[Row]:
     """All methods on the same noisy logs."""
-    return [_row(case, seeds, name, options) for name, options in methods.items()]
+    return [_row(case, seeds, name, options) for name, options in METHODS.items()]
 
 
 def _row(case: HeatCase, seeds: range, name: str, options: dict[str, Any]) -> Row:
     found(case, seeds[0], options)
     started = time.process_time()
-    errors = [found(case, seed, options).heat_W - case.heat_W for seed in seeds]
+    off_W = error_W(case, seeds, options)
     seconds = (time.process_time() - started) / len(seeds)
     tracemalloc.start()
     found(case, seeds[0], options)
     peak_MB = tracemalloc.get_traced_memory()[1] / 1e6
     tracemalloc.stop()
-    inside = np.stack(errors)[:, 2:-2]
-    return Row(name, np.sqrt(np.mean(inside**2, axis=(0, 1))), seconds, peak_MB)
+    return Row(name, off_W, seconds, peak_MB)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from tests.hostile.mutants import Mutant, mutants, tables, verdict
 from tests.system.bad_inputs import changed
 from tests.system.plant import write
 
-SAMPLE = 60
+SAMPLE = 40
 POINT = [{"name": "end", "shape": "point", "position_m": 0.0}]
 
 

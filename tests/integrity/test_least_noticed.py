@@ -40,7 +40,7 @@ def test_the_campaign_tries_each_sensor_at_twice_its_least() -> None:
     assert [fault.sensors for fault in own.values()] == [(name,) for name in SENSORS]
 
 
-@pytest.mark.parametrize(("sensor", "number"), zip(SENSORS, itertools.cycle(MACHINES), strict=False))
+@pytest.mark.parametrize(("sensor", "number"), list(zip(SENSORS, itertools.cycle(MACHINES))))
 def test_twice_the_least_is_noticed_in_time_at_the_right_sensor(sensor: str, number: int) -> None:
     found = judged(jump(sensor, 2.0), number)
     assert (found.bad_s, found.right) == (0.0, "yes")

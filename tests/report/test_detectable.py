@@ -16,7 +16,7 @@ from observer.estimators import bank
 from observer.estimators.fault_search import MISFIT, Seen
 from observer.kernels.screening import DRIFT_K_S, JUMP_SIGMA
 from observer.model.build import build_plant
-from observer.report import sensitivity
+from observer.report import check, sensitivity
 from observer.report.check import findings
 from observer.report.check_text import _least, as_text
 from observer.report.sensitivity import buys, detectable
@@ -182,8 +182,10 @@ def test_where_nothing_is_screened_nothing_is_promised_and_the_reason_is_said(
     assert reason in found["not_screened"]
 
 
-def test_the_text_has_the_table_and_the_sentence_or_the_reason() -> None:
-    said = text_of(demo())
+def test_the_text_has_the_table_and_the_sentence_or_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as known:
+        known.setattr(check, "detectable", lambda _: of_demo())
+        said = text_of(demo())
     assert "sensor  jump noticed, K  within, s  slow fault noticed, K\nt1 " in said
     assert "would bring t1's slow fault from" in said
     assert "faults in values" not in said
