@@ -47,9 +47,10 @@ def _stood() -> Stood:
     machine, estimator = _parts()
     pipeline = machine.pipeline(estimator)
     log = read_log(RIG / "run_c.csv.gz", machine.config.channels)
+    pipeline.step(next(iter(blocks_of_log(log, machine.plan, block=AFTER - 1)))[0])
     frames = [block for block, _ in blocks_of_log(log, machine.plan, block=1)][: AFTER + 100]
-    for frame in frames[:AFTER]:
-        estimate = pipeline.step(frame)
+    frame = frames[AFTER - 1]
+    estimate = pipeline.step(frame)
     last = Step(frame, pipeline.inputs, estimate)
     return Stood(machine, Snapshot(float(frame.time_s[0]), *pipeline.snapshot()), last, frames[AFTER:])
 

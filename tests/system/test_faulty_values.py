@@ -53,7 +53,13 @@ def _found(heard: Subscriber, finding: str) -> list[str]:
     return re.findall(finding, "\n".join(heard.health().get("reasons", ())))
 
 
-@pytest.mark.parametrize("case", CASES)
+# Each takes half a minute; those at each change, one of the sensors and one of the nut.
+AT_EACH_CHANGE = ("all +4 K", "homed anew")
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(c, marks=() if c in AT_EACH_CHANGE else pytest.mark.slow) for c in CASES]
+)
 def test_a_control_is_released_when_values_are_wrong(tmp_path, case):
     """Or the table that it follows is not off by more than its bound."""
     faults, finding, size = CASES[case]

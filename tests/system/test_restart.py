@@ -67,8 +67,10 @@ def test_a_restart_of_ten_seconds(tmp_path):
     assert summary["start"].startswith(f"warm, from {recording.stem}.start")
 
 
-def test_after_a_crash_the_last_checkpoint_has_to_do(tmp_path):
+def test_after_a_crash_the_last_checkpoint_has_to_do_and_one_of_no_use_stops_nothing(tmp_path):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
+    (tmp_path / "recordings").mkdir()
+    (tmp_path / "recordings" / "demo-x.checkpoint").write_bytes(b"no checkpoint at all")
     with machine() as plant:
         table = table_for(plant.wires, mode="router", listen=[endpoint]) | {"checkpoint": {"period_s": 1.0}}
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
@@ -78,25 +80,14 @@ def test_after_a_crash_the_last_checkpoint_has_to_do(tmp_path):
             daemon.process.kill()
             daemon.process.wait(10)
             before = seen.estimates[-1]
+            (line,) = [json.loads(line) for line in daemon.said().splitlines() if '"cold start"' in line]
+            assert "not a checkpoint of this program" in line["reason"]
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
             after = _good(seen)
             assert daemon.stop() < 2.0
     assert "warm start" in daemon.said()
     # the checkpoint is up to a second older than the crash, and a cold start knows 100 W
     assert (after["heat_sigma_W"] < 1.5 * before["heat_sigma_W"]).all()
-
-
-def test_a_checkpoint_that_is_of_no_use_stops_nothing(tmp_path):
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    (tmp_path / "recordings").mkdir()
-    (tmp_path / "recordings" / "demo-x.checkpoint").write_bytes(b"no checkpoint at all")
-    with machine() as plant:
-        table = table_for(plant.wires, mode="router", listen=[endpoint])
-        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
-            seen.wait_until_good()
-            assert daemon.stop() < 2.0
-    (line,) = [json.loads(line) for line in daemon.said().splitlines() if '"cold start"' in line]
-    assert "not a checkpoint of this program" in line["reason"]
 
 
 def test_a_configuration_is_reloaded_or_rejected_as_a_whole(tmp_path):
