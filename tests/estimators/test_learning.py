@@ -248,9 +248,9 @@ def test_a_start_from_something_else_does_not(what):
 
 
 def test_rough_machines_are_covered_and_the_heats_are_better_for_it():
-    """Six machines of the campaign's, three of them warm; the campaign has the figures of all."""
+    """Four machines of the campaign's, two of them warm; the campaign has the figures of all."""
     found = {"learnt": [], "known": []}
-    for number in range(6):
+    for number in range(4):
         rough = day(
             draw(FIRST_SEED, number, Rough()), FIRST_SEED, number, "abc"[number % 3], warm=number % 2 == 1
         )
@@ -283,7 +283,7 @@ def test_a_calibration_is_worth_something_on_another_day_and_its_sigma_holds():
 
 def test_machines_as_configured_lose_nothing():
     found = {"": [], KNOWN: []}
-    for number in range(4):
+    for number in range(3):
         one = day(draw(FIRST_SEED, number, AS_CONFIGURED), FIRST_SEED, number, "abc"[number % 3])
         for more, rows in found.items():
             of = judged(config_of(more=more), one)
