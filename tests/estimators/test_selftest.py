@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +61,7 @@ def test_every_step_that_is_degraded_has_its_reason(kind: str) -> None:
     settings = machine.config.estimator.model_copy(update={"kind": kind})
     machine = MachineModel.of(machine.config.model_copy(update={"estimator": settings}))
     pipeline = machine.pipeline(machine.estimator())
-    for frames in frames_of_log(log, machine.plan, 1):
+    for frames in islice(frames_of_log(log, machine.plan, 1), 2600):  # until after the sensor that is off
         block = pipeline.step(frames)
         if block.quality[0] in {EstimateQuality.DEGRADED, EstimateQuality.STARTING}:
             assert pipeline.findings or (frames.quality != 0).any()

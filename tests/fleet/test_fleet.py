@@ -14,7 +14,9 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 from distributed import LocalCluster
+from typer.testing import CliRunner
 
+from observer.cli import app
 from observer.errors import UserError
 from observer.fleet import run as running
 from observer.fleet.jobs import given, jobs_of, read_table
@@ -179,9 +181,10 @@ def test_nothing_that_could_be_done_is_exit_code_2_as_is_a_wrong_line(tmp_path, 
     )
     assert ended.returncode == 2
     assert "no.csv: no such file" in ended.stderr
-    ended = _run("replay", tmp_path / "no.csv", "--table", fleet, "--output", tmp_path / "out")
-    assert ended.returncode == 2
-    assert "name either logs with --config" in ended.stderr
+    command = ["fleet", "replay", tmp_path / "no.csv", "--table", fleet, "--output", tmp_path / "out"]
+    wrong = CliRunner().invoke(app, [str(word) for word in command])
+    assert isinstance(wrong.exception, UserError)
+    assert "name either logs with --config" in str(wrong.exception)
 
 
 def test_a_machine_is_calibrated_by_all_of_its_logs(tmp_path, fleet):
