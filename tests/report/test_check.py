@@ -37,12 +37,18 @@ CASES += [("kim-rod", change) for change in ("as it is", "rule (27)", "rule (27)
 CASES += [("li-lathe-axis", "no loss"), ("li-network", "one sensor"), ("yu-dual-drive", "as it is")]
 
 
+@pytest.fixture
+def no_further(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No further thermocouple is tried, which takes most of the time."""
+    monkeypatch.setattr(sensitivity, "_further", lambda *_: None)
+
+
 @pytest.mark.parametrize(("name", "change"), CASES)
 def test_whatever_the_configuration_all_numbers_are_finite_and_no_library_warns(
-    name: str, change: str, monkeypatch: pytest.MonkeyPatch
+    name: str, change: str, request: pytest.FixtureRequest
 ) -> None:
-    if change != "as it is":  # a further thermocouple is tried in ten places, which takes most of the time
-        monkeypatch.setattr(sensitivity, "_further", lambda *_: None)
+    if change != "as it is":
+        request.getfixturevalue("no_further")
     table = tomllib.loads((CONFIG / f"{name}.toml").read_text(encoding="utf-8"))
     table.pop("drivers", None)
     CHANGES[change](table)
@@ -62,6 +68,7 @@ def test_whatever_the_configuration_all_numbers_are_finite_and_no_library_warns(
     assert usable == placed
 
 
+@pytest.mark.usefixtures("no_further")
 def test_a_single_warning_is_said_once() -> None:
     table = tomllib.loads((CONFIG / "kim-screw.toml").read_text(encoding="utf-8"))
     table["sensor"] = [
@@ -90,6 +97,7 @@ def test_the_picture_is_drawn_and_its_name_checked_first(tmp_path: Path) -> None
     ("film_W_m2K", "bore_m", "number"),
     [(10.0, 0.0, 0.1 / 60.5), (1000.0, 0.0, 10.0 / 60.5), (1000.0, 0.02, 7.5 / 60.5)],
 )
+@pytest.mark.usefixtures("no_further")
 def test_a_screw_that_is_not_of_one_temperature_across_is_doubted(film_W_m2K, bore_m, number) -> None:
     """h (V/S)/k of Kim's screw, of 40 mm: V/S is a quarter of that, and less with a bore."""
     table = tomllib.loads((CONFIG / "kim-screw.toml").read_text(encoding="utf-8"))
