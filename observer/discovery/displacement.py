@@ -26,12 +26,15 @@ from observer.fit.parameters import candidates, free_keys, info_of
 from observer.fit.problem import Problem
 from observer.fit.runs import Run, prepare_all
 from observer.frames import BoolArray, FloatArray, FrameBlock
+from observer.tables.sections import Bed
 
+BED = "bed.expansion_1_K"
 KEYS = (
     "screw.expansion_1_K",
     "supports.stiffness_first_N_m",
     "supports.stiffness_second_N_m",
     "supports.preload_N",
+    BED,
 )
 """Values of the configuration that move the axis and warm nothing."""
 FEWEST, FEWEST_PROOF = 8, 3
@@ -85,8 +88,10 @@ class DisplacementFindings:
 
     @property
     def values(self) -> dict[str, float]:
-        """The value of the configuration that is named, by its key, if one is."""
-        return {c.key: c.value for c in self.causes if self.verdict == "named" and c.key in KEYS}
+        """The value of the configuration that is named, by its key, if one is and the configuration has it."""
+        if self.verdict != "named":
+            return {}
+        return {c.key: c.value for c in self.causes if c.key in KEYS and (c.key != BED or c.before > 0.0)}
 
 
 def displacements_of(
@@ -194,15 +199,15 @@ class _JointFit:
         for i in np.unique(self.evidence.sensor[self.moved]).tolist():
             drift = np.where(self.evidence.sensor == i, hours, 0.0)
             yield self._by_column(f"drift of {config.sensor[i].name}", "um/h", drift)
-        if config.bed is None:
-            yield self._by_column("bed.expansion_1_K", "1/K", self._of_a_bed())
+        if config.bed is None and config.ambient.channel is not None:
+            yield self._by_column(BED, info_of(BED).unit, self._of_a_bed(config.ambient.channel))
 
-    def _of_a_bed(self) -> FloatArray:
-        """What a bed that is as warm as the air takes off each row (n,) for an expansion of 1/K, µm."""
-        problem, airs = self.fit.problem, self.fit.problem.forward.airs(self.fit.config)
-        warmer_K = self.evidence.rows([air - air[0] for air in airs])
-        place_m = np.array([sensor.position_m or 0.0 for sensor in problem.config.sensor])
-        return np.where(self.moved, -1e6 * place_m[self.evidence.sensor] * warmer_K, 0.0)
+    def _of_a_bed(self, air: str) -> FloatArray:
+        """What a bed that is as warm as the air adds to each row (n,) for an expansion of 1/K, µm."""
+        problem, config = self.fit.problem, self.fit.config
+        bed = Bed(expansion_1_K=1e-5, channel=air)
+        on_it = problem.predicted(config.model_copy(update={"bed": bed}))
+        return np.asarray((on_it - problem.predicted(config)) / bed.expansion_1_K)
 
     def _by_key(self, key: str) -> Cause:
         """Another value of the configuration, fitted with all that is free."""

@@ -45,6 +45,7 @@ PARAMETERS: dict[str, dict[str, ParameterInfo]] = {
         "preload_N": ParameterInfo("N", 500.0, 0.0, 1e6),
         "gap_m": ParameterInfo("m", 5e-6, 0.0, 1e-2),
     },
+    "bed": {"expansion_1_K": ParameterInfo("1/K", 2e-6, 1e-9, 1e-4)},
     "source": {
         "torque_Nm": ParameterInfo("Nm", 0.1, 0.0, 1000.0),
         "share": ParameterInfo("1", 0.25, 0.0, 1.0),
@@ -77,6 +78,8 @@ def candidates(config: Config) -> tuple[str, ...]:
         keys += [
             f"supports.{key}" for key in PARAMETERS["supports"] if getattr(config.supports, key) is not None
         ]
+    if moved and config.bed is not None:
+        keys += [f"bed.{key}" for key in PARAMETERS["bed"]]
     for source in config.source:
         keys += [f"source.{source.name}.{key}" for key in _law_keys(source)]
     keys += [f"node.{node.name}.capacity_J_K" for node in config.node]
@@ -225,6 +228,9 @@ def _unknown(config: Config, keys: Iterable[str]) -> Iterator[str]:
         if key not in known:
             close = difflib.get_close_matches(key, known, n=1, cutoff=0.8)
             remedy = f"did you mean {close[0]}?" if close else f"choose among {', '.join(known)}"
+            table = key.partition(".")[0]
+            if table in ("bed", "supports") and getattr(config, table) is None:
+                remedy = f"it has no [{table}]; give one, with a value to start from"
             yield f'calibrate: free: "{key}" cannot be fitted in this configuration; {remedy}'
 
 

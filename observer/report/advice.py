@@ -50,7 +50,9 @@ def next_step(result: dict[str, Any], logs: str, config: str, output: str) -> di
     if moved is not None and moved["verdict"] == "named" and verdict == "none":
         cause = moved["causes"][0]
         text = f"Look at what the displacements show, {cause['key']}: it moves the axis and warms nothing"
-        if cause["key"].startswith(("screw.", "supports.")):
+        if cause["key"] == "bed.expansion_1_K" and not cause["before"]:
+            text = f"Give a [bed] with expansion_1_K = {cause['value']:.3g} and the channel of the air"
+        elif cause["key"].startswith(("screw.", "supports.", "bed.")):
             text = f"Put {cause['key']} into [calibrate] free, and calibrate by the same logs"
     return {"text": text, "command": command}
 

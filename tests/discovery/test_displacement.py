@@ -7,12 +7,20 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from observer.app import discover
-from observer.discovery.displacement import _supported
+from observer.config import Config
+from observer.discovery.displacement import _supported, displacements_of
+from observer.frames import FrameBlock
+from observer.installation import parse
+from observer.model.build import build_plant
+from observer.model.drive import Drive
 from observer.report.wording import as_sentences
 from tests.discovery.grown import EXPANSION_1_K, Moved, write_grown
+from tests.logs.machines import table
+from tests.logs.simulated import frames, run_model
 from tests.truth.machine.effects import Effect
 from tests.truth.machine.generate import Case
 
@@ -82,6 +90,47 @@ def test_displacements_speak_for_or_against_a_name(
         )  # fmt: skip
 
     assert _supported(seen(without_um), seen(with_um), with_um) is said  # type: ignore[arg-type]
+
+
+PROBE = {"name": "probe", "kind": "displacement", "channel": "probe_um", "position_m": 0.35, "noise_um": 0.5}
+
+
+def on_a_bed(config: Config, bed_1_K: float, seed: int) -> FrameBlock:
+    """Two hours in air that begins 3 K above the probe's reference of 20 °C, a row every 5 s."""
+    rng, time_s = np.random.default_rng(seed), np.arange(0.0, 7200.0, 5.0)
+    air_degC = 20.0 + 3.0 * np.cos(time_s / 1500.0 * (1.0 + 0.2 * seed))
+    columns = {
+        "heater_W": np.where((time_s > 600.0) & (time_s < 4000.0), 15.0, 0.0),
+        "n_rpm": np.where((time_s > 2400.0) & (time_s < 5400.0), 1000.0, 0.0),
+        "air_degC": air_degC,
+    } | {s.channel: np.full_like(time_s, 23.0) for s in config.sensor}
+    plant = build_plant(config)
+    _, rows = run_model(plant, Drive(config, plant), frames(config, time_s, columns), 23.0)
+    for i, s in enumerate(config.sensor):
+        columns[s.channel] = rows[:, i] + s.noise * rng.standard_normal(len(time_s))
+    columns["probe_um"] -= 1e6 * bed_1_K * 0.35 * (air_degC - 20.0) - rng.standard_normal()
+    return frames(config, time_s, columns)
+
+
+@pytest.mark.parametrize("before", [None, 3e-6])
+def test_a_bed_is_as_large_as_at_the_reference_temperature(before: float | None) -> None:
+    """Its zero is known to 1 µm, and the air was a bed's 12 µm away from the reference when the logs began."""
+    made = table(ambient={"channel": "air_degC"}, output={"reference_degC": 20.0})
+    made["screw"]["expansion_1_K"] = EXPANSION_1_K
+    made["sensor"].append(PROBE | {"zero_um": 1.0})
+    config = parse(made)
+    logs = [[on_a_bed(config, 11e-6, seed)] for seed in (1, 2, 3)]
+    if before is not None:
+        config = parse(made | {"bed": {"expansion_1_K": before, "channel": "air_degC"}})
+    verdict: Any = SimpleNamespace(kind="none", fit=SimpleNamespace(config=config))
+    said = displacements_of(config, logs, verdict, verdict.fit)
+    assert said is not None
+    assert said.verdict == "named"
+    (cause,) = said.causes
+    assert (cause.key, cause.before) == ("bed.expansion_1_K", before or 0.0)
+    assert cause.ci95[0] < 11e-6 < cause.ci95[1] < 13e-6
+    # where there is no [bed] there is none to write into
+    assert said.values == ({} if before is None else {"bed.expansion_1_K": cause.value})
 
 
 @pytest.mark.nightly

@@ -63,6 +63,7 @@ def test_by_default_the_film_and_the_scales_of_the_laws_are_free() -> None:
         ("surface.convection_W_mK", "did you mean surface.convection_W_m2K?"),
         ("sensor.a.position_m", "choose among surface.convection_W_m2K, "),
         ("source.spindle.scale", "source.heater.scale"),
+        ("bed.expansion_1_K", "it has no [bed]; give one"),
     ],
 )
 def test_a_key_that_cannot_be_free_is_refused_with_those_that_can(key: str, remedy: str) -> None:
