@@ -139,6 +139,14 @@ class FrameBlock(_Cut):
     def __len__(self) -> int:
         return len(self.time_s)
 
+    @property
+    def shown_quality(self) -> QualityArray:
+        """The quality (K, c) for people: an occasional channel without any value yet has no fault, but is
+        missing.
+        """
+        never = np.isinf(self.age_s) & (self.quality == Quality.GOOD)
+        return np.where(never, np.int8(Quality.MISSING), self.quality)
+
 
 class _InputColumns(NamedTuple):
     """The columns of `Inputs`."""

@@ -18,7 +18,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from observer.align.log_times import doubt_of_times, expected_cells, given_intervals_s, intervals_s
-from observer.align.passing import Passing, Passings, passings_of, with_passings
+from observer.align.passing import Passing, Passings, never_read, passings_of, with_passings
 from observer.align.plausibility import Breach, Limits, doubts_of_log
 from observer.align.walk import Expected, Memory, Rows, Walk
 from observer.config import Config
@@ -306,11 +306,20 @@ def commands_of(log: Log) -> list[dict[str, Any]]:
     return found
 
 
-def doubts(log: Log, paths: Sequence[Mapping[str, NutPath]], config: Config) -> list[str]:
-    """List doubts about a log: channels that do not fit the configuration, with their likely unit,
-    words that were read as missing values, and sensors without any value.
+def read_in(frames: FrameBlock) -> set[str]:
+    """The channels that had a usable value in frames."""
+    return {name for name, fresh in zip(frames.channels, frames.fresh.any(axis=0), strict=True) if fresh}
 
-    `paths` are the nuts' paths in the log's frames, block by block.
+
+def doubts(
+    log: Log, paths: Sequence[Mapping[str, NutPath]], config: Config, read: Set[str] | None = None
+) -> list[str]:
+    """List doubts about a log: channels that do not fit the configuration, with their likely unit,
+    words that were read as missing values, sensors without any value, and places along a nut's way that are
+    never read.
+
+    `paths` are the nuts' paths in the log's frames, block by block, `read` the channels with a value in these
+    (see `read_in`), None where that is not known.
     """
     words = [each.text for each in log.words if each.column in config.channels]
     dead = [
@@ -323,6 +332,7 @@ def doubts(log: Log, paths: Sequence[Mapping[str, NutPath]], config: Config) -> 
         *slow,
         *dead,
         *words,
+        *(() if read is None else never_read(log, passings_of(config), read)),
         *doubts_of_log(config, log.values, log.channels, paths),
     ]
 

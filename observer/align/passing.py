@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable, Iterator, Set
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -132,6 +133,46 @@ class Passings:
     def take(self, reading: Reading) -> list[Reading]:
         """Return the readings that follow from one, none of them later than it."""
         return [found for track in self._tracks for found in track.take(reading)]
+
+
+def never_read(log: Log, of: Iterable[Passing], read: Set[str]) -> Iterator[str]:
+    """Yield a sentence for each of them that has places without any reading, why, and what to do.
+
+    `read` are the channels of which the frames of the log have a value.
+    """
+    for each in of:
+        if not {each.measured, each.position} <= set(log.channels):
+            continue
+        missed = [x for x, c in zip(each.places_m, each.channels, strict=True) if c not in read]
+        if missed and np.isfinite(log[each.measured]).any():
+            some = f"at {', '.join(f'{x:g}' for x in missed)} m"
+            where = some if len(missed) < len(each.places_m) else "at any of its places"
+            yield f"{each.measured} is never read {where}, so it says nothing there: {_why(log, each)}"
+
+
+def _why(log: Log, of: Passing) -> str:
+    """Why places are never read in a log, and the remedy."""
+    there, known = (np.isfinite(log[channel]) for channel in (of.measured, of.position))
+    time_s = log.time_s[there]
+    position_m = np.interp(time_s, log.time_s[known], log[of.position][known])
+    outwards = np.diff(position_m) > 0.0
+    if not outwards.any():
+        return "the nut never goes away from x = 0 past them; log a program that does"
+    # most rows' ways, since of a row in which the nut turns only a part is seen
+    way_m, apart_s = (float(np.quantile(np.diff(x)[outwards], 0.9)) for x in (position_m, time_s))
+    if way_m <= of.most_m:
+        return "the nut does not pass them on its way from x = 0; log a program that does"
+    return (
+        f"the nut moves {1000 * way_m:.3g} mm between two readings, where at most {1000 * of.most_m:.3g} mm "
+        f"show a passage; log both every {_two_digits(apart_s * of.most_m / way_m)} s or faster, instead of "
+        f"every {apart_s:.3g} s"
+    )
+
+
+def _two_digits(value: float) -> str:
+    """A value rounded down to two digits."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return f"{math.floor(value / unit) * unit:.2g}"
 
 
 def with_passings(log: Log, of: tuple[Passing, ...]) -> Log:

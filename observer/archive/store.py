@@ -157,7 +157,10 @@ class Archive:
         """The steps of a file around a span."""
         setup, origin = self._known(file.path, notes)
         plan, inode = setup.machine.plan, file.path.stat().st_ino
-        pipeline = Pipeline(setup.machine.drive, setup.machine.estimator(), setup.machine.self_test())
+        machine = setup.machine
+        pipeline = Pipeline(
+            machine.drive, machine.estimator(), machine.self_test(), occasional=machine.occasional
+        )
         stand = self._stand(file.path, inode, from_s)
         if stand is not None:
             walk = Walk(plan.channels, plan.expected(), memory=stand.memory)

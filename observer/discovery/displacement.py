@@ -88,7 +88,7 @@ class DisplacementFindings:
 
     @property
     def values(self) -> dict[str, float]:
-        """The value of the configuration that is named, by its key, if one is and the configuration has it."""
+        """The value that is named, by its key, if one is and the configuration has it."""
         if self.verdict != "named":
             return {}
         return {c.key: c.value for c in self.causes if c.key in KEYS and (c.key != BED or c.before > 0.0)}

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
 
 from observer.align.aligner import AlignPlan
 from observer.align.walk import OfFrame
@@ -23,7 +27,7 @@ from observer.estimators.selftest import (
     screening_history,
 )
 from observer.estimators.tolerant import Tolerant
-from observer.frames import EstimateBlock, FrameBlock, Inputs, Layout
+from observer.frames import EstimateBlock, FrameBlock, Inputs, Layout, Quality
 from observer.kernels import record, step_frame
 from observer.model.build import build_plant
 from observer.model.drive import Drive
@@ -98,10 +102,14 @@ class Pipeline(Generic[State]):
         self_test: SelfTest | None = None,
         gap: GapWatch | None = None,
         shown: ShownHeats | None = None,
+        occasional: Mapping[int, str] = MappingProxyType({}),
     ) -> None:
-        """Begin before the first frame; without a self-test every quality is the estimator's own."""
+        """Begin before the first frame; without a self-test every quality is the estimator's own.
+
+        `occasional` are the numbers of the sensors that come only now and then, with their channels.
+        """
         self._drive, self._estimator, self._test, self.gap = drive, estimator, self_test, gap
-        self._shown = shown
+        self._shown, self._occasional = shown, occasional
         self._states: list[Any] = [drive.initial(), *self._begin()]
         self._past: tuple[tuple[Finding, int], ...] = ()
         self._live: Live | None = None
@@ -123,6 +131,8 @@ class Pipeline(Generic[State]):
     def step(self, frames: FrameBlock) -> EstimateBlock:
         """The estimates of the next frames; an exception leaves the states as they were."""
         estimates = self._estimates(frames)
+        if self._occasional:
+            estimates = _never_read(frames, estimates, self._occasional)
         return estimates if self._shown is None else self._shown.block(estimates)
 
     def _estimates(self, frames: FrameBlock) -> EstimateBlock:
@@ -244,6 +254,18 @@ class Pipeline(Generic[State]):
             self.gap.restore(gap)
 
 
+def _never_read(frames: FrameBlock, estimates: EstimateBlock, occasional: Mapping[int, str]) -> EstimateBlock:
+    """Estimates in which an occasional sensor is missing until its first value, however good they are."""
+    given = frames.shown_quality[:, [frames.channels.index(channel) for channel in occasional.values()]]
+    own = estimates.sensor_quality[:, list(occasional)]
+    never = (given == Quality.MISSING) & (own == Quality.GOOD)
+    if not never.any():
+        return estimates
+    shown = estimates.sensor_quality.copy()
+    shown[:, list(occasional)] = np.where(never, np.int8(Quality.MISSING), own)
+    return replace(estimates, sensor_quality=shown)
+
+
 @dataclass(frozen=True)
 class MachineModel:
     """A configuration with the plant, the drive and the expectations of its channels that follow from it.
@@ -266,6 +288,11 @@ class MachineModel:
     def shown(self) -> ShownHeats:
         """Which heats are shown of those that are estimated."""
         return ShownHeats.of(self.plant)
+
+    @cached_property
+    def occasional(self) -> Mapping[int, str]:
+        """The sensors that come only now and then, by their number, each with its channel."""
+        return {i: s.channel for i, s in enumerate(self.config.sensor) if s.occasional}
 
     @property
     def layout(self) -> Layout:
@@ -316,4 +343,11 @@ class MachineModel:
                 f"sensor {moved[0]}: with supports.gap_m a displacement bends where the play closes, which "
                 "no estimator here can follow; calibrate with it, but remove sensor or play to estimate"
             )
-        return Pipeline(self.drive, estimator or self.estimator(), self.self_test(), self.gap(), self.shown)
+        return Pipeline(
+            self.drive,
+            estimator or self.estimator(),
+            self.self_test(),
+            self.gap(),
+            self.shown,
+            self.occasional,
+        )

@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from observer.align.aligner import AlignPlan, doubts, frames_of_log
+from observer.align.aligner import AlignPlan, doubts, frames_of_log, read_in
 from observer.align.unit_errors import Misread, read_rightly
 from observer.errors import LogError
 from observer.files.folders import write_json
@@ -37,7 +37,8 @@ def runs_of(logs: Sequence[Log], config: Installation, *, rightly: bool = False)
     for log in logs:
         frames = list(frames_of_log(log, plan))
         paths = [block.path for block in frames]
-        odd += [f"{log.path.name}: {sentence}" for sentence in doubts(log, paths, config)]
+        read = set[str]().union(*map(read_in, frames))
+        odd += [f"{log.path.name}: {sentence}" for sentence in doubts(log, paths, config, read)]
         right, found = read_rightly(log, config, paths) if rightly else (log, ())
         misread |= dict.fromkeys(found)
         runs.append(list(frames_of_log(right, plan)) if found else frames)

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from observer.align.aligner import doubts, frames_of_log
+from observer.align.aligner import doubts, frames_of_log, read_in
 from observer.config import Output
 from observer.errors import LogError, UserError
 from observer.estimate.pipeline import MachineModel
@@ -69,7 +69,8 @@ def identified_heats(
     machine = MachineModel.of(config.model_copy(update={"output": ends_only}))
     frames = list(frames_of_log(log, machine.plan))
     blocks = inputs_of(frames, machine.drive)
-    odd = doubts(log, [block.path for block in frames], config)
+    read = set[str]().union(*map(read_in, frames))
+    odd = doubts(log, [block.path for block in frames], config, read)
     stage = f"heats by {options.method}, and their σ"
     progress(stage)
     try:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from observer.align.aligner import commands_of, doubts
+from observer.align.aligner import commands_of, doubts, read_in
 from observer.estimate.checkpoint import CheckpointFit
 from observer.estimate.open_loop import OpenLoopGap
 from observer.estimate.pipeline import MachineModel
@@ -43,10 +43,12 @@ def replayed(
     start, kind_of_start = start_of(log, CheckpointFit.of(machine))
     kept = ReplaySamples(config, pipeline.layout) if samples else None
     open_loop, paths = OpenLoopGap(machine.plant, machine.drive), list[Mapping[str, NutPath]]()
+    read = set[str]()
 
     def follow(frames: FrameBlock, block: EstimateBlock) -> None:
         open_loop.take(frames)
         paths.append(frames.path)
+        read.update(read_in(frames))
         if kept is not None:
             kept.take(pipeline.inputs, block)
 
@@ -59,7 +61,7 @@ def replayed(
         "speed_mean_rpm": speeds(config, log),
         "open_loop_rms_K": open_loop.rms_K,
         **({"open_loop_rms_um": moved} if (moved := open_loop.rms_um) else {}),
-        "doubts": [*doubts(log, paths, config), *_opposed(open_loop.opposed)],
+        "doubts": [*doubts(log, paths, config, read), *_opposed(open_loop.opposed)],
         "start": kind_of_start,
         "commands": commands_of(log),
     }, kept

@@ -189,7 +189,7 @@ class EstimateEncoder:
 
     def readings(self, frame: FrameBlock, k: int, sequence: int) -> bytes:
         """The `readings` document: value, quality and age of every channel."""
-        columns = _rounded(frame.values[k]), frame.quality[k].tolist(), _rounded(frame.age_s[k])
+        columns = _rounded(frame.values[k]), frame.shown_quality[k].tolist(), _rounded(frame.age_s[k])
         channels = {
             name: {"value": value, "quality": _CHANNEL_QUALITY[quality], "age_s": age_s}
             for name, value, quality, age_s in zip(frame.channels, *columns, strict=True)

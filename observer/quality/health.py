@@ -107,9 +107,9 @@ def _channels(facts: Facts) -> dict[str, dict[str, Any]]:
     if facts.frame is None:
         return {}
     frame, excess = facts.frame, _excess(facts)
-    channels = {}
+    channels, qualities = {}, frame.shown_quality[-1].tolist()
     for j, name in enumerate(frame.channels):
-        quality, age_s = Quality(frame.quality[-1, j]), float(frame.age_s[-1, j])
+        quality, age_s = Quality(qualities[j]), float(frame.age_s[-1, j])
         if name in excess and quality == Quality.GOOD:
             quality = Quality.EXCLUDED
         channels[name] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,12 @@ from observer.align.aligner import Aligner, AlignPlan, frames_of_log
 from observer.align.passing import PASSING_S
 from observer.config import Config
 from observer.errors import UserError
+from observer.estimate.pipeline import MachineModel
 from observer.files.logs import Log
+from observer.files.writer import MemoryTable
 from observer.frames import Reading
 from observer.installation import parse
+from observer.library.replaying import quietly, replayed
 from tests.logs.machines import table
 from tests.model.test_displacement import simulated
 
@@ -145,3 +149,36 @@ def test_drivers_deliver_the_scale_and_not_its_places() -> None:
     config = _with_scale()
     assert config.derived_channels == {f"scale_{k}_um" for k in range(1, 6)}
     assert "scale_um" in config.channels
+
+
+@pytest.mark.parametrize(
+    ("every_s", "low_m", "said"),
+    [
+        (0.2, 0.1, None),
+        (
+            2.9,
+            0.1,
+            "at any of its places.*moves 1[34]. mm.*most 20 mm.*every 0.4.? s or faster, .* every 2.9 s",
+        ),
+        (0.2, 0.17, r"never read at 0\.12, 0\.16 m.*does not pass them"),
+    ],
+)
+def test_a_place_that_is_never_read_is_not_good_and_a_sentence_says_why(
+    every_s: float, low_m: float, said: str | None
+) -> None:
+    """The nut goes too far from row to row, or not to the places near x = 0."""
+    config = _with_scale()
+    log = _log(config, every_s)
+    nut_m = log.values[:, log.channels.index("nut_m")]
+    nut_m[:] = np.maximum(nut_m, low_m)
+    sink = MemoryTable()
+    summary, _ = replayed(log, config, sink, quietly, MachineModel.of(config), samples=False)
+    doubted = [sentence for sentence in summary["doubts"] if sentence.startswith("scale_um")]
+    assert len(doubted) == (said is not None)
+    assert said is None or re.search(said, doubted[0])
+    assert not any("missing" in reason for reason in summary["reasons"]), "which is no fault"
+    for k, place_m in enumerate(PLACES_m, 1):
+        read = np.isfinite(sink.table[f"innovation_scale_{k}_um"])
+        assert read.any() == (every_s < 1.0 and place_m > low_m)
+        missing = np.asarray(sink.table[f"quality_scale_{k}"]) == "missing"
+        np.testing.assert_array_equal(missing, np.cumsum(read) == 0)

@@ -114,7 +114,7 @@ def on_a_bed(config: Config, bed_1_K: float, seed: int) -> FrameBlock:
 
 @pytest.mark.parametrize("before", [None, 3e-6])
 def test_a_bed_is_as_large_as_at_the_reference_temperature(before: float | None) -> None:
-    """Its zero is known to 1 µm, and the air was a bed's 12 µm away from the reference when the logs began."""
+    """Its zero is known to 1 µm, and the air began a bed's 12 µm off the reference."""
     made = table(ambient={"channel": "air_degC"}, output={"reference_degC": 20.0})
     made["screw"]["expansion_1_K"] = EXPANSION_1_K
     made["sensor"].append(PROBE | {"zero_um": 1.0})

@@ -12,11 +12,13 @@ from observer.align.aligner import Aligner
 from observer.estimators.selftest import Fault, Finding
 from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, Quality, Reading
-from observer.publish.codec import to_json
+from observer.model.build import build_plant
+from observer.publish.codec import EstimateEncoder, to_json
 from observer.quality.conditions import Condition, Facts, Trouble, of_finding
 from observer.quality.health import assess
 from observer.quality.reasons import sentence
 from observer.record.recorder import RecordStatus
+from tests.logs.machines import config_of
 from tests.logs.recordings import CHANNELS, plan
 
 
@@ -56,6 +58,20 @@ def test_all_well_is_good_and_counts_are_there():
     assert document["channels"]["t1_degC"] == {"quality": "good", "age_s": 0.1, "fault": None}
     assert document["unsent"] == {"mqtt": {"steps": 12, "duration_s": 12.0}}
     assert (document["published"], document["publish_drops"], document["recorded"]) == (20, 4, 80)
+
+
+def test_an_occasional_channel_is_not_there_until_its_first_value_which_is_no_reason():
+    expected_s = plan().expected_s.copy()
+    expected_s[1] = np.inf
+    aligner = Aligner(replace(plan(), expected_s=expected_s))
+    for time_s, known, quality in ((10.0, CHANNELS[::2], "missing"), (10.5, CHANNELS, "good")):
+        aligner.ingest(Reading(time_s, dict.fromkeys(known, 20.0)))
+        frame = aligner.tick(time_s + 0.1)
+        health = assess(_facts(frame=frame))
+        assert (health.state, health.reasons) == ("good", ())
+        assert health.channels[CHANNELS[1]]["quality"] == quality
+        said = json.loads(EstimateEncoder(build_plant(config_of(2, 2, 2)).layout, "").readings(frame, 0, 1))
+        assert said["channels"][CHANNELS[1]]["quality"] == quality
 
 
 @pytest.mark.parametrize(
