@@ -113,7 +113,8 @@ def test_between_probings_nothing_is_missing() -> None:
     config = probed(sensor=OCCASIONAL)
     block = estimated(config, with_readings(config, log_of(config), 100))
     assert np.flatnonzero(np.isfinite(block.innovation_K[:, 3])).tolist() == [99, 199, 299, 399]
-    assert (block.sensor_quality[:, 3] == Quality.GOOD).all()
+    assert (block.sensor_quality[:99, 3] == Quality.MISSING).all(), "it has never been read yet"
+    assert (block.sensor_quality[99:, 3] == Quality.GOOD).all()
     assert (block.quality[100:] == EstimateQuality.GOOD).all()
     # in µm, as its standard deviation
     assert np.nanmax(np.abs(block.innovation_K[:, 3])) < 5.0
