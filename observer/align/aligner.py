@@ -308,7 +308,7 @@ def commands_of(log: Log) -> list[dict[str, Any]]:
 
 def read_in(frames: FrameBlock) -> set[str]:
     """The channels that had a usable value in frames."""
-    return {name for name, fresh in zip(frames.channels, frames.fresh.any(axis=0), strict=True) if fresh}
+    return {frames.channels[j] for j in np.flatnonzero(frames.fresh.any(axis=0)).tolist()}
 
 
 def doubts(
