@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,7 @@ ABSOLUTE_ZERO = ROOT / "observer" / "tables" / "quantities.py"  # the range of a
 SIMULATED = ROOT / "drivers" / "simulated"  # written anew, for it is to test the rest
 
 
+@cache
 def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 

@@ -201,7 +201,9 @@ def test_a_machine_is_calibrated_by_all_of_its_logs(tmp_path, fleet):
     assert result["logs"] == ["run-000.parquet", "run-001.parquet"]
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)]
+)
 def test_ctrl_c_keeps_finished_work_in_one_sentence_and_leaves_no_process(
     tmp_path, long_and_short, number, code
 ):

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import ast
 from collections import Counter, defaultdict
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 
 
+@cache
+def parsed() -> dict[str, ast.Module]:
+    """Every file of the product."""
+    paths = [p for package in ("observer", "drivers") for p in sorted((ROOT / package).rglob("*.py"))]
+    return {str(p.relative_to(ROOT)): ast.parse(p.read_text(encoding="utf-8")) for p in paths}
+
+
 def test_no_class_name_has_two_meanings() -> None:
     places = defaultdict(list)
-    for package in ("observer", "drivers"):
-        for path in sorted((ROOT / package).rglob("*.py")):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.ClassDef):
-                    places[node.name].append(str(path.relative_to(ROOT)))
+    for path, tree in parsed().items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef):
+                places[node.name].append(path)
     assert len(places) > 100
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
 
@@ -23,12 +30,11 @@ def test_no_class_name_has_two_meanings() -> None:
 def test_no_module_binds_a_constant_twice() -> None:
     """The later value would take the place of the earlier one, without a word."""
     twice = {}
-    for package in ("observer", "drivers"):
-        for path in sorted((ROOT / package).rglob("*.py")):
-            names: Counter[str] = Counter()
-            for node in ast.parse(path.read_text(encoding="utf-8")).body:
-                targets = node.targets if isinstance(node, ast.Assign) else []
-                names.update(target.id for target in targets if isinstance(target, ast.Name))
-            if again := [name for name, count in names.items() if count > 1]:
-                twice[str(path.relative_to(ROOT))] = again
+    for path, tree in parsed().items():
+        names: Counter[str] = Counter()
+        for node in tree.body:
+            targets = node.targets if isinstance(node, ast.Assign) else []
+            names.update(target.id for target in targets if isinstance(target, ast.Name))
+        if again := [name for name, count in names.items() if count > 1]:
+            twice[path] = again
     assert twice == {}
