@@ -43,7 +43,7 @@ def _body(name: str, answers: Answers) -> list[FileTable]:
     else:
         touching = {"conductance_W_K": Note(screw.housing_W_K, "look: by balls, rings and seats")}
     air = Note(round(body.air_W_K * kg ** (2.0 / 3.0), 2), "look: by its surface, and what it is bolted to")
-    known = {"tolerance": Note(TYPICAL_LINK, "how well that is known; `observer calibrate` knows it better")}
+    known = {"tolerance": Note(TYPICAL_LINK, "how well that is known")}
     return [
         FileTable("[[node]]", node),
         FileTable("[[link]]", {"between": [body.source, body.node], **touching, **known}),
