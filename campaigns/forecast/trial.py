@@ -43,9 +43,8 @@ SETTLING = (
 DOCS = Path(__file__).parents[2] / "docs"
 RESULTS, PAGE = DOCS / "forecast" / "results.csv", DOCS / "explanation" / "forecast.md"
 TIMES = DOCS / "forecast" / "settling.csv"
-WARMED = 10
 WARMING = DOCS / "forecast" / "warming.csv"
-"""Of so many of each group: 28 minutes of a warm-up."""
+"""28 minutes of a warm-up."""
 MARKS = ("<!-- the campaign's table, written by campaigns.forecast.trial -->", "<!-- its end -->")
 WARMING_MARKS = ("<!-- a warm-up, written by campaigns.forecast.trial -->", "<!-- end of a warm-up -->")
 TIMES_MARKS = ("<!-- when it settles, written by campaigns.forecast.trial -->", "<!-- end of when -->")
@@ -183,7 +182,7 @@ def main() -> None:
         done = {int(r["machine"]) for r in read_rows(path)}
         go_on([i for i in range(count) if i not in done], one, path, console, workers=1)
     warm = {(r["group"], int(r["machine"])) for r in read_rows(WARMING)}
-    tasks = [(name, number) for number in range(WARMED) for name in warming.GROUPS]
+    tasks = [(name, number) for name, group in warming.GROUPS.items() for number in range(group.machines)]
     go_on([task for task in tasks if task not in warm], warmed, WARMING, console, workers=1)
     show(PAGE, warming.table(read_rows(WARMING)), WARMING_MARKS)
     show(PAGE, table(read_rows(RESULTS)), MARKS)

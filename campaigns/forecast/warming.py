@@ -8,6 +8,7 @@ of twelve hours.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -43,12 +44,16 @@ COMPARED = "\n[tolerance]\nposition_m = 0.001\noffset_K = 0.0\nambient_K = 0.0\n
 
 
 class Group(NamedTuple):
-    """Machines, what their configuration says beside, whether a day before calibrated it, and their seed."""
+    """Machines, what their configuration says beside, whether a day before calibrated it, their seed and
+    number, and by how much running in differs from one day to the next, in parts of itself.
+    """
 
     rough: Rough
     more: str = ""
     is_calibrated: bool = False
     seed: int = 9900
+    machines: int = 10
+    per_start: float = 0.0
 
 
 _COMPARED = Rough(offset_K=0.0, ambient_K=0.0, place_m=0.001)
@@ -56,7 +61,17 @@ GROUPS = {
     "as configured": Group(AS_CONFIGURED),
     "rough": Group(Rough()),
     "rough, friction does not run in": Group(Rough(run_in=0.0)),
-    "sensors compared, calibrated the day before": Group(_COMPARED, COMPARED, is_calibrated=True, seed=58000),
+    "sensors compared, calibrated the day before": Group(
+        _COMPARED, COMPARED, is_calibrated=True, seed=61000, machines=12
+    ),
+    "the same, running in otherwise, another fifth more or less each day": Group(
+        replace(_COMPARED, run_in_power=0.6),
+        COMPARED,
+        is_calibrated=True,
+        seed=61000,
+        machines=12,
+        per_start=0.2,
+    ),
 }
 
 
@@ -88,9 +103,12 @@ def warming(one: Specimen, seed: int, number: int) -> Day:
     return work(one, (Phase(REST_S), runs), START_M, rng, 0.0)
 
 
-def the_day_before(one: Specimen, seed: int, number: int) -> Day:
+def the_day_before(one: Specimen, seed: int, number: int, per_start: float = 0.0) -> Day:
     """A warm-up of an hour and a half at one speed, an hour of rest, and half an hour at a lower one."""
     rng = stream(seed, "the day before", str(number))
+    physics = one.machine.physics
+    run_in = physics.run_in * (1.0 + per_start * stream(seed, "start", str(number)).standard_normal(3))
+    one = replace(one, machine=replace(one.machine, physics=physics._replace(run_in=run_in)))
     fast, slow = rng.uniform(1500.0, 2400.0), rng.uniform(700.0, 1200.0)
     phases = (
         Phase(REST_S), Phase(5400.0, float(round(fast)), 0.2, 0.8), Phase(3600.0),
@@ -134,7 +152,7 @@ def forecasts(
     """What is forecast from the whole log, from the live state, and at which time of the day."""
     text = CONFIG + group.more
     if group.is_calibrated:
-        text = calibrated(text, the_day_before(one, seed, number))
+        text = calibrated(text, the_day_before(one, seed, number, group.per_start))
     config, day = config_of(text), warming(one, seed, number)
     machine, bank = MachineModel.of(config, learns=True), FrictionBank(config)
     pipeline, moving = machine.pipeline(machine.estimator()), [m.index for m in machine.plant.moving]

@@ -22,6 +22,7 @@ from observer.fit.forward import Forward
 from observer.fit.hypothesis import Fit, fit_null
 from observer.fit.parameters import FILM, free_keys, info_of, replaced
 from observer.fit.problem import Problem
+from observer.fit.run_in import running_in_of
 from observer.fit.runs import LEAST_S, Run, prepare_all
 from observer.fit.tolerance import calibration_tolerances, remaining_tolerances
 from observer.frames import FloatArray, FrameBlock
@@ -146,9 +147,9 @@ class Calibration:
     """The result of a calibration.
 
     `config` carries the fitted values, or those configured where they are no better, which `kept` then says
-    in a sentence; `left` are the remaining tolerances of the fitted ones by the configuration's keys;
-    `obstacles` names the free parameters that are not identifiable from these logs (they keep their values)
-    or poorly determined, and why. `error` is over all sensors, `per_sensor` by name.
+    in a sentence; `left` are the remaining tolerances of the fitted ones, and how heats run in, by the
+    configuration's keys; `obstacles` names the free parameters that are not identifiable from these logs
+    (they keep their values) or poorly determined, and why. `error` is over all sensors, `per_sensor` by name.
     """
 
     config: Config
@@ -203,7 +204,7 @@ def calibrate(
     before_K, after_K = (_missed(prepared, forward(c)) for c in (config, after))
     overall, per_sensor = _errors(config, before_K, after_K)
     doubts = _doubts(fit.problem, fitted)
-    left = remaining_tolerances(config, fit.relative_sigma)
+    left = remaining_tolerances(config, fit.relative_sigma) | running_in_of(fit, prepared)
     if (kept := _kept(overall, per_sensor)) is not None:
         after = config
     return Calibration(after, fitted, left, obstacles + doubts, overall, per_sensor, kept)

@@ -11,7 +11,7 @@ forecast as ever.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, get_args
 
@@ -21,9 +21,11 @@ from numpy.typing import NDArray
 from observer.config import Config
 from observer.estimators import packing
 from observer.estimators.kalman import KalmanEstimator
+from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import Chunk
 from observer.forecast.ahead import CALM, Runner, ahead, runner, runner_by_law
 from observer.forecast.document import Forecast, travel_of
+from observer.forecast.known import KnownRunIn, known_run_in, run_from_starts, with_known
 from observer.forecast.program import Program
 from observer.forecast.settling import MOST_S as LONGEST_S
 from observer.forecast.settling import Settled, draws, likely, settling, warm_up, with_spread
@@ -31,12 +33,14 @@ from observer.frames import EstimateBlock, FloatArray, Inputs, Quality
 from observer.model.build import build_plant
 from observer.model.learning import WANDER_S, Nuisance
 from observer.model.plant import Plant
-from observer.tables.estimator import Learnable
+from observer.tables.estimator import EstimatorSettings, Learnable
 
 RUNS_IN_S = (900.0, 1800.0, 3600.0)
 """Time constants with which friction may settle to its law, once running …"""
 FINELY_S = (900.0, 1270.0, 1800.0, 2550.0, 3600.0)
 """… and those where a calibration has found the laws."""
+TIMES = (0.7, 1.0, 1.4)
+"""… and, where it has found how friction runs in, in parts of the time constants found."""
 MORE = 0.15
 """One standard deviation of what it has more or less when work begins, in parts of its law."""
 DRAWS = 20
@@ -49,6 +53,8 @@ EACH_COUNTS = 0.5
 """The power, where a calibration has left the laws so well known that readings near each other share what no
 rival describes: each counts as half a one.
 """
+Way = Callable[[Plant, EstimatorSettings, EstimatorState, Program], Runner]
+"""How it goes ahead from a state."""
 LEAST_WEIGHT = 0.02
 """A rival that is less likely than this is left out."""
 PAUSE_S, IDLE_W = 60.0, 1e-3
@@ -88,21 +94,29 @@ class FrictionBank:
 
         Raises `ValueError` where none has an estimate to go ahead from.
         """
-        inputs = since_start(Inputs.joined(list(self._parts)), float(program.past.dt_s.sum()))
+        joined = Inputs.joined(list(self._parts))
+        inputs = since_start(joined, float(program.past.dt_s.sum()))
         settings = self._config.estimator.model_copy(update={"learn": get_args(Learnable)})
         config = self._config.model_copy(update={"estimator": settings})
         plant, is_known = build_plant(config, learns=True), is_calibrated(config)
         lasting = build_plant(with_known_scales(config), learns=True) if is_known else plant
         wander_s, times_s = (WANDER_S / CALM**2, FINELY_S) if is_known else (WANDER_S, RUNS_IN_S)
-        rivals = [(runner, plant)]
-        rivals += [(runner_by_law, running_in(lasting, time_s, wander_s)) for time_s in times_s]
-        filters = [WeighedFilter(own, settings) for _, own in rivals]
-        states = [one.run(one.initial(), inputs)[0] for one in filters]
+        rivals: list[tuple[Way, Plant, KnownRunIn | None]] = [(runner, plant, None)]
+        if (known := known_at_start(config, plant, joined, inputs)) is None:
+            rivals += [(runner_by_law, running_in(lasting, time_s, wander_s), None) for time_s in times_s]
+        else:
+            slower = [known.slower(times) for times in TIMES]
+            rivals += [(runner_by_law, with_known(running_in(lasting, 1.0, wander_s), k), k) for k in slower]
+        filters = [WeighedFilter(own, settings) for _, own, _ in rivals]
+        states = [
+            one.run(one.initial(), inputs)[0] if known is None else run_from_starts(one, own, inputs, known)
+            for one, (_, own, known) in zip(filters, rivals, strict=True)
+        ]
         power = EACH_COUNTS if is_known else 1.0
         weights = weights_of([power * one.log_likelihood for one in filters])
         found = [
             (float(weights[i]), way(own, settings, states[i], program))
-            for i, (way, own) in enumerate(rivals)
+            for i, (way, own, _) in enumerate(rivals)
             if weights[i] > 0.0
         ]
         return sorted(found, key=lambda one: -one[0])
@@ -128,6 +142,17 @@ def since_start(inputs: Inputs, even_s: float) -> Inputs:
     jumps = np.zeros_like(inputs.law_jump_W)
     jumps[[start, level]] = inputs.law_W[level:].mean(axis=0)
     return inputs._replace(law_jump_W=jumps).part(int(begin), len(inputs))
+
+
+def known_at_start(config: Config, plant: Plant, inputs: Inputs, since: Inputs) -> KnownRunIn | None:
+    """What is known of running in at the start in `since`, a part of `inputs`: nothing where the record
+    begins in the middle of work.
+    """
+    known = known_run_in(config, plant, MORE)
+    works = np.abs(inputs.law_W).sum(axis=1) > IDLE_W
+    if known is None or works[0]:
+        return None
+    return known.after(float(inputs.dt_s[works & (inputs.time_s < since.time_s[0])].sum()))
 
 
 def weights_of(log_likelihoods: Sequence[float]) -> FloatArray:

@@ -204,6 +204,13 @@ class Source(HeatLaw):
     #: one standard deviation of the law's scale once it has run in, relative, as `calibrate` leaves it; – is
     #: `law_uncertainty`; in the `forecast` from a log
     scale_tolerance: quantities.Factor | None = None
+    #: what friction has more than its law when work begins, in parts of the law, as `calibrate` finds it; the
+    #: three belong together, in the `forecast` from a log
+    run_in: Annotated[quantities.Finite, Field(ge=-1, le=10)] | None = None
+    #: time constant with which that fades
+    run_in_s: quantities.Duration | None = None
+    #: one standard deviation of `run_in` at the next start, in parts of the law
+    run_in_tolerance: quantities.Factor | None = None
     #: standard deviation of the heat at the start
     initial_sigma_W: Annotated[quantities.HeatSigma, Field(gt=0)] = 30.0
 
@@ -231,6 +238,13 @@ class Source(HeatLaw):
                 raise ValueError(
                     f"the stretch {low} … {high} m is empty; the first number must be the smaller"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _runs_in_as_a_whole(self) -> Source:
+        of = (self.run_in, self.run_in_s, self.run_in_tolerance)
+        if any(v is None for v in of) and any(v is not None for v in of):
+            raise ValueError("run_in, run_in_s and run_in_tolerance belong together: give all three, or none")
         return self
 
     @model_validator(mode="after")

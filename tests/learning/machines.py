@@ -48,6 +48,7 @@ class Rough:
     place_m: float = 0.002
     ambient_K: float = 0.5
     end_W_K: float = 0.1
+    run_in_power: float = 1.0
 
 
 AS_CONFIGURED = Rough(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -93,6 +94,7 @@ def draw(seed: int, number: int, rough: Rough) -> Specimen:
         friction_W_rpm=plain.friction_W_rpm * (1.0 + rng.choice([-1.0, 1.0], 3) * rough.laws),
         run_in=rng.uniform(0.0, 1.0, 3) * rough.run_in,
         run_in_s=rng.uniform(900.0, 3600.0, 3),
+        run_in_power=rough.run_in_power,
     )
     lag_s = rng.uniform(2.0, 4.0, 5) if rough.place_m else np.zeros(5)
     offset_K = rough.offset_K * rng.standard_normal(5)
@@ -155,7 +157,8 @@ def _friction_W(physics: Physics, speed_rpm: FloatArray) -> FloatArray:
     machine runs in.
     """
     turned_s = np.cumsum(np.where(speed_rpm != 0.0, STEP_s, 0.0)) - 0.5 * STEP_s
-    more = 1.0 + physics.run_in * np.exp(-turned_s[:, None] / physics.run_in_s)
+    run_in = (np.maximum(turned_s, 0.0)[:, None] / physics.run_in_s) ** physics.run_in_power
+    more = 1.0 + physics.run_in * np.exp(-run_in)
     whole = np.array([1.0 + physics.nut_body_share, 1.0, 1.0])
     return np.asarray(whole * physics.friction_W_rpm * np.abs(speed_rpm)[:, None] * more)
 

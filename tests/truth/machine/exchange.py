@@ -46,7 +46,8 @@ def friction_W(physics: Physics, which: int, speed_rpm: float, turning_s: float,
     nominal = physics.friction_W_rpm[which] * REFERENCE_rpm
     heat_W = nominal * (abs(speed_rpm) / REFERENCE_rpm) ** physics.exponent[which]
     heat_W *= math.exp(-physics.fade_1_K[which] * (local_degC - REFERENCE_degC))
-    return float(heat_W * (1.0 + physics.run_in[which] * math.exp(-turning_s / physics.run_in_s[which])))
+    run_in = (turning_s / physics.run_in_s[which]) ** physics.run_in_power
+    return float(heat_W * (1.0 + physics.run_in[which] * math.exp(-run_in)))
 
 
 @numba.njit

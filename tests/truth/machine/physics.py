@@ -49,6 +49,7 @@ class Physics(NamedTuple):
     fade_1_K: FloatArray
     run_in: FloatArray
     run_in_s: FloatArray
+    run_in_power: float  # exp(−(t/run_in_s)^power); below 1 it begins faster and lasts longer
     # the nut
     nut_length_m: float
     lead_m: float
@@ -126,6 +127,7 @@ def plain_physics(slices: int = 100, **changes: Any) -> Physics:
         fade_1_K=np.zeros(3),
         run_in=np.zeros(3),
         run_in_s=np.ones(3),
+        run_in_power=1.0,
         nut_length_m=0.08,
         lead_m=0.005,
         dwell=0.0,

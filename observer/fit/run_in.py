@@ -1,0 +1,126 @@
+"""By how much friction exceeds its law when work begins, and how that fades, as a calibration finds it.
+
+A fit lets each heat that goes with speed settle with two time constants, within its law's uncertainty. What
+it took of them is a curve, c(t), of the running time; the nearest s·exp(−t/τ) is written. How much s differs
+from one start to the next follows from several logs that begin at rest, and is a share of it where there is
+one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.effects.terms import LawFactor
+from observer.fit.hypothesis import Fit
+from observer.fit.problem import modelled_lags
+from observer.fit.runs import Run
+from observer.fit.tolerance import SETTLING_S, SettlingFriction
+from observer.frames import FloatArray
+from observer.tables.sections import Source, law_channels
+
+OVER_S = np.linspace(0.0, 5400.0, 19)
+"""The running times over which a curve is compared with an exponential."""
+TIMES_S = np.geomspace(min(SETTLING_S), max(SETTLING_S), 29)
+PER_START, LEAST, FIRM = 0.2, 0.01, 2.0
+"""What running in differs by from one start to the next, in parts of itself and of the law, where nothing
+says more: that counts as much as so many differences between logs.
+"""
+KNOWN = 0.05
+"""Found less well than this, in parts of the law, it is not found."""
+
+
+class Settles(NamedTuple):
+    """The amplitudes (c,) of a heat's settling parts, in parts of its law, and their covariance (c, c)."""
+
+    part: FloatArray
+    covariance: FloatArray
+
+
+class Fading(NamedTuple):
+    """The s of the s·exp(−t/`time_s`) nearest a curve, and one standard deviation of that."""
+
+    share: float
+    time_s: float
+    sigma: float
+
+
+def nearest(settles: Settles, times_s: Sequence[float] | FloatArray = TIMES_S) -> Fading:
+    """Return the exponential of one of some time constants that is nearest a heat's settling parts."""
+    parts = np.exp(-OVER_S[:, None] / np.array(SETTLING_S))
+    curve = parts @ settles.part
+    found = []
+    for time_s in times_s:
+        shape = np.exp(-OVER_S / time_s)
+        to_share = shape @ parts / (shape @ shape)
+        share = float(to_share @ settles.part)
+        sigma = math.sqrt(max(float(to_share @ settles.covariance @ to_share), 0.0))
+        found.append((float(np.sum((curve - share * shape) ** 2)), Fading(share, float(time_s), sigma)))
+    return min(found)[1]
+
+
+def running_in_of(fit: Fit, runs: Sequence[Run]) -> dict[str, float]:
+    """Return `run_in`, `run_in_s` and `run_in_tolerance` of the heats whose running in the logs show, by key;
+    of those logs that begin with the source at rest.
+    """
+    written: dict[str, float] = {}
+    for source in fit.config.source:
+        rested = [i for i, run in enumerate(runs) if _rests_at_first(source, fit, run)]
+        whole = _settles(fit, source.name)
+        fitted = any(key.startswith(f"source.{source.name}.") for key in fit.problem.keys)
+        if not (rested and fitted) or whole is None or (found := nearest(whole)).sigma > KNOWN:
+            continue
+        each = [_settles(fit, source.name, i) for i in rested] if len(rested) > 1 else []
+        apart = spread(found.share, [nearest(one, [found.time_s]) for one in each if one is not None])
+        values = (found.share, found.time_s, math.hypot(found.sigma, apart))
+        names = ("run_in", "run_in_s", "run_in_tolerance")
+        written |= {f"source.{source.name}.{n}": v for n, v in zip(names, values, strict=True)}
+    return written
+
+
+def spread(share: float, each: Sequence[Fading]) -> float:
+    """One standard deviation of what running in differs by from one start to the next."""
+    before = math.hypot(PER_START * share, LEAST)
+    if len(each) < 2:
+        return before
+    shares, sigmas = (np.array(column) for column in zip(*((f.share, f.sigma) for f in each), strict=True))
+    seen = max(float(np.sum((shares - shares.mean()) ** 2) - (1 - 1 / len(each)) * np.sum(sigmas**2)), 0.0)
+    return math.sqrt((FIRM * before**2 + seen) / (FIRM + len(each) - 1))
+
+
+def _rests_at_first(source: Source, fit: Fit, run: Run) -> bool:
+    channels = law_channels(source, fit.config.source)
+    return bool(channels) and run.frames.values[0, run.frames.channels.index(channels[0])] == 0.0
+
+
+def _settles(fit: Fit, source: str, run: int | None = None) -> Settles | None:
+    """What a fit took of a heat's settling parts, or of those of one run, None where it has none."""
+    nuisance, evidence = fit.problem.nuisance, fit.problem.evidence
+    if nuisance is None:
+        return None
+    own, part = list[int](), list[float]()
+    for i, term in enumerate(nuisance.terms):
+        if (
+            isinstance(term, LawFactor)
+            and isinstance(term.factor, SettlingFriction)
+            and term.source == source
+        ):
+            own.append(i)
+            part.append(term.factor.part)
+    if not own:
+        return None
+    kept = np.array([name not in modelled_lags(fit.config) for name in nuisance.lag_of])
+    columns, scale = nuisance.columns[evidence.used], np.array(part)
+    mine = np.ones(len(columns), np.bool_) if run is None else evidence.run[evidence.used] == run
+    here, others = columns[:, own] * mine[:, None], columns[:, own] * ~mine[:, None]
+    kept[own] = False
+    tolerated = [here, columns[:, kept], *([] if mine.all() else [others])]
+    A = np.hstack([*tolerated, -fit.jacobian[evidence.used]])
+    t = A.shape[1] - fit.jacobian.shape[1]
+    covariance = np.linalg.pinv(A.T @ A + np.diag((np.arange(A.shape[1]) < t).astype(float)))
+    first = slice(0, len(own))
+    z = covariance[first] @ (A.T @ fit.residual[evidence.used])
+    return Settles(z * scale, covariance[first, first] * np.multiply.outer(scale, scale))

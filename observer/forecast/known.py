@@ -1,0 +1,87 @@
+"""What friction has more when work begins, where a calibration has found that: the rivals' prior of it.
+
+`run_in` of a source is by how much it exceeds its law at a start, in parts of that, `run_in_s` the time
+constant with which it fades, `run_in_tolerance` what the next start may differ by.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from observer.config import Config
+from observer.estimators.kalman import KalmanEstimator
+from observer.estimators.protocol import EstimatorState
+from observer.frames import FloatArray, Inputs
+from observer.model.plant import Plant
+
+UNKNOWN_S = 1800.0
+"""The time constant of a heat of which nothing was found, beside others of which it was."""
+
+
+class KnownRunIn(NamedTuple):
+    """Of each estimated heat, (m_e,): what it has more when work begins, in parts of its law, one standard
+    deviation of that, and the time constant with which it fades.
+    """
+
+    share: FloatArray
+    sigma: FloatArray
+    time_s: FloatArray
+
+    def after(self, ran_s: float) -> KnownRunIn:
+        """The same at a start before which the machine has run for a time: it is anywhere between anew and
+        what it would have faded to.
+        """
+        gone = 1.0 - np.exp(-ran_s / self.time_s)
+        sigma = np.hypot(self.sigma, self.share * gone / np.sqrt(12.0))
+        return self._replace(share=self.share * (1.0 - 0.5 * gone), sigma=sigma)
+
+    def slower(self, times: float) -> KnownRunIn:
+        """The same, fading with time constants so many times as long."""
+        return self._replace(time_s=self.time_s * times)
+
+
+def known_run_in(config: Config, plant: Plant, unknown: float) -> KnownRunIn | None:
+    """Return what a configuration knows of running in, None where it knows nothing; `unknown` is one standard
+    deviation of what a heat has more of which nothing was found.
+    """
+    of = {s.name: s for s in config.source}
+    free = [of[plant.source_names[j]] for j in np.flatnonzero(plant.estimated)]
+    if all(s.run_in is None for s in free):
+        return None
+    columns = zip(
+        *((s.run_in or 0.0, s.run_in_tolerance or unknown, s.run_in_s or UNKNOWN_S) for s in free),
+        strict=True,
+    )
+    return KnownRunIn(*map(np.array, columns))
+
+
+def with_known(plant: Plant, known: KnownRunIn) -> Plant:
+    """A plant of heats that run in, each of those by law with what is known of that."""
+    runs_in = plant.heat_decay_1_s > 0.0
+    return replace(
+        plant,
+        heat_decay_1_s=np.where(runs_in, 1.0 / known.time_s, 0.0),
+        law_uncertainty=np.where(runs_in, known.sigma, plant.law_uncertainty),
+    )
+
+
+def run_from_starts(one: KalmanEstimator, plant: Plant, inputs: Inputs, known: KnownRunIn) -> EstimatorState:
+    """Run over inputs whose laws jump where work begins and where its level changes: there each heat gets
+    what it is known to have more.
+    """
+    free = plant.estimated
+    law_W, state, at, before_W = inputs.law_W[:, free], one.initial(), 0, np.zeros(int(free.sum()))
+    rows = np.flatnonzero(inputs.law_jump_W.any(axis=1)).tolist()
+    n_x = len(plant.decay_1_s)
+    for row, end in zip(rows, [*rows[1:], len(inputs)], strict=True):
+        if row > at:
+            state, _ = one.run(state, inputs.part(at, row))
+        level_W = law_W[row:end].mean(axis=0)
+        faded = np.exp(-(inputs.time_s[row] - inputs.time_s[rows[0]]) / known.time_s)
+        x = state.x_hat.copy()
+        x[n_x : n_x + len(level_W)] += known.share * faded * (level_W - before_W)
+        state, at, before_W = replace(state, x_hat=x), row, level_W
+    return one.run(state, inputs.part(at, len(inputs)))[0]
