@@ -2,8 +2,7 @@
 
 A fit lets each heat that goes with speed settle with two time constants, within its law's uncertainty. What
 it took of them is a curve, c(t), of the running time; the nearest s·exp(−t/τ) is written. How much s differs
-from one start to the next follows from several logs that begin at rest, and is a share of it where there is
-one.
+from one start to the next follows from several logs that begin cold, and is a share of it where there is one.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer.config import Config
 from observer.effects.terms import LawFactor
 from observer.fit.hypothesis import Fit
 from observer.fit.problem import modelled_lags
@@ -31,6 +31,8 @@ says more: that counts as much as so many differences between logs.
 """
 KNOWN = 0.05
 """Found less well than this, in parts of the law, it is not found."""
+COLD_K = 3.0
+"""A screw that has rested long enough to run in anew is no further from the air, with sensors' offsets."""
 
 
 class Settles(NamedTuple):
@@ -64,11 +66,11 @@ def nearest(settles: Settles, times_s: Sequence[float] | FloatArray = TIMES_S) -
 
 def running_in_of(fit: Fit, runs: Sequence[Run]) -> dict[str, float]:
     """Return `run_in`, `run_in_s` and `run_in_tolerance` of the heats whose running in the logs show, by key;
-    of those logs that begin with the source at rest.
+    of those logs that begin cold.
     """
     written: dict[str, float] = {}
     for source in fit.config.source:
-        rested = [i for i, run in enumerate(runs) if _rests_at_first(source, fit, run)]
+        rested = [i for i, run in enumerate(runs) if begins_cold(fit.config, source, run)]
         whole = _settles(fit, source.name)
         fitted = any(key.startswith(f"source.{source.name}.") for key in fit.problem.keys)
         if not (rested and fitted) or whole is None or (found := nearest(whole)).sigma > KNOWN:
@@ -91,9 +93,16 @@ def spread(share: float, each: Sequence[Fading]) -> float:
     return math.sqrt((FIRM * before**2 + seen) / (FIRM + len(each) - 1))
 
 
-def _rests_at_first(source: Source, fit: Fit, run: Run) -> bool:
-    channels = law_channels(source, fit.config.source)
-    return bool(channels) and run.frames.values[0, run.frames.channels.index(channels[0])] == 0.0
+def begins_cold(config: Config, source: Source, run: Run) -> bool:
+    """Whether a run begins with a source at rest, and that for so long that no sensor is far from the air."""
+    channels, air = law_channels(source, config.source), config.ambient
+    first = dict(zip(run.frames.channels, run.frames.values[0].tolist(), strict=True))
+    air_degC = first[air.channel] if air.channel is not None else air.temperature_degC or 0.0
+    thermal = [sensor.kind == "temperature" for sensor in config.sensor]
+    off_K = np.abs(run.start_degC[thermal] - air_degC)
+    seen_K = off_K[np.isfinite(off_K)]
+    rests = bool(channels) and first[channels[0]] == 0.0
+    return rests and bool(len(seen_K)) and bool(seen_K.max() <= COLD_K)
 
 
 def _settles(fit: Fit, source: str, run: int | None = None) -> Settles | None:
