@@ -1,4 +1,4 @@
-"""Draw the thermal error without a probe, with a probing cycle each hour, and with a scale: `make figures`."""
+"""Draw how far the thermal error is off without a probe, with one, and with a scale: `make figures`."""
 
 from __future__ import annotations
 
