@@ -57,13 +57,15 @@ def test_and_a_loss_is_found_among_them(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.nightly
 def test_of_rows_a_minute_apart_a_loss_has_its_strength(tmp_path: Path) -> None:
-    """With the tolerances of the calibration without it, whose heats make up for it, it is a quarter less."""
+    """It is 4 % low. With the tolerances of a calibration without it, whose heats make up for it, it is 12 %;
+    where the stroke comes to its right end more often 9 %, with changes between rows of half their size 7 %.
+    """
     result = found(tmp_path, Case("minutes.end_conduction", (LOSS,), 42005, faults=("minutes",)))
     (effect,) = result["effects"]
     strength = effect["parameters"]["conductance_W_K"]
     low, high = strength["ci95"]
     assert low < 0.15 < high
-    assert strength["value"] == pytest.approx(0.15, rel=0.1)
+    assert strength["value"] == pytest.approx(0.15, rel=0.06)
     assert [s["what"] for s in result["suspects"]] == ["nut's way"]
 
 
