@@ -44,6 +44,13 @@ class LawFactor(NamedTuple):
     factor: Callable[[FloatArray, FloatArray], FloatArray]
 
 
+class LawScale(NamedTuple):
+    """A constant factor on a source's heat by law."""
+
+    source: str
+    factor: float
+
+
 class StrokeEnds(NamedTuple):
     """A share of a nut's heat that enters at both ends of its stroke, in equal parts."""
 
@@ -139,7 +146,7 @@ class Fade(NamedTuple):
 
 Term = (
     Film | EndConductance | Heat
-    | LawFactor | StrokeEnds | AmbientShift | SensorOffset | SpeedLoss
+    | LawFactor | LawScale | StrokeEnds | AmbientShift | SensorOffset | SpeedLoss
     | StretchFilm | Radiation | Body | WarmedAir | Lag | Fade
 )  # fmt: skip
 INPUT_TERMS = (LawFactor, AmbientShift, SensorOffset, SpeedLoss)

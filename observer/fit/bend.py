@@ -27,7 +27,8 @@ class Bend(NamedTuple):
     def of(self, values: Means) -> Means:
         """Return the rows (T, s) from those of a free screw (T, s + 1), the last its whole growth."""
         ends = self._held(values.ends)
-        return Means(ends, self._held(values.means), ends - self._held(values.ends - values.way))
+        way = ends - self._held(values.ends - values.way)
+        return Means(ends, self._held(values.means), way, values.passed_W)
 
     def _held(self, rows: FloatArray) -> FloatArray:
         out, growth_um = rows[:, :-1].copy(), rows[:, -1:]

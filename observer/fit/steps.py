@@ -11,6 +11,7 @@ a hypothesis that changes the modes costs a product of matrices.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Hashable
 from dataclasses import replace
 from typing import Generic, NamedTuple, TypeVar
@@ -38,6 +39,8 @@ NEIGHBOURS = 8
 """How many of them an interpolation takes."""
 PLACES = 33
 """Positions along the screw among which the nut's time in a tick is distributed."""
+PARTS, POINT_M = 32, 1e-6
+"""Into how many parts a nut is divided that exchanges place by place, and the length of a place."""
 
 
 class Footprint(NamedTuple):
@@ -63,15 +66,33 @@ class Footprint(NamedTuple):
 
 
 def swept(plant: Plant, table: NutTable, present: FloatArray, out: FloatArray) -> None:
-    """Fill `out` (T, PLACES, N) with shapes of which the squares add up to the covariance of a nut's column
-    over a tick, of which it spends the shares `present` (T, PLACES) at places from end to end.
+    """Fill `out` (T, PLACES, N) with shapes of which the squares add up to the covariance over a tick of the
+    column of a place under a nut, which spends the shares `present` (T, PLACES) of it at places from end to
+    end: each place under the nut exchanges by itself (Li 2022, eq. 45).
     """
     places_m = np.linspace(0.0, table.screw_m, PLACES).tolist()
-    columns = np.array([moving.columns_at(table, [x])[0] for x in places_m])
+    one_place = replace(table, nut_m=POINT_M)
+    columns = np.array([moving.columns_at(one_place, [x])[0] for x in places_m])
     columns = columns if plant.basis is None else columns @ plant.basis.V.T
     columns = np.ascontiguousarray(columns[:, : plant.modes])
-    np.subtract(columns, (present @ columns)[:, None], out=out)
-    out *= np.sqrt(present)[:, :, None]
+    under = present @ _under_nut(table.nut_m, table.screw_m)
+    np.subtract(columns, (under @ columns)[:, None], out=out)
+    out *= np.sqrt(under)[:, :, None]
+
+
+def _under_nut(nut_m: float, screw_m: float) -> FloatArray:
+    """Return the share (PLACES, PLACES) of a nut at one place that is over each.
+
+    What lies between two places is divided among them, which spreads it by a sixth of their squared distance,
+    as it did to `presence`. The nut is taken to be so much shorter that its spread is that of the whole.
+    """
+    apart_m = screw_m / (PLACES - 1)
+    length_m = math.sqrt(max(nut_m**2 - 12 * 2 * apart_m**2 / 6, 0.0))
+    along_m = length_m * (np.arange(PARTS) + 0.5 - PARTS / 2) / PARTS
+    places_m = np.linspace(0.0, screw_m, PLACES)
+    at = np.clip(places_m[:, None] + along_m, 0.0, screw_m) / apart_m
+    near = np.maximum(1.0 - np.abs(at[:, :, None] - np.arange(PLACES)), 0.0)
+    return np.asarray(near.mean(axis=1))
 
 
 def footprint(
@@ -238,10 +259,11 @@ class SteppedRun:
         """The means (b, s) of output rows (T, s)."""
         if self._by_row:
             return self.run.means(rows.ends)
-        return means_of(self.ticks, rows, self.ripple_K(plant, inputs))
+        return means_of(self.ticks, rows, self.ripple_K(plant, inputs, rows.passed_W))
 
-    def ripple_K(self, plant: Plant, inputs: Inputs) -> FloatArray:
-        """What the passing nut adds to the mean of a tick beyond its mean heat, (T, s), K.
+    def ripple_K(self, plant: Plant, inputs: Inputs, passed_W: FloatArray) -> FloatArray:
+        """What the passing nut adds to the mean of a tick beyond its mean heat and what its body passes on,
+        `passed_W` (T, M), (T, s), K.
 
         A pass early in a tick warms a sensor for longer than one late in it, less what decays within the
         tick.
@@ -253,7 +275,8 @@ class SteppedRun:
             early_s = self._columns(plant, i)[1] * (1 - source.ends_fraction)
             turn = source.table.turn[:, : early_s.shape[1]]
             early_s = early_s @ turn.T if len(turn) else plant.of_screw(early_s)
-            out += inputs.law_W[:, source.index, None] * ((kept * early_s) @ plant.rows.C.T)
+            heat_W = inputs.law_W[:, source.index] + passed_W[:, i]
+            out += heat_W[:, None] * ((kept * early_s) @ plant.rows.C.T)
         return out
 
     def sweep(self, plant: Plant) -> FloatArray | None:

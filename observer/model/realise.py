@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from observer.config import Config
-from observer.effects.terms import Body, EndConductance, Film, Heat, SpeedLoss, Term
+from observer.effects.terms import Body, EndConductance, Film, Heat, LawScale, SpeedLoss, Term
 from observer.model.rod.screw import surface_film_W_m2K, turning_film
 from observer.tables.laws import Surface
 from observer.tables.quantities import LEAST_END_FILM_W_m2K
@@ -36,8 +36,10 @@ def realise(config: Config) -> Realised:
             config = _with(config, boundary=config.boundary.model_copy(update={term.end: end}))
         elif isinstance(term, Heat):
             config = _with(config, source=(*config.source, _named_apart(term.source, config)))
+        elif isinstance(term, LawScale):
+            config = _with(config, source=tuple(_scaled(s, term) for s in config.source))
     config = _with_places(config)
-    rest = tuple(t for t in terms if not isinstance(t, Film | EndConductance | Heat))
+    rest = tuple(t for t in terms if not isinstance(t, Film | EndConductance | Heat | LawScale))
     return Realised(config, (*rest, *_covered(config)))
 
 
@@ -113,6 +115,13 @@ def _named_apart(source: Source, config: Config) -> Source:
     """The source with a number after its name where another has the name already."""
     alike = [s.name for s in config.source if s.name == source.name or s.name.startswith(f"{source.name}.")]
     return source.model_copy(update={"name": f"{source.name}.{len(alike) + 1}"}) if alike else source
+
+
+def _scaled(source: Source, term: LawScale) -> Source:
+    """The source with its law scaled, if the term is about it."""
+    if source.name != term.source:
+        return source
+    return source.model_copy(update={"scale": term.factor * source.scale})
 
 
 def _with(config: Config, **parts: object) -> Config:

@@ -115,12 +115,14 @@ def simulate(
 
 class Means(NamedTuple):
     """Output rows (K, R) at the `ends` of K steps, their `means` over each, and the `way` that they go in it,
-    but for what a source's lag adds, which is of the step as a whole.
+    but for what a source's lag adds, which is of the step as a whole; and the heat that bodies pass to the
+    screw where each moving source is, on average over each step, `passed_W` (K, M).
     """
 
     ends: FloatArray
     means: FloatArray
     way: FloatArray
+    passed_W: FloatArray
 
 
 def simulate_means(plant: Plant, state: FloatArray, inputs: Inputs, sweep: FloatArray | None = None) -> Means:
@@ -129,7 +131,8 @@ def simulate_means(plant: Plant, state: FloatArray, inputs: Inputs, sweep: Float
     A mode of the rate λ that goes from one value to another has on average gone the share w of its way,
     w = 1/(1 - e⁻ᵘ) - 1/u with u = λ dt: half of it where it is slow, nearly all of it where it is fast.
     """
-    out = Means(*np.empty((3, len(inputs), len(plant.rows.C))))
+    rows = np.empty((3, len(inputs), len(plant.rows.C)))
+    out = Means(rows[0], rows[1], rows[2], passed_W=np.empty((len(inputs), len(plant.moving))))
     length_s, which = np.unique(inputs.dt_s, return_inverse=True)
     left, x = (1.0 - _share_of_way(plant.decay_1_s * length_s[:, None]))[which], state
     lagless, F = _lagless(plant), plant.rows.F
@@ -140,8 +143,24 @@ def simulate_means(plant: Plant, state: FloatArray, inputs: Inputs, sweep: Float
         out.ends[part] = ends @ lagless + _of_lags(plant, inputs, part, ends) + z_end @ F.T
         out.means[part] = mean @ lagless + _of_lags(plant, inputs, part, mean) + 0.5 * (z_start + z_end) @ F.T
         out.way[part] = way @ lagless + (z_end - z_start) @ F.T
+        for i, source in enumerate(plant.moving):
+            out.passed_W[part, i] = _passed_W(plant, source.index, inputs.moving_B[part, i], mean)
         x = ends[-1].copy()
     return out
+
+
+def _passed_W(plant: Plant, source: int, B: FloatArray, states: FloatArray) -> FloatArray:
+    """What nodes pass to the screw (k,) where a source is in some steps, by its columns B (k, n_x)."""
+    links, passed_W = np.flatnonzero(plant.coupling.links.source == source), np.zeros(len(states))
+    if not len(links):
+        return passed_W
+    c = plant.coupling
+    reading = B @ c.metric.T if len(c.metric) else B[:, : c.modes]
+    under_degC = np.einsum("ka,ka->k", reading, states[:, : reading.shape[1]])
+    under_degC *= c.conductance_W_m * c.place_gain[source]
+    for i in links.tolist():
+        passed_W += c.links.conductance_W_K[i] * (states @ c.links.C[i] - under_degC)
+    return passed_W
 
 
 def _marched(

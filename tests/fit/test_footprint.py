@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -85,24 +86,23 @@ def test_interpolates_polynomials_exactly() -> None:
         assert x**power @ weights == pytest.approx((place / 16) ** power, abs=1e-12)
 
 
-def test_the_shapes_swept_make_up_the_covariance_of_the_places() -> None:
-    """A nut at each of the places for its share: the covariance of its columns, from their products."""
+def test_the_shapes_swept_make_up_the_covariance_of_all_places_under_a_nut() -> None:
+    """A nut that goes evenly over 0.1 m in a tick covers places with the variances of both lengths."""
     config = with_effects()
     plant = build_plant(config)
-    run = SteppedRun(the_run(), config, plant)
-    source = plant.moving[0]
-    present, table = run._present(source, 0), source.table
-    shapes = np.empty((*present.shape, plant.modes))
+    table = plant.moving[0].table
+    places_m, centre_m = np.linspace(0.0, table.screw_m, PLACES), table.screw_m / 2
+    way_m = np.linspace(centre_m - 0.05, centre_m + 0.05, 1001)
+    apart_m = places_m[1]
+    present = np.maximum(1.0 - np.abs(way_m[:, None] - places_m) / apart_m, 0.0).mean(axis=0)[None]
+    shapes = np.empty((1, PLACES, plant.modes))
     swept(plant, table, present, shapes)
-    columns = np.array(
-        [moving.columns_at(table, [x])[0][: plant.modes] for x in np.linspace(0.0, table.screw_m, PLACES)]
-    )
-    for tick in np.argsort(-(present > 0).sum(axis=1))[:3]:
-        share = present[tick]
-        mean = share @ columns
-        covariance = (columns * share[:, None]).T @ columns - np.multiply.outer(mean, mean)
-        assert np.count_nonzero(share) > 5
-        assert np.abs(shapes[tick].T @ shapes[tick] - covariance).max() < 1e-12 * np.abs(covariance).max()
+    point = replace(table, nut_m=1e-6)
+    slope = [moving.columns_at(point, [x])[0][:2] for x in (centre_m - 1e-3, centre_m + 1e-3)]
+    per_m = (slope[1] - slope[0])[1] / 2e-3  # the second mode is about straight in the middle
+    variance_m2 = (shapes[0].T @ shapes[0])[1, 1] / per_m**2
+    assert table.nut_m > 0.03
+    assert variance_m2 == pytest.approx((0.1**2 + table.nut_m**2) / 12, rel=0.1)
 
 
 @pytest.mark.parametrize("shaped", [Config.model_copy, stepped], ids=["uniform", "stepped"])
@@ -110,9 +110,14 @@ def test_the_shapes_swept_make_up_the_covariance_of_the_places() -> None:
 def test_a_strong_body_on_the_nut_is_predicted_in_ticks_as_row_by_row(
     beside: tuple[EffectTable, ...], shaped: Callable[[Config], Config]
 ) -> None:
-    """What the body takes depends on where the nut has been within a tick, not on the mean place alone."""
+    """What the body takes depends on where the nut has been within a tick, not on the mean place alone.
+
+    Rows leave out what passes under the nut from place to place, so it is short.
+    """
     body = AttachedMass(kind="attached_mass", target="nut", capacity_J_K=4000.0, conductance_W_K=5.0)
     config = shaped(with_effects(body, *beside))
+    short = tuple(s.model_copy(update={"length_m": 0.01}) if s.shape == "nut" else s for s in config.source)
+    config = config.model_copy(update={"source": short})
     forward = Forward(config, [the_run()])
     in_ticks = forward(config)[0]
     run = forward.runs[0]
