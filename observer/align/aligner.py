@@ -17,9 +17,9 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from observer.align.log_times import doubt_of_times, expected_cells, given_intervals_s, intervals_s
+from observer.align.log_times import doubt_of_times, expected_cells, gaps_of, given_intervals_s, intervals_s
 from observer.align.passing import Passing, Passings, never_read, passings_of, with_passings
-from observer.align.plausibility import Breach, Limits, doubts_of_log
+from observer.align.plausibility import Breach, Limits, doubts_of_log, implausible
 from observer.align.walk import Expected, Memory, Rows, Walk
 from observer.config import Config
 from observer.errors import LogError
@@ -330,6 +330,7 @@ def doubts(
     return [
         *log.doubts,
         *slow,
+        *gaps_of(log),
         *dead,
         *words,
         *(() if read is None else never_read(log, passings_of(config), read)),
@@ -356,6 +357,21 @@ def refuse_empty(log: Log, config: Config, *, sensors: bool) -> None:
     raise LogError(
         f"{log.path}: {columns} a value; fill {it}, or leave {it} out of the log and the configuration"
     )
+
+
+def refuse_implausible(log: Log, config: Config, *, laws: bool = False) -> None:
+    """Raise `LogError` where a temperature that the screw is in, or, if asked, an input of a heat law, is
+    beyond its limits in every row: it counts as missing, and nothing follows from the log.
+    """
+    ends = (config.boundary.left, config.boundary.right, config.ambient, *filter(None, [config.bed]))
+    needed = {own.channel for own in ends}
+    if laws:
+        needed |= {c for s in config.source for c in (s.speed_channel, s.nut_speed_channel, s.power_channel)}
+    for name, part, sentence in implausible(config, log.values, log.channels):
+        if name in needed and part == 1.0:
+            raise LogError(
+                f"{log.path}: channel {name} is {sentence}; convert it, or give its unit in [log.columns]"
+            )
 
 
 def _without_value(log: Log, among: Set[str]) -> list[str]:

@@ -6,6 +6,8 @@ empty. Such a cell is not a missing value; one that stays empty beyond the senso
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from observer.config import Config
@@ -26,6 +28,8 @@ ROWS_FROM_S = 5.0
 """Taken as milliseconds, closer rows are 5 ms apart, which any recorder may write."""
 SLOWEST_S = 2 * 86_400.0
 """Screws warm and cool within hours, every day again; whatever takes longer is hardly a temperature."""
+GAP_S, GAP_ROWS = 600.0, 20.0
+"""A gap between rows is longer than both: the screw has warmed or cooled by degrees."""
 MOVED = 10.0
 """Multiple of its noise by which a sensor must vary to show how fast it does."""
 
@@ -106,6 +110,26 @@ def doubt_of_times(log: Log, config: Config) -> str | None:
         "days for what a screw does within hours, which looks like milliseconds where seconds are expected; "
         "divide the column by 1000"
     )
+
+
+def gaps_of(log: Log) -> Iterator[str]:
+    """Yield a sentence where rows are missing for so long that the screw has changed meanwhile."""
+    apart_s = np.diff(log.time_s)
+    long = apart_s > max(GAP_S, GAP_ROWS * float(np.median(apart_s))) if len(apart_s) else np.zeros(0)
+    if long.any():
+        at = int(np.argmax(apart_s))
+        one = f"there is no row for {_duration(apart_s[at])} after {log.time_s[at]:.6g} s"
+        many = f", the longest of {int(long.sum())} such gaps" if long.sum() > 1 else ""
+        yield (
+            f"{one}{many}: what the machine did there is unknown, and what is found just after it is "
+            "doubtful; give the parts as logs of their own"
+        )
+
+
+def _duration(time_s: float) -> str:
+    """A length of time for people."""
+    unit, size_s = ("h", 3600.0) if time_s >= 3600.0 else ("min", 60.0)
+    return f"{time_s / size_s:.3g} {unit}"
 
 
 def _scale_s(log: Log, reading_degC: FloatArray, least_K: float) -> float:

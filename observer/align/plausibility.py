@@ -258,6 +258,23 @@ def doubts_of_log(
 
     `values` (n, c) are the log's cells in the order of `channels`, `paths` the nuts' paths, part by part.
     """
+    for name, part, sentence in implausible(config, values, channels):
+        share = f" ({part:.0%} of its values)" if part < 0.995 else ""
+        yield f"channel {name}{share} is {sentence}"
+    for source in config.source:
+        position, speed = source.position_channel, source.speed_channel
+        if position is not None and speed is not None:
+            ratio = way_ratio([part[position] for part in paths], stroke_of_m(config, source.stroke_m))
+            if ratio is not None and not FALLS_SHORT <= ratio <= DISAGREE:
+                yield motion_sentence(position, speed, ratio)
+
+
+def implausible(
+    config: Config, values: FloatArray, channels: Sequence[str]
+) -> Iterator[tuple[str, float, str]]:
+    """Yield the channels that are beyond their limits: name, the part of the values that are, and what they
+    look like.
+    """
     limits, ambient_degC = Limits.of(config), ambient_of_log_degC(config, values, channels)
     for j, name in enumerate(config.channels):
         if name not in channels:
@@ -267,15 +284,8 @@ def doubts_of_log(
         for breach, beyond in limits.beyond(j, column, ambient_degC):
             if beyond.any():
                 typical = float(np.median(column[beyond]))
-                share = f" ({np.mean(beyond):.0%} of its values)" if np.mean(beyond) < 0.995 else ""
-                yield f"channel {name}{share} is {limits.sentence(j, breach, typical, ambient_degC)}"
+                yield name, float(np.mean(beyond)), limits.sentence(j, breach, typical, ambient_degC)
                 break
-    for source in config.source:
-        position, speed = source.position_channel, source.speed_channel
-        if position is not None and speed is not None:
-            ratio = way_ratio([part[position] for part in paths], stroke_of_m(config, source.stroke_m))
-            if ratio is not None and not FALLS_SHORT <= ratio <= DISAGREE:
-                yield motion_sentence(position, speed, ratio)
 
 
 def stroke_of_m(config: Config, stroke_m: tuple[float, float] | None) -> float:

@@ -66,12 +66,13 @@ def forecast(
     program: Path | None,
     hours: float | None,
     progress: Progress,
+    warn: Callable[[list[str]], None] = lambda _doubts: None,
     **accept: bool,
 ) -> list[str]:
     """Replay a log and forecast from its end; write `forecast.csv`, `.json` and `.png` into `output`.
 
     The program is learnt from the log's end, or given as a log of the input channels. `accept` is handed to
-    `read_log`. Returns sentences. Raises `LogError` or `ConfigError`.
+    `read_log`, `warn` gets the doubts about the log. Returns sentences. Raises `LogError` or `ConfigError`.
     """
     from observer.library.predicting import forecast_run
 
@@ -79,6 +80,7 @@ def forecast(
     follows = None if program is None else read_program(program, config)
     found = forecast_run(log, config, follows, hours, progress)
     found.write(output)
+    warn(list(found.doubts))
     return list(found.sentences)
 
 

@@ -79,6 +79,7 @@ def forecast(
     from observer import app as parts
     from observer.installation import load
 
+    doubts = list[str]()
     with counting("forecast", "estimating", "looking ahead") as progress:
         lines = parts.forecast(
             log,
@@ -87,10 +88,12 @@ def forecast(
             program=program,
             hours=hours,
             progress=progress,
+            warn=doubts.extend,
             **accept,
         )
     for line in lines:
         show_sentence(line)
+    warn(doubts)
     typer.echo(f"written to {output}: forecast.csv, forecast.json, forecast.png")
 
 
@@ -142,6 +145,8 @@ def identify(
     from observer.library.profiles import Report
 
     options = MethodOptions(method, regularisation, parameter_choice, order, gradient, seed)
+    asked = Report(every_m, 60.0 * every_min)
+    asked.check()
     with advancing("identify") as progress:
         summary = parts.identify(
             log,
@@ -149,7 +154,7 @@ def identify(
             output,
             options,
             progress=progress,
-            report=Report(every_m, 60.0 * every_min) if report or every_m is not None else None,
+            report=asked if report or every_m is not None else None,
             **accept,
         )
     typer.echo(f"{summary['rows']} rows over {summary['duration_s']:.6g} s by {method}")

@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from observer.align.aligner import AlignPlan, doubts, frames_of_log, read_in
+from observer.align.aligner import AlignPlan, doubts, frames_of_log, read_in, refuse_implausible
 from observer.align.unit_errors import Misread, read_rightly
 from observer.errors import LogError
 from observer.files.folders import write_json
@@ -40,6 +40,7 @@ def runs_of(logs: Sequence[Log], config: Installation, *, rightly: bool = False)
         read = set[str]().union(*map(read_in, frames))
         odd += [f"{log.path.name}: {sentence}" for sentence in doubts(log, paths, config, read)]
         right, found = read_rightly(log, config, paths) if rightly else (log, ())
+        refuse_implausible(right, config, laws=True)
         misread |= dict.fromkeys(found)
         runs.append(list(frames_of_log(right, plan)) if found else frames)
     return RunsOfLogs(runs, odd, tuple(misread))

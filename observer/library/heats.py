@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from observer.align.aligner import doubts, frames_of_log, read_in
+from observer.align.aligner import doubts, frames_of_log, read_in, refuse_implausible
 from observer.config import Output
 from observer.errors import LogError, UserError
 from observer.estimate.pipeline import MachineModel
@@ -67,6 +67,7 @@ def identified_heats(
     # no field is reported, so the inputs of a long log need not carry its rows
     ends_only = Output(positions_m=(0.0, config.screw.length_m))
     machine = MachineModel.of(config.model_copy(update={"output": ends_only}))
+    refuse_implausible(log, config)
     frames = list(frames_of_log(log, machine.plan))
     blocks = inputs_of(frames, machine.drive)
     read = set[str]().union(*map(read_in, frames))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from observer.align.aligner import frames_of_log, refuse_empty
+from observer.align.aligner import doubts, frames_of_log, read_in, refuse_empty, refuse_implausible
 from observer.errors import LogError, UserError
 from observer.estimate.checkpoint import CheckpointFit
 from observer.estimate.open_loop import OpenLoop
@@ -22,12 +22,14 @@ from observer.forecast.document import Forecast, document, sentences
 from observer.forecast.document import forecast as look_ahead
 from observer.forecast.friction import FrictionBank, forecast_by_all, is_of_use
 from observer.forecast.program import given, learnt
-from observer.frames import EstimateBlock, EstimateQuality, FloatArray
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, NutPath
 from observer.installation import Installation
 from observer.library.packages import in_words
 from observer.library.replaying import Progress
 from observer.library.signals import SignalTable
 from observer.live.forecasting import Learner, forecast_columns, program_bins
+from observer.quality.conditions import of_finding
+from observer.quality.reasons import sentence
 from observer.report.collect import Decimator, simulated
 from observer.report.panels import Panel
 from observer.tables.estimator import AHEAD_H
@@ -75,6 +77,7 @@ def simulated_run(
     """Predict a run from the heat laws alone. Raises `LogError`."""
     machine, log = MachineModel.of(config), program_of(program, config)
     refuse_empty(log, config, sensors=False)
+    refuse_implausible(log, config, laws=True)
     samples = Decimator()
     parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     done = 0
@@ -100,10 +103,12 @@ def simulated_run(
 class ForecastRun(SignalTable):
     """The forecast after a log: temperatures and thermal error with their sigma, and when they settle.
 
-    `sentences` say it in words, `document` is the content of `forecast.json`.
+    `sentences` say it in words, `document` is the content of `forecast.json`, `doubts` are sentences about
+    the log and its end.
     """
 
     sentences: tuple[str, ...]
+    doubts: tuple[str, ...]
     document: Mapping[str, Any]
     _found: Forecast
     _position_m: FloatArray
@@ -133,11 +138,15 @@ def forecast_run(
     settings, machine = config.forecast, MachineModel.of(config, learns=True)
     if hours is not None and not AHEAD_H[0] <= hours <= AHEAD_H[1]:
         raise UserError(f"hours = {hours!r}: give how far ahead, {AHEAD_H[0]:g} to {AHEAD_H[1]:g}")
+    refuse_implausible(log, config)
     pipeline, learner, layout = machine.pipeline(), Learner(machine), machine.plant.layout
     start, _ = start_of(log, CheckpointFit.of(machine))
     bank = FrictionBank(config)
     last: EstimateBlock | None = None
-    for _, block in estimates_of(log, machine.plan, pipeline, progress, start):
+    paths, read = list[Mapping[str, NutPath]](), set[str]()
+    for frames, block in estimates_of(log, machine.plan, pipeline, progress, start):
+        paths.append(frames.path)
+        read |= read_in(frames)
         learner.take(pipeline.inputs, block)
         bank.take(pipeline.inputs, block)
         last = block
@@ -162,9 +171,10 @@ def forecast_run(
     lines = sentences(found, machine.plant, settings.within_um)
     if content["reason"] is not None:
         lines.append(f"Doubtful: {content['reason']}.")
+    odd = *doubts(log, paths, config, read), *(sentence(of_finding(f)) for f in pipeline.findings)
     table = MemoryTable()
     table.write({TIME: found.now_s + found.ahead.time_s, **forecast_columns(layout, found)})
     title = f"{config.machine.name}, axis {config.machine.axis}: forecast from the end of {log.path.name}"
     return ForecastRun(
-        table.table, title, tuple(lines), content, found, layout.position_m, settings.within_um
+        table.table, title, tuple(lines), odd, content, found, layout.position_m, settings.within_um
     )

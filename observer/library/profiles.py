@@ -27,6 +27,11 @@ class Report(NamedTuple):
     every_m: float | None = None
     every_s: float = 600.0
 
+    def check(self) -> None:
+        """Raise `UserError` where its times are none."""
+        if not self.every_s > 0.0:
+            raise UserError(f"--every-min {self.every_s / 60.0:g}: give a number above 0")
+
 
 def write_report(found: Profiles, folder: Path) -> None:
     """Write `report.csv`, a row for each time and place, and `report.png` into a folder."""
@@ -53,9 +58,8 @@ def profiles(log: Log, config: Installation, heats: SignalTable, asked: Report) 
 
     Raises `UserError` where the places or times asked for make no sense, `LogError` as a replay does.
     """
+    asked.check()
     places_m = places(config, asked.every_m)
-    if not asked.every_s > 0.0:
-        raise UserError(f"--every-min {asked.every_s / 60.0:g}: give a number above 0")
     if places_m is not None:
         output = config.output.model_copy(update={"positions_m": places_m})
         config = config.model_copy(update={"output": output})

@@ -73,6 +73,12 @@ def _discover(log, config, out):
     app.discover(config, [log], out, lambda _text, _done: None)
 
 
+def _forecast(log, config, out, warn=lambda _doubts: None):
+    app.forecast(
+        log, load(config), out, program=None, hours=0.5, progress=lambda _done, _total: None, warn=warn
+    )
+
+
 COMMANDS = [_replay, _identify, _calibrate, _discover]
 
 
@@ -92,6 +98,33 @@ def test_it_is_read_where_the_configuration_says_so(config, tmp_path):
 def test_a_channel_without_any_value_is_rejected_by_its_name(command, cell, config, tmp_path):
     with pytest.raises(LogError, match=r'log\.csv: column "ambient_degC" never has a value'):
         command(_log(tmp_path, ambient=cell), config, tmp_path / "out")
+
+
+@pytest.mark.parametrize("command", [_identify, _calibrate, _discover, _simulate, _forecast])
+def test_air_in_another_unit_is_rejected_by_its_name_and_unit(command, config, tmp_path):
+    """It counts as missing throughout, so that nothing else could be said of the log."""
+    with pytest.raises(
+        LogError, match=r"log\.csv: channel ambient_degC is implausible: 71\.6 .* looks like °F;"
+    ):
+        command(_log(tmp_path, ambient="71.6"), config, tmp_path / "out")
+
+
+def test_what_a_log_lacks_and_what_is_wrong_at_its_end_is_said_of_a_forecast_too(config, tmp_path):
+    path = _log(tmp_path)
+    head, *rows = path.read_text().splitlines()
+    rows = [row.replace("22.5", f"{42 if i > 690 else 22}.{50 + i % 7}") for i, row in enumerate(rows)]
+    rows[350:] = [row.replace(f"{350 + i},", f"{86750 + i},", 1) for i, row in enumerate(rows[350:])]
+    rows[3] = rows[3].replace("22.53", "nan")
+    path.write_text("\n".join([head, *rows]) + "\n")
+    said = list[str]()
+    _forecast(path, config, tmp_path / "out", said.extend)
+    (gap,) = [text for text in said if "no row" in text]
+    assert gap.startswith("there is no row for 24 h after 349 s: ")
+    assert any("t1_degC: 1 cell says nan" in text for text in said)
+    assert any(text.startswith("t1 ") for text in said), "which stepped by 20 K"
+    assert gap in app.identify(
+        path, load(config), tmp_path / "heat", MethodOptions(), progress=lambda _text: None
+    )["doubts"]  # fmt: skip
 
 
 def test_a_sensor_may_have_been_away_in_a_recording_and_a_program_has_none(config, tmp_path):

@@ -6,8 +6,10 @@ import json
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from observer import app
+from observer.cli import app as cli
 from observer.errors import LogError, UserError
 from observer.files.logs import read_log
 from observer.files.writer import write_log
@@ -164,4 +166,9 @@ def test_a_report_that_cannot_be_is_refused_in_one_sentence(tmp_path):
             app.identify(
                 log, _config(), tmp_path / "out", MethodOptions(), progress=lambda _text: None, report=report
             )
+    config = tmp_path / "machine.toml"
+    config.write_text("")  # nothing is read before
+    command = ["identify", str(log), "--config", str(config), "--output", str(tmp_path / "out")]
+    done = CliRunner().invoke(cli, [*command, "--every-min", "0"])
+    assert str(done.exception) == "--every-min 0: give a number above 0"
     assert not (tmp_path / "out").exists()
