@@ -363,8 +363,9 @@ def refuse_implausible(log: Log, config: Config, *, laws: bool = False) -> None:
     """Raise `LogError` where a temperature that the screw is in, or, if asked, an input of a heat law, is
     beyond its limits in every row: it counts as missing, and nothing follows from the log.
     """
-    ends = (config.boundary.left, config.boundary.right, config.ambient, *filter(None, [config.bed]))
-    needed = {own.channel for own in ends}
+    needed = {config.boundary.left.channel, config.boundary.right.channel, config.ambient.channel}
+    if config.bed is not None:
+        needed.add(config.bed.channel)
     if laws:
         needed |= {c for s in config.source for c in (s.speed_channel, s.nut_speed_channel, s.power_channel)}
     for name, part, sentence in implausible(config, log.values, log.channels):
