@@ -20,6 +20,8 @@ from observer.tables.estimator import EstimatorSettings
 
 _EXPLAINED = 1.2
 """Up to this multiple of the noise's own misfit, heats explain a log."""
+_LIKELY = 3.0
+"""A tolerance that is off by more of its standard deviations is wrong, or something else is."""
 
 
 def heat_history(
@@ -44,6 +46,11 @@ def heat_history(
     if changes is not None and len(changes.learnt):
         found = most_probable(plant, settings, blocks, changes)
         history = _by_method(plant, settings, less(blocks, found.sensor_K), options, progress)
+        of_method = options.regularisation is not None or options.gradient == "central-differences"
+        if history.warnings and not of_method and found.largest <= _LIKELY:
+            whole = Regularised(plant, settings, less(blocks, found.whole_K), 1).solve(1.0).residual
+            if np.nanmean(whole**2 / plant.noise_R_K2) <= _EXPLAINED:
+                history = replace(history, warnings=(_within(history.details["misfit"]),))
         sigma_W = np.sqrt(history.heat_sigma_W**2 + found.variance_W2)
         history = replace(history, heat_sigma_W=sigma_W)
     elif first is not None and options.method == "smoother":
@@ -151,6 +158,15 @@ def _warnings(options: MethodOptions, misfit: float) -> list[str]:
     return [
         f"the residual is {misfit**0.5:.3g} times the noise, so the heats do not explain the log; {remedy}"
     ]
+
+
+def _within(misfit: float) -> str:
+    """What is said of a misfit that vanishes where the tolerances that are only considered move, too."""
+    return (
+        f"the residual is {misfit**0.5:.3g} times the noise, and [tolerance] explains it by what it only "
+        "allows for (material, positions and the like), which stays as configured; σ includes it, and the "
+        "smoother takes it up as noise of the field"
+    )
 
 
 def _after(log: Readings, values: FloatArray) -> FloatArray:

@@ -125,11 +125,14 @@ class _Along:
 
 
 class Within(NamedTuple):
-    """The most probable effect of the learnt tolerances on the sensors (K, s), K, and the variance (K, m_e),
-    W², that all tolerances add to the heats.
+    """The most probable effect of the learnt tolerances on the sensors (K, s), K, that of all of them, those
+    only considered too, how many standard deviations the largest is, and the variance (K, m_e), W², that all
+    tolerances add to the heats.
     """
 
     sensor_K: FloatArray
+    whole_K: FloatArray
+    largest: float
     variance_W2: FloatArray
 
 
@@ -139,11 +142,13 @@ def most_probable(
     """Return the estimate of at least one tolerance from the accepted readings of consecutive blocks."""
     information, M = smooth_changes(plant, settings, blocks, changes.sensor_K)
     S = np.linalg.inv(np.eye(len(information)) + information[:, 1:])
-    theta = np.where(changes.learnt, S @ information[:, 0], 0.0)
+    every = S @ information[:, 0]
+    theta = np.where(changes.learnt, every, 0.0)
     held = np.ix_(~changes.learnt, ~changes.learnt)
     S[held] = np.eye(len(information))[held]
     variance = np.sum(M @ S * M, axis=2)
-    return Within(changes.sensor_K @ theta, np.maximum(variance, 0.0))
+    largest = float(np.abs(every).max())
+    return Within(changes.sensor_K @ theta, changes.sensor_K @ every, largest, np.maximum(variance, 0.0))
 
 
 def less(blocks: Sequence[Inputs], change_K: FloatArray) -> list[Inputs]:

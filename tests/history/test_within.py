@@ -97,6 +97,19 @@ def test_every_method_takes_learnt_off_the_readings_and_the_rest_into_sigma(meth
     assert (learnt.heat_sigma_W <= known.heat_sigma_W + 1e-9).all() or method == "conjugate-gradient"
 
 
+@pytest.mark.parametrize("size", [1.5, 9.0])
+def test_a_misfit_that_tolerances_explain_is_no_reason_to_calibrate(size):
+    """Faster than any heat, and only considered: once within its σ, and once far beyond it."""
+    plant, u, _ = logged(steps=90)
+    changes = Changes(drifts(90, 4), np.array([True, True, False]))
+    changes.sensor_K[:, :, 2] = 0.3 * np.sin(np.arange(90.0))[:, None] * np.array([1.0, -1.0, 1.0, -1.0])
+    log = u._replace(y_degC=u.y_degC + size * changes.sensor_K[:, :, 2])
+    found = heat_history(plant, OPEN_GATE, [log], MethodOptions("tikhonov"), lambda _heat_W: changes)
+    (said,) = found.warnings
+    assert ("calibrate" in said) == (size > 3.0)
+    assert ("σ includes it" in said) == (size < 3.0)
+
+
 def of_morning(number):
     """The first twenty minutes of a rough machine's day."""
     one = day(draw(FIRST_SEED, number, Rough()), FIRST_SEED, number, "a")
