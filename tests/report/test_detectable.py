@@ -199,7 +199,7 @@ def test_the_text_has_the_table_and_the_sentence_or_the_reason(monkeypatch: pyte
 def test_on_housings_it_is_said_that_sigma_holds_no_slow_fault() -> None:
     housed = installation.load(ROOT / "config" / "demo-housings.toml")
     found = detectable(housed)
-    assert (found["slow_in_sigma"], of_demo()["slow_in_sigma"]) == (False, True)
+    assert (found["slow_in_sigma"], detectable(demo())["slow_in_sigma"]) == (False, True)
     assert min(column(found, "slow_K")) > 20.0
     (_, said) = _least(found["minimal_detectable"], None, found["slow_in_sigma"])
     assert "bounds allow for it, σ does not" in str(said)
