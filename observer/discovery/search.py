@@ -109,8 +109,8 @@ class FittedCandidate:
 class Search(NamedTuple):
     """The result of a search.
 
-    `null` is the fit without effects, `fit` the last accepted one, with a body or where rows are far apart
-    fitted again with the tolerances at its own parameters; `chosen` its effects, each with the trials
+    `null` is the fit without effects, `fit` the last accepted one, with a body of a nut or where rows are far
+    apart fitted again with the tolerances at its own parameters; `chosen` its effects, each with the trials
     it won against (`rivals`, itself first, then the best) while the others stood; `ranking` the first round;
     `blind` the candidates confounded with the free parameters; `signatures` those of the
     library.
@@ -159,7 +159,8 @@ def search(
         fit, chosen, trials = _exchanged(null, fit, chosen, i, found, pool)
         rivals.append(trials)
     coarse = any(run.coarse for run in problem.forward.runs)
-    if any(coarse or t.candidate.of.rough > FORM for t in chosen):
+    nuts = {source.name for source in problem.config.source if source.shape == "nut"}
+    if any(coarse or (t.candidate.of.rough > FORM and t.candidate.target in nuts) for t in chosen):
         fit = refitted(fit)
     return Search(null, fit, tuple(chosen), tuple(rivals), ranking, blind, tuple(found))
 
