@@ -25,7 +25,7 @@ from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import Chunk
 from observer.forecast.ahead import CALM, Runner, ahead, runner, runner_by_law
 from observer.forecast.document import Forecast, travel_of
-from observer.forecast.known import KnownRunIn, known_run_in, run_from_starts, with_known
+from observer.forecast.known import KnownRunIn, known_run_in, run_from_starts
 from observer.forecast.program import Program
 from observer.forecast.settling import MOST_S as LONGEST_S
 from observer.forecast.settling import Settled, draws, likely, settling, warm_up, with_spread
@@ -106,7 +106,7 @@ class FrictionBank:
             rivals += [(runner_by_law, running_in(lasting, time_s, wander_s), None) for time_s in times_s]
         else:
             slower = [known.slower(times) for times in TIMES]
-            rivals += [(runner_by_law, with_known(running_in(lasting, 1.0, wander_s), k), k) for k in slower]
+            rivals += [(runner_by_law, running_in(lasting, k.time_s, wander_s, k.sigma), k) for k in slower]
         filters = [WeighedFilter(own, settings) for _, own, _ in rivals]
         states = [
             one.run(one.initial(), inputs)[0] if known is None else run_from_starts(one, own, inputs, known)
@@ -179,9 +179,13 @@ def with_known_scales(config: Config) -> Config:
     return config.model_copy(update={"source": tuple(known)})
 
 
-def running_in(plant: Plant, time_s: float, wander_s: float) -> Plant:
+def running_in(
+    plant: Plant, time_s: float | FloatArray, wander_s: float, more: float | FloatArray = MORE
+) -> Plant:
     """A plant whose heats by law are the law times a constant that is learnt, and what dies away in a time.
 
+    `time_s`, and `more`, one standard deviation of that in parts of the law, are of all heats or of each,
+    (m_e,).
     That begins anew whenever the law jumps. Heats without a law stay as they are. What is learnt becomes
     another in `wander_s`: a scale that wanders by a twenty-fifth in half an hour imitates running in.
     """
@@ -192,7 +196,7 @@ def running_in(plant: Plant, time_s: float, wander_s: float) -> Plant:
         plant,
         random_walk_W2_s=np.where(by_law, 0.0, plant.random_walk_W2_s),
         heat_decay_1_s=np.where(by_law, 1.0 / time_s, plant.heat_decay_1_s),
-        law_uncertainty=np.where(by_law, MORE, plant.law_uncertainty),
+        law_uncertainty=np.where(by_law, more, plant.law_uncertainty),
         learning=replace(plant.learning, wander_s=wander_s),
         initial_sigma_W=np.where(by_law, 1e-3, plant.initial_sigma_W),
     )

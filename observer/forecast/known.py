@@ -58,16 +58,6 @@ def known_run_in(config: Config, plant: Plant, unknown: float) -> KnownRunIn | N
     return KnownRunIn(*map(np.array, columns))
 
 
-def with_known(plant: Plant, known: KnownRunIn) -> Plant:
-    """A plant of heats that run in, each of those by law with what is known of that."""
-    runs_in = plant.heat_decay_1_s > 0.0
-    return replace(
-        plant,
-        heat_decay_1_s=np.where(runs_in, 1.0 / known.time_s, 0.0),
-        law_uncertainty=np.where(runs_in, known.sigma, plant.law_uncertainty),
-    )
-
-
 def run_from_starts(one: KalmanEstimator, plant: Plant, inputs: Inputs, known: KnownRunIn) -> EstimatorState:
     """Run over inputs whose laws jump where work begins and where its level changes: there each heat gets
     what it is known to have more.

@@ -17,7 +17,7 @@ from observer.forecast.friction import (
     weights_of,
     with_known_scales,
 )
-from observer.forecast.known import KnownRunIn, known_run_in, run_from_starts, with_known
+from observer.forecast.known import KnownRunIn, known_run_in, run_from_starts
 from observer.forecast.settling import Settled
 from observer.frames import EstimateBlock, Inputs
 from observer.model.build import build_plant
@@ -155,7 +155,7 @@ def test_heats_begin_with_what_they_are_known_to_have_more() -> None:
     inputs = since_start(inputs.part(0, start + 100), 200.0)
     bearing = [plant.source_names[j] for j in np.flatnonzero(plant.estimated)].index("bearing.l")
     known = KnownRunIn(np.full(2, 0.25), np.full(2, 1e-6), np.full(2, 1e6))
-    own = with_known(running_in(plant, 1.0, 1e6), known)
+    own = running_in(plant, known.time_s, 1e6, known.sigma)
     state = run_from_starts(WeighedFilter(own, config.estimator), own, inputs, known)
     more_W = state.x_hat[len(plant.decay_1_s) :][bearing]
     assert more_W == pytest.approx(0.25 * inputs.law_W[-1].max(), rel=0.02)  # the first row is half a step
