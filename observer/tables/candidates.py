@@ -10,13 +10,13 @@ from pydantic import Field, model_validator
 
 from observer.tables import quantities
 from observer.tables.quantities import Section
-from observer.tables.sensors import PROBING_S, Sensor, SensorKind, refuse_foreign_keys
+from observer.tables.sensors import PROBING_S, Measuring, Sensor, SensorKind, refuse_foreign_keys
 
 MOST_PLACES = 200
 """The most places that candidates may have altogether."""
 
 
-class SensorCandidate(Section):
+class SensorCandidate(Measuring):
     """A sensor that could be mounted, or one anywhere along a stretch of the screw; or a probing cycle."""
 
     #: what it is called; of a stretch, the name to which each place is added, as `_250mm`
@@ -29,17 +29,6 @@ class SensorCandidate(Section):
     to_m: quantities.Position | None = None  #: where it ends
     #: how far apart the places of a stretch are tried
     spacing_m: Annotated[quantities.Length, Field(ge=1e-4)] | None = None
-    noise_K: quantities.Noise = 0.1  #: standard deviation of its noise
-    #: standard deviation of its offset; – is `tolerance.offset_K`
-    offset_K: Annotated[quantities.NonNegative, Field(le=50)] | None = None
-    #: the part of the rise above the air that it shows
-    shows: quantities.PartOfRise = 1.0
-    #: standard deviation of that part, relative; – is `tolerance.gain`
-    shows_tolerance: quantities.Share | None = None
-    #: displacement: standard deviation of its noise
-    noise_um: Annotated[quantities.Positive, Field(ge=1e-4, le=1000)] = 1.0
-    #: displacement: standard deviation of its zero
-    zero_um: Annotated[quantities.NonNegative, Field(le=10_000)] = 5.0
     #: displacement: it comes only now and then, one reading each `every_s`
     occasional: quantities.Flag = False
     #: occasional displacement: how far apart its readings are; – is an hour

@@ -33,7 +33,23 @@ def refuse_foreign_keys(table: Section, kind: SensorKind) -> None:
             raise ValueError(f'{key} has no meaning with kind = "{kind}"; remove it')
 
 
-class Sensor(Section):
+class Measuring(Section):
+    """How well something measures, be it mounted or only a candidate."""
+
+    noise_K: quantities.Noise = 0.1  #: standard deviation of its noise
+    #: standard deviation of its offset; – is `tolerance.offset_K`
+    offset_K: Annotated[quantities.NonNegative, Field(le=50)] | None = None
+    #: the part of its rise above the air [that it shows](../how-to/choose-sensors.md#a-part-of-the-rise)
+    shows: quantities.PartOfRise = 1.0
+    #: standard deviation of that part, relative; – is `tolerance.gain`
+    shows_tolerance: quantities.Share | None = None
+    #: displacement: standard deviation of its noise
+    noise_um: Annotated[quantities.Positive, Field(ge=1e-4, le=1000)] = 1.0
+    #: displacement: standard deviation of its zero, from where the screw has its reference temperature
+    zero_um: Annotated[quantities.NonNegative, Field(le=10_000)] = 5.0
+
+
+class Sensor(Measuring):
     """A thermocouple on the screw, or on a node beside it; an infrared sensor or a sliding contact, which
     shows a part of the rise above the air; or what measures the thermal error: a probe, a laser.
     """
@@ -46,17 +62,6 @@ class Sensor(Section):
     channel: quantities.Channel
     position_m: quantities.Position | None = None  #: its position on the screw
     on: quantities.Name | None = None  #: the node it sits on
-    noise_K: quantities.Noise = 0.1  #: standard deviation of its noise
-    #: standard deviation of its offset; – is `tolerance.offset_K`
-    offset_K: Annotated[quantities.NonNegative, Field(le=50)] | None = None
-    #: the part of its rise above the air [that it shows](../how-to/choose-sensors.md#a-part-of-the-rise)
-    shows: quantities.PartOfRise = 1.0
-    #: standard deviation of that part, relative; – is `tolerance.gain`
-    shows_tolerance: quantities.Share | None = None
-    #: displacement: standard deviation of its noise
-    noise_um: Annotated[quantities.Positive, Field(ge=1e-4, le=1000)] = 1.0
-    #: displacement: standard deviation of its zero, from where the screw has its reference temperature
-    zero_um: Annotated[quantities.NonNegative, Field(le=10_000)] = 5.0
     #: displacement: it comes only now and then, as when a probing cycle runs, and nothing is missing between
     occasional: quantities.Flag = False
     #: displacement: instead of `position_m`, the nut at which it measures, wherever that is: a scale

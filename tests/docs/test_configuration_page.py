@@ -12,7 +12,7 @@ import drivers
 from drivers import places
 from observer.effects.base import EffectTable
 from observer.effects.catalogue import LIBRARY
-from observer.tables import candidates, laws, quantities, sections
+from observer.tables import candidates, laws, quantities, sections, sensors
 from tests.docs.reference import CONFIGURATION, DEVICES, REFERENCE, TABLES, written
 
 
@@ -33,8 +33,9 @@ def test_every_key_has_a_meaning(page: str, title: str, model: type[BaseModel]) 
 
 
 def test_every_section_of_a_configuration_has_its_table() -> None:
-    bases = {sections.Description, sections.Boundaries, candidates.CandidateFile, EffectTable, laws.HeatLaw}
-    found = set(quantities.Section.__subclasses__()) | set(laws.HeatLaw.__subclasses__())
+    shared = {laws.HeatLaw, sensors.Measuring}
+    bases = {sections.Description, sections.Boundaries, candidates.CandidateFile, EffectTable} | shared
+    found = set(quantities.Section.__subclasses__()).union(*(one.__subclasses__() for one in shared))
     assert found - bases == set(CONFIGURATION.values())
 
 
