@@ -77,9 +77,11 @@ def running_in_of(fit: Fit, runs: Sequence[Run]) -> dict[str, float]:
             continue
         each = [_settles(fit, source.name, i) for i in rested] if len(rested) > 1 else []
         apart = spread(found.share, [nearest(one, [found.time_s]) for one in each if one is not None])
-        values = (found.share, found.time_s, math.hypot(found.sigma, apart))
-        names = ("run_in", "run_in_s", "run_in_tolerance")
-        written |= {f"source.{source.name}.{n}": v for n, v in zip(names, values, strict=True)}
+        written |= {
+            f"source.{source.name}.run_in": found.share,
+            f"source.{source.name}.run_in_s": found.time_s,
+            f"source.{source.name}.run_in_tolerance": math.hypot(found.sigma, apart),
+        }
     return written
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -13,20 +12,16 @@ import pytest
 from observer.effects.catalogue import KINDS, LIBRARY
 from observer.model.cycle import PHASES
 from observer.physics import constants
-from observer.tables.sections import Source
 
 ROOT = Path(__file__).parents[2]
 PRODUCT = [p for package in ("observer", "drivers") for p in sorted((ROOT / package).rglob("*.py"))]
 OF_EFFECTS = {effect.__module__ for effect in LIBRARY}
 ELSEWHERE = [p for p in PRODUCT if not p.is_relative_to(ROOT / "observer" / "effects")]
-WORDS = (
-    set(KINDS) - set(PHASES) - set(Source.model_fields)
-)  # dwell is a phase of a log, run_in a key of a source
+WORDS = set(KINDS) - set(PHASES)  # a dwell is a phase of a log as well
 ABSOLUTE_ZERO = ROOT / "observer" / "tables" / "quantities.py"  # the range of a temperature, not a conversion
 SIMULATED = ROOT / "drivers" / "simulated"  # written anew, for it is to test the rest
 
 
-@cache
 def parsed(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
