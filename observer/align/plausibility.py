@@ -207,18 +207,39 @@ def units_of(kind: ChannelKind) -> tuple[Unit, ...]:
 
 
 _FAULT_CODES = (32767.0, 32768.0, 3276.7, 3276.8, 327.67, 327.68, 2047.9375, 9999.0, 999.9)
+_DS18B20 = {85.0: "the 85 °C of a DS18B20 before its first conversion", -127.0: "a DS18B20 that is missing"}
+_RESOLUTIONS_K = (1.0, 0.1, 0.01, 0.0625)
+"""The steps in which devices count temperatures."""
+_LIKELY_BELOW_K = 15.0
+"""A unit that would put a screw further below the air than this is not named."""
 
 
 def unit_hint(kind: ChannelKind, value: float, low: float, high: float, ambient_degC: float) -> str | None:
-    """Name the unit that a value looks like which should be in `low` … `high`, or a fault code."""
+    """Name every cause that would explain a value outside `low` … `high`: units, signs and fault codes."""
     if kind in TEMPERATURES:
-        if any(abs(abs(value) - code) < 1e-3 * code for code in _FAULT_CODES):
-            return "it looks like a device's fault code; give it to its driver as fault_codes"
         centre = 22.0 if math.isnan(ambient_degC) or not -20.0 < ambient_degC < 60.0 else ambient_degC
-        fitting = [name for name, to in _TEMPERATURES if abs(to(value) - centre) <= ABOVE_AMBIENT_K]
+        candidates = list(_temperature_candidates(value, centre))
     else:
-        fitting = [name for name, to in units_of(kind) if low <= to(value) <= high]
-    return f"it looks like {fitting[0]}" if fitting else None
+        candidates = [name for name, to in units_of(kind) if low <= to(value) <= high]
+    if not candidates:
+        return None
+    *first, last = candidates
+    return f"it looks like {', '.join(first)}{' or ' if first else ''}{last}"
+
+
+def _temperature_candidates(value: float, centre_degC: float) -> Iterator[str]:
+    """Yield each explanation of a temperature reading that lies far from `centre_degC`."""
+    if any(abs(abs(value) - code) < 1e-4 * code for code in _FAULT_CODES):
+        yield "a device's fault code (give it to its driver as fault_codes)"
+    yield from (cause for code_degC, cause in _DS18B20.items() if abs(value - code_degC) < 1e-6)
+    for bits in (16, 32):
+        for step_K in _RESOLUTIONS_K:
+            signed_degC = value - 2.0**bits * step_K
+            if signed_degC < 0.0 and abs(signed_degC - centre_degC) <= ABOVE_AMBIENT_K:
+                yield f'{signed_degC:.4g} °C read as an unsigned number (type = "int{bits}")'
+    for name, to in _TEMPERATURES:
+        if -_LIKELY_BELOW_K <= to(value) - centre_degC <= ABOVE_AMBIENT_K:
+            yield name
 
 
 SPEED_RATIOS = (

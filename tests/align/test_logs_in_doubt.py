@@ -104,7 +104,8 @@ def test_a_channel_without_any_value_is_rejected_by_its_name(command, cell, conf
 def test_air_in_another_unit_is_rejected_by_its_name_and_unit(command, config, tmp_path):
     """It counts as missing throughout, so that nothing else could be said of the log."""
     with pytest.raises(
-        LogError, match=r"log\.csv: channel ambient_degC is implausible: 71\.6 .* looks like °F;"
+        LogError,
+        match=r"log\.csv: channel ambient_degC is implausible: 71\.6 .* looks like °F or tenths of °C;",
     ):
         command(_log(tmp_path, ambient="71.6"), config, tmp_path / "out")
 

@@ -85,6 +85,24 @@ def test_a_heater_on_a_bench_may_be_hot():
     assert Limits.of(hot).doubt(0, 80.0) is None
 
 
+@pytest.mark.parametrize(
+    ("value", "candidates"),
+    [
+        (6553.1, ['-0.5 °C read as an unsigned number (type = "int16")', "hundredths of °C"]),
+        (65526.0, ['-10 °C read as an unsigned number (type = "int16")']),
+        (429496724.6, ['-5 °C read as an unsigned number (type = "int32")']),
+        (85.0, ["the 85 °C of a DS18B20 before its first conversion", "°F", "tenths of °C"]),
+        (-127.0, ["a DS18B20 that is missing"]),
+        (71.6, ["°F", "tenths of °C"]),
+        (3276.7, ["a device's fault code (give it to its driver as fault_codes)", "hundredths of °C"]),
+    ],
+)
+def test_a_hint_names_every_cause_that_fits_a_temperature(value, candidates):
+    hint = unit_hint(ChannelKind.SCREW, value, -40.0, 150.0, 22.0)
+    assert hint is not None
+    assert hint.removeprefix("it looks like ").replace(" or ", ", ").split(", ") == candidates
+
+
 def test_no_unit_is_guessed_where_none_fits():
     assert unit_hint(ChannelKind.SCREW, 9e5, -40.0, 150.0, math.nan) is None
     assert unit_hint(ChannelKind.OTHER, 1e9, -math.inf, math.inf, math.nan) is None
