@@ -32,7 +32,7 @@ from observer.files.log_checks import (
     without,
     words_in,
 )
-from observer.files.regular import one_line, refuse_irregular
+from observer.files.regular import MOST_LOG_BYTES, one_line, refuse_irregular, refuse_large
 from observer.frames import BoolArray, FloatArray
 
 TIME = "time_s"
@@ -41,6 +41,8 @@ FLAGS = "flags"
 LATE = "late_s"
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
 EMPTY_CELLS = ("", *MISSING_WORDS)
+CELL_BYTES = 8
+"""Of a number in memory."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,6 +129,7 @@ def read_log(
     try:
         suffix = suffix_of(path)
         refuse_irregular(path, "a readable log")
+        refuse_large(path, path.stat().st_size)
         if suffix == ".parquet":
             log = _read_parquet(path, needed)
         else:
@@ -137,6 +140,10 @@ def read_log(
     except OSError as error:
         reason = error.strerror or one_line(str(error))
         raise LogError(f"{path}: cannot be read ({reason}); give a readable log") from None
+    except csv.Error as error:
+        raise LogError(
+            f"{path}: not readable as CSV ({error}); save it again, without stray quotes"
+        ) from None
     except LogError:
         raise
     except UserError as error:
@@ -196,21 +203,26 @@ def _parsed(path: Path, data: bytes, header: list[str], wanted: list[str]) -> Lo
 
 
 def bytes_of(path: Path) -> tuple[bytes, bool]:
-    """The text of a log, and whether it ends before its end: compressed data cut, or blank disk blocks."""
+    """Return the text of a log, and whether its end is missing: compressed data cut, or blank disk blocks.
+
+    Raises `LogError` for damaged compressed data, and for more than `MOST_LOG_BYTES` once unpacked.
+    """
     data = path.read_bytes()
-    if not path.name.endswith(".gz"):
+    if not path.name.lower().endswith(".gz"):
         return data.rstrip(b"\0"), data.endswith(b"\0")
-    parts = []
+    text, size_bytes = list[bytes](), 0
     while data:
         member = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16)
         try:
-            parts.append(member.decompress(data))
+            text.append(member.decompress(data, MOST_LOG_BYTES + 1 - size_bytes))
         except zlib.error as error:
             raise LogError(f"{path}: damaged gzip data ({error}); copy the log again") from None
+        size_bytes += len(text[-1])
+        refuse_large(path, size_bytes)
         if not member.eof:
-            return b"".join(parts), True
+            return b"".join(text), True
         data = member.unused_data
-    return b"".join(parts), False
+    return b"".join(text), False
 
 
 def _header(path: Path, data: bytes) -> list[str]:
@@ -348,14 +360,13 @@ def _read_parquet(path: Path, needed: Sequence[str]) -> Log:
     from pyarrow import parquet  # noqa: PLC0415
 
     try:
-        with parquet.ParquetFile(path) as file:
+        with parquet.ParquetFile(path, page_checksum_verification=True) as file:
+            refuse_large(path, CELL_BYTES * file.metadata.num_rows * file.metadata.num_columns)
             header = list(file.schema_arrow.names)
             _check_names(path, header)
             table = file.read(columns=_wanted(path, header, needed))
-    except pa.ArrowException as error:
-        raise LogError(
-            f"{path}: damaged or not Parquet ({str(error).splitlines()[0]}); copy it again"
-        ) from None
+    except (pa.ArrowException, UnicodeDecodeError) as error:
+        raise LogError(f"{path}: damaged or not Parquet ({one_line(str(error))}); copy it again") from None
     for i, name in enumerate(table.column_names):
         if _is_flags(name, header):
             continue

@@ -8,11 +8,13 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from observer.errors import ConfigError, UserError
+from observer.errors import ConfigError, LogError, UserError
 
 MOST_BYTES = 4_000_000
 """Of a configuration or a record of an adoption."""
 MOST_DEPTH = 24
+MOST_LOG_BYTES = 1 << 30
+"""Of a log, on disk and unpacked: a day at 20 Hz of twenty channels has a third of it as text."""
 
 
 def one_line(reason: str) -> str:
@@ -30,6 +32,14 @@ def refuse_irregular(path: Path, what: str, opened: int | None = None) -> None:
     if not stat.S_ISREG(mode):
         kind = "a folder" if stat.S_ISDIR(mode) else "not an ordinary file"
         raise UserError(f"{path}: cannot be read, it is {kind}; give {what}")
+
+
+def refuse_large(path: Path, size_bytes: int) -> None:
+    """Raise `LogError` for a log that needs more than `MOST_LOG_BYTES` of memory."""
+    if size_bytes > MOST_LOG_BYTES:
+        raise LogError(
+            f"{path}: holds more than {MOST_LOG_BYTES >> 20} MiB once unpacked; split it into shorter logs"
+        )
 
 
 def read_regular(path: Path, most_bytes: int, what: str) -> bytes:

@@ -106,7 +106,7 @@ class TableWriter:
         from pyarrow import parquet  # noqa: PLC0415
 
         if self._parquet is None:
-            self._parquet = parquet.ParquetWriter(self._sink, table.schema)
+            self._parquet = parquet.ParquetWriter(self._sink, table.schema, write_page_checksum=True)
         self._parquet.write_table(table)
 
     def __exit__(self, kind: type[BaseException] | None, *_error: object) -> None:

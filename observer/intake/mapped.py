@@ -100,6 +100,8 @@ def logged(
         rows = len(time_s)
         time_s, values = with_steps(time_s, values, np.array(inputs))
         of_several = of_several or len(time_s) > rows
+    if not len(time_s):
+        raise several(name, ["holds no row with a time; give a log with at least one sample"])
     column = next((c for source in every for c in source.clock.columns), "the time")
     refuse_other_units(paths[0], column, time_s, how.rows_apart_s)
     channels = tuple(s.channel for s in samples)

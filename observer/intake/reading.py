@@ -96,7 +96,7 @@ def _parquet_header(path: Path) -> list[str] | None:
 
     try:
         schema = parquet.read_schema(path)
-    except pa.ArrowException:
+    except (pa.ArrowException, UnicodeDecodeError):
         return [TIME]
     ours = schema.names[:1] == [TIME] and not types.is_temporal(schema.field(0).type)
     return list(schema.names) if ours else None

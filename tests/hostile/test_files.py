@@ -44,7 +44,7 @@ LOGS = {
 }
 
 
-def _assert_one_sentence(error: UserError) -> None:
+def assert_one_sentence(error: UserError) -> None:
     """One sentence, or a list of at most ten of them and how many more there are."""
     first, *listed = str(error).split("\n")
     assert all(said.isprintable() for said in (first, *listed)), (first, listed)
@@ -70,7 +70,7 @@ def test_a_damaged_log_is_read_or_rejected(name, tmp_path):
         try:
             _assert_sound(read_log(path, CHANNELS))
         except LogError as error:
-            _assert_one_sentence(error)
+            assert_one_sentence(error)
             refused += 1
         except BaseException as error:
             error.add_note(label)
@@ -112,7 +112,7 @@ def test_a_damaged_dbc_is_used_or_rejected(content, tmp_path):
         try:
             load_decoder(settings.signals("axis"))
         except UserError as error:
-            _assert_one_sentence(error)
+            assert_one_sentence(error)
             refused += 1
         except BaseException as error:
             error.add_note(label)

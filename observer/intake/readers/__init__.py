@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from observer.errors import LogError
-from observer.files.regular import one_line, refuse_irregular
+from observer.errors import LogError, UserError
+from observer.files.regular import one_line, refuse_irregular, refuse_large
 from observer.intake.sheets import Sheet
 from observer.tables.logs import Logs
 
@@ -40,12 +40,18 @@ def read_sheets(path: Path, how: Logs, accept_truncated: bool = False) -> list[S
         raise LogError(f"{path}: unknown kind of log; give one of {', '.join(EVERY)}")
     try:
         refuse_irregular(path, "a readable log")
+        refuse_large(path, path.stat().st_size)
         sheets = _read(path, kind, how, accept_truncated)
+    except (UserError, ModuleNotFoundError):
+        raise
     except FileNotFoundError:
         raise LogError(f"{path}: no such file; give the path of a log") from None
     except OSError as error:
         reason = error.strerror or one_line(str(error))
         raise LogError(f"{path}: cannot be read ({reason}); give a readable log") from None
+    except Exception as error:  # noqa: BLE001 - whatever a format's package stumbles over in damaged bytes
+        reason = one_line(str(error)) or type(error).__name__
+        raise LogError(f"{path}: damaged or not {kind[1:]} ({reason}); copy or export it again") from None
     sheets = [sheet for sheet in sheets if sheet.columns and len(sheet.columns[0])]
     if not sheets:
         raise LogError(f"{path}: holds no table of values; give a log with at least one sample")

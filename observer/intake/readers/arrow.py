@@ -7,22 +7,38 @@ from typing import Any
 
 import numpy as np
 
-from observer.errors import LogError
-from observer.files.regular import one_line
+from observer.files.logs import CELL_BYTES
+from observer.files.regular import refuse_large
 from observer.intake.sheets import RawColumn, Sheet
 
 
 def read_arrow(path: Path, kind: str) -> list[Sheet]:
-    """Read the one table of such a file. Raises `LogError`."""
-    import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
-    from pyarrow import feather, parquet  # noqa: PLC0415
-
-    try:
-        table = parquet.read_table(path) if kind == ".parquet" else feather.read_table(path)
-    except pa.ArrowException as error:
-        raise LogError(f"{path}: damaged or not {kind[1:]} ({one_line(str(error))}); copy it again") from None
+    """Read the table of such a file. Raises `LogError` for a large one, pyarrow's errors for damage."""
+    table = _parquet_table(path) if kind == ".parquet" else _ipc_table(path)
     columns = [_column(field, table.column(i)) for i, field in enumerate(table.schema)]
     return [Sheet(path, "", tuple(column for column in columns if column is not None))]
+
+
+def _parquet_table(path: Path) -> Any:
+    from pyarrow import parquet  # noqa: PLC0415 - slow to import, and the daemon reads no log
+
+    with parquet.ParquetFile(path, page_checksum_verification=True) as file:
+        refuse_large(path, CELL_BYTES * file.metadata.num_rows * file.metadata.num_columns)
+        return file.read()
+
+
+def _ipc_table(path: Path) -> Any:
+    """Read a Feather or Arrow file batch by batch, so that its size is known before it fills the memory."""
+    import pyarrow as pa  # noqa: PLC0415
+
+    with pa.OSFile(str(path)) as source:
+        reader = pa.ipc.open_file(source)
+        batches, size_bytes = [], 0
+        for number in range(reader.num_record_batches):
+            batches.append(reader.get_batch(number))
+            size_bytes += batches[-1].nbytes
+            refuse_large(path, size_bytes)
+        return pa.Table.from_batches(batches, reader.schema)
 
 
 def _column(field: Any, cells: Any) -> RawColumn | None:

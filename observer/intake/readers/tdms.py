@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from observer.errors import LogError
-from observer.files.regular import one_line
 from observer.frames import FloatArray
 from observer.intake.sheets import RawColumn, Sheet
 
 
 def read_tdms(path: Path) -> list[Sheet]:
-    """Read the channels of a TDMS file, those of one clock in a sheet. Raises `LogError`."""
+    """Read the channels of a TDMS file, those of one clock in a sheet. Raises nptdms's errors for damage."""
     from nptdms import TdmsFile  # noqa: PLC0415 - of an extra
+    from nptdms.log import log_manager  # noqa: PLC0415
 
-    try:
-        file = TdmsFile.read(path)
-        groups = [_group(path, group) for group in file.groups()]
-    except (ValueError, EOFError, KeyError, TypeError) as error:
-        raise LogError(f"{path}: damaged or not TDMS ({one_line(str(error))}); copy it again") from None
-    return [sheet for sheets in groups for sheet in sheets]
+    log_manager.set_level(logging.CRITICAL)  # nptdms would print damaged bytes to the terminal
+    file = TdmsFile.read(path)
+    return [sheet for group in file.groups() for sheet in _group(path, group)]
 
 
 def _group(path: Path, group: Any) -> list[Sheet]:

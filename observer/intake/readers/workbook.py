@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import datetime
+import pickle
+import resource
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -16,23 +20,47 @@ from observer.intake.sheets import RawColumn, Sheet
 from observer.tables.logs import Logs
 
 _LEAST_ROWS = 2
+MEMORY_BYTES = 4 << 30
+"""Of address space: a sheet of a million rows and ten columns takes half of it."""
 
 
 def read_workbook(path: Path, how: Logs) -> list[Sheet]:
-    """Read the tables of a workbook. Raises `LogError`."""
-    from python_calamine import CalamineError, CalamineWorkbook  # noqa: PLC0415 - of an extra
+    """Read the tables of a workbook, in a process of its own with bounded memory. Raises `LogError`.
+
+    One cell far from the others makes the reader of workbooks allocate the whole grid between them, which
+    ends a process without an exception.
+    """
+    import python_calamine  # noqa: F401, PLC0415 - of an extra, whose absence is reported from here
+
+    run = subprocess.run(
+        [sys.executable, "-m", __name__], input=pickle.dumps((path, how)), capture_output=True, check=False
+    )
+    if run.returncode != 0:
+        raise LogError(
+            f"{path}: cannot be read within {MEMORY_BYTES >> 30} GiB of memory; delete cells far outside the "
+            "table, or save the table as CSV"
+        )
+    answer = pickle.loads(run.stdout)
+    if isinstance(answer, str):
+        raise LogError(answer)
+    return list(answer)
+
+
+def _answer(path: Path, how: Logs) -> list[Sheet] | str:
+    """The tables of a workbook, or a sentence on why there are none."""
+    from python_calamine import CalamineError, CalamineWorkbook  # noqa: PLC0415
 
     try:
         book = CalamineWorkbook.from_path(path)
         grids = {
             name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in book.sheet_names
         }
-    except CalamineError as error:
-        raise LogError(f"{path}: damaged or not a workbook ({one_line(str(error))}); save it again") from None
-    found = {name: sheet for name, grid in grids.items() if (sheet := _sheet(path, name, grid, how))}
-    if len(found) > 1:
-        return list(found.values())
-    return [Sheet(s.path, "", s.columns, decimal=s.decimal, lines=s.lines) for s in found.values()]
+        sheets = {name: sheet for name, grid in grids.items() if (sheet := _sheet(path, name, grid, how))}
+    except (CalamineError, OSError, ValueError) as error:
+        return f"{path}: damaged or not a workbook ({one_line(str(error))}); save it again"
+    if len(sheets) > 1:
+        return list(sheets.values())
+    return [Sheet(s.path, "", s.columns, decimal=s.decimal, lines=s.lines) for s in sheets.values()]
 
 
 def _sheet(path: Path, name: str, grid: Sequence[Sequence[Any]], how: Logs) -> Sheet | None:
@@ -81,3 +109,8 @@ def cells_of(cells: Sequence[Any]) -> Any:
     import pyarrow as pa  # noqa: PLC0415 - slow to import
 
     return pa.array([shown(cell) or None for cell in cells], pa.string())
+
+
+if __name__ == "__main__":
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    sys.stdout.buffer.write(pickle.dumps(_answer(*pickle.load(sys.stdin.buffer))))
