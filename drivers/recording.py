@@ -18,6 +18,7 @@ from can.io.blf import BLFParseError
 from drivers.can_bus import Decode
 from observer.errors import LogError
 from observer.frames import Reading
+from observer.process.memory import import_mf4
 
 _REMEDY = "copy the recording again, or convert what is left of it to a new file"
 # What the readers of python-can raise for invalid bytes.
@@ -35,6 +36,8 @@ def messages_of(path: Path) -> Iterator[can.Message]:
     cut off. The frame at the cut is not given: half a line can look like a whole frame.
     """
     _check_head(path)
+    if ".mf4" in path.suffixes:
+        import_mf4()
     # Absolute times, so that recordings of two buses can be laid side by side.
     options = {"relative_timestamp": False} if ".asc" in path.suffixes else {}
     count = 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import importlib
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -29,6 +30,19 @@ def not_found(*names: str) -> Iterator[None]:
     finally:
         for name in hidden:
             del sys.modules[name]
+
+
+def import_mf4() -> None:
+    """Make python-can read MF4 even where it was imported under `not_found("asammdf")`.
+
+    Raises `ModuleNotFoundError` where asammdf is not installed.
+    """
+    import can.io.mf4  # noqa: PLC0415 - before asammdf, which imports can in the middle of its own import
+
+    if getattr(can.io.mf4, "asammdf", None) is None:
+        import asammdf  # noqa: F401, PLC0415 - of an extra
+
+        importlib.reload(can.io.mf4)
 
 
 def leave_in_peace() -> None:

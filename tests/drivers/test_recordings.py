@@ -4,6 +4,7 @@ import can
 import pytest
 
 from observer.errors import LogError
+from observer.process.memory import import_mf4
 from tests.drivers.test_can import frame, settings
 
 COUNT = 2000
@@ -19,6 +20,8 @@ def decoded(path):
 def record(tmp_path):
     def write(suffix):
         path = tmp_path / f"axis{suffix}"
+        if suffix == ".mf4":
+            import_mf4()
         with can.Logger(path) as log:
             for i in range(COUNT):
                 log(frame(i / COUNT, 0.1 * (i * 7919 % 60_000), timestamp=START_S + 0.02 * i))
@@ -27,7 +30,7 @@ def record(tmp_path):
     return write
 
 
-@pytest.mark.parametrize("suffix", [".asc", ".blf", ".log", ".csv", ".trc", ".asc.gz"])
+@pytest.mark.parametrize("suffix", [".asc", ".blf", ".log", ".csv", ".trc", ".asc.gz", ".mf4"])
 def test_every_frame_comes_back_with_value_and_time(record, suffix):
     readings = list(decoded(record(suffix)))
     assert len(readings) == COUNT

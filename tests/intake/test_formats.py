@@ -7,7 +7,7 @@ from collections.abc import Callable
 from datetime import timedelta
 from pathlib import Path
 
-import can.io.mf4  # before asammdf, see `readers/mdf.py`
+import can
 import numpy as np
 import openpyxl
 import pyarrow as pa
@@ -17,6 +17,7 @@ from nptdms import ChannelObject, TdmsWriter
 from pyarrow import feather, parquet
 
 from observer.intake.readers import holds_signals
+from observer.process.memory import import_mf4
 from tests.intake.machine import START, Truth, assert_is, read, truth
 
 NAMES = ("t1 [degC]", "t2 [degC]", "nut position [mm]", "screw speed [rpm]", "ambient [degC]")
@@ -176,6 +177,7 @@ def test_what_other_programs_write_is_read_as_it_is(tmp_path, suffix, write):
 
 def test_signals_of_mdf_are_distinguished_from_bus_frames(tmp_path):
     measurement("4.10")(tmp_path / "signals.mf4", truth())
+    import_mf4()
     with can.MF4Writer(tmp_path / "bus.mf4") as writer:
         writer.on_message_received(
             can.Message(timestamp=1.0, arbitration_id=0x12, data=[1, 2], is_extended_id=False)

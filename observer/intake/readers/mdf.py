@@ -12,6 +12,7 @@ import numpy as np
 from observer.errors import LogError
 from observer.files.regular import one_line
 from observer.intake.sheets import RawColumn, Sheet
+from observer.process.memory import import_mf4
 
 
 def has_signals(path: Path) -> bool:
@@ -40,9 +41,7 @@ def read_mdf(path: Path) -> list[Sheet]:
 def _opened(path: Path) -> Any:
     import logging  # noqa: PLC0415
 
-    # asammdf imports can in the middle of its own import, which leaves can without its reader of buses in MDF
-    import can.io.mf4  # noqa: F401, PLC0415
-
+    import_mf4()
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     from asammdf import MDF  # noqa: PLC0415 - of an extra
 
