@@ -39,7 +39,7 @@ BUILD := $(UV) build --python $(PYTHON) --no-create-gitignore --build-constraint
 .DELETE_ON_ERROR:
 # `make -j demo test` would make the environment for both at once.
 .NOTPARALLEL:
-.PHONY: help env runtime demo test unit system slow nightly coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign integrity fleet-scaling config-mutants mutants reference figures docs container-check operations-check lock dist wheels sbom clean
+.PHONY: help env runtime demo test unit system processors slow nightly coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign integrity fleet-scaling config-mutants mutants reference figures docs container-check operations-check lock dist wheels sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -61,6 +61,9 @@ unit: $(READY)  ## tests without processes or servers, on two cores; ARGS goes t
 
 system: $(READY)  ## tests with real processes, servers and routers, four at a time; ARGS goes to pytest
 	$(BIN)/python -m pytest -m "system and not slow" -n 4 --dist loadscope --no-loadscope-reorder -p no:benchmark $(ARGS)
+
+processors: $(READY)  ## the numeric tests as on four generations of processors; CI runs them too
+	$(BIN)/python -m tests.processors $(ARGS)
 
 slow: $(READY) dist  ## the tests that take long: four whole searches, images, services under load; CI runs them too
 	$(BIN)/python -m pytest -m "slow and not nightly" -n 2 --dist loadfile --no-loadscope-reorder -p no:benchmark $(ARGS)

@@ -52,7 +52,11 @@ def test_conjugate_gradients_without_noise_find_the_heats():
     np.testing.assert_allclose(found.heat_W[1:90, :, 0], heat_W[1:90], rtol=0, atol=1.0)
 
 
-def test_logs_descend_together_as_each_by_itself():
+def test_heats_of_a_log_do_not_depend_on_the_logs_that_descend_beside_it():
+    """A sum over another number of columns rounds otherwise, each iteration multiplies the difference, and a
+    descent then ends an iteration earlier or later. That moves the heats by less than a hundredth; a mixed-up
+    column moves them by half.
+    """
     plant, u, _ = logged(steps=120)
     log, sweeps = readings(plant, [u], 1), Sweeps(plant, u, 1)
     logs = np.stack([log.rise_K, 0.01 * log.rise_K, 0.5 * log.rise_K], axis=2)
@@ -60,9 +64,12 @@ def test_logs_descend_together_as_each_by_itself():
     assert len(set(together.iterations.tolist())) == 3, "they end at different times"
     for c in range(3):
         alone = descend(sweeps, log.weight_1_K, logs[:, :, c : c + 1])
-        # sums over another number of columns are rounded otherwise, and hundreds of directions carry that on
-        assert alone.iterations[0] == pytest.approx(together.iterations[c], rel=0.05)
-        np.testing.assert_allclose(alone.heat_W[:, :, 0], together.heat_W[:, :, c], rtol=0, atol=0.05)
+        assert alone.reached[0]
+        assert together.reached[c]
+        largest_W = np.abs(alone.heat_W).max()
+        np.testing.assert_allclose(
+            alone.heat_W[:, :, 0], together.heat_W[:, :, c], rtol=0, atol=0.02 * largest_W
+        )
 
 
 def test_a_nut_that_moves_is_followed_over_uneven_steps():
