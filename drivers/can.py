@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal
 
@@ -60,9 +60,9 @@ class CanSettings(CanTable):
 
         return [f"dbc: {problem}" for problem in dbc_problems(self.signals(name))]
 
-    def decodes(self, recording: Path, name: str) -> Iterator[Reading]:
+    def decodes(self, recording: Path, name: str) -> Iterable[Reading]:
         """The readings in a recording of the bus, decoded as on the live bus."""
         from drivers.dbc import load_decoder  # noqa: PLC0415
-        from drivers.recording import readings_of  # noqa: PLC0415
+        from drivers.recording import Recording  # noqa: PLC0415
 
-        return readings_of(recording, load_decoder(self.signals(name)))
+        return Recording(recording, load_decoder(self.signals(name)))

@@ -10,9 +10,9 @@ import math
 import re
 from collections import defaultdict
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from drivers.dbc_faults import faulty_line, lines_of_messages, message_names
 from drivers.places import CanChannel, Signals
 from drivers.protocol import Decoded
 from observer.errors import UserError
@@ -98,15 +98,15 @@ def load_decoder(signals: Signals) -> DbcDecoder:
 
     Raises `UserError` when the file cannot be used or does not have a message or signal.
     """
-    database = _load(signals.dbc)
-    if problems := _missing(database, signals):
+    file = _load(signals)
+    if problems := _missing(file, signals):
         raise UserError("; ".join(problems))
     grouped: dict[str, list[tuple[str, CanChannel]]] = defaultdict(list)
     for name, channel in signals.channels.items():
         grouped[channel.message].append((name, channel))
     messages = {}
     for message_name, entries in grouped.items():
-        message = database.get_message_by_name(message_name)
+        message = file.database.get_message_by_name(message_name)
         messages[message.frame_id, message.is_extended_frame] = (message, tuple(entries))
     return DbcDecoder(messages)
 
@@ -114,55 +114,76 @@ def load_decoder(signals: Signals) -> DbcDecoder:
 def dbc_problems(signals: Signals) -> list[str]:
     """Return the problems that prevent a driver from decoding by its DBC file, a sentence each."""
     try:
-        return _missing(_load(signals.dbc), signals)
+        return _missing(_load(signals), signals)
     except UserError as error:
         return [str(error)]
 
 
-def _load(path: Path) -> Any:
-    """Parse a DBC file, whatever is in it; Raises `UserError`."""
+@dataclass(frozen=True, slots=True)
+class _DbcFile:
+    """The parsed messages of a DBC file, all or those that are used, and the names of all."""
+
+    database: Any
+    names: list[str]
+
+
+def _load(signals: Signals) -> _DbcFile:
+    """Parse a DBC file; faults in messages that are not used do not matter. Raises `UserError`."""
+    path = signals.dbc
     try:
-        text = read_regular(path, MOST_BYTES, "a DBC file").decode("cp1252")
-        _refuse_giants(path, text)
-        database = cantools.database.load_string(text, database_format="dbc")
+        text = read_regular(path, MOST_BYTES, "a DBC file").decode("cp1252", errors="replace")
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); give the path of a DBC file") from None
-    except _NO_DBC as error:
-        reason = one_line(str(error)) or "unreadable"
-        raise UserError(f"{path}: not a valid DBC file ({reason}); export it again") from None
-    return database
+    if _problem_of(text) is None:
+        database = _parsed(text)
+        return _DbcFile(database, [message.name for message in database.messages])
+    names = message_names(text)
+    if not names:
+        raise UserError(
+            f"{path}: not a valid DBC file (no line begins with BO_); give the path of a DBC file"
+        )
+    used = lines_of_messages(text, {channel.message for channel in signals.channels.values()})
+    if faulty := faulty_line(used, _problem_of):
+        raise UserError(f"{path}: line {faulty[0]} cannot be read ({faulty[1]}); correct this line")
+    return _DbcFile(_parsed(used), names)
 
 
-def _refuse_giants(path: Path, text: str) -> None:
-    """Raise `UserError` for a message that no bus carries; the parser would lay out its gigabytes of bits."""
+def _parsed(text: str) -> Any:
+    return cantools.database.load_string(text, database_format="dbc")
+
+
+def _problem_of(text: str) -> str | None:
+    """Why a text is not a DBC file that can be used; None if it can."""
     sizes = [int(size[:12]) for size in _MESSAGE.findall(text)]
     bits = [int(number[:12]) for place in _SIGNAL.findall(text) for number in place]
     if max(sizes, default=0) > MOST_MESSAGE_BYTES or max(bits, default=0) > 8 * MOST_MESSAGE_BYTES:
-        raise UserError(
-            f"{path}: not a valid DBC file (a message or signal is larger than {MOST_MESSAGE_BYTES} bytes); "
-            "export it again"
-        )
+        # the parser would lay out its gigabytes of bits
+        return f"a message or signal is larger than {MOST_MESSAGE_BYTES} bytes, which no bus carries"
+    try:
+        _parsed(text)
+    except _NO_DBC as error:
+        return one_line(str(error)).removeprefix("DBC: ").strip('".') or type(error).__name__
+    return None
 
 
-def _missing(database: Any, signals: Signals) -> list[str]:
+def _missing(file: _DbcFile, signals: Signals) -> list[str]:
     """Messages and signals that the file does not have, a sentence each."""
-    found = []
-    names = [message.name for message in database.messages]
+    problems = []
     for name, channel in signals.channels.items():
         place = f"{signals.dbc}: channel {name} of drivers.{signals.driver}"
-        if channel.message not in names:
-            found.append(f'{place}: no message "{channel.message}"; the file has {_some(names)}')
+        if channel.message not in file.names:
+            problems.append(f'{place}: no message "{channel.message}"; the file has {_some(file.names)}')
             continue
-        if names.count(channel.message) > 1:
-            found.append(f'{place}: the file has message "{channel.message}" twice; remove one')
+        if file.names.count(channel.message) > 1:
+            problems.append(f'{place}: the file has message "{channel.message}" twice; remove one')
             continue
-        there = [signal.name for signal in database.get_message_by_name(channel.message).signals]
-        found += [
-            f'{place}: no signal "{signal}"; the message has {_some(there)}'
+        signal_names = [s.name for s in file.database.get_message_by_name(channel.message).signals]
+        problems += [
+            f'{place}: no signal "{signal}"; the message has {_some(signal_names)}'
             for signal in (channel.signal, channel.fault_signal)
-            if signal is not None and signal not in there
+            if signal is not None and signal not in signal_names
         ]
-    return found
+    return problems
 
 
 def _some(names: list[str]) -> str:

@@ -9,7 +9,7 @@ importing any bus library.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from math import nan
 from pathlib import Path
@@ -164,6 +164,9 @@ class DriverTable(Settings):
         """The step between two neighbouring values of each channel that comes as a whole number."""
         return {}
 
-    def decodes(self, _recording: Path, _name: str) -> Iterator[Reading] | None:
-        """The readings in a recording of the bus; None where this kind of driver has no recordings."""
+    def decodes(self, _recording: Path, _name: str) -> Iterable[Reading] | None:
+        """The readings in a recording of the bus; None where this kind of driver has no recordings.
+
+        The iterable may have `doubts`, sentences about what of the recording is lost or uncertain.
+        """
         return None

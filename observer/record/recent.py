@@ -186,14 +186,15 @@ SUFFIXES = (".asc", ".blf", ".trc", ".log", ".mf4", ".db")
 
 def is_can_recording(path: Path) -> bool:
     """Whether a path names a CAN recording, compressed or not."""
-    return path.with_suffix("").suffix in SUFFIXES if path.suffix == ".gz" else path.suffix in SUFFIXES
+    suffix = path.suffix.lower()
+    return (path.with_suffix("").suffix.lower() if suffix == ".gz" else suffix) in SUFFIXES
 
 
 def read_can_log(path: Path, config: Installation) -> Log:
     """Decode a recording by the configuration's CAN drivers, with a tick at each period.
 
-    Raises `LogError` where it cannot be read, was cut off or goes back in time, `ConfigError` where no CAN
-    driver is configured.
+    `doubts` of the log name the lines that are damaged or cut off. Raises `LogError` where no frame can be
+    read or the time goes back, `ConfigError` where no CAN driver is configured.
     """
     decoded = [driver.decodes(path, name) for name, driver in config.drivers.items()]
     buses = [readings for readings in decoded if readings is not None]
@@ -210,7 +211,9 @@ def read_can_log(path: Path, config: Installation) -> Log:
     readings.sort(key=lambda reading: reading.time_s)
     if not readings:
         raise LogError(f"{path}: no frame that the configured DBC files describe; check the bus and the DBC")
-    return _with_ticks(path, readings, config.channels, config.estimator.period_s)
+    log = _with_ticks(path, readings, config.channels, config.estimator.period_s)
+    doubts = dict.fromkeys(doubt for bus in buses for doubt in getattr(bus, "doubts", ()))
+    return replace(log, doubts=tuple(doubts))
 
 
 def _with_ticks(path: Path, readings: list[Reading], channels: tuple[str, ...], period_s: float) -> Log:

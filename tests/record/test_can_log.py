@@ -113,3 +113,12 @@ def test_a_recording_that_goes_back_in_time_is_rejected(tmp_path: Path, dbc: Pat
     with pytest.raises(LogError, match="backwards"):
         replay(tmp_path / "rig.blf", _config(dbc), tmp_path / "out", ".csv", progress=lambda *_: None)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_with_a_cut_last_line_is_replayed_with_a_warning(tmp_path: Path, dbc: Path) -> None:
+    _recorded(tmp_path / "rig.log", dbc)
+    data = (tmp_path / "rig.log").read_bytes()
+    (tmp_path / "rig.log").write_bytes(data[:-5])
+    summary = replay(tmp_path / "rig.log", _config(dbc), tmp_path / "out", ".csv", progress=lambda *_: None)
+    assert summary["rows"] == 118
+    assert summary["doubts"][0] == "the last line (120) is cut off and left out"
