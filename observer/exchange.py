@@ -135,7 +135,18 @@ KEYS = {
         panel=True,
     ),
     "heat": Key(
-        "JSON: heat, sigma and bound of each source", "every step", rated=True, page_every_s=0.09, panel=True
+        "JSON: heat, sigma and bound of each source",
+        "every step",
+        rated=True,
+        page_every_s=0.09,
+        panel=True,
+        figures=(
+            KeyFigure(
+                "sensors_used", "Sensors that the estimate uses.", "sensors_used", "SensorsUsed",
+                labelled=False,
+            ),
+            KeyFigure("sensors", "Configured sensors.", "sensors", "SensorsConfigured", labelled=False),
+        ),
     ),
     "field": Key(
         "JSON: temperature, sigma and bound at each grid point",
@@ -175,7 +186,8 @@ KEYS = {
         panel=True,
         figures=(
             KeyFigure("state", "The state of the service.", node="Health/State"),
-            KeyFigure("reasons", "Why it is not good.", node="Health/Reasons"),
+            KeyFigure("reasons", "What is wrong.", node="Health/Reasons"),
+            KeyFigure("degraded_sensors", "Sensors that are not used.", node="Health/DegradedSensors"),
             KeyFigure("cycles", "Steps of the estimator.", "cycles", counter=True),
             KeyFigure("overruns", "Steps left out because the computer was late.", "overruns", counter=True),
             KeyFigure("published", "Messages that went to Zenoh.", "published", counter=True),

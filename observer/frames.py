@@ -307,6 +307,23 @@ class EstimateBlock(_Cut):
             if not getattr(self, name).size:
                 object.__setattr__(self, name, np.zeros((len(self.time_s), 0)))
 
+    @property
+    def used(self) -> BoolArray:
+        """Which sensors each estimate uses, (K, s).
+
+        A sensor is used while its reading is fresh and accepted and the sensor is not excluded. Between two
+        samples of a slow sensor the last one counts. An invalid estimate uses none.
+        """
+        valid = self.quality != EstimateQuality.INVALID
+        used: BoolArray = (self.sensor_quality == Quality.GOOD) & valid[:, None]
+        return used
+
+    @property
+    def sensors_used(self) -> NDArray[np.int64]:
+        """The number of sensors that each estimate uses, (K,)."""
+        count: NDArray[np.int64] = self.used.sum(axis=1)
+        return count
+
     @classmethod
     def joined(cls, blocks: Sequence[EstimateBlock]) -> Self:
         """Return consecutive blocks as one."""

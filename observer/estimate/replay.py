@@ -84,6 +84,10 @@ def _counts(block: EstimateBlock) -> tuple[Any, ...]:
         len(block),
         np.bincount(block.quality, minlength=len(EstimateQuality)),
         np.array([np.bincount(codes, minlength=len(Quality)) for codes in block.sensor_quality.T]),
+        np.bincount(
+            block.sensors_used[block.quality == EstimateQuality.GOOD],
+            minlength=block.sensor_quality.shape[1] + 1,
+        ),
         np.isfinite(heat_W).sum(axis=0),
         np.nansum(heat_W, axis=0),
         np.isfinite(innovation_K).sum(axis=0),
@@ -95,13 +99,14 @@ def _counts(block: EstimateBlock) -> tuple[Any, ...]:
 def _summary(layout: Layout, counts: list[tuple[Any, ...]], duration_s: float) -> dict[str, Any]:
     """A replay in numbers: the same for the same log and configuration."""
     totals: list[Any] = [sum(column) for column in zip(*counts, strict=True)]
-    rows, quality, sensor_quality, heats, heat_W, values, sum_K, squares_K2 = totals
+    rows, quality, sensor_quality, good_by_used, heats, heat_W, values, sum_K, squares_K2 = totals
     bias_K, squares_K2 = _mean(sum_K, values), _mean(squares_K2, values)
     sensors = zip(layout.sensors, layout.units, squares_K2, bias_K, sensor_quality, strict=True)
     return {
         "rows": rows,
         "duration_s": duration_s,
         "quality": {q.label: int(n) for q, n in zip(EstimateQuality, quality, strict=True)},
+        "good_by_sensors_used": {str(n): int(steps) for n, steps in enumerate(good_by_used) if steps},
         "heat_mean_W": dict(zip(layout.sources, _mean(heat_W, heats), strict=True)),
         "sensors": {
             name: {
@@ -150,6 +155,8 @@ def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
         columns[f"learned_{name}"] = block.learned[:, j]
         columns[f"learned_{name}_sigma"] = block.learned_sigma[:, j]
     columns["quality"] = _LABELS[block.quality]
+    columns["sensors_used"] = block.sensors_used.astype(float)
+    columns["sensors"] = np.full(len(block), float(len(layout.sensors)))
     return columns
 
 

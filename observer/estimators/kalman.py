@@ -57,7 +57,10 @@ class KalmanEstimator(BlockEstimator):
 
     def scratch(self) -> Scratch:
         """Allocate what kernels change on the way; each thread has its own."""
-        return Scratch(self._arrays, self.initial(), None if self._integrity is None else self._bank())
+        bank = None if self._integrity is None else self._bank()
+        scratch = Scratch(self._arrays, self.initial(), bank)
+        scratch.running.flags[2] = bank is not None and bool(np.isfinite(bank.held.limit).any())
+        return scratch
 
     def _bank(self) -> Bank:
         assert self._integrity is not None

@@ -56,7 +56,9 @@ class PlantArrays(NamedTuple):
 
 
 class Running(NamedTuple):
-    """The state while it runs, changed in place: `P` (n, padded width), `flags` [started, silent]."""
+    """The state while it runs, changed in place: `P` (n, padded width), `flags` [started, silent,
+    limited]: the last says that bounds have limits, which decide whether a missing sensor is needed.
+    """
 
     x: FloatArray
     P: FloatArray
@@ -196,7 +198,7 @@ def initial_state(plant: Plant, *, screens: bool = False) -> EstimatorState:
 
 def thaw(state: EstimatorState) -> Running:
     """Copy a state into arrays that may change."""
-    flags = np.array([int(state.started), state.silent], dtype=np.int64)
+    flags = np.array([int(state.started), state.silent, 0], dtype=np.int64)
     return Running(
         np.array(state.x_hat, order="C"),
         pad_rows(state.P, padded_width(len(state.P))),

@@ -184,20 +184,23 @@ def judge(u, k, usable, accepted, state, out):
     steps.
 
     A refused sensor stays marked between its samples. Only quality is judged: a tick between two samples of a
-    slow sensor is neither degraded nor stale.
+    slow sensor is neither degraded nor stale. With `state.flags[2]` the bounds have limits: an estimate that
+    meets them does not need the sensors that deliver nothing usable.
     """
-    good, stale, excluded = 0, 0, 0
+    good, stale, refused, lost = 0, 0, 0, 0
     for i in range(len(usable)):
         quality = u.quality[k, i]
         if len(state.guard) > 0 and state.guard[i, CAUSE] != 0.0:
-            excluded += 1
             state.guard[i, STEPS] += 1.0
             if quality == GOOD:
                 quality = EXCLUDED
+        elif quality != GOOD:
+            lost += 1
         if quality == GOOD and (
             (usable[i] and not accepted[i]) or (not usable[i] and state.suspect[i] > 0.0)
         ):
             quality = REJECTED
+            refused += 1
         out.sensor_quality[k, i] = quality
         if quality == GOOD:
             good += 1
@@ -206,7 +209,7 @@ def judge(u, k, usable, accepted, state, out):
     state.flags[1] = 0 if good > 0 else state.flags[1] + 1
     if state.flags[1] > STALE_AFTER_STEPS or stale == len(usable):
         return ESTIMATE_STALE
-    if u.degraded[k] != 0 or good < len(usable) - excluded:
+    if u.degraded[k] != 0 or refused > 0 or (lost > 0 and state.flags[2] == 0):
         return ESTIMATE_DEGRADED
     return judge_screening(state.verdict, u.time_s[k]) if len(state.guard) > 0 else ESTIMATE_GOOD
 

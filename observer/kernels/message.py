@@ -26,11 +26,12 @@ def put_count(out, at, count):
     return at + 1 + size
 
 
-def encode(own, data, sequence):
+def encode(own, data, sequence, sensors_used):
     """Return the message of an estimate, kept as `data`.
 
-    Pieces: the beginning, what is between time and sequence, between it and quality, a name for each
-    quality, the head of each array, the head of the sensors' qualities, a name for each of these.
+    Pieces: the beginning, what is between time and sequence, between that and the number of sensors used,
+    between that and quality, a name for each quality, the head of each array, the head of the sensors'
+    qualities, a name for each of these.
     """
     source, arrays = data, len(own.begin)
     at = put_piece(own, 0, 0)
@@ -38,13 +39,15 @@ def encode(own, data, sequence):
     at = put_piece(own, at + 8, 1)
     at = put_count(own.out, at, sequence)
     at = put_piece(own, at, 2)
-    at = put_piece(own, at, 3 + octet_at(source, own.quality_at))
+    at = put_count(own.out, at, sensors_used)
+    at = put_piece(own, at, 3)
+    at = put_piece(own, at, 4 + octet_at(source, own.quality_at))
     for a in range(arrays):
-        at = put_piece(own, at, 3 + own.qualities + a)
+        at = put_piece(own, at, 4 + own.qualities + a)
         for i in range(own.numbers[a]):
             put_float32(own.out, at, float_at(source, own.begin[a] + 8 * i))
             at += 4
-    at = put_piece(own, at, 3 + own.qualities + arrays)
+    at = put_piece(own, at, 4 + own.qualities + arrays)
     for i in range(own.sensors):
-        at = put_piece(own, at, 4 + own.qualities + arrays + octet_at(source, own.sensors_at + i))
+        at = put_piece(own, at, 5 + own.qualities + arrays + octet_at(source, own.sensors_at + i))
     return bytes_of(own.out, at)

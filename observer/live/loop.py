@@ -305,6 +305,13 @@ class _Cycles:
             yield from observer.notices()
         yield from self._service.renewals.notices()
 
+    def _used_sensors(self) -> frozenset[str]:
+        """The names of the sensors that the last estimate uses."""
+        if self._last is None:
+            return frozenset()
+        names = self._pipeline.layout.sensors
+        return frozenset(n for n, used in zip(names, self._last.estimate.used[0], strict=True) if used)
+
     def _report(self, now_s: float) -> None:
         """Publish the health when it has changed or five seconds have passed."""
         service, statuses, gap = self._service, self.wires.statuses(), self._pipeline.gap
@@ -325,6 +332,7 @@ class _Cycles:
             tuple(self._notices()),
             *((None, None) if gap is None else (gap.figures, gap.departure)),
             service.sensors,
+            self._used_sensors(),
         )
         health = assess(facts)
         for observer in service.observers:

@@ -22,7 +22,10 @@ from observer.report import appearance
 _BEAT_S = 1.0
 _AGAIN = b"retry: 1000\n\n"
 """A browser that has lost the connection retries each second; its default is three."""
-_KEPT = ("time_s", "sequence", "instance", "quality", "sources", "law_W", "sensors", "sensor_quality")
+_KEPT = (
+    "time_s", "sequence", "instance", "quality", "sensors_used", "sources", "law_W", "sensors",
+    "sensor_quality",
+)  # fmt: skip
 _DIGITS = 6
 
 
@@ -146,6 +149,7 @@ class Recent:
         return {
             "time_s": field["time_s"],
             "quality": field["quality"],
+            **{key: field[key] for key in ("sensors_used", "sensors") if key in field},
             **{key: _rounded(field.get(key) or []) for key in ("temperature_degC", "sigma_K", "bound_K")},
             **{key: _rounded(error.get(key) or []) for key in ("error_um", "sigma_um", "bound_um")},
             **{key: error[key] for key in FORCE if key in error},

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from observer.config import Config
 
 _FLOAT32_LE = 85
+_SHORT_MAP = 24
+"""A CBOR map with fewer entries has their number in its first byte."""
 _DIGITS = 6
 _QUALITY = [quality.label for quality in EstimateQuality]
 _CHANNEL_QUALITY = [quality.label for quality in Quality]
@@ -36,7 +38,7 @@ _ARRAYS = (
     "heat_W", "heat_sigma_W", "heat_bound_W", "law_W", "field_degC", "field_sigma_K", "field_bound_K",
     "error_um", "error_sigma_um", "error_bound_um", "innovation_K", "innovation_sigma_K",
 )  # fmt: skip
-_ENTRIES = len(_ARRAYS) + 8
+_ENTRIES = len(_ARRAYS) + 9
 """Entries of the map, without those that only some machines have."""
 
 
@@ -84,6 +86,11 @@ def _array_head(count: int) -> bytes:
     return cbor2.dumps([None] * count)[: -count or None]
 
 
+def _map_head(count: int) -> bytes:
+    """The beginning of a map of so many entries, which follow: up to 255."""
+    return bytes((0xA0 + count,)) if count < _SHORT_MAP else bytes((0xB8, count))
+
+
 class EstimateEncoder:
     """Encodes single estimates of one layout and one `instance`; `k` is the step in the block.
 
@@ -108,10 +115,9 @@ class EstimateEncoder:
         self._force = FORCE if layout.has_force else ()
         self._widths |= dict.fromkeys(self._force, 1)
         self._pieces = [
-            cbor2.dumps(dict.fromkeys(range(_ENTRIES + len(moved[:1]) + len(self._force))))[:1]
-            + cbor2.dumps("time_s")
-            + _FLOAT64_MARK,
+            _map_head(_ENTRIES + len(moved[:1]) + len(self._force)) + cbor2.dumps("time_s") + _FLOAT64_MARK,
             cbor2.dumps("sequence"),
+            cbor2.dumps("sensors_used"),
             _pair("instance", instance) + cbor2.dumps("quality"),
             *map(cbor2.dumps, _QUALITY),
             *(before.get(name, b"") + _head(name, 4 * n) for name, n in self._widths.items()),
@@ -137,13 +143,13 @@ class EstimateEncoder:
             fields, data = _kept(block, k)
         if fields is not self._fields:
             self._fields, self._message = fields, record(self._message_of(fields.dtype.fields))
-        message: bytes = encode(self._message, data, sequence)
+        message: bytes = encode(self._message, data, sequence, int(block.sensors_used[k]))
         return message
 
     def _message_of(self, fields: Any) -> Message:
         """How a message is made of an estimate with these fields in memory."""
         sizes = [len(piece) for piece in self._pieces]
-        room = sum(sizes) + 32 * (2 + self._sensors) + 4 * sum(self._widths.values())
+        room = sum(sizes) + 32 * (3 + self._sensors) + 4 * sum(self._widths.values())
         return Message(
             np.zeros(room, np.uint8),
             np.frombuffer(b"".join(self._pieces), np.uint8).copy(),
@@ -200,7 +206,11 @@ class EstimateEncoder:
     def _json(self, block: EstimateBlock, k: int, sequence: int, body: dict[str, Any]) -> bytes:
         quality = _QUALITY[block.quality[k]]
         head = {"time_s": float(block.time_s[k]), "sequence": sequence, "instance": self._instance}
-        return to_json({**head, **body, "quality": quality})
+        return to_json({**head, **self.counts(block, k), **body, "quality": quality})
+
+    def counts(self, block: EstimateBlock, k: int) -> dict[str, int]:
+        """The number of sensors that an estimate uses, and of all that are configured."""
+        return {"sensors_used": int(block.sensors_used[k]), "sensors": self._sensors}
 
 
 def _rounded(array: FloatArray) -> list[float | None]:
@@ -231,7 +241,9 @@ def array_of(messages: Sequence[bytes]) -> bytes:
 
 def late(message: bytes) -> bytes:
     """An encoded estimate that says that it is sent late."""
-    return bytes((message[0] + 1,)) + message[1:] + _pair("late", True)
+    short = message[0] < _map_head(_SHORT_MAP)[0]
+    count, body = (message[0] - 0xA0, message[1:]) if short else (message[1], message[2:])
+    return _map_head(count + 1) + body + _pair("late", True)
 
 
 def late_json(document: bytes) -> bytes:

@@ -100,7 +100,7 @@ def live_table(latest: Mapping[str, Mapping[str, Any]]) -> RenderableType:
     """Heats beside their truth where it is published, field, thermal error, sensors, quality and reasons."""
     heat, health = latest.get("heat", {}), latest.get("health", {})
     quality = _word(heat.get("quality", "starting"))
-    title = Text(f"quality {quality}", style=_style(quality))
+    title = Text(f"quality {quality}{without_sensors(health, heat)}", style=_style(quality))
     if health:
         state = _word(health.get("state"))
         title.append(f"   service {state}", style=_style(state))
@@ -125,7 +125,7 @@ def health_table(
     )
     title = Text(f"{_word(axis)}   ")
     title.append(f"service {state}", style=_style(state))
-    title.append(f"   estimates {quality}", style=_style(quality))
+    title.append(f"   estimates {quality}{without_sensors(health, health)}", style=_style(quality))
     if time_s is not None:
         title.append(f"   {max(now_s - time_s, 0.0):.0f} s ago", style="dim")
     channels, drivers = (
@@ -141,6 +141,15 @@ def health_table(
         drivers.add_row(Text(name), connected, *(_number(_float(driver.get(key)), 0) for key in _COUNTED))
     recording = Text(f"recording  {_word(health.get('recording'))}", style="dim")
     return Group(title, *_reasons(health), *_alarms(alarms, remedies=True), channels, drivers, recording)
+
+
+def without_sensors(health: Mapping[str, Any], counted: Mapping[str, Any]) -> str:
+    """The sensors that an estimate does not use, by the counts of a message; empty where it uses all."""
+    used, sensors = _float(counted.get("sensors_used")), _float(counted.get("sensors"))
+    if used is None or sensors is None or used >= sensors:
+        return ""
+    names = ", ".join(_word(name) for name in _items(health.get("degraded_sensors")))
+    return f", without {names or 'some'} ({used:.0f} of {sensors:.0f} sensors)"
 
 
 def _plain(heads: Sequence[str]) -> Table:
@@ -312,4 +321,5 @@ def live_line(latest: Mapping[str, Mapping[str, Any]]) -> str:
         parts.append(text)
     field = [_float(t) for t in _items(latest.get("field", {}).get("temperature_degC"))]
     hottest = max((t for t in field if t is not None), default=None)
-    return f"{_word(heat.get('quality'))}: {', '.join(parts)}; hottest {_number(hottest, 1)} °C"
+    quality = f"{_word(heat.get('quality'))}{without_sensors(latest.get('health', {}), heat)}"
+    return f"{quality}: {', '.join(parts)}; hottest {_number(hottest, 1)} °C"

@@ -114,6 +114,11 @@ class ZenohPublisher:
         self._config, self._ear = service_config(settings), ear_config(settings)
         self._instance = instance
         self._encoder = EstimateEncoder(layout, instance)
+        self._last_step: dict[str, Any] = {
+            "sequence": None,
+            "sensors_used": 0,
+            "sensors": len(layout.sensors),
+        }
         there = {
             "expansion": layout.has_error, "learned": bool(layout.learned), "compensation": compensates,
             "forecast": forecasts, "probing": probes,
@@ -167,6 +172,7 @@ class ZenohPublisher:
 
     def publish(self, block: EstimateBlock, sequence: int) -> None:
         """Publish a block of one estimate, and the documents made of it that are due."""
+        self._last_step = {"sequence": sequence, **self._encoder.counts(block, 0)}
         estimate = self._encoder.cbor(block, 0, sequence)
         self._answers.estimates.append(estimate)
         self._put("estimate", estimate)
@@ -191,8 +197,11 @@ class ZenohPublisher:
         self._put("readings", self._encoder.readings(frame, 0, sequence))
 
     def document(self, key: str, document: Mapping[str, Any]) -> None:
-        """Publish a document, which also answers queries for it; from any thread."""
-        self._put(key, to_json(document))
+        """Publish a document, which also answers queries for it; from any thread.
+
+        It gets the number of the last step and that step's counts of sensors, where it has none of its own.
+        """
+        self._put(key, to_json(self._last_step | dict(document)))
 
     def close(self, timeout_s: float = 1.0) -> bool:
         """End the session, and the outlet; returns whether the session was closed in that time."""

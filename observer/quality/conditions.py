@@ -81,7 +81,8 @@ class Facts:
     `frame` and `estimate` are those of the last cycle, None before the first; `had_estimate` says that a
     valid estimate has been there; `failure` is the error of the last cycle; `findings` those of the self-test
     and the screening; `notices` are more reasons, in words; `gap` the figures of the open-loop prediction,
-    `departure` what is beyond its tolerances; `sensors` maps the sensors' channels to their names.
+    `departure` what is beyond its tolerances; `sensors` maps the sensors' channels to their names;
+    `used_sensors` are the names of those that the last estimate uses.
     """
 
     time_s: float
@@ -101,6 +102,13 @@ class Facts:
     gap: Mapping[str, Any] | None = None
     departure: Departure | None = None
     sensors: Mapping[str, str] = field(default_factory=dict)
+    used_sensors: frozenset[str] = frozenset()
+
+    @property
+    def degraded_sensors(self) -> tuple[str, ...]:
+        """The names of the sensors that the last estimate does not use."""
+        used = frozenset() if self.failure else self.used_sensors
+        return tuple(name for name in self.sensors.values() if name not in used)
 
 
 def of_finding(found: Finding) -> Condition:

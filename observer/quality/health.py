@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from observer.estimators.selftest import Fault
 from observer.frames import EstimateQuality, Quality
-from observer.quality.conditions import Condition, Facts, conditions
+from observer.quality.conditions import Condition, Facts, Trouble, conditions
 from observer.quality.reasons import sentence
 from observer.record.recorder import RecordStatus
 
@@ -28,6 +28,7 @@ class Health:
     `quality`, the `age_s` of its last usable value (None before the first) and its `fault`; one that comes as
     it should and is left out of the estimate is `excluded`. What is left out has an `excess`: by how much it
     reads too much, as `value`, its standard deviation `sigma` (both None while not known), and their `unit`.
+    `degraded_sensors` names the sensors that the last estimate does not use, of `sensors` in all.
     """
 
     time_s: float
@@ -36,6 +37,8 @@ class Health:
     conditions: tuple[Condition, ...]
     channels: Mapping[str, Mapping[str, Any]]
     counts: Mapping[str, Any]
+    sensors: int
+    degraded_sensors: tuple[str, ...]
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -46,13 +49,19 @@ class Health:
     def essence(self) -> tuple[Any, ...]:
         """The part of a report whose change is sent at once: all but ages, counts and figures."""
         found = tuple(condition.identity for condition in self.conditions)
-        return self.state, self.quality, found, tuple((n, c["quality"]) for n, c in self.channels.items())
+        channels = tuple((name, channel["quality"]) for name, channel in self.channels.items())
+        return self.state, self.quality, found, channels, self.degraded_sensors
 
     def document(self) -> dict[str, Any]:
         """The report as it is published."""
         head = {"time_s": self.time_s, "state": self.state, "quality": self.quality, "reasons": self.reasons}
+        sensors = {
+            "sensors_used": self.sensors - len(self.degraded_sensors),
+            "sensors": self.sensors,
+            "degraded_sensors": self.degraded_sensors,
+        }
         found = [condition.document(sentence(condition)) for condition in self.conditions]
-        return {**head, "conditions": found, "channels": self.channels, **self.counts}
+        return {**head, **sensors, "conditions": found, "channels": self.channels, **self.counts}
 
 
 def assess(facts: Facts) -> Health:
@@ -82,8 +91,11 @@ def assess(facts: Facts) -> Health:
         "clock_offset_s": round(facts.clock_offset_s, 3),
         "gap": facts.gap,
     }
-    state = _state(facts, bool(found))
-    return Health(facts.time_s, state, _quality(facts).label, found, _channels(facts), counts)
+    state = _state(facts, found)
+    return Health(
+        facts.time_s, state, _quality(facts).label, found, _channels(facts), counts, len(facts.sensors),
+        facts.degraded_sensors,
+    )  # fmt: skip
 
 
 def _quality(facts: Facts) -> EstimateQuality:
@@ -93,14 +105,23 @@ def _quality(facts: Facts) -> EstimateQuality:
     return facts.estimate
 
 
-def _state(facts: Facts, has_reasons: bool) -> str:
+def _state(facts: Facts, found: Iterable[Condition]) -> str:
+    """The state of the service: good beside an unused sensor, as long as nothing else is wrong."""
     if facts.failure:
         return EstimateQuality.INVALID.label
     if facts.estimate is None or (facts.estimate == EstimateQuality.INVALID and not facts.had_estimate):
         return "starting"
-    if facts.estimate == EstimateQuality.GOOD and has_reasons:
+    if facts.estimate == EstimateQuality.GOOD and not all(_is_of_unused_sensor(c, facts) for c in found):
         return EstimateQuality.DEGRADED.label
     return facts.estimate.label
+
+
+def _is_of_unused_sensor(condition: Condition, facts: Facts) -> bool:
+    """Whether a condition is about sensors alone that the estimate does not use."""
+    if condition.kind is Trouble.CHANNEL:
+        return facts.sensors.get(condition.about) in facts.degraded_sensors
+    names = {condition.about, condition.other} - {""}
+    return condition.kind in (Fault.EXCLUDED, Fault.SWAPPED) and names <= set(facts.degraded_sensors)
 
 
 def _channels(facts: Facts) -> dict[str, dict[str, Any]]:

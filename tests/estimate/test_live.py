@@ -62,6 +62,7 @@ TABLES = {
     "laws": {"source": SOURCES},
     "effects": {"effect": EFFECTS},
     "learning": {"tolerance": {}},
+    "learning, with a limit of the bound": {"tolerance": {}, "integrity": {"limit_um": 1000.0}},
     "supports with a gap": {"supports": GAP},
     "pre-stretched, and learning": {"supports": GAP | {"gap_m": 0.0}, "tolerance": {}},
     "constant gain": {"estimator": {"engine": "constant"}},

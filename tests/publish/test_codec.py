@@ -76,6 +76,7 @@ def _as_a_map(layout: Layout, block: EstimateBlock, k: int, sequence: int) -> by
         {
             "time_s": float(block.time_s[k]),
             "sequence": sequence,
+            "sensors_used": int(block.sensors_used[k]),
             "instance": "ab12cd34",
             "quality": EstimateQuality(block.quality[k]).label,
             "sources": list(layout.sources),
@@ -142,13 +143,15 @@ def test_json_is_strict_and_null_where_unknown(made):
 def test_documents_are_those_of_the_contract():
     encoder, one = EstimateEncoder(LAYOUT, "ab12cd34"), block(quality=2)
     heat, field, error = (json.loads(e(one, 0, 3)) for e in (encoder.heat, encoder.field, encoder.error))
-    assert list(heat) == ["time_s", "sequence", "instance", "sources", "quality"]
+    assert list(heat) == ["time_s", "sequence", "instance", "sensors_used", "sensors", "sources", "quality"]
     assert list(heat["sources"]) == ["nut", "left_bearing"]
     assert list(heat["sources"]["nut"]) == ["heat_W", "sigma_W", "bound_W"]
     assert list(field) == [
         "time_s",
         "sequence",
         "instance",
+        "sensors_used",
+        "sensors",
         "position_m",
         "temperature_degC",
         "sigma_K",
@@ -159,6 +162,8 @@ def test_documents_are_those_of_the_contract():
         "time_s",
         "sequence",
         "instance",
+        "sensors_used",
+        "sensors",
         "position_m",
         "error_um",
         "sigma_um",

@@ -127,7 +127,8 @@ def test_answers_for_the_configuration_and_the_last_estimates(publisher):
     assert unknown.err.payload.to_string() == "no health report yet"
     made.document("health", {"state": "good"})
     (health,) = _get(endpoint, f"{prefix}/health")
-    assert json.loads(health.ok.payload.to_bytes()) == {"state": "good"}
+    counts = {"sequence": 7, "sensors_used": 2, "sensors": 2}
+    assert json.loads(health.ok.payload.to_bytes()) == counts | {"state": "good"}
     (config,) = _get(endpoint, f"{prefix}/config")
     assert json.loads(config.ok.payload.to_bytes()) == {"hash": "h"}
     (last,) = _get(endpoint, f"{prefix}/estimate")

@@ -216,3 +216,27 @@ def test_a_correlation_in_time_is_not_a_percentage():
     said = sentence(of_finding(Finding(Fault.COLOURED, "t3", 12.0, 1.7, 0.0)))
     assert "%" not in said
     assert "each sample deviates as the last did (mean product +1.7 σ²" in said
+
+
+EXCLUDED = Finding(Fault.EXCLUDED, "t2", 5.0, 3.0, 0.2)
+BOTH, ONE = frozenset(("t1", "t2")), frozenset(("t1",))
+
+
+@pytest.mark.parametrize(
+    ("changes", "state", "unused"),
+    [
+        ({"used_sensors": BOTH}, "good", []),
+        ({"used_sensors": ONE, "findings": (EXCLUDED,)}, "good", ["t2"]),
+        ({"used_sensors": ONE, "findings": (EXCLUDED,), "notices": ("x",)}, "degraded", ["t2"]),
+        ({"failure": "ZeroDivisionError"}, "invalid", ["t1", "t2"]),
+    ],
+)
+def test_health_names_the_sensors_that_a_good_estimate_does_not_use(changes, state, unused):
+    document = assess(_facts(sensors=SENSORS, **changes)).document()
+    assert (document["state"], list(document["degraded_sensors"])) == (state, unused)
+    assert (document["sensors_used"], document["sensors"]) == (2 - len(unused), 2)
+
+
+def test_a_sensor_that_falls_out_is_reported_at_once():
+    used = assess(_facts(sensors=SENSORS, used_sensors=BOTH))
+    assert used.essence != assess(_facts(sensors=SENSORS, used_sensors=ONE)).essence

@@ -4,7 +4,7 @@ import { byId, known, make, number, say } from "./format.js";
 import { mm, nutChannel, onNews, silence, store, strokeOfNut, view } from "./store.js";
 
 const WORDS = {
-  good: ["✓", "Good", "Every sensor and input is used, and all heats are estimated."],
+  good: ["✓", "Good", "All heats are estimated, and no test fails."],
   starting: ["…", "Starting", "Not all heats are estimated yet; bands are still wide."],
   degraded: ["!", "Degraded", "Some input is missing or in doubt; bands are wider."],
   stale: ["×", "Stale", "No fresh measurement; the model runs alone."],
@@ -13,11 +13,15 @@ const WORDS = {
 // the service is gone: nobody reckons on
 const SILENT = ["×", "Stale", "Nothing comes from the service; what is shown is the last that it said."];
 
+// the headline of a good estimate names the sensors that it does not use
+const headline = (word, unused, { sensors_used, sensors }) => unused.length ? `${word}, without ${unused.join(", ")} (${sensors_used} of ${sensors} sensors)` : word;
+
 export function drawState() {
   const { health, estimate } = store.documents;
   if (!health && !estimate) return;
   const silent = silence() !== null, state = silent ? "stale" : health?.state ?? estimate.quality;
-  const [sign, word, words] = silent ? SILENT : WORDS[state] ?? ["?", state, ""];
+  const [sign, verdict, words] = silent ? SILENT : WORDS[state] ?? ["?", state, ""];
+  const word = health && state === "good" ? headline(verdict, health.degraded_sensors ?? [], health) : verdict;
   document.body.dataset.state = state;
   say("sign", sign); say("state", word); say("words", words);
   // what the alarm above says already is not said again
