@@ -61,15 +61,18 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
     ready, clock = _Ready.of(config), ServiceClock()
     if (folder := config.record.directory) is not None:
         refuse_shared(folder, f"{config.machine.name}-{config.machine.axis}")
+    desk = _alarm_desk(ready)
     renewals: Renewals[_Ready] = Renewals(None if path is None else lambda: _reread(path, ready.config))
     trial = None if path is None else AdoptionTrial(path, renewals.reload)
 
     def anew(renewal: Renewal[_Ready]) -> Service:
-        nonlocal ready, clock
+        nonlocal ready, clock, desk
         before, ready, snapshot = ready, renewal.prepared or ready, renewal.snapshot
+        moved_s = clock.offset_s() if renewal.new_time else 0.0
         if renewal.new_time and snapshot is not None:
-            snapshot = shifted(snapshot, clock.offset_s())
+            snapshot = shifted(snapshot, moved_s)
         clock = ServiceClock() if renewal.new_time else clock
+        desk = _alarm_desk(ready, None if desk is None else desk.kept(moved_s))
         zero = None if snapshot is None or snapshot.compensation is None else snapshot.compensation.zero
         snapshot = carried(
             snapshot, before.fit, ready.fit,
@@ -77,12 +80,12 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
         )  # fmt: skip
         if trial is not None:
             trial.in_force(ready.config)
-        return _service(ready, clock, renewals, trial, path, snapshot, zero=zero, alone=False)
+        return _service(ready, clock, renewals, trial, path, desk, snapshot, zero=zero, alone=False)
 
     file, start, gap, zero = config.checkpoint_file, None, None, None
     if file is not None:
         start, gap, zero = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s)
-    service = _service(ready, clock, renewals, trial, path, start, gap, zero, alone=True)
+    service = _service(ready, clock, renewals, trial, path, desk, start, gap, zero, alone=True)
     if trial is None:
         run(service, seconds, anew)
         return
@@ -127,6 +130,7 @@ def _service(
     renewals: Renewals[_Ready],
     trial: AdoptionTrial | None,
     path: Path | None,
+    desk: AlarmDesk | None,
     start: Snapshot | None,
     gap: GapState | None = None,
     zero: ZeroPoint | None = None,
@@ -166,8 +170,7 @@ def _service(
         observers.append(Keeper(config.checkpoint_file, ready.fit, config.checkpoint.period_s))
     if trial is not None:
         observers.append(trial)
-    if config.alarms.enabled:
-        desk = AlarmDesk(config, machine.layout, config.alarms, config.alarms_file)
+    if desk is not None:
         air = machine.plant.known.ambient
         observers.append(AlarmObserver(desk, publish["alarms"], air, instance))
     if is_wanted(machine):
@@ -189,6 +192,14 @@ def _service(
         alone=alone,
         sensors={sensor.channel: sensor.name for sensor in config.sensor},
     )
+
+
+def _alarm_desk(ready: _Ready, kept: dict[str, Any] | None = None) -> AlarmDesk | None:
+    """The desk of alarms, None where they are off; `kept` is the state of the one before."""
+    config = ready.config
+    if not config.alarms.enabled:
+        return None
+    return AlarmDesk(config, ready.machine.layout, config.alarms, config.alarms_file, kept)
 
 
 def _recorder(ready: _Ready, start: Snapshot | None, instance: str) -> Recorder | NoRecorder:

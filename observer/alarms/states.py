@@ -70,7 +70,8 @@ KINDS: dict[str, AlarmKind] = {
         "major", 10.0, 60.0, False, "free space or fix the folder that recordings are written to"
     ),
     "clock": AlarmKind(
-        "minor", 0.0, 60.0, True, "check the computer's time service; times continue from the service's start"
+        "minor", 0.0, 60.0, True,
+        "check the computer's time service; compare times before and after with care",
     ),
     "estimate": AlarmKind(
         "invalid", 0.0, 10.0, True,
@@ -163,6 +164,15 @@ def _without(alarm: Alarm, time_s: float) -> Alarm | None:
     if kind.latched and alarm.state == "unacknowledged":
         return replace(alarm, state="returned")
     return None
+
+
+def moved(alarm: Alarm, by_s: float) -> Alarm:
+    """The alarm with all its times moved by `by_s`, for a service that takes over a new time."""
+    evidence = alarm.condition.evidence
+    if evidence is not None and evidence.get("since_s") is not None:
+        evidence = {**evidence, "since_s": evidence["since_s"] + by_s}
+    condition = replace(alarm.condition, evidence=evidence)
+    return Alarm(alarm.state, alarm.since_s + by_s, alarm.seen_s + by_s, condition)
 
 
 def alarm_of(plain: Mapping[str, Any]) -> Alarm:

@@ -24,6 +24,7 @@ from observer.control.compensation import CompensationState
 from observer.estimate.pipeline import MachineModel
 from observer.estimators.protocol import EstimatorState
 from observer.estimators.selftest import SelfTestState
+from observer.kernels.codes import COMMON_S, FIRST_S, HELD_S, HELD_UNTIL_S, LATCH_S
 from observer.quality.gap import GapState
 
 SINCE_RESTART = "not armed since the restart; arm again"
@@ -149,6 +150,10 @@ def recent(snapshot: Snapshot, now_s: float, oldest_s: float) -> Snapshot:
 def shifted(snapshot: Snapshot, by_s: float) -> Snapshot:
     """A snapshot with all its times shifted, for a service whose time was reset."""
     drive, estimator = _moved(snapshot.drive, by_s), _moved(snapshot.estimator, by_s)
+    guard, verdict = estimator.guard.copy(), estimator.verdict.copy()
+    guard[:, FIRST_S] += by_s
+    verdict[[LATCH_S, COMMON_S, HELD_S, HELD_UNTIL_S]] += by_s
+    estimator = replace(estimator, guard=guard, verdict=verdict)
     gap, held = _moved(snapshot.gap, by_s), _moved(snapshot.compensation, by_s)
     return replace(
         snapshot,

@@ -87,8 +87,18 @@ class KnownSensor(NamedTuple):
 class AlarmDesk:
     """Learns usual heats and offsets from every estimate; raises alarms from the conditions of a report."""
 
-    def __init__(self, config: Config, layout: Layout, settings: AlarmSettings, file: Path | None) -> None:
-        """Begin from what `file` holds, if there is one; `layout` is that of the estimates."""
+    def __init__(
+        self,
+        config: Config,
+        layout: Layout,
+        settings: AlarmSettings,
+        file: Path | None,
+        kept: dict[str, Any] | None = None,
+    ) -> None:
+        """Begin from `kept`, the state of an earlier desk, else from what `file` holds, if there is one.
+
+        `layout` is that of the estimates. The alarms of `kept` are not announced again.
+        """
         self._settings = settings
         self._sensors = {s.channel: s.name for s in config.sensor}
         estimated = [s for s in config.source if s.estimate]
@@ -108,10 +118,13 @@ class AlarmDesk:
         self._good_s = 0.0
         self._alarms: dict[str, Alarm] = {}
         self._file = file
-        self._reported: tuple[Any, ...] = ()
+        self._reported: dict[str, str] = {}
         self._kept_s = -math.inf
         self._writing: threading.Thread | None = None
-        if file is not None:
+        if kept is not None:
+            self._take(kept)
+            self._reported = self._raised
+        elif file is not None:
             self._restore(file)
 
     def see(self, estimate: EstimateBlock, frame: FrameBlock, air_degC: float) -> None:
@@ -159,14 +172,25 @@ class AlarmDesk:
         causes = map(self._cause, (*conditions, *self._disagreeing(), *self._heats()))
         holding = [cause for cause in causes if cause is not None and cause.kind not in self._settings.off]
         self._alarms = advance(self._alarms, holding, time_s)
-        raised = tuple((name, alarm.state) for name, alarm in self._alarms.items() if alarm.is_raised)
-        changed, before = raised != self._reported, dict(self._reported)
-        for name, state in raised:
+        raised = self._raised
+        changed, before = raised != self._reported, self._reported
+        for name, state in raised.items():
             if before.get(name) != state:
                 log.warning("alarm", alarm=name, state=state, reason=self._alarms[name].condition.reason)
         self._reported = raised
         self._keep(time_s, now=changed)
         return changed
+
+    @property
+    def _raised(self) -> dict[str, str]:
+        """The states of the raised alarms, by their ids."""
+        return {name: alarm.state for name, alarm in self._alarms.items() if alarm.is_raised}
+
+    def kept(self, by_s: float) -> dict[str, Any]:
+        """The state as plain data, with all its times moved by `by_s`."""
+        self._alarms = {name: states.moved(alarm, by_s) for name, alarm in self._alarms.items()}
+        self._bands = {n: band._replace(at_s=band.at_s + by_s) for n, band in self._bands.items()}
+        return self._plain()
 
     def acknowledge(self, name: str | None) -> str | None:
         """Acknowledge an alarm, or all; returns None, or a sentence why that is not possible."""
@@ -290,17 +314,21 @@ class AlarmDesk:
             kept = json.loads(file.read_bytes())
             if kept["format"] != _FORMAT:
                 raise ValueError(f"format {kept['format']}")
-            for source in self._sources:
-                if (found := kept["bands"].get(source.name)) is not None and found["law"] == source.law:
-                    self._bands[source.name] = bands.band_of(found)
-            for sensor in self._known:
-                if (found := kept["offsets"].get(sensor.name)) is not None and found["said"] == sensor.said:
-                    self._offsets[sensor.name] = states.offset_of(found)
-            self._alarms = {name: alarm_of(found) for name, found in kept["alarms"].items()}
+            self._take(kept)
         except FileNotFoundError:
             return
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             log.warning("what was kept of alarms cannot be used", file=str(file), reason=str(error))
+
+    def _take(self, kept: dict[str, Any]) -> None:
+        """Take over what is kept of the sources and sensors that are described as they were."""
+        for source in self._sources:
+            if (band := kept["bands"].get(source.name)) is not None and band["law"] == source.law:
+                self._bands[source.name] = bands.band_of(band)
+        for sensor in self._known:
+            if (offset := kept["offsets"].get(sensor.name)) is not None and offset["said"] == sensor.said:
+                self._offsets[sensor.name] = states.offset_of(offset)
+        self._alarms = {name: alarm_of(alarm) for name, alarm in kept["alarms"].items()}
 
 
 def _document_of(name: str, alarm: Alarm) -> dict[str, Any]:

@@ -71,7 +71,8 @@ _SENTENCES: dict[Trouble | Fault, str] = {
     Trouble.DEPARTED: "the model's prediction has departed from sensor {about} since {since}, most {phase}: "
     "{value:.1f} K rms where its tolerances allow {expected:.1f} K; run `observer discover --recent 8h`",
     Trouble.NOTICE: "{detail}",
-    Trouble.CLOCK: "the computer's clock stepped by {value:+.1f} s; times continue from the service's start",
+    Trouble.CLOCK: "the computer's clock stepped by {value:+.1f} s; the service takes over the new time once "
+    "that is steady",
     Trouble.NO_ESTIMATE: "no estimate yet: the first step is still to come",
     Trouble.UNEXPLAINED: "the estimate is {quality} although no channel and no test gives a reason; an "
     "estimator of your own may set this itself, otherwise reset it and report this",

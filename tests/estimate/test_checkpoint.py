@@ -32,6 +32,7 @@ from observer.estimate.replay import estimates_of
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality
 from observer.installation import load as load_config
+from observer.kernels.codes import COMMON_S, FIRST_S, HELD_S, HELD_UNTIL_S, LATCH_S
 from observer.live import observers as keeper_module
 from observer.live.observers import Keeper, Step, carried, stored
 from observer.tables.publishing import STATE_DIRECTORY, Checkpoint, RecordSettings
@@ -125,6 +126,17 @@ def test_moments_move_and_durations_do_not(rig):
     assert moved.drive.nuts[0].weight_s == snapshot.drive.nuts[0].weight_s
     np.testing.assert_array_equal(moved.drive.running_s, snapshot.drive.running_s)
     _assert_same(shifted(moved, -3600.0).drive.nuts[0].B, snapshot.drive.nuts[0].B)
+
+
+def test_the_onsets_of_findings_move_with_the_clock(rig):
+    """So that "since 14:03" is a time of the clock that people see."""
+    snapshot = rig[1]
+    estimator = replace(snapshot.estimator, guard=np.arange(19.0)[None], verdict=np.arange(19.0))
+    moved = shifted(replace(snapshot, estimator=estimator), 3600.0).estimator
+    assert np.flatnonzero(moved.guard[0] != np.arange(19.0)).tolist() == [FIRST_S]
+    later = [LATCH_S, COMMON_S, HELD_S, HELD_UNTIL_S]
+    assert np.flatnonzero(moved.verdict != np.arange(19.0)).tolist() == sorted(later)
+    np.testing.assert_array_equal(moved.verdict[later], np.array(later) + 3600.0)
 
 
 def test_says_what_does_not_fit(rig, fit):

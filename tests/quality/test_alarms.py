@@ -13,7 +13,7 @@ from observer.estimators.selftest import Fault, Finding
 from observer.exchange import PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Layout
 from observer.quality.alarms import AlarmDesk
-from observer.quality.conditions import Facts, conditions
+from observer.quality.conditions import Condition, Facts, Trouble, conditions, of_finding
 from observer.tables.publishing import AlarmSettings
 from tests.learning.machines import CONFIG, config_of
 from tests.publish.blocks import block
@@ -149,3 +149,33 @@ def test_an_unreadable_file_is_discarded(tmp_path, spoilt):
     file = tmp_path / "kept.json"
     file.write_text(spoilt)
     assert _desk(file).document(0.0)["alarms"] == []
+
+
+CLOCK_STEPPED = Condition(Trouble.CLOCK, value=3600.0)
+
+
+@pytest.mark.parametrize("step_s", [3600.0, -3600.0])
+def test_a_standing_alarm_is_not_announced_again_after_a_step_of_the_clock(step_s):
+    before = _desk()
+    refused = of_finding(Finding(Fault.REFUSED, "t3", 1.8e9, 3.0, 0.1))
+    for time_s in (1.8e9, 1.8e9 + 700.0):
+        before.look(time_s, (refused,))
+    assert before.acknowledge(None) is None
+    before.look(1.8e9 + 701.0, (refused, CLOCK_STEPPED))
+    alarms = {alarm["kind"]: alarm for alarm in before.document(0.0)["alarms"]}
+    stands, clock = alarms["sensor_disagrees"], alarms["clock"]
+    desk = AlarmDesk(config_of(CONFIG), LAYOUT, AlarmSettings(), None, before.kept(step_s))
+    now_s = 1.8e9 + 705.0 + step_s
+    still = of_finding(Finding(Fault.REFUSED, "t3", 1.8e9 + step_s, 3.0, 0.1))
+    assert not desk.look(now_s, (still,))  # nothing is to be published or logged at once
+    alarms = {alarm["kind"]: alarm for alarm in desk.document(now_s)["alarms"]}
+    after, clock_after = alarms["sensor_disagrees"], alarms["clock"]
+    assert (after["id"], after["state"]) == (stands["id"], "acknowledged")
+    assert after["since_s"] == stands["since_s"] + step_s
+    assert after["evidence"]["since_s"] == 1.8e9 + step_s
+    assert clock_after["state"] == "unacknowledged"
+    assert clock_after["since_s"] == clock["since_s"] + step_s
+    assert "from the service's start" not in clock_after["reason"] + clock_after["remedy"]
+    desk.look(now_s + 61.0, (still,))
+    (gone,) = (a for a in desk.document(now_s)["alarms"] if a["kind"] == "clock")
+    assert gone["state"] == "returned"

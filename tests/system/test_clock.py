@@ -18,6 +18,7 @@ pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(180)]
 
 LAUNCHER = ("-m", "tests.system.clock_steps")
 HOUR_S = 3600.0
+PLUG = "sensor_fault.t3.open_circuit"
 
 
 def _set_clock(folder: Path, ahead_s: float) -> None:
@@ -68,6 +69,42 @@ def test_a_clock_that_is_set(tmp_path, step_s):
     )
     assert len(files) == 2
     assert abs(files[1].time_s[0] - files[0].time_s[0]) == pytest.approx(HOUR_S, abs=120.0)
+
+
+@pytest.mark.parametrize("step_s", [HOUR_S, -HOUR_S])
+def test_a_step_of_the_clock_announces_no_standing_alarm_again(tmp_path, step_s):
+    """An open thermocouple is reported and acknowledged before; no folder keeps its alarm."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        with Daemon(tmp_path, table, LAUNCHER) as daemon, Subscriber(endpoint) as seen:
+            seen.wait_until_good()
+            plant.fault(open="t3_degC")
+            until(lambda: PLUG in _alarms(seen), 60.0)
+            command = ["acknowledge", "--connect", endpoint, "--machine", "demo", "--axis", "x"]
+            until(lambda: _observer(command) == 0, 30.0)
+            until(lambda: _alarms(seen)[PLUG]["state"] == "acknowledged", 30.0)
+            first = seen.documents["alarms"][-1]["instance"]
+            _set_clock(tmp_path, step_s)
+            until(lambda: seen.documents["alarms"][-1]["instance"] != first, 60.0)
+            new = len(seen.documents["alarms"])
+            until(lambda: len(seen.documents["alarms"]) > new + 1, 60.0)
+            after = seen.documents["alarms"][new:]
+            assert daemon.stop() < 2.0
+        announced = [json.loads(line) for line in daemon.said().splitlines() if '"alarm"' in line]
+    for document in after:
+        alarms = {alarm["id"]: alarm for alarm in document["alarms"]}
+        assert alarms[PLUG]["state"] == "acknowledged"
+        for alarm in alarms.values():
+            assert abs(document["time_s"] - alarm["since_s"]) < HOUR_S / 2
+            assert "from the service's start" not in alarm["reason"] + alarm["remedy"]
+        assert isinstance(document["sequence"], int)
+    assert [a["state"] for a in announced if a.get("alarm") == PLUG].count("unacknowledged") == 1
+
+
+def _alarms(seen: Subscriber) -> dict[str, dict]:
+    documents = seen.documents.get("alarms", [])
+    return {alarm["id"]: alarm for alarm in documents[-1]["alarms"]} if documents else {}
 
 
 def test_a_clock_that_is_wrong_at_boot(tmp_path):
