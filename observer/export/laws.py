@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -74,8 +75,7 @@ def _terms_of(law: Law, count: int) -> LawTerms:
 
 def _agrees(law: Law, terms: LawTerms, count: int) -> bool:
     """Whether the sum is the law, at many values of its channels."""
-    grid = np.array(np.meshgrid(*[_PROBES] * count)).reshape(count, -1).T
-    for v in grid:
+    for v in map(np.array, product(_PROBES, repeat=count)):
         own = terms.constant[0] + abs(float(terms.apart[0] @ v))
         own += float(terms.size[0] @ abs(v) + terms.value[0] @ v + terms.on[0] @ (v != 0.0))
         if not abs(own - _at(law, v)) <= _SAME * max(1.0, abs(own)):

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from observer.errors import UserError
 from observer.frames import FloatArray, Inputs
 from observer.history.conjugate_gradient import descend, draw, refuse_bent, spread, stepwise
 from observer.history.history import HeatHistory, MethodOptions
@@ -74,6 +75,40 @@ def _that_cool(plant: Plant, blocks: Sequence[Inputs], history: HeatHistory) -> 
                 "sensor near it, the ambient or the film is not as configured, or an effect is missing; try "
                 "`observer calibrate`, then `observer discover`"
             )
+
+
+def refuse_diverged(history: HeatHistory, blocks: Sequence[Inputs], most_W: float, method: str) -> None:
+    """Raise `UserError` where the heats exceed `most_W` or explain less than no heat at all would.
+
+    Without heat a screw stays between its first temperatures and those around it, so its residual is within
+    the range of all measured temperatures.
+    """
+    heat_W, residual_K = _largest_rms(history.heat_W), _largest_rms(history.residual_K)
+    temperatures_degC = np.concatenate(
+        [values.ravel() for block in blocks for values in (block.y_degC[block.usable], block.z_end)]
+    )
+    range_K = float(np.ptp(temperatures_degC[np.isfinite(temperatures_degC)]))
+    if heat_W > most_W:
+        fact = f"a heat is {heat_W:.3g} W (r.m.s.), and no screw takes more than {most_W:.3g} W"
+    elif residual_K > range_K:
+        fact = f"it misses a sensor by {residual_K:.3g} K (r.m.s.), more than without any heat"
+    else:
+        return
+    raise UserError(
+        f"{method} has diverged: {fact}; use --method smoother, or longer steps and sensors nearer to the "
+        "sources"
+    )
+
+
+def _largest_rms(columns: FloatArray) -> float:
+    """The largest r.m.s. of the columns, without NaN; infinite where a value is."""
+    with np.errstate(over="ignore"):
+        means = [
+            float(np.mean(column[~np.isnan(column)] ** 2))
+            for column in columns.T
+            if not np.isnan(column).all()
+        ]
+    return float(np.sqrt(max(means, default=0.0)))
 
 
 def _by_method(

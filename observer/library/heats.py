@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from observer.align.aligner import doubts, frames_of_log, read_in, refuse_implausible
+from observer.align.plausibility import RATE_K_S
 from observer.config import Output
 from observer.errors import LogError, UserError
 from observer.estimate.pipeline import MachineModel
@@ -18,7 +19,7 @@ from observer.files.logs import Log
 from observer.files.writer import MemoryTable
 from observer.frames import Inputs
 from observer.history.history import HeatHistory, MethodOptions
-from observer.history.identify import heat_history
+from observer.history.identify import heat_history, refuse_diverged
 from observer.history.tolerances import changes_within
 from observer.installation import Installation
 from observer.library.packages import in_words
@@ -79,6 +80,7 @@ def identified_heats(
             machine.plant, config.estimator, blocks, options, partial(changes_within, machine.config, blocks),
             lambda step: progress(f"{stage}: {step}"),
         )  # fmt: skip
+        refuse_diverged(history, blocks, config.screw.capacity_J_K * RATE_K_S, options.method)
     except UserError as error:
         raise LogError(f"{log.path}: {error}") from None
     layout, shown = machine.layout, machine.shown.heats

@@ -136,6 +136,12 @@ class Screw(Section):
         return np.asarray(np.interp(places_m, edges_m, before_1_m / before_1_m[-1]))
 
     @property
+    def capacity_J_K(self) -> float:
+        """The heat capacity of the whole screw."""
+        volume_m3 = sum((p.to_m - p.from_m) * p.area_m2 for p in self.pieces)
+        return volume_m3 * self.density_kg_m3 * self.specific_heat_J_kgK
+
+    @property
     def surface_m2(self) -> float:
         """The outer surface."""
         return math.pi * self.mean_diameter_m(0.0, self.length_m) * self.length_m

@@ -3,6 +3,9 @@
 import csv
 import itertools
 import json
+import re
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,17 +17,22 @@ from observer.errors import LogError, UserError
 from observer.files.logs import read_log
 from observer.files.writer import write_log
 from observer.history.history import MethodOptions
+from observer.history.identify import heat_history
+from observer.installation import load
+from observer.library import heats
 from observer.library.profiles import Report
 from tests.reference.cases import config_of, point
 from tests.truth.bar import Bar, End
 
+LATHE = Path(__file__).parents[2] / "config" / "li-lathe-axis.toml"
 
-def _config(**tables):
+
+def _config(sensor_m=(0.1, 0.9), **tables):
     left, right = point("left", 0.0, initial_sigma_W=20.0), point("right", 1.0, initial_sigma_W=20.0)
     for source in (left, right):
         del source["power_channel"]
     return config_of(
-        Bar(), [left, right], [0.0, 1.0], sensor_m=(0.1, 0.9), ends=(End(), End()),
+        Bar(), [left, right], [0.0, 1.0], sensor_m=sensor_m, ends=(End(), End()),
         ambient={"temperature_degC": 20.0}, estimator={"period_s": 5.0}, model={"modes": 8}, **tables,
     )  # fmt: skip
 
@@ -87,13 +95,53 @@ def test_a_log_without_any_value_leaves_nothing_behind(tmp_path):
 )
 def test_every_method_writes_the_same_files_and_says_how_it_went(tmp_path, options):
     log = _log(tmp_path / "log.csv")
-    summary = _identify(log, tmp_path / "out", **options)
+    beside_the_sources = _config(sensor_m=(0.0, 1.0))  # step by step diverges with sensors farther away
+    summary = app.identify(
+        log, beside_the_sources, tmp_path / "out", MethodOptions(**options), progress=lambda _text: None
+    )
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["heat.csv", "heat.png", "summary.json"]
     read = read_log(tmp_path / "out" / "heat.csv")
     assert np.isfinite(read.values).all()
     assert summary["method"] == options["method"]
     assert summary["misfit"] > 0.0
     assert summary.items() >= {k: v for k, v in options.items() if k not in ("order", "seed")}.items()
+
+
+@pytest.mark.parametrize("steps", [200, 2000])
+def test_heats_that_diverge_are_an_error_and_nothing_is_written(tmp_path, steps):
+    """Five sensors that read each half second are reached by the bearings' heat only after many steps."""
+    time_s, config = 0.5 * np.arange(steps), load(LATHE)
+    rng, rise_K = np.random.default_rng(4), 30.0 * (1.0 - np.exp(-time_s / 1500.0))
+    columns = {sensor.channel: 25.0 + rise_K + 0.1 * rng.standard_normal(steps) for sensor in config.sensor}
+    columns |= {"nut_position_m": 0.3 + 0.2 * np.sin(time_s), "screw_speed_rpm": np.full(steps, 1200.0)}
+    write_log(tmp_path / "log.csv", time_s, columns)
+    options = ["--method", "conjugate-gradient", "--gradient", "central-differences"]
+    command = [
+        "identify",
+        str(tmp_path / "log.csv"),
+        "--config",
+        str(LATHE),
+        "--output",
+        str(tmp_path / "out"),
+    ]
+    done = CliRunner().invoke(cli, [*command, *options])
+    assert isinstance(done.exception, LogError), done.output
+    assert re.search(
+        r"log\.csv: conjugate-gradient has diverged: .*; use --method smoother", str(done.exception)
+    )
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("damage", [np.inf, 1e200, 1e9])
+@pytest.mark.parametrize("field", ["heat_W", "residual_K"])
+def test_no_method_returns_heats_beyond_any_screw_or_worse_than_none(tmp_path, monkeypatch, damage, field):
+    def diverging(*arguments):
+        history = heat_history(*arguments)
+        return replace(history, **{field: history.heat_W * 0.0 + damage})
+
+    monkeypatch.setattr(heats, "heat_history", diverging)
+    with pytest.raises(LogError, match="smoother has diverged"):
+        _identify(_log(tmp_path / "log.csv"), tmp_path / "out")
 
 
 @pytest.mark.parametrize("method", ["tikhonov", "conjugate-gradient"])
