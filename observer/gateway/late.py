@@ -132,7 +132,8 @@ class LateSender:
         if slot != self._slot or now_s - self._marked_s >= _MARK_S:
             self._slot, self._marked_s = slot, now_s
             connection = self._connection
-            self._marks = {m: about for m, about in self._marks.items() if about[0] == connection}
+            # a copy: the library's thread removes marks meanwhile
+            self._marks = {m: about for m, about in list(self._marks.items()) if about[0] == connection}
             self._marks[self._send("alive", b"true").mid] = connection, time_s
 
     def _look_for_overtaken(self, key: str, payload: bytes) -> None:

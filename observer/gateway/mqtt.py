@@ -11,10 +11,11 @@ import asyncio
 import ssl
 import sys
 import time
+from contextlib import suppress
 from typing import Any
 
 from paho.mqtt.client import Client, MQTTMessageInfo
-from paho.mqtt.enums import CallbackAPIVersion
+from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 from paho.mqtt.reasoncodes import ReasonCode
 
 from observer.errors import ConfigError
@@ -23,7 +24,7 @@ from observer.files.regular import read_password
 from observer.gateway.home_assistant import HomeAssistantEntry
 from observer.gateway.late import LateSender
 from observer.gateway.messages import Latest
-from observer.gateway.start import Say, Start
+from observer.gateway.start import Say, Start, run_together
 from observer.tables.gateway import Mqtt, host_and_port
 
 _LOOK_S = 0.1
@@ -37,15 +38,10 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
     """Publish until cancelled; raises `ConfigError` where a file of password or authority cannot be used."""
     assert start.mqtt is not None
     outlet = _Broker(start, start.mqtt, latest, say)
-    looking = [asyncio.create_task(outlet.look())]
-    if outlet.late is not None:
-        looking.append(asyncio.create_task(outlet.late.run()))
+    late = () if outlet.late is None else (outlet.late.run(),)
     try:
-        async for key, payload in latest.messages():
-            outlet.put(key, payload)
+        await run_together(outlet.pass_on(), outlet.look(), *late)
     finally:
-        for task in looking:
-            task.cancel()
         outlet.close()
 
 
@@ -83,6 +79,11 @@ class _Broker:
         client.loop_start()
         self._say({"reason": f"mqtt: {self._no_broker()}"})
 
+    async def pass_on(self) -> None:
+        """Publish the service's messages as they arrive, for ever."""
+        async for key, payload in self._latest.messages():
+            self.put(key, payload)
+
     def put(self, key: str, payload: bytes) -> None:
         """Publish a message; without a broker it is dropped."""
         late = self.late
@@ -98,7 +99,10 @@ class _Broker:
 
     def _send_surely(self, key: str, payload: bytes) -> MQTTMessageInfo:
         retained = key == "alive"
-        return self._client.publish(f"{self._topic}/{key}", payload, _AT_LEAST_ONCE, retain=retained)
+        message = self._client.publish(f"{self._topic}/{key}", payload, _AT_LEAST_ONCE, retain=retained)
+        if message.rc == MQTTErrorCode.MQTT_ERR_NO_CONN:  # the library sends it on the next connection
+            message.rc = MQTTErrorCode.MQTT_ERR_AGAIN
+        return message
 
     async def look(self) -> None:
         """Publish the quality and Home Assistant's state whenever they change, for ever."""
@@ -117,8 +121,8 @@ class _Broker:
         if self.late is not None:
             self.late.close()
         if self._client.is_connected():
-            last = self._client.publish(f"{self._topic}/alive", "false", _AT_LEAST_ONCE, retain=True)
-            last.wait_for_publish(_END_S)
+            with suppress(RuntimeError):  # the connection has just broken
+                self._send_surely("alive", b"false").wait_for_publish(_END_S)
         self._client.disconnect()
         self._client.loop_stop()
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,3 +64,15 @@ OUTLETS = ("page", "metrics", "mqtt", "opcua")
 
 Say = Callable[[dict[str, Any]], None]
 """How an outlet reports its state: a `reason`, or None with an `address` once it serves."""
+
+
+async def run_together(*parts: Awaitable[None]) -> None:
+    """Run the parts of an outlet until one of them ends; cancel the others, and raise its error."""
+    tasks = [asyncio.ensure_future(part) for part in parts]
+    try:
+        ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in ended:
+            task.result()
+    finally:
+        for task in tasks:
+            task.cancel()

@@ -9,7 +9,7 @@ import sys
 from observer.files.regular import read_users
 from observer.gateway.messages import Latest
 from observer.gateway.server import served
-from observer.gateway.start import Say, Start
+from observer.gateway.start import Say, Start, run_together
 from observer.page.app import application
 from observer.page.axes import Neighbour, announce
 from observer.page.guard import Logins
@@ -27,18 +27,12 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
     axes = [Neighbour(address, login is not None) for address in page.axes]
     app = application(start, stream, login, acknowledge, axes)
     async with served(app, "page", page.listen, page.certificate, page.key) as serving:
-        feeding = asyncio.create_task(stream.run())
-        announcing = asyncio.create_task(announce(axes, stream, stream.documents))
         for axis in axes:
             axis.follow(asyncio.get_running_loop())
         say({"reason": None, "address": f"http{'s' * secure}://{page.listen}/", "doubt": page.doubt})
         try:
-            done, _ = await asyncio.wait([serving, feeding, announcing], return_when=asyncio.FIRST_COMPLETED)
-            for task in done:
-                task.result()
+            await run_together(serving, stream.run(), announce(axes, stream, stream.documents))
         finally:
-            feeding.cancel()
-            announcing.cancel()
             for viewers in (stream, *axes):
                 viewers.end()
 
