@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import structlog
+
 from observer.exchange import PastReply
 from observer.process.pipes import framed, messages
 
@@ -18,6 +20,9 @@ FOUND, REFUSED, UNFINISHED = "found", "refused", "unfinished"
 _IDLE_S = 60.0
 _PATIENCE_S = 30.0
 _MOST_WAITING = 4
+_END_S = 1.0
+
+log = structlog.get_logger()
 
 
 class Archivist:
@@ -49,6 +54,12 @@ class Archivist:
             child.kill()
         if self._idle is not None:
             self._idle.cancel()
+        if self._lock.acquire(timeout=_END_S):  # a query that waits gets its refusal first
+            try:
+                if self._child is not None:
+                    self._end(self._child)
+            finally:
+                self._lock.release()
 
     def _ask(self, question: bytes) -> PastReply:
         if self._is_closed:
@@ -56,7 +67,10 @@ class Archivist:
         if self._idle is not None:
             self._idle.cancel()
         child = self._child
-        if child is None or child.poll() is not None:
+        if child is not None and child.poll() is not None:
+            self._report_end(child)
+            child = None
+        if child is None:
             self._child = child = subprocess.Popen(
                 (sys.executable, "-m", "observer.archive"),
                 stdin=subprocess.PIPE,
@@ -66,7 +80,13 @@ class Archivist:
             question = self._start + question
         assert child.stdin is not None
         assert child.stdout is not None
-        late = threading.Timer(_PATIENCE_S, child.kill)
+        is_late = threading.Event()
+
+        def give_up() -> None:
+            is_late.set()
+            child.kill()
+
+        late = threading.Timer(_PATIENCE_S, give_up)
         late.start()
         try:
             child.stdin.write(question)
@@ -77,13 +97,25 @@ class Archivist:
         finally:
             late.cancel()
         if found is None:
-            self._end(child)
-            return PastReply(b"", "the recordings could not be read in time; ask again, or for less")
+            if is_late.is_set():
+                self._end(child)
+                return PastReply(b"", "the recordings could not be read in time; ask again, or for less")
+            self._report_end(child)
+            reason = (
+                "the process that reads the recordings ended and is started again; ask again, or for less"
+            )
+            return PastReply(b"", reason)
         self._idle = threading.Timer(_IDLE_S, self._end_idle, (child,))
         self._idle.daemon = True
         self._idle.start()
         kind, payload = found
         return PastReply(payload) if kind == FOUND else PastReply(b"", payload.decode(), kind == UNFINISHED)
+
+    def _report_end(self, child: subprocess.Popen[bytes]) -> None:
+        """Release a process that ended by itself; the next query starts another one."""
+        self._end(child)
+        if not self._is_closed:
+            log.warning("the process that reads the recordings ended", exit_code=child.returncode)
 
     def _end_idle(self, child: subprocess.Popen[bytes]) -> None:
         with self._lock:

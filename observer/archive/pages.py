@@ -17,6 +17,7 @@ from observer.publish.codec import EstimateEncoder, array_of, late, late_json, t
 
 LONGEST_S = 3600.0
 """Of a page."""
+LEAST_EVERY_S = 1e-3
 _MOST_BYTES = 1_000_000
 _MOST_MESSAGES = 500
 _WITHIN_S = 6.0
@@ -64,8 +65,10 @@ class Span:
             apart_s = float(every_s)
         except ValueError:
             apart_s = math.nan
-        if not 0.0 <= apart_s <= LONGEST_S:
-            raise ConfigError(f"every={every_s[:20]}: give seconds from 0 to {LONGEST_S:.0f}")
+        if not (apart_s == 0.0 or LEAST_EVERY_S <= apart_s <= LONGEST_S):
+            raise ConfigError(
+                f"every={every_s[:20]}: give 0, or seconds from {LEAST_EVERY_S:g} to {LONGEST_S:.0f}"
+            )
         if not begin_s < end_s:
             raise ConfigError("from must be before to; give an earlier from or a later to")
         return cls(begin_s, end_s, apart_s)

@@ -15,21 +15,27 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import structlog
+
 from observer.archive.client import FOUND, REFUSED, UNFINISHED
 from observer.archive.pages import Pages, Span
 from observer.archive.series import aggregated, series
 from observer.archive.store import Archive, UnfinishedError
 from observer.errors import UserError
 from observer.installation import parse
+from observer.process.messages import configure
 from observer.process.pipes import framed, messages
 
 _GIVES_WAY = 10
+
+log = structlog.get_logger()
 
 
 def main() -> None:
     """Answer until the standard input closes; the first message is the document `config`, with a folder."""
     with suppress(AttributeError, OSError):
         os.nice(_GIVES_WAY)
+    configure(as_json=False)
     incoming = messages(sys.stdin.buffer.read)
     first = next(incoming, None)
     if first is None:
@@ -49,6 +55,12 @@ def main() -> None:
             key, payload = UNFINISHED, str(error).encode()
         except UserError as error:
             key, payload = REFUSED, str(error).encode()
+        except Exception as error:  # whatever the question, the next one is answered
+            log.error("a query of the past failed", query=what, exc_info=True)
+            key, payload = (
+                REFUSED,
+                f"the query failed ({type(error).__name__}); ask for another span".encode(),
+            )
         sys.stdout.buffer.write(framed(key, payload))
         sys.stdout.buffer.flush()
 

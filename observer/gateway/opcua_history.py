@@ -30,6 +30,9 @@ from observer.exchange import PastReply
 MOST_VALUES = 5000
 """Of an answer; a continuation point gives the rest."""
 _MOST_INTERVALS = 500
+_LEAST_INTERVAL_S = 1e-3
+_MOST_NODES = 100
+_LEAST_VALUES = 50  # of a node, where many are read at once
 _ATTEMPTS = 5
 _FUNCTIONS: dict[Any, str] = {
     ObjectIds.AggregateFunction_Average: "average",
@@ -39,6 +42,8 @@ _FUNCTIONS: dict[Any, str] = {
 _OPEN = datetime(1602, 1, 1, tzinfo=UTC).timestamp()
 """An earlier time means none (part 11, 6.5.3.2)."""
 
+_POINT_BYTES = 8
+_LATEST_S = 1e11
 _TICK_S = 1e-6  # both ends are included, and OPC UA's times are cut to 0.1 µs
 
 Encode = Callable[[Any, str, float], ua.DataValue]
@@ -105,12 +110,12 @@ class PastValues(HistoryStorageInterface):
             raise ServiceError(StatusCodes.BadAggregateNotSupported)
         path, interval_s = self._path(rv.NodeId), details.ProcessingInterval / 1000.0
         start_s, end_s = _seconds(details.StartTime), _seconds(details.EndTime)
-        if start_s is None or end_s is None or start_s >= end_s or interval_s < 0.0:
+        if start_s is None or end_s is None or start_s >= end_s:
+            raise ServiceError(StatusCodes.BadHistoryOperationInvalid)
+        if not (interval_s == 0.0 or _LEAST_INTERVAL_S <= interval_s < math.inf):
             raise ServiceError(StatusCodes.BadHistoryOperationInvalid)
         if rv.ContinuationPoint:
-            start_s = (
-                _seconds(ua.ua_binary.Primitives.DateTime.unpack(Buffer(rv.ContinuationPoint))) or start_s
-            )
+            start_s = _continued(rv.ContinuationPoint, details.StartTime, details.EndTime)
         interval_s = interval_s or end_s - start_s
         stop_s = min(end_s, start_s + _MOST_INTERVALS * interval_s, start_s + max(interval_s, _SPAN_S))
         if stop_s < end_s:  # whole intervals, so that the next answer starts with one
@@ -154,12 +159,25 @@ _SPAN_S = 6 * 3600.0
 class PastManager(HistoryManager):
     """Answers processed reads too, and reports errors by node instead of one fault for all."""
 
+    async def read_history(self, params: ua.HistoryReadParameters) -> list[ua.HistoryReadResult]:
+        """Read the history of a few nodes, which share the values of one answer; raises `ServiceError`."""
+        count, details = len(params.NodesToRead), params.HistoryReadDetails
+        if count > _MOST_NODES:
+            raise ServiceError(StatusCodes.BadTooManyOperations)
+        if isinstance(details, ua.ReadRawModifiedDetails) and count > 1:
+            most = max(_LEAST_VALUES, MOST_VALUES // count)
+            details.NumValuesPerNode = ua.Counter(min(details.NumValuesPerNode or most, most))
+        results: list[ua.HistoryReadResult] = await super().read_history(params)
+        return results
+
     async def _read_history(self, details: Any, rv: ua.HistoryReadValueId) -> ua.HistoryReadResult:
         storage = self.storage
         try:
             if isinstance(details, ua.ReadProcessedDetails) and isinstance(storage, PastValues):
                 (function, *_) = [*details.AggregateType, ua.NodeId()]
                 return await storage.processed(rv, details, function)
+            if rv.ContinuationPoint and isinstance(details, ua.ReadRawModifiedDetails):
+                _continued(rv.ContinuationPoint, details.StartTime, details.EndTime)
             return await super()._read_history(details, rv)
         except ServiceError as error:
             return ua.HistoryReadResult(StatusCode=ua.StatusCode(ua.UInt32(error.code)))
@@ -177,6 +195,22 @@ def _seconds(moment: datetime | None) -> float | None:
         return None
     time_s = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
     return None if time_s <= _OPEN else time_s
+
+
+def _continued(point: bytes, start: datetime | None, end: datetime | None) -> float:
+    """The time, in seconds since 1970, at which an answer goes on.
+
+    Raises `ServiceError` for a point that no answer about this span has given.
+    """
+    time_s = None
+    if len(point) == _POINT_BYTES:
+        time_s = _seconds(ua.ua_binary.Primitives.DateTime.unpack(Buffer(point)))
+    ends_s = [end_s for end_s in (_seconds(start), _seconds(end)) if end_s is not None]
+    first_s, last_s = min(ends_s, default=0.0), max(ends_s, default=0.0)
+    is_within = time_s is not None and (len(ends_s) < 2 or first_s <= time_s <= last_s)
+    if time_s is None or not is_within or abs(time_s) > _LATEST_S:
+        raise ServiceError(StatusCodes.BadContinuationPointInvalid)
+    return time_s
 
 
 def _bounded(time_s: float | None, default_s: float) -> float:

@@ -15,6 +15,7 @@ from observer.tables.quantities import File, Flag, Name, Number, Section, togeth
 _ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9_.-]+|\[[0-9A-Fa-f:.]+\]):(?P<port>\d{1,5})")
 _OPCUA = "opc.tcp://"
 _MOST_PORT = 65_535
+_LEAST_INTERVAL_S = 1e-3
 
 
 def host_and_port(address: str) -> tuple[str, int]:
@@ -45,6 +46,12 @@ def _checked_nearby(address: str) -> str:
             f"{address} is not on this computer; let each axis's page listen on 127.0.0.1 and name that"
         )
     return address
+
+
+def _checked_interval(interval_s: float) -> float:
+    if 0.0 < interval_s < _LEAST_INTERVAL_S:
+        raise ValueError(f"{interval_s:g} s is too short; give 0, which is every step, or 0.001 and more")
+    return interval_s
 
 
 def _checked_opcua(url: str) -> str:
@@ -114,8 +121,8 @@ class Mqtt(Section):
     #: PEM file of the authority that signed the broker's certificate; the connection is then encrypted
     ca: File | None = None
     late: Flag = True  #: whether what the broker missed is sent once it is back, if there are recordings
-    #: of what it missed, one step in so many seconds; 0 is every step
-    late_every_s: Annotated[Number, Field(ge=0, le=3600)] = 60.0
+    #: of what it missed, one step in so many seconds, 0.001 to 3600; 0 is every step
+    late_every_s: Annotated[Number, Field(ge=0, le=3600), AfterValidator(_checked_interval)] = 60.0
     #: so many late steps a second at most, 0.1 to 1000
     late_rate_Hz: Annotated[Number, Field(ge=0.1, le=1000)] = 20.0
 

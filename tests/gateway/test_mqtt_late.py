@@ -176,3 +176,8 @@ async def test_a_task_of_an_outlet_that_ends_is_reported_and_restarted(tmp_path,
         outlet.cancel()
         await asyncio.wait([outlet])
     assert "mqtt: RuntimeError: the connection dropped" in capfd.readouterr().out
+
+
+def test_an_interval_too_short_to_tell_steps_apart_is_refused():
+    with pytest.raises(ValueError, match=r"give 0, which is every step, or 0\.001"):
+        Mqtt(broker="127.0.0.1:1883", late_every_s=1e-300)

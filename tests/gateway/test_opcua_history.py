@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -131,3 +132,44 @@ async def test_a_client_reads_what_was_published(recorded):
 
 def _batched(values: list[float], n: int):
     return [values[i : i + n] for i in range(0, len(values), n)]
+
+
+FORGED = [bytes(3), bytes(9), bytes(8), b"\xff" * 8, b"\x00\x01" * 4, b"x" * 4000]
+INTERVALS_MS = [float("nan"), float("inf"), -float("inf"), -1.0, 1e-300, 1e300]
+
+
+async def test_a_hostile_history_read_gets_an_error_and_ends_no_process(recorded):
+    config, messages = recorded
+    url = f"opc.tcp://127.0.0.1:{free_port()}"
+    with fed_gateway(opcua=Opcua(listen=url), recordings=config.record.directory) as feed:
+        until(lambda: feed.said()["reason"] is None)
+        feed.send("config", config_json(config, "00000001").encode())
+        feed.send("estimate", messages[-1])
+        async with Client(url, timeout=60, watchdog_intervall=60.0) as client:
+            node = await _node(client, *HEAT)
+            assert len(await node.read_raw_history(_at(0), _at(9))) == 19
+            archive = _children(feed.process.pid)
+            average = ObjectIds.AggregateFunction_Average
+            raw = ua.ReadRawModifiedDetails(StartTime=_at(10), EndTime=_at(60), NumValuesPerNode=7)
+            for details in (raw, _aggregate(average, 0.0, 90.0, 30.0)):
+                for point in FORGED:
+                    answer = await _read(client, node, details, point)
+                    assert answer.StatusCode.value == ua.StatusCodes.BadContinuationPointInvalid, point
+            for interval_ms in INTERVALS_MS[:-1]:
+                answer = await _read(client, node, _aggregate(average, 0.0, 90.0, interval_ms / 1000.0))
+                assert answer.StatusCode.value == ua.StatusCodes.BadHistoryOperationInvalid, interval_ms
+            whole = await _read(client, node, _aggregate(average, 0.0, 90.0, INTERVALS_MS[-1]))
+            assert len(whole.HistoryData.DataValues) == 1
+            assert _children(feed.process.pid) == archive
+            asked = ua.HistoryReadParameters(
+                HistoryReadDetails=raw, NodesToRead=[ua.HistoryReadValueId(NodeId=node.nodeid)] * 3000
+            )
+            with pytest.raises(ua.uaerrors.BadTooManyOperations):
+                await client.uaclient.history_read(asked)
+            assert len(await node.read_raw_history(_at(0), _at(9))) == 19
+
+
+def _children(pid: int) -> list[str]:
+    """The processes that a process has started."""
+    tasks = Path(f"/proc/{pid}/task").iterdir()
+    return sorted(child for task in tasks for child in (task / "children").read_text().split())
