@@ -24,6 +24,8 @@ from observer.tables.outside import is_outside, outside
 def _from_outside(value: Any, known: ValidatorFunctionWrapHandler) -> DriverTable:
     """Validate a driver's table by the class that its `kind` names, or by one of those known here."""
     kind = value.get("kind") if isinstance(value, dict) else None
+    if kind == "modbus_rtu" and value.get("transport", "serial") != "serial":
+        value = value | {"kind": "modbus_tcp"}  # RTU frames over TCP have a host and a port
     if kind in DRIVER_KINDS or not is_outside(kind, "drivers"):
         settings: DriverTable = known(value)
         return settings

@@ -8,12 +8,20 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import get_args
 
-from drivers.places import WORDS, ModbusChannel
+from drivers.places import WORDS, ByteOrder, ModbusChannel
 
-_FORMAT = {"int16": ">h", "uint16": ">H", "int32": ">i", "uint32": ">I", "float32": ">f"}
+_FORMAT = {
+    "int16": ">h", "uint16": ">H", "int32": ">i", "uint32": ">I", "float32": ">f",
+    "int64": ">q", "uint64": ">Q", "float64": ">d",
+}  # fmt: skip
+_SMALLEST = {"float32": 2.0**-126, "float64": 2.0**-1022}  # that is not denormal
+_TINY_DEGC = 1e-6  # no sensor resolves it
+_EVERYDAY_DEGC, _EVERYDAY = (-60.0, 300.0), (1e-4, 1e5)  # temperatures; sizes of other values
+_SENSIBLE_DEGC, _SENSIBLE = 1500.0, 1e9
 MAX_REGISTERS = 125  # of one read request (Modbus Application Protocol 1.1b3, 6.3)
 
 
@@ -26,9 +34,10 @@ class RegisterBlock:
     count: int
 
 
-def bytes_of(words: Sequence[int], word_order: str = "big") -> bytes:
+def bytes_of(words: Sequence[int], order: ByteOrder = "ABCD") -> bytes:
     """The words of one value, the most significant byte first."""
-    return struct.pack(f">{len(words)}H", *(words if word_order == "big" else words[::-1]))
+    ordered = words if order in ("ABCD", "BADC") else words[::-1]
+    return struct.pack(f"{'>' if order in ('ABCD', 'CDAB') else '<'}{len(words)}H", *ordered)
 
 
 def raw_of(data: bytes, kind: str) -> float:
@@ -37,30 +46,70 @@ def raw_of(data: bytes, kind: str) -> float:
     return number
 
 
-def decode(words: Mapping[int, int], channel: ModbusChannel) -> tuple[float, str | None]:
+def decode(
+    words: Mapping[int, int], channel: ModbusChannel, is_temperature: bool = False
+) -> tuple[float, str | None]:
     """The value of a channel and its fault, from the registers by address.
 
     value = scale · raw + offset. The status word is judged first, because a module may clamp a value that
-    is out of its range to one that looks right; then codes that stand for faults; then the limits.
+    is out of its range to one that looks right; then codes that stand for faults; then the limits. A number
+    that is denormal, or a temperature closer to 0 than any sensor resolves, is one of another byte order.
     """
     if channel.status_register is not None:
         status = words[channel.status_register]
         for bits, fault in channel.status_faults.items():
             if status & bits == bits:
                 return math.nan, fault
-    own = [words[channel.register_ + i] for i in range(WORDS[channel.type])]
-    data = bytes_of(own, channel.word_order)
+    data = bytes_of(_words_of(words, channel), channel.order)
     code = int.from_bytes(data, "big")
     if code in channel.fault_codes:
         return math.nan, channel.fault_codes[code]
-    value = channel.value(raw_of(data, channel.type))
+    raw = raw_of(data, channel.type)
+    value = channel.value(raw)
     if not math.isfinite(value):
         return math.nan, "not_a_number"
+    if _is_tiny(raw, channel, is_temperature):
+        return math.nan, "tiny_number"
     if not (channel.low is None or value >= channel.low) or not (
         channel.high is None or value <= channel.high
     ):
         return math.nan, "out_of_range"
     return value, None
+
+
+def order_hint(words: Mapping[int, int], channel: ModbusChannel, is_temperature: bool) -> str | None:
+    """Say which other byte orders would give an everyday value where this one does not; else None."""
+    own = _words_of(words, channel)
+    raw = raw_of(bytes_of(own, channel.order), channel.type)
+    if not channel.is_float or _is_sensible(raw, channel, is_temperature):
+        return None
+    fitting = [
+        f"{order} would give {value:.6g}"
+        for order in get_args(ByteOrder)
+        if _is_everyday(value := channel.value(raw_of(bytes_of(own, order), channel.type)), is_temperature)
+    ]
+    return f"{raw:.3g} in byte_order {channel.order}; {', '.join(fitting)}" if fitting else None
+
+
+def _words_of(words: Mapping[int, int], channel: ModbusChannel) -> list[int]:
+    return [words[channel.register_ + i] for i in range(WORDS[channel.type])]
+
+
+def _is_tiny(raw: float, channel: ModbusChannel, is_temperature: bool) -> bool:
+    """Whether a floating-point number is not 0 and yet smaller than any that is measured."""
+    least = max(_SMALLEST.get(channel.type, 0.0), _TINY_DEGC if is_temperature and channel.is_float else 0.0)
+    return 0.0 < abs(raw) < least
+
+
+def _is_sensible(raw: float, channel: ModbusChannel, is_temperature: bool) -> bool:
+    largest = _SENSIBLE_DEGC if is_temperature else _SENSIBLE
+    return not _is_tiny(raw, channel, is_temperature) and abs(channel.value(raw)) < largest
+
+
+def _is_everyday(value: float, is_temperature: bool) -> bool:
+    if is_temperature:
+        return _EVERYDAY_DEGC[0] < value < _EVERYDAY_DEGC[1] and abs(value) > _TINY_DEGC
+    return _EVERYDAY[0] < abs(value) < _EVERYDAY[1]
 
 
 def spans(channel: ModbusChannel) -> list[RegisterBlock]:
@@ -71,16 +120,24 @@ def spans(channel: ModbusChannel) -> list[RegisterBlock]:
     return needed
 
 
-def read_plan(channels: Sequence[ModbusChannel]) -> tuple[RegisterBlock, ...]:
+def read_plan(
+    channels: Sequence[ModbusChannel], max_registers: int = MAX_REGISTERS
+) -> tuple[RegisterBlock, ...]:
     """The fewest requests that read these channels without touching a register nobody asked for."""
-    needed = {span for channel in channels for span in spans(channel)}
+    return plan_of({span for channel in channels for span in spans(channel)}, max_registers)
+
+
+def plan_of(
+    needed: Collection[RegisterBlock], max_registers: int = MAX_REGISTERS
+) -> tuple[RegisterBlock, ...]:
+    """The fewest requests that read these spans, none of which is torn."""
     plan: list[RegisterBlock] = []
     for span in sorted(needed, key=lambda b: (b.function, b.first, b.count)):
         end = span.first + span.count
         if plan and plan[-1].function == span.function and span.first <= plan[-1].first + plan[-1].count:
             first = plan[-1].first
             count = max(end, first + plan[-1].count) - first
-            if count <= MAX_REGISTERS:
+            if count <= max_registers:
                 plan[-1] = RegisterBlock(span.function, first, count)
                 continue
         plan.append(span)

@@ -2,16 +2,36 @@
 
 from __future__ import annotations
 
+import os
 from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from drivers.decode import spans
+from drivers.decode import MAX_REGISTERS, spans
 from drivers.places import MODBUS_INPUTS, ModbusChannel, check_channels, modbus_input
 from drivers.polled import PolledTable
-from drivers.protocol import ChannelName, InputOr, PollPeriod, Text, Timeout
+from drivers.protocol import ChannelName, InputOr, PollPeriod, SharedWire, Text, Timeout
 from observer.tables.quantities import Count, Number
+
+
+@dataclass(frozen=True, slots=True)
+class ModbusAddress:
+    """Where a connection leads: a TCP host and port, or a serial port with its speed and frame."""
+
+    transport: Literal["tcp", "rtu-over-tcp", "serial"]
+    host: str  # or the serial port
+    port: int = 0
+    line: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def place(self) -> tuple[object, ...]:
+        """The identity of the wire."""
+        if self.transport == "serial":
+            return "serial", os.path.realpath(self.host) if os.path.exists(self.host) else self.host
+        return "tcp", self.host.lower(), self.port
 
 
 class ModbusTable(PolledTable):
@@ -24,6 +44,10 @@ class ModbusTable(PolledTable):
     unit_id: Annotated[Count, Field(ge=0, le=255)] = 1
     period_s: PollPeriod = 0.5
     timeout_s: Timeout = 1.0
+    #: RTU: least silence after a missing reply; it grows with the latest reply seen
+    quiet_s: Annotated[Number, Field(ge=0.05, le=60)] = 0.5
+    #: most registers in one request; a device that refuses long requests is asked in shorter ones anyway
+    max_registers: Annotated[Count, Field(ge=1, le=MAX_REGISTERS)] = MAX_REGISTERS
     channels: dict[ChannelName, InputOr[ModbusChannel]] = Field(min_length=1)
 
     @model_validator(mode="after")
@@ -33,22 +57,28 @@ class ModbusTable(PolledTable):
             raise ValueError(
                 "first_register shifts a ready device map; without device, write the registers out"
             )
+        longest = max(spans(place)[0].count for place in self.map().values())
+        if longest > self.max_registers:
+            raise ValueError(
+                f"max_registers = {self.max_registers} is less than the {longest} registers of one value; "
+                f"make it at least {longest}"
+            )
         return self
 
     @property
     @abstractmethod
-    def address(self) -> str:
-        """The host, or the serial port."""
+    def address(self) -> ModbusAddress:
+        """Where the connection leads."""
 
-    @property
-    @abstractmethod
-    def line(self) -> dict[str, Any]:
-        """pymodbus's own options of the connection."""
-
-    @property
-    def silence_s(self) -> float | None:
-        """On a serial line, the silence kept after a reply that never came."""
-        return None
+    def wire(self) -> SharedWire:
+        """The wire, which several drivers may share if they agree on its settings."""
+        address = self.address
+        if address.transport == "serial":
+            settings = ", ".join(f"{key} = {value!r}" for key, value in address.line.items())
+            return SharedWire(address.place, settings, address.host)
+        return SharedWire(
+            address.place, f'transport = "{address.transport}"', f"{address.host}:{address.port}"
+        )
 
     def map(self) -> dict[str, ModbusChannel]:
         """The register of every channel, with inputs of a ready device map resolved."""
@@ -62,7 +92,7 @@ class ModbusTable(PolledTable):
     def occupied(self) -> dict[str, frozenset[tuple[object, ...]]]:
         """The addresses that each channel reads, the register last."""
         found: dict[str, frozenset[tuple[object, ...]]] = {}
-        device = self.address, self.line.get("port"), self.unit_id
+        device = *self.address.place, self.unit_id
         for channel, place in self.map().items():
             own = spans(place)[0]
             words = range(own.first, own.first + own.count)
@@ -71,48 +101,35 @@ class ModbusTable(PolledTable):
 
     def steps(self) -> dict[str, float]:
         """The step between two neighbouring values of each channel that comes as a whole number."""
-        return {c: abs(place.scale) for c, place in self.map().items() if place.type != "float32"}
+        return {c: abs(place.scale) for c, place in self.map().items() if not place.is_float}
 
 
 class ModbusTcpSettings(ModbusTable):
-    """A Modbus TCP device."""
+    """A Modbus device behind TCP: Modbus TCP, or RTU frames as a serial server passes them on."""
 
     kind: Literal["modbus_tcp"]
+    #: `"tcp"`, or `"rtu-over-tcp"` for a serial server that passes RTU frames on as they are
+    transport: Literal["tcp", "rtu-over-tcp"] = "tcp"
     host: Text
     port: Annotated[Count, Field(ge=1, le=65535)] = 502
 
     @property
-    def address(self) -> str:
-        """The host."""
-        return self.host
-
-    @property
-    def line(self) -> dict[str, Any]:
-        """The port."""
-        return {"port": self.port}
+    def address(self) -> ModbusAddress:
+        """The host and its port."""
+        return ModbusAddress(self.transport, self.host, self.port)
 
 
 class ModbusRtuSettings(ModbusTable):
-    """A Modbus RTU device on a serial line; `quiet_s` is the silence kept after a reply that never came."""
+    """A Modbus RTU device on a serial line."""
 
     kind: Literal["modbus_rtu"]
     port: Text
     baudrate: Annotated[Count, Field(ge=300, le=4_000_000)] = 19200
     parity: Literal["N", "E", "O"] = "N"
     stopbits: Literal[1, 2] = 1
-    quiet_s: Annotated[Number, Field(ge=0.05, le=60)] = 0.5
 
     @property
-    def address(self) -> str:
-        """The serial port."""
-        return self.port
-
-    @property
-    def line(self) -> dict[str, Any]:
-        """Speed and frame."""
-        return {"baudrate": self.baudrate, "parity": self.parity, "stopbits": self.stopbits}
-
-    @property
-    def silence_s(self) -> float:
-        """The silence kept after a reply that never came."""
-        return self.quiet_s
+    def address(self) -> ModbusAddress:
+        """The serial port, its speed and frame."""
+        line = {"baudrate": self.baudrate, "parity": self.parity, "stopbits": self.stopbits}
+        return ModbusAddress("serial", self.port, line=line)

@@ -1,39 +1,72 @@
-"""The one file that knows pymodbus as a driver: one connection to a Modbus device, TCP or RTU; reads only.
+"""One driver's use of a Modbus line: the requests that read its registers, and what each failure costs.
 
-pymodbus's own retries and reconnects are off. A connection that did not answer in time is not used again
-before a late reply can no longer be taken for the next one: over TCP it is closed, on a serial line it stays
-quiet until nothing has arrived for a while (an RTU reply carries no number of its request).
+A request that fails takes its own channels only. One that the device refuses is split until the registers it
+refuses are alone. One without an answer is asked last, and ever more rarely where that keeps others waiting.
 """
 
 from __future__ import annotations
 
 import asyncio
-import logging
+from dataclasses import dataclass, field
 from math import nan
 
-from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
-from pymodbus.exceptions import ModbusException
-from pymodbus.pdu import ExceptionResponse, ModbusPDU
-
-from drivers.decode import RegisterBlock, decode, read_plan, spans
+from drivers.decode import RegisterBlock, decode, order_hint, plan_of, spans
 from drivers.modbus import ModbusTable
+from drivers.modbus_frames import FUNCTIONS, Request
+from drivers.modbus_line import DeviceExceptionError, Line, shared_line
 from drivers.places import ModbusChannel
 from drivers.polled import LostError
 from drivers.protocol import Clock
 from observer.frames import Reading
 
-# Everything pymodbus logs also comes as the exceptions below, which are counted in the driver's status.
-logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
+_SPLIT_ON = (2, 3, 4)  # exceptions that a part of a request may have caused
+_NO_ANSWER = (10, 11)  # a gateway's, in the name of a unit that does not answer
+_PAUSE, _LONGEST_PAUSE_S = 10.0, 60.0  # time-outs between two trials of what did not answer
+_SPLIT_AGAIN_S = 10.0  # after a device has refused every part
 
-CONNECT_TIMEOUT_S = 0.5  # a peer that returns between two attempts is found by the next
+
+@dataclass(eq=False)
+class _Block:
+    """Registers that one request reads, and how that went the last times."""
+
+    registers: RegisterBlock
+    parts: tuple[RegisterBlock, ...]  # the values in it, none of which may be torn
+    request: Request
+    failures: int = 0  # time-outs in a row
+    retry_s: float = 0.0  # not to be asked before, by the event loop's clock
+    fault: str = "timeout"
+    answered: bool = False
+    trials: int = 0
 
 
-class _DeviceExceptionError(Exception):
-    """The device answered with a Modbus exception code."""
+@dataclass
+class _Poll:
+    """What a poll has brought so far."""
 
-    def __init__(self, code: int) -> None:
-        super().__init__(f"Modbus exception {code}")
-        self.code = code
+    words: dict[str, dict[int, int]] = field(default_factory=lambda: {name: {} for name in FUNCTIONS})
+    faults: dict[str, dict[int, str]] = field(default_factory=lambda: {name: {} for name in FUNCTIONS})
+    heard_s: float | None = None
+    answers: int = 0  # replies with registers
+    refusals: int = 0
+    timeouts: int = 0
+    problem: LostError | DeviceExceptionError | None = None
+
+    def take(self, registers: RegisterBlock, words: list[int], heard_s: float) -> None:
+        """Take the registers of a reply."""
+        self.answers += 1
+        self.heard_s = heard_s
+        self.words[registers.function] |= {registers.first + i: word for i, word in enumerate(words)}
+
+    def drop(self, registers: RegisterBlock, fault: str) -> None:
+        """Forget registers that were read."""
+        for number in range(registers.first, registers.first + registers.count):
+            self.words[registers.function].pop(number, None)
+        self.fail(registers, fault)
+
+    def fail(self, registers: RegisterBlock, fault: str) -> None:
+        """Note registers that were not read."""
+        numbers = range(registers.first, registers.first + registers.count)
+        self.faults[registers.function] |= dict.fromkeys(numbers, fault)
 
 
 async def connect(table: ModbusTable, now: Clock) -> ModbusSession:
@@ -48,54 +81,61 @@ async def connect(table: ModbusTable, now: Clock) -> ModbusSession:
 
 
 class ModbusSession:
-    """One connection to a device whose registers are read; recreated for each connection."""
+    """The registers of one unit, read over the line of its address."""
 
     def __init__(self, table: ModbusTable, now: Clock) -> None:
         self.problem: str | None = None
         self._now = now
-        self._unit_id = table.unit_id
-        self._quiet_s = table.silence_s
+        self._table = table
         self._places = table.map()
-        self._plan = read_plan(list(self._places.values()))
-        self._unsettled = False  # a late reply may still come
-        self._lost = asyncio.Event()  # set when the connection ends, whoever ended it
-        self._heard_s = now()  # when the last bytes came, by the clock `now`
-        self._last_byte_s = 0.0
-        client = AsyncModbusSerialClient if table.silence_s is not None else AsyncModbusTcpClient
-        self._client: AsyncModbusTcpClient | AsyncModbusSerialClient = client(
-            table.address,
-            **table.line,
-            timeout=table.timeout_s,
-            retries=0,
-            reconnect_delay=0,
-            trace_connect=self._connection_changed,
-            trace_packet=self._bytes_passed,
-        )
+        self._line: Line | None = shared_line(table.address, now)
+        self._line.join(table.unit_id)
+        self._blocks = self._planned(self._needed())
+        self._split_from_s = 0.0
+        self._doubt: str | None = None  # a value that seems to have another byte order
+        self._silent_polls = 0  # in a row, without any answer
+        self._retry_s = 0.0  # the unit is not to be asked before, by the event loop's clock
+        self._silence = LostError("timeout", "no answer yet")
 
-    def _connection_changed(self, connected: bool) -> None:
-        if not connected:
-            self._lost.set()
+    def _needed(self) -> set[RegisterBlock]:
+        return {span for channel in self._places.values() for span in spans(channel)}
 
-    def _bytes_passed(self, sending: bool, data: bytes) -> bytes:
-        if not sending:
-            self._heard_s = self._now()
-            self._last_byte_s = asyncio.get_running_loop().time()
-        return data
+    def _planned(self, needed: set[RegisterBlock]) -> list[_Block]:
+        """The blocks that read these values, each with a length of its own where replies are told by it."""
+        blocks = []
+        for registers in plan_of(needed, self._table.max_registers):
+            parts = tuple(
+                span
+                for span in sorted(needed, key=lambda s: s.first)
+                if span.function == registers.function
+                and registers.first <= span.first <= registers.first + registers.count - span.count
+            )
+            blocks.append(_Block(registers, parts, self._reserved(registers)))
+        return blocks
+
+    def _reserved(self, registers: RegisterBlock) -> Request:
+        exact = self._exact(registers)
+        return exact if self._line is None else self._line.reserve(exact, self._table.max_registers)
+
+    def _exact(self, registers: RegisterBlock) -> Request:
+        return Request(self._table.unit_id, FUNCTIONS[registers.function], registers.first, registers.count)
+
+    def _release(self, blocks: list[_Block]) -> None:
+        for block in blocks:
+            if self._line is not None:
+                self._line.release(block.request)
 
     async def open(self) -> None:
         """Connect, once. Raises `LostError` with the reason when that fails."""
-        try:
-            connected = await asyncio.wait_for(self._client.connect(), CONNECT_TIMEOUT_S)
-        except TimeoutError:
-            raise LostError("disconnected", "no answer to the attempt to connect") from None
-        except (OSError, ValueError, ModbusException) as error:
-            raise LostError("disconnected", str(error)) from None
-        if not connected:
-            raise LostError("disconnected", "cannot connect")
+        if self._line is not None:
+            await self._line.open()
 
     async def close(self) -> None:
-        """Close the connection."""
-        self._client.close()
+        """End the use of the line."""
+        if self._line is not None:
+            self._release(self._blocks)
+            self._line.leave(self._table.unit_id)
+            self._line = None
 
     async def ask(self) -> list[Reading]:
         """One reading of every channel; one with a register that was not read has that request's fault.
@@ -105,93 +145,182 @@ class ModbusSession:
 
         Raises `LostError`, with a reading unless the connection is gone.
         """
-        if self._unsettled and not await self.settle():
-            raise LostError("disconnected", "connection closed by the device")
-        self.problem, self._unsettled = None, False
-        words: dict[str, dict[int, int]] = {"holding": {}, "input": {}}
-        faults: dict[RegisterBlock, str] = {}
-        heard_s: float | None = None
-        for number, block in enumerate(self._plan):
-            try:
-                words[block.function] |= await self._read(block)
-            except _DeviceExceptionError as error:
-                faults[block] = f"exception_{error.code}"
-                self.problem = str(error)
-            except LostError as error:
-                if error.fault != "disconnected":
-                    faults |= dict.fromkeys(self._plan[number:], error.fault)
-                    error.readings = [self._reading(words, faults, heard_s)]
-                    error.lasts = self._unsettled = self._quiet_s is not None
-                raise
+        poll = _Poll()
+        now_s = asyncio.get_running_loop().time()
+        waiting = sorted(self._blocks, key=lambda block: block.failures)
+        if now_s < self._retry_s:
+            raise self._silent_unit(poll)
+        while waiting:
+            block = waiting.pop(0)
+            if block.retry_s > now_s or poll.timeouts > poll.answers + poll.refusals or poll.timeouts > 1:
+                poll.fail(block.registers, block.fault)
             else:
-                heard_s = self._heard_s
-        return [self._reading(words, faults, heard_s)]
+                waiting[:0] = await self._read(block, poll)
+        await self._refuse_ambiguous(poll, now_s)
+        return self._ended(poll)
 
-    async def _read(self, block: RegisterBlock) -> dict[int, int]:
-        """Read the registers of a block, by address. Raises `LostError` or `_DeviceExceptionError`."""
-        client = self._client
-        if not client.connected:
-            raise LostError("disconnected", "connection closed by the device")
-        read = client.read_holding_registers if block.function == "holding" else client.read_input_registers
-        answer = asyncio.ensure_future(read(block.first, count=block.count, device_id=self._unit_id))
-        lost = asyncio.ensure_future(self._lost.wait())
+    async def _refuse_ambiguous(self, poll: _Poll, since_s: float) -> None:
+        """Give up what was read by a reply for which another may have been meant."""
+        if self._line is None or not poll.answers:
+            return
+        await self._line.last_replies((block.request for block in self._blocks), self._table.period_s)
+        for block in self._blocks:
+            if self._line.is_ambiguous(block.request, since_s):
+                poll.drop(block.registers, "bad_reply")
+                poll.problem = LostError(
+                    "bad_reply", f"replies came that nothing asked for, and may be taken for {block.request}"
+                )
+
+    def _silent_unit(self, poll: _Poll) -> LostError:
+        """The error of a poll without any answer."""
+        if isinstance(poll.problem, LostError):
+            self._silence = poll.problem
+        for block in self._blocks:
+            poll.fail(block.registers, self._silence.fault)
+            block.retry_s = 0.0
+        error = LostError(self._silence.fault, str(self._silence))
+        error.readings, error.lasts = [self._reading(poll)], True
+        return error
+
+    def _ended(self, poll: _Poll) -> list[Reading]:
+        """The reading of a poll. Raises `LostError` if nothing has answered."""
+        readings = [self._reading(poll)]
+        if not poll.answers and poll.refusals:
+            self._release(self._blocks)
+            self._blocks = self._planned(self._needed())
+            self._split_from_s = asyncio.get_running_loop().time() + _SPLIT_AGAIN_S
+        if not poll.answers and not poll.refusals:
+            self._silent_polls += 1
+            if self._line is not None and self._line.has_other_units and self._silent_polls > 1:
+                self._retry_s = asyncio.get_running_loop().time() + self._pause_s(self._silent_polls)
+            raise self._silent_unit(poll)
+        self._silent_polls = 0
+        unexpected = self._line.unexpected if self._line is not None else None
+        self.problem = str(poll.problem) if poll.problem is not None else self._doubt or unexpected
+        if self._line is not None:
+            self._line.unexpected = None
+        return readings
+
+    async def _read(self, block: _Block, poll: _Poll) -> list[_Block]:
+        """Read a block; returns what to ask at once in its place. Raises `LostError` if disconnected."""
+        if block.failures and not poll.answers and len(block.parts) > 1:
+            part = block.parts[block.trials % len(block.parts)]
+            block.trials += 1
+            if not await self._answers(part, poll):
+                block.failures += 1
+                poll.fail(block.registers, block.fault)
+                return []
         try:
-            await asyncio.wait({answer, lost}, return_when=asyncio.FIRST_COMPLETED)
-            if answer.done():
-                return _registers(answer.result(), block)
-        except ModbusException as error:
-            if not self._lost.is_set():
-                raise LostError("timeout", str(error)) from None
-        finally:
-            answer.cancel()
-            lost.cancel()
-        raise LostError("disconnected", "connection closed by the device")
+            words, heard_s = await self._asked(block.request)
+        except DeviceExceptionError as error:
+            return self._refused(block, error, poll)
+        except LostError as error:
+            if error.fault == "disconnected":
+                raise
+            self._silent(block, error, poll)
+            return []
+        block.failures, block.retry_s, block.answered = 0, 0.0, True
+        poll.take(block.registers, words[: block.registers.count], heard_s)
+        return []
 
-    async def settle(self) -> bool:
-        """After a timeout, wait until no late reply can come; False when the connection is lost."""
-        loop = asyncio.get_running_loop()
-        quiet_from_s = loop.time()
-        while not self._lost.is_set():
-            quiet_from_s = max(quiet_from_s, self._last_byte_s)
-            remaining_s = quiet_from_s + (self._quiet_s or 0.0) - loop.time()
-            if remaining_s <= 0:
-                return True
-            await asyncio.sleep(remaining_s)
-        return False
+    async def _answers(self, part: RegisterBlock, poll: _Poll) -> bool:
+        """Whether the unit answers a request for a single value. Raises `LostError` when it is gone."""
+        try:
+            words, heard_s = await self._asked(self._exact(part))
+            poll.take(part, words, heard_s)
+        except DeviceExceptionError as error:
+            poll.refusals += 1
+            poll.problem = error
+        except LostError as error:
+            if error.fault == "disconnected":
+                raise
+            poll.timeouts += 1
+            poll.problem = error
+            return False
+        return True
 
-    def _reading(
-        self, words: dict[str, dict[int, int]], block_faults: dict[RegisterBlock, str], heard_s: float | None
-    ) -> Reading:
+    async def _asked(self, request: Request) -> tuple[list[int], float]:
+        if self._line is None:
+            raise LostError("disconnected", "the connection is closed")
+        return await self._line.read(request, self._table.timeout_s, self._table.quiet_s)
+
+    def _refused(self, block: _Block, error: DeviceExceptionError, poll: _Poll) -> list[_Block]:
+        """The blocks to ask in place of one that the device refuses."""
+        if error.code in _NO_ANSWER:
+            self._silent(block, LostError(f"exception_{error.code}", str(error)), poll)
+            return []
+        block.failures, block.retry_s = 0, 0.0
+        if error.code in _SPLIT_ON:
+            if self._is_widened(block):
+                self._narrow(block)
+                return [block]
+            if len(block.parts) > 1 and asyncio.get_running_loop().time() >= self._split_from_s:
+                return self._split(block)
+        poll.refusals += 1
+        poll.problem = error
+        poll.fail(block.registers, f"exception_{error.code}")
+        return []
+
+    def _silent(self, block: _Block, error: LostError, poll: _Poll) -> None:
+        """Note a request without a usable answer, and split it if the unit answers others."""
+        poll.timeouts += 1
+        poll.problem = error
+        block.failures += 1
+        block.fault = error.fault
+        poll.fail(block.registers, error.fault)
+        if self._is_widened(block) and not block.answered:
+            self._narrow(block)
+        elif block.failures > 1 and poll.answers + poll.refusals and len(block.parts) > 1:
+            for half in self._split(block):
+                half.failures = 1
+        elif poll.answers + poll.refusals:  # it keeps others waiting
+            block.retry_s = asyncio.get_running_loop().time() + self._pause_s(block.failures)
+
+    def _pause_s(self, failures: int) -> float:
+        """How long to leave alone what did not answer so often."""
+        return float(min(_PAUSE * 2.0 ** min(failures - 1, 10) * self._table.timeout_s, _LONGEST_PAUSE_S))
+
+    def _is_widened(self, block: _Block) -> bool:
+        return block.request.count != block.registers.count
+
+    def _narrow(self, block: _Block) -> None:
+        """Read no register beyond those of the block: the device does not have them."""
+        self._release([block])
+        block.request = self._exact(block.registers)
+        if self._line is not None:
+            self._line.reserve(block.request, block.request.count)
+
+    def _split(self, block: _Block) -> list[_Block]:
+        """Put two halves in the place of a block."""
+        self._release([block])
+        self._blocks.remove(block)
+        middle = len(block.parts) // 2
+        halves = self._planned(set(block.parts[:middle])) + self._planned(set(block.parts[middle:]))
+        self._blocks += halves
+        return halves
+
+    def _reading(self, poll: _Poll) -> Reading:
         values: dict[str, float] = {}
         faults: dict[str, str] = {}
+        self._doubt = None
         for name, channel in self._places.items():
-            fault = next((f for b, f in block_faults.items() if _touches(channel, b)), None)
+            fault = _fault_of(channel, poll)
             value = nan
             if fault is None:
-                value, fault = decode(words[channel.function], channel)
+                words, is_temperature = poll.words[channel.function], name.endswith("degC")
+                value, fault = decode(words, channel, is_temperature)
+                hint = order_hint(words, channel, is_temperature)
+                self._doubt = self._doubt or (hint and f"{name} is {hint}")
             values[name] = value
             if fault is not None:
                 faults[name] = fault
-        return Reading(self._now() if heard_s is None else heard_s, values, faults)
+        return Reading(self._now() if poll.heard_s is None else poll.heard_s, values, faults)
 
 
-def _registers(response: ModbusPDU, block: RegisterBlock) -> dict[int, int]:
-    """The registers in a response, by address, after checking that it answers this very request."""
-    if isinstance(response, ExceptionResponse):
-        raise _DeviceExceptionError(response.exception_code)
-    expected_function = 3 if block.function == "holding" else 4
-    if response.function_code != expected_function or len(response.registers) != block.count:
-        raise LostError(
-            "bad_reply",
-            f"asked for {block.count} registers by function {expected_function}, "
-            f"got {len(response.registers)} by function {response.function_code}",
-        )
-    return {block.first + i: word for i, word in enumerate(response.registers)}
-
-
-def _touches(channel: ModbusChannel, block: RegisterBlock) -> bool:
-    """Whether a block holds a register that the channel needs."""
-    return any(
-        span.function == block.function and block.first <= span.first < block.first + block.count
-        for span in spans(channel)
-    )
+def _fault_of(channel: ModbusChannel, poll: _Poll) -> str | None:
+    """The fault of the registers that a channel needs; None where all of them were read."""
+    for span in spans(channel):
+        for number in range(span.first, span.first + span.count):
+            if number not in poll.words[span.function]:
+                return poll.faults[span.function].get(number, "timeout")
+    return None

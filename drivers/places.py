@@ -29,7 +29,10 @@ from drivers.protocol import (
 from observer.errors import raise_all
 from observer.tables.quantities import Count, Finite
 
-WORDS = {"int16": 1, "uint16": 1, "int32": 2, "uint32": 2, "float32": 2}
+WORDS = {
+    "int16": 1, "uint16": 1, "int32": 2, "uint32": 2, "float32": 2, "int64": 4, "uint64": 4, "float64": 4,
+}  # fmt: skip
+"""How many registers each type takes."""
 
 
 class Place(Settings):
@@ -48,6 +51,9 @@ class Place(Settings):
         return self.scale * number + self.offset
 
 
+ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
+
+
 class ModbusChannel(Place):
     """One value in the registers of a Modbus device.
 
@@ -59,8 +65,13 @@ class ModbusChannel(Place):
 
     register_: Register = Field(alias="register")
     function: Literal["holding", "input"] = "input"
-    type: Literal["int16", "uint16", "int32", "uint32", "float32"] = "int16"
-    word_order: Literal["big", "little"] = "big"
+    #: `"int16"`, `"uint16"`, `"int32"`, `"uint32"`, `"float32"`, `"int64"`, `"uint64"` or `"float64"`
+    type: Literal["int16", "uint16", "int32", "uint32", "float32", "int64", "uint64", "float64"] = "int16"
+    #: `"ABCD"`; `"CDAB"` where the low word comes first; `"BADC"` where the bytes of each word are swapped;
+    #: `"DCBA"` where both are
+    byte_order: ByteOrder = "ABCD"
+    #: another way to give `byte_order`: `"big"` is `"ABCD"`, `"little"` is `"CDAB"`
+    word_order: Literal["big", "little"] | None = None
     low: Finite | None = None
     high: Finite | None = None
     fault_codes: dict[Word, FaultName] = Field(default_factory=dict)
@@ -71,6 +82,8 @@ class ModbusChannel(Place):
     def _sensible(self) -> ModbusChannel:
         if self.register_ + WORDS[self.type] > 0x10000:
             raise ValueError(f"a {self.type} at register {self.register_} reaches beyond register 65535")
+        if self.word_order is not None and "byte_order" in self.model_fields_set:
+            raise ValueError("word_order and byte_order say the same; give byte_order alone")
         if bool(self.status_faults) != (self.status_register is not None):
             raise ValueError("status_register and status_faults belong together; give both or neither")
         if self.low is not None and self.high is not None and not self.low < self.high:
@@ -81,6 +94,16 @@ class ModbusChannel(Place):
     def where(self) -> tuple[object, ...]:
         """The identity of a source, which two channels of a driver must not share."""
         return self.function, self.register_, self.type
+
+    @property
+    def order(self) -> ByteOrder:
+        """The order of the bytes of a value, from either key."""
+        return "CDAB" if self.word_order == "little" else self.byte_order
+
+    @property
+    def is_float(self) -> bool:
+        """Whether the registers hold a floating-point number."""
+        return self.type.startswith("float")
 
 
 class CanChannel(Place):

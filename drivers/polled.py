@@ -125,6 +125,7 @@ class Polled:
         self._session: Session | None = None
         self._tried_s = 0.0
         self._why = "disconnected"
+        self._unfinished = "timeout"  # the fault of channels while a poll goes on beyond its period
 
     async def run(self, deliver: Deliver, now: Clock) -> None:
         """Deliver what each channel is once a period until cancelled."""
@@ -141,7 +142,7 @@ class Polled:
                         deliver(reading)
                     poll = None
                 else:
-                    why = self._why if self._session is None else "timeout"
+                    why = self._why if self._session is None else self._unfinished
                     deliver(faulty(self.channels, why, now()))
                 await asyncio.sleep(next_s - loop.time())
         finally:
@@ -158,12 +159,13 @@ class Polled:
                 if self._session is None:
                     self._tried_s = loop.time()
                     self._session = await self._connect(now)
+                asked_s = loop.time()
                 readings = await self._session.ask()
-                self._answered(self._session)
+                self._answered(self._session, loop.time() - asked_s)
                 return readings
             except LostError as error:
                 failed = error
-            self._why = failed.fault
+            self._why, self._unfinished = failed.fault, "timeout"
             self.status = self.status.failed(str(failed))
             if not failed.lasts:
                 await self._close()
@@ -172,10 +174,16 @@ class Polled:
             if loop.time() - self._tried_s < RETRY_S:  # refused, or accepted and closed at once
                 await asyncio.sleep(RETRY_S)
 
-    def _answered(self, session: Session) -> None:
+    def _answered(self, session: Session, poll_s: float) -> None:
+        """Note an answered poll, what it lacks, and whether it took longer than its period."""
         self.status = self.status.opened()
-        if session.problem is not None:
-            self.status = self.status.failed(session.problem, connected=True)
+        problem = session.problem
+        self._unfinished = "timeout"
+        if poll_s > self.period_s:
+            self._unfinished = "slow_poll"
+            problem = problem or f"a poll takes {poll_s:.2g} s, longer than period_s = {self.period_s:g}"
+        if problem is not None:
+            self.status = self.status.failed(problem, connected=True)
 
     async def _close(self) -> None:
         session, self._session = self._session, None

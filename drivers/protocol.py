@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from math import nan
 from pathlib import Path
-from typing import Annotated, Protocol, TypeVar
+from typing import Annotated, NamedTuple, Protocol, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -84,7 +84,7 @@ def faulty(channels: Iterable[str], fault: str, time_s: float) -> Reading:
 def _any_base(code: object) -> object:
     """Let codes be written as in device manuals; keys of TOML tables are strings, `0x7FFF` among them."""
     try:
-        return int(code, 0) if isinstance(code, str) and len(code) <= 12 else code
+        return int(code, 0) if isinstance(code, str) and len(code) <= 20 else code
     except ValueError:
         return code
 
@@ -106,7 +106,7 @@ Scale = Annotated[Finite, Field(ge=-1e9, le=1e9), AfterValidator(not_zero)]
 PollPeriod = Annotated[Number, Field(ge=0.005, le=3600)]
 Timeout = Annotated[Number, Field(ge=0.01, le=60)]
 Register = Annotated[Count, Field(ge=0, le=0xFFFF)]
-Word = Annotated[Count, BeforeValidator(_any_base), Field(ge=0, le=0xFFFF_FFFF)]
+Word = Annotated[Count, BeforeValidator(_any_base), Field(ge=0, le=0xFFFF_FFFF_FFFF_FFFF)]
 Text = Annotated[str, Field(min_length=1, max_length=256, pattern=r"^[^\x00-\x1f\x7f]+$")]
 FaultName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=64)]
 
@@ -129,6 +129,14 @@ class Settings(BaseModel):
     """A table under `[drivers.…]`: frozen, and unknown keys are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class SharedWire(NamedTuple):
+    """A wire that several drivers may use at once, with the settings on which they have to agree."""
+
+    place: tuple[object, ...]
+    settings: str
+    name: str
 
 
 class DriverTable(Settings):
@@ -155,6 +163,10 @@ class DriverTable(Settings):
     def file_problems(self, _name: str) -> list[str]:
         """Problems of the files that the table names, as “key: a sentence”."""
         return []
+
+    def wire(self) -> SharedWire | None:
+        """The wire, where several drivers may name the same one; None where each has its own."""
+        return None
 
     def occupied(self) -> dict[str, frozenset[tuple[object, ...]]]:
         """The addresses that each channel reads, the register last, where two channels could share some."""

@@ -44,7 +44,7 @@ class Installation(Config):
 
     def contradictions(self) -> list[str]:
         """Contradictions, a sentence each."""
-        return [*super().contradictions(), *_delivered_twice(self)]
+        return [*super().contradictions(), *_delivered_twice(self), *_wires_disagree(self)]
 
     @property
     def sample_s(self) -> dict[str, float]:
@@ -93,6 +93,21 @@ def _delivered_twice(config: Installation) -> Iterator[str]:
                     "one of them"
                 )
             by.setdefault(channel, name)
+
+
+def _wires_disagree(config: Installation) -> Iterator[str]:
+    """Report drivers that share a serial port, or a host and port, with different settings of the wire."""
+    first: dict[tuple[object, ...], tuple[str, str]] = {}
+    for name, driver in config.drivers.items():
+        wire = driver.wire()
+        if wire is None:
+            continue
+        other, settings = first.setdefault(wire.place, (name, wire.settings))
+        if settings != wire.settings:
+            yield (
+                f"drivers.{name}: it shares {wire.name} with drivers.{other}, but has {wire.settings} where "
+                f"that has {settings}; give both the same"
+            )
 
 
 def load(path: Path) -> Installation:

@@ -119,7 +119,7 @@ def _modbus(answers: Answers) -> list[FileTable]:
         "register": Note(answers.position_register, "the first of a pair; 40001 is 0"),
         "function": "holding",
         "type": "int32",
-        "word_order": Note("big", '"little" where the low word comes first'),
+        "byte_order": Note("ABCD", '"CDAB" where the low word comes first'),
         "scale": 1.0 / (answers.counts_per_m or 1.0),
         "offset": Note(0.0, _ZERO),
     }

@@ -160,8 +160,14 @@ class NotGood:
 
 _REMEDIES = {
     "disconnected": "check that the device is on, cabled, and at the address or port of its table",
-    "timeout": "connected, but nothing answers: check unit_id, baud rate, parity and timeout_s",
+    "timeout": "no answer in time: check power, cable, unit_id and timeout_s; on a serial line also "
+    "baudrate, parity and stopbits",
+    "slow_poll": "a poll takes longer than period_s, as the driver's last error says: raise period_s, or "
+    "read fewer registers",
     "bad_reply": "the reply does not match the request: check unit_id, and look for a second master",
+    "rtu_frames": 'the device answers in RTU frames: set transport = "rtu-over-tcp" for this driver',
+    "tiny_number": "the number is too small to be a measurement: check byte_order, type and register; the "
+    "driver's last error names the order that fits",
     "silent": "the bus carries no such message: check bit rate, cable, identifier and sender",
     "short_frame": "the message is shorter than its description: check the DBC file or position_byte",
     "bad_frame": "the message does not fit its description: check the DBC file",
@@ -173,7 +179,7 @@ _REMEDIES = {
     "register_communication": "the module waits for register commands: switch its control byte back",
     "not_ready": "the module is starting, or not configured: check its project in the controller",
     "module_error": "the module reports an error of its own: check its lamps and its manual",
-    "not_a_number": "the device sends something that is not a number: check type and word_order",
+    "not_a_number": "the device sends something that is not a number: check type and byte_order",
     "unreadable": "the value cannot be read as a number: check the column or the signal",
     "end_of_log": "the log that is played has ended",
     "never_came": "nothing came in time: check the driver's last error and period_s",

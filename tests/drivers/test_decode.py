@@ -5,7 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.decode import MAX_REGISTERS, RegisterBlock, bytes_of, decode, raw_of, read_plan, spans
+from drivers.decode import (
+    MAX_REGISTERS,
+    RegisterBlock,
+    bytes_of,
+    decode,
+    order_hint,
+    raw_of,
+    read_plan,
+    spans,
+)
 from drivers.places import WORDS, ModbusChannel, modbus_input
 
 LIMITS = {
@@ -13,16 +22,22 @@ LIMITS = {
     "uint16": (0, 2**16 - 1),
     "int32": (-(2**31), 2**31 - 1),
     "uint32": (0, 2**32 - 1),
+    "int64": (-(2**63), 2**63 - 1),
+    "uint64": (0, 2**64 - 1),
 }
-ORDERS = st.sampled_from(["big", "little"])
-BYTES = {"int16": ">h", "uint16": ">H", "int32": ">i", "uint32": ">I", "float32": ">f"}
+ORDERS = st.sampled_from(["ABCD", "CDAB", "BADC", "DCBA"])
+BYTES = {
+    "int16": ">h", "uint16": ">H", "int32": ">i", "uint32": ">I", "float32": ">f",
+    "int64": ">q", "uint64": ">Q", "float64": ">d",
+}  # fmt: skip
 
 
 def words_of(number, kind, order):
     """The registers in which a device shows a number."""
     data = struct.pack(BYTES[kind], number)
-    words = struct.unpack(f">{len(data) // 2}H", data)
-    return words if order == "big" else words[::-1]
+    pairs = [data[i : i + 2] for i in range(0, len(data), 2)]
+    pairs = pairs[::-1] if order in ("CDAB", "DCBA") else pairs
+    return [int.from_bytes(p[::-1] if order in ("BADC", "DCBA") else p, "big") for p in pairs]
 
 
 @given(st.sampled_from(sorted(LIMITS)), ORDERS, st.data())
@@ -33,14 +48,51 @@ def test_integers_survive_the_registers(kind, order, data):
     assert raw_of(bytes_of(words, order), kind) == number
 
 
+@given(st.floats(allow_nan=False), ORDERS)
+def test_long_floats_survive_the_registers(number, order):
+    assert raw_of(bytes_of(words_of(number, "float64", order), order), "float64") == number
+
+
+@pytest.mark.parametrize("order", ["CDAB", "BADC", "DCBA"])
+@pytest.mark.parametrize("kind", ["float32", "float64"])
+def test_a_temperature_read_in_a_wrong_byte_order_is_a_fault_or_implausible_and_the_right_order_is_named(
+    order, kind
+):
+    for number in (21.5, 21.4, 0.1, -3.25, 85.0):
+        registers = dict(enumerate(words_of(number, kind, order)))
+        value, fault = decode(registers, ModbusChannel(register=0, type=kind), True)
+        assert fault == "tiny_number" or not -100.0 < value < 150.0, (number, value)
+        hint = order_hint(registers, ModbusChannel(register=0, type=kind), True)
+        assert hint is None or f"{order} would give" in hint
+        right = ModbusChannel(register=0, type=kind, byte_order=order)
+        assert decode(registers, right, True) == (pytest.approx(number, rel=1e-6), None)
+        assert order_hint(registers, right, True) is None
+
+
+def test_zero_is_a_value_and_a_denormal_number_is_none():
+    channel = ModbusChannel(register=0, type="float32")
+    assert decode({0: 0, 1: 0}, channel, True) == (0.0, None)
+    assert decode({0: 0, 1: 0x41AC}, channel)[1] == "tiny_number"
+    assert decode({0: 0xAC41, 1: 0}, channel)[1] is None, "a position may be as small as rounding"
+
+
+def test_word_order_is_another_name_of_a_byte_order():
+    assert ModbusChannel(register=0, type="int32", word_order="little").order == "CDAB"
+    assert ModbusChannel(register=0, type="int32", word_order="big").order == "ABCD"
+    with pytest.raises(ValueError, match="give byte_order alone"):
+        ModbusChannel(register=0, type="int32", word_order="big", byte_order="DCBA")
+    with pytest.raises(ValueError, match="ABCD"):
+        ModbusChannel(register=0, type="int32", byte_order="ACBD")
+
+
 @given(st.floats(width=32, allow_nan=False), ORDERS)
 def test_floats_survive_the_registers(number, order):
     assert raw_of(bytes_of(words_of(number, "float32", order), order), "float32") == number
 
 
 @given(st.lists(st.integers(0, 0xFFFF), min_size=2, max_size=2), st.sampled_from(["int32", "uint32"]))
-def test_word_order_swaps_words_and_nothing_else(words, kind):
-    assert raw_of(bytes_of(words, "little"), kind) == raw_of(bytes_of(words[::-1], "big"), kind)
+def test_the_order_cdab_swaps_words_and_nothing_else(words, kind):
+    assert raw_of(bytes_of(words, "CDAB"), kind) == raw_of(bytes_of(words[::-1]), kind)
 
 
 def test_the_byte_order_is_that_of_the_wire():
@@ -51,7 +103,7 @@ def test_the_byte_order_is_that_of_the_wire():
 
 @given(st.floats(-200, 1300), st.sampled_from([0.1, 0.01, 0.0625, -0.5]), st.floats(-300, 300), ORDERS)
 def test_a_value_comes_back_to_half_a_step(value, scale, offset, order):
-    channel = ModbusChannel(register=7, type="int32", word_order=order, scale=scale, offset=offset)
+    channel = ModbusChannel(register=7, type="int32", byte_order=order, scale=scale, offset=offset)
     words = words_of(round((value - offset) / scale), "int32", order)
     decoded, fault = decode({7: words[0], 8: words[1]}, channel)
     assert fault is None

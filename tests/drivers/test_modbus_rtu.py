@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from drivers import modbus_session
+from drivers import modbus_line
 from drivers.modbus import ModbusRtuSettings
 from tests.drivers.harness import running
 from tests.patience import Stopwatch
@@ -121,13 +121,16 @@ async def test_late_replies_never_yield_another_registers_value():
         assert wrong_values(rtu.readings) == []
 
 
-async def test_without_the_quiet_gap_late_replies_do_yield_wrong_values(monkeypatch):
+async def test_without_quiet_and_requests_that_differ_late_replies_do_yield_wrong_values(monkeypatch):
     """The hazard is real: this is what the test above protects against."""
 
-    async def at_once(_link):
-        return True
+    async def at_once(*_):
+        """Neither wait nor see to it that the reply can be told from an earlier one."""
 
-    monkeypatch.setattr(modbus_session.ModbusSession, "settle", at_once)
+    monkeypatch.setattr(modbus_line.Line, "_settle", at_once)
+    monkeypatch.setattr(modbus_line.Line, "_tell_apart", at_once)
+    monkeypatch.setattr(modbus_line.Line, "reserve", lambda _line, request, _most: request)
+    monkeypatch.setattr(modbus_line.Line, "release", lambda *_: None)
     async with rtu_device(list(range(15))) as line, running(settings(line, 5).open("rtu")) as rtu:
         await replies_that_come_late(line, rtu)
         assert wrong_values(rtu.readings) != []

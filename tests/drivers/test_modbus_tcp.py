@@ -6,9 +6,9 @@ import time
 
 import pytest
 from pymodbus.constants import ExcCodes
-from pymodbus.transport import ModbusProtocol
 
 from drivers.modbus import ModbusTcpSettings
+from drivers.modbus_line import _Wire
 from tests.drivers.harness import device, running
 from tests.patience import Stopwatch, eventually
 
@@ -47,12 +47,12 @@ async def test_values_of_both_functions_arrive_with_the_clock_of_the_service():
 async def test_a_reading_has_the_time_at_which_the_reply_came_not_that_of_a_busy_event_loop(monkeypatch):
     came_s = []
 
-    def data_received(protocol, data, received=ModbusProtocol.data_received):
+    def data_received(protocol, data, received=_Wire.data_received):
         came_s.append(time.monotonic())
         asyncio.get_running_loop().call_soon(time.sleep, 0.2)  # something else comes first
         received(protocol, data)
 
-    monkeypatch.setattr(ModbusProtocol, "data_received", data_received)
+    monkeypatch.setattr(_Wire, "data_received", data_received)
     async with device(inputs=[215]) as peer:
         driver = settings(peer.port, {"t1_degC": {"register": 0}}, period_s=9.0, timeout_s=5.0).open("tc")
         async with running(driver, time.monotonic) as tc:

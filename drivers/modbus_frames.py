@@ -1,0 +1,167 @@
+"""Read requests and their replies as bytes: Modbus RTU and Modbus TCP frames; pure.
+
+pymodbus encodes the frames and computes their checksum. Replies are parsed here, because a reply counts only
+if it fits its request: transaction, unit, function and number of bytes.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from pymodbus.framer import FramerRTU, FramerSocket
+from pymodbus.pdu import DecodePDU
+
+FUNCTIONS = {"holding": 3, "input": 4}
+EXCEPTION_BIT = 0x80
+_LONGEST_RTU = 256  # bytes of one RTU frame
+_HEADER = struct.Struct(">HHHB")  # of a TCP frame: transaction, protocol, length, unit
+
+
+class NotModbusError(Exception):
+    """The bytes cannot be frames of this kind; the text says what they look like."""
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A request to read `count` registers of a unit from `first` on."""
+
+    unit: int
+    function: int
+    first: int
+    count: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """All that an RTU reply tells of its request, beside the unit: function and number of registers."""
+        return self.function, self.count
+
+    def __str__(self) -> str:
+        return f"unit {self.unit}, function {self.function}, {self.count} registers from {self.first}"
+
+
+class Frame(NamedTuple):
+    """A reply: `transaction` is 0 in an RTU frame; `data` is what follows the function."""
+
+    transaction: int
+    unit: int
+    function: int
+    data: bytes
+
+    @property
+    def exception(self) -> int | None:
+        """The code of an exception reply, else None."""
+        return self.data[0] if self.function & EXCEPTION_BIT else None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """The function and the number of registers."""
+        return self.function, self.data[0] // 2 if self.data else 0
+
+    def answers(self, request: Request, transaction: int) -> bool:
+        """Whether this is a reply, or an exception reply, to a request."""
+        if self.transaction != transaction or (request.unit and self.unit != request.unit):
+            return False
+        if self.exception is not None:
+            return self.function == request.function | EXCEPTION_BIT
+        return self.shape == request.shape and len(self.data) == 1 + 2 * request.count
+
+    def words(self) -> list[int]:
+        """The registers in a reply that is not an exception."""
+        return list(struct.unpack(f">{(len(self.data) - 1) // 2}H", self.data[1:]))
+
+
+class RtuFrames:
+    """Finds RTU replies in a stream of bytes, whatever surrounds them."""
+
+    numbered = False
+
+    def __init__(self) -> None:
+        self._framer = FramerRTU(DecodePDU(False))
+        self._buffer = bytearray()
+
+    def encode(self, request: Request, _transaction: int) -> bytes:
+        """Return the bytes of a request."""
+        return self._framer.encode(_body(request), request.unit, 0)
+
+    def reset(self) -> None:
+        """Forget bytes that belong to no complete frame."""
+        self._buffer.clear()
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Return the frames that are complete with these bytes."""
+        self._buffer += data
+        frames, start = [], 0
+        while start < len(self._buffer):
+            length = self._frame_length(start)
+            if length:
+                frame = bytes(self._buffer[start : start + length])
+                frames.append(Frame(0, frame[0], frame[1], frame[2:-2]))
+                del self._buffer[: start + length]
+                start = 0
+            else:
+                start += 1
+        del self._buffer[:-_LONGEST_RTU]
+        return frames
+
+    def _frame_length(self, start: int) -> int:
+        """The length of a complete reply with a right checksum that begins here, else 0."""
+        part = self._buffer[start : start + _LONGEST_RTU]
+        if len(part) < 5:
+            return 0
+        if part[1] in FUNCTIONS.values():
+            length = 5 + part[2]
+        elif part[1] ^ EXCEPTION_BIT in FUNCTIONS.values():
+            length = 5
+        else:
+            return 0
+        frame = bytes(part[:length])
+        if len(frame) < length or not FramerRTU.check_CRC(frame[:-2], int.from_bytes(frame[-2:], "big")):
+            return 0
+        return length
+
+
+class TcpFrames:
+    """Cuts a stream of bytes into Modbus TCP frames."""
+
+    numbered = True
+
+    def __init__(self) -> None:
+        self._framer = FramerSocket(DecodePDU(False))
+        self._buffer = bytearray()
+
+    def encode(self, request: Request, transaction: int) -> bytes:
+        """Return the bytes of a request."""
+        return self._framer.encode(_body(request), request.unit, transaction)
+
+    def reset(self) -> None:
+        """Keep the bytes so far: they begin a frame that its transaction identifies."""
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Return the frames that are complete with these bytes. Raises `NotModbusError`."""
+        self._buffer += data
+        frames = []
+        while len(self._buffer) >= _HEADER.size + 1:
+            transaction, protocol, length, unit = _HEADER.unpack_from(self._buffer)
+            if protocol or not 3 <= length <= 254:
+                raise NotModbusError(_foreign(bytes(self._buffer)))
+            if len(self._buffer) < 6 + length:
+                break
+            body = bytes(self._buffer[_HEADER.size : 6 + length])
+            frames.append(Frame(transaction, unit, body[0], body[1:]))
+            del self._buffer[: 6 + length]
+        if 5 <= len(self._buffer) < _HEADER.size + 1 and RtuFrames().feed(bytes(self._buffer)):
+            raise NotModbusError(RTU_FRAMES)
+        return frames
+
+
+RTU_FRAMES = 'the device answers in RTU frames: set transport = "rtu-over-tcp"'
+
+
+def _foreign(data: bytes) -> str:
+    return RTU_FRAMES if RtuFrames().feed(data) else f"the answer is no Modbus TCP frame: {data[:16]!r}"
+
+
+def _body(request: Request) -> bytes:
+    return struct.pack(">BHH", request.function, request.first, request.count)

@@ -1,0 +1,401 @@
+"""The one connection to a Modbus address, shared by all drivers that read there; one request at a time.
+
+A TCP reply carries the number of its request. An RTU reply carries only unit, function and number of
+registers, so a late reply can be taken for that of another request. Devices answer in order. So after
+an unanswered request none of the same shape follows until the unit has answered one of another shape.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+from collections import Counter, deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from pymodbus.transport.serialtransport import create_serial_connection
+
+from drivers.decode import MAX_REGISTERS
+from drivers.modbus import ModbusAddress
+from drivers.modbus_frames import (
+    EXCEPTION_BIT,
+    RTU_FRAMES,
+    Frame,
+    NotModbusError,
+    Request,
+    RtuFrames,
+    TcpFrames,
+)
+from drivers.polled import RETRY_S, LostError
+from drivers.protocol import Clock
+
+CONNECT_TIMEOUT_S = 0.5  # a peer that returns between two attempts is found by the next
+FORGET_S = 8.0  # after which a request is taken as lost, unless later replies have been seen
+_LONGEST_QUIET_S = 10.0
+_GAP_S = 0.02  # within which a reply that nothing asked for follows the one that was taken in its place
+_DISTURBED_S = 30.0  # for which a line is watched longer, after such a reply
+_RTU_TRIAL_EACH = 10  # silent requests on Modbus TCP between two trials with an RTU frame
+
+_LINES: dict[tuple[object, ...], Line] = {}
+
+
+class DeviceExceptionError(Exception):
+    """The device answered with a Modbus exception code."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"Modbus exception {code}")
+        self.code = code
+
+
+class Reply(NamedTuple):
+    """The registers of a reply, and when its last bytes came."""
+
+    words: list[int]
+    heard_s: float
+
+
+@dataclass
+class _Unit:
+    """The unanswered requests of a unit by shape, with the times of sending; times of the event loop."""
+
+    unanswered: dict[tuple[int, int], float] = field(default_factory=dict)
+    timed_out_s: float = 0.0
+    latest_s: float = 0.0  # the longest time that a late reply took
+    settled: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def sent(self, shape: tuple[int, int], sent_s: float, now_s: float) -> None:
+        """Note a request without a reply."""
+        self.unanswered[shape] = sent_s
+        self.timed_out_s = now_s
+        self.settled.clear()
+
+    def answered(self, shape: tuple[int, int] | None = None) -> None:
+        """Forget the requests up to that of this shape, or all of them."""
+        limit_s = self.unanswered[shape] if shape else math.inf
+        self.forget(limit_s)
+
+    def forget(self, until_s: float) -> None:
+        """Forget the requests sent up to a time."""
+        self.unanswered = {s: sent_s for s, sent_s in self.unanswered.items() if sent_s > until_s}
+        if not self.unanswered:
+            self.settled.set()
+
+
+class _Heard(NamedTuple):
+    """A reply on a line without numbers, and whether a request took it; time of the event loop."""
+
+    heard_s: float
+    frame: Frame
+    is_taken: bool
+
+
+@dataclass
+class _Pending:
+    """The request whose reply is awaited."""
+
+    request: Request
+    transaction: int
+    reply: asyncio.Future[Reply]
+    mismatch: str | None = None  # a reply that came instead
+
+
+class _Wire(asyncio.Protocol):
+    """Hands what arrives on to its line, as long as that uses it."""
+
+    def __init__(self, line: Line) -> None:
+        self.line: Line | None = line
+
+    def data_received(self, data: bytes) -> None:
+        """Hand bytes on."""
+        if self.line is not None:
+            self.line.received(data)
+
+    def connection_lost(self, _error: Exception | None) -> None:
+        """Report the end of the connection."""
+        if self.line is not None:
+            self.line.drop("connection closed by the device")
+
+
+def shared_line(address: ModbusAddress, now: Clock) -> Line:
+    """Return the line of an address in the running event loop; `Line.leave` ends its use."""
+    key = asyncio.get_running_loop(), address.place
+    return _LINES.setdefault(key, Line(address, now, key))
+
+
+class Line:
+    """A connection to one address, opened when it is needed."""
+
+    def __init__(self, address: ModbusAddress, now: Clock, key: tuple[object, ...]) -> None:
+        self.unexpected: str | None = None  # a reply that no request of ours explains
+        self.has_numbers = address.transport == "tcp"
+        self._address = address
+        self._now = now
+        self._key = key
+        self._turn = asyncio.Lock()
+        self._wire: _Wire | None = None
+        self._transport: asyncio.Transport | None = None
+        self._frames: RtuFrames | TcpFrames = TcpFrames() if self.has_numbers else RtuFrames()
+        self._transaction = 0
+        self._pending: _Pending | None = None
+        self._units: dict[int, _Unit] = {}
+        self._users: Counter[int] = Counter()
+        self._shapes: Counter[tuple[int, tuple[int, int]]] = Counter()
+        self._failure: tuple[float, str] | None = None
+        self._heard_at_s = 0.0  # by the event loop's clock
+        self._heard: deque[_Heard] = deque(maxlen=64)
+        self._disturbed_s = -math.inf
+        self._slowest_s = 0.0  # of the replies
+        self._silent = 0  # requests in a row without a single byte
+
+    def join(self, unit: int) -> None:
+        """Begin to read a unit here."""
+        self._users[unit] += 1
+
+    def leave(self, unit: int) -> None:
+        """End the use of a unit; the last user's closes the connection."""
+        self._users = +(self._users - Counter([unit]))
+        if not self._users:
+            self.drop("closed")
+            _LINES.pop(self._key, None)
+
+    @property
+    def has_other_units(self) -> bool:
+        """Whether a unit that does not answer would keep others waiting."""
+        return len(self._users) > 1
+
+    def reserve(self, request: Request, most: int) -> Request:
+        """Return a request that its reply tells from the others of the unit: longer where that is needed.
+
+        `most` limits the number of registers. On Modbus TCP, and where no length is free, nothing changes.
+        """
+        counts = range(request.count, min(most, 0x10000 - request.first) + 1)
+        taken = {c for c in counts if self._shapes[request.unit, (request.function, c)]}
+        count = next((c for c in counts if c not in taken), request.count)
+        chosen = (
+            request if self.has_numbers else Request(request.unit, request.function, request.first, count)
+        )
+        self._shapes[chosen.unit, chosen.shape] += 1
+        return chosen
+
+    def release(self, request: Request) -> None:
+        """Give the length of a reserved request back."""
+        self._shapes[request.unit, request.shape] -= 1
+
+    async def open(self) -> None:
+        """Connect, once. Raises `LostError` with the reason when that fails."""
+        async with self._turn:
+            await self._open()
+
+    async def read(self, request: Request, timeout_s: float, quiet_s: float) -> Reply:
+        """Read registers. Raises `LostError` or `DeviceExceptionError`.
+
+        Requests wait for their turn. After a missing RTU reply the unit is left alone for `quiet_s`, or for
+        as long as its latest reply has taken.
+        """
+        unit = self._units.setdefault(request.unit, _Unit())
+        if not self.has_numbers:
+            await self._settle(unit, quiet_s)
+        async with self._turn:
+            await self._open()
+            if not self.has_numbers:
+                await self._tell_apart(request, unit, timeout_s)
+            return await self._exchange(request, unit, timeout_s)
+
+    async def last_replies(self, requests: Iterable[Request], period_s: float) -> None:
+        """Wait until a reply for which another was taken would have come; on Modbus TCP none can be."""
+        if self.has_numbers:
+            return
+        if self._is_disturbed() or any(self._has_twin(request) for request in requests):
+            await asyncio.sleep(max(_GAP_S, 2.0 * self._slowest_s))
+        else:
+            await asyncio.sleep(min(_GAP_S, 0.1 * period_s))
+
+    def is_ambiguous(self, request: Request, since_s: float) -> bool:
+        """Whether the reply taken since then may have been meant for another request.
+
+        Others that fit have come and differ; or two requests look alike and replies have come unasked.
+        """
+        if self._has_twin(request) and self._is_disturbed():
+            return True
+        frames: tuple[list[Frame], list[Frame]] = [], []
+        for heard_s, frame, is_taken in self._heard:
+            if heard_s >= since_s and frame.unit == request.unit and frame.shape == request.shape:
+                frames[is_taken].append(frame)
+        return any(stray.data != taken.data for stray in frames[False] for taken in frames[True])
+
+    def _has_twin(self, request: Request) -> bool:
+        """Whether the device has registers that can only be asked for by requests of the same shape."""
+        return not self.has_numbers and self._shapes[request.unit, request.shape] > 1
+
+    def _is_disturbed(self) -> bool:
+        """Whether replies that nothing asked for have come lately."""
+        return self._heard_at_s - self._disturbed_s < _DISTURBED_S
+
+    def received(self, data: bytes) -> None:
+        """Take bytes that have arrived."""
+        self._heard_s = self._now()
+        self._heard_at_s = asyncio.get_running_loop().time()
+        self._silent = 0
+        try:
+            frames = self._frames.feed(data)
+        except NotModbusError as error:
+            self.drop(str(error), "rtu_frames" if str(error) == RTU_FRAMES else "bad_reply")
+            return
+        for frame in frames:
+            self._take(frame)
+
+    def drop(self, why: str, fault: str = "disconnected") -> None:
+        """End the connection; a request that waits for its reply fails."""
+        wire, transport = self._wire, self._transport
+        self._wire = self._transport = None
+        if wire is not None:
+            wire.line = None
+        if transport is not None:
+            transport.abort()
+        self._fail(LostError(fault, why))
+
+    async def _open(self) -> None:
+        if self._transport is not None:
+            return
+        loop, address = asyncio.get_running_loop(), self._address
+        if self._failure is not None and loop.time() - self._failure[0] < RETRY_S:
+            raise LostError("disconnected", self._failure[1])
+        wire = _Wire(self)
+        try:
+            async with asyncio.timeout(CONNECT_TIMEOUT_S):
+                if address.transport == "serial":
+                    transport, _ = await create_serial_connection(
+                        loop, lambda: wire, address.host, bytesize=8, timeout=0.0, **address.line
+                    )
+                else:
+                    transport, _ = await loop.create_connection(lambda: wire, address.host, address.port)
+        except TimeoutError:
+            self._failure = loop.time(), "no answer to the attempt to connect"
+        except (OSError, ValueError) as error:
+            self._failure = loop.time(), str(error)
+        else:
+            self._failure = None
+            self._wire, self._transport = wire, transport
+            self._frames = TcpFrames() if self.has_numbers else RtuFrames()
+            return
+        raise LostError("disconnected", self._failure[1])
+
+    async def _settle(self, unit: _Unit, quiet_s: float) -> None:
+        """After a missing reply, wait until it has come or is too late even for this unit."""
+        loop = asyncio.get_running_loop()
+        if not unit.unanswered:
+            return
+        latest_s = min(1.2 * unit.latest_s, _LONGEST_QUIET_S)
+        until_s = max(unit.timed_out_s + quiet_s, max(unit.unanswered.values()) + latest_s)
+        try:
+            async with asyncio.timeout_at(until_s):
+                await unit.settled.wait()
+        except TimeoutError:
+            unit.latest_s *= 0.8
+        if self._heard_at_s + _GAP_S > loop.time():
+            await asyncio.sleep(_GAP_S)
+
+    async def _tell_apart(self, request: Request, unit: _Unit, timeout_s: float) -> None:
+        """Make sure that no reply to an earlier request can be taken for the reply to this one."""
+        loop = asyncio.get_running_loop()
+        unit.forget(loop.time() - max(FORGET_S, 2.0 * unit.latest_s))
+        if request.shape in unit.unanswered:
+            counts = [*range(1, request.count), *range(request.count + 1, MAX_REGISTERS + 1)]
+            count = next(c for c in counts if (request.function, c) not in unit.unanswered)
+            first = min(request.first, 0x10000 - count)
+            with contextlib.suppress(DeviceExceptionError):
+                await self._exchange(Request(request.unit, request.function, first, count), unit, timeout_s)
+            if request.shape in unit.unanswered:
+                raise LostError("timeout", f"a reply to an earlier request is still to come ({request})")
+
+    async def _exchange(self, request: Request, unit: _Unit, timeout_s: float) -> Reply:
+        """Send a request and await its reply. Raises `LostError` or `DeviceExceptionError`."""
+        if self._transport is None:
+            raise LostError("disconnected", "connection closed by the device")
+        loop = asyncio.get_running_loop()
+        self._transaction = self._transaction % 0xFFFF + 1 if self.has_numbers else 0
+        pending = self._pending = _Pending(request, self._transaction, loop.create_future())
+        self._frames.reset()
+        sent_s = loop.time()
+        self._transport.write(self._frames.encode(request, self._transaction))
+        try:
+            await asyncio.wait({pending.reply}, timeout=timeout_s)
+            if pending.reply.done():
+                self._slowest_s = max(0.9 * self._slowest_s, self._heard_at_s - sent_s)
+                return pending.reply.result()
+        finally:
+            self._pending = None
+            if not pending.reply.done() and not self.has_numbers:
+                unit.sent(request.shape, sent_s, loop.time())
+        if self._heard_at_s < sent_s:
+            await self._nothing_heard(request, timeout_s)
+        if pending.mismatch is not None:
+            raise LostError("bad_reply", pending.mismatch)
+        raise LostError("timeout", f"no answer within {timeout_s:g} s ({request})")
+
+    async def _nothing_heard(self, request: Request, timeout_s: float) -> None:
+        """Close a TCP connection on which nothing comes, after a trial whether the device speaks RTU."""
+        self._silent += 1
+        if self._address.transport == "serial" or (self.has_other_units and self._silent < 2):
+            return
+        if self.has_numbers and self._silent % _RTU_TRIAL_EACH in (1, 2) and self._transport is not None:
+            trial = Request(request.unit, request.function, max(request.first, 1), 1)  # no Modbus TCP, ever
+            pending = self._pending = _Pending(trial, -1, asyncio.get_running_loop().create_future())
+            self._transport.write(RtuFrames().encode(trial, 0))
+            try:
+                await asyncio.wait({pending.reply}, timeout=min(timeout_s, CONNECT_TIMEOUT_S))
+                error = pending.reply.exception() if pending.reply.done() else None
+            finally:
+                self._pending = None
+            if isinstance(error, LostError) and error.fault == "rtu_frames":
+                raise error
+        self.drop("nothing heard")
+
+    def _take(self, frame: Frame) -> None:
+        """Give a frame to the request that it answers; note one that answers none."""
+        pending = self._pending
+        unit = self._units.setdefault(frame.unit, _Unit())
+        if pending is None or pending.reply.done() or not frame.answers(pending.request, pending.transaction):
+            self._stray(frame, unit)
+            return
+        self._heard.append(_Heard(self._heard_at_s, frame, True))
+        if frame.exception is None:
+            unit.answered()
+            pending.reply.set_result(Reply(frame.words(), self._heard_s))
+            return
+        if not unit.latest_s:  # else it may be the late reply to an earlier request
+            unit.answered()
+        self._fail(DeviceExceptionError(frame.exception))
+
+    def _stray(self, frame: Frame, unit: _Unit) -> None:
+        """A frame that answers no request that waits: late, twice, or another's."""
+        shape: tuple[int, int] | None = frame.shape
+        if frame.exception is not None:  # to the oldest of its function
+            shape = next((s for s in unit.unanswered if s[0] == frame.function ^ EXCEPTION_BIT), None)
+        if shape in unit.unanswered:
+            unit.latest_s = max(unit.latest_s, self._heard_at_s - unit.unanswered[shape])
+            unit.answered(shape)
+            return
+        pending = self._pending
+        if not self.has_numbers and frame.exception is None:
+            self._heard.append(_Heard(self._heard_at_s, frame, False))
+            self._disturbed_s = self._heard_at_s
+            self.unexpected = (
+                f"a reply came that nothing here asked for (unit {frame.unit}): a second master?"
+            )
+        if pending is None or frame.unit not in (pending.request.unit, 0):
+            return
+        if self.has_numbers and 0 < frame.transaction < pending.transaction:
+            return  # late, and harmless
+        pending.mismatch = (
+            f"asked {pending.request}, transaction {pending.transaction}; the reply has function "
+            f"{frame.function}, {frame.shape[1]} registers, transaction {frame.transaction}"
+        )
+        if self.has_numbers and frame.transaction == pending.transaction:
+            self._fail(LostError("bad_reply", pending.mismatch))
+
+    def _fail(self, error: Exception) -> None:
+        if self._pending is not None and not self._pending.reply.done():
+            self._pending.reply.set_exception(error)
