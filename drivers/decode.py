@@ -21,7 +21,7 @@ _FORMAT = {
 _SMALLEST = {"float32": 2.0**-126, "float64": 2.0**-1022}  # that is not denormal
 _TINY_DEGC = 1e-6  # no sensor resolves it
 _EVERYDAY_DEGC, _EVERYDAY = (-60.0, 300.0), (1e-4, 1e5)  # temperatures; sizes of other values
-_SENSIBLE_DEGC, _SENSIBLE = 1500.0, 1e9
+_SENSIBLE_DEGC, _SENSIBLE = (-100.0, 1500.0), 1e9
 MAX_REGISTERS = 125  # of one read request (Modbus Application Protocol 1.1b3, 6.3)
 
 
@@ -102,8 +102,9 @@ def _is_tiny(raw: float, channel: ModbusChannel, is_temperature: bool) -> bool:
 
 
 def _is_sensible(raw: float, channel: ModbusChannel, is_temperature: bool) -> bool:
-    largest = _SENSIBLE_DEGC if is_temperature else _SENSIBLE
-    return not _is_tiny(raw, channel, is_temperature) and abs(channel.value(raw)) < largest
+    value = channel.value(raw)
+    in_range = _SENSIBLE_DEGC[0] < value < _SENSIBLE_DEGC[1] if is_temperature else abs(value) < _SENSIBLE
+    return in_range and not _is_tiny(raw, channel, is_temperature)
 
 
 def _is_everyday(value: float, is_temperature: bool) -> bool:

