@@ -59,7 +59,8 @@ def test_the_observer_takes_the_specified_steps(effects, how):
     u.y_degC[0], u.y_degC[1:] = 20.0, np.nan_to_num(u.y_degC[1:], nan=20.0)
     estimator = build_estimator(plant, EstimatorSettings(period_s=2.0, gate_sigma=1e9, **how))
     gain = estimator._bank.gains.K[0] if how.get("kind") == "luenberger" else None
-    assert_same(plant, u, estimator, gain=gain)
+    # constant gains come from a Riccati equation, which is solved to a part in 1e9 of the prior
+    assert_same(plant, u, estimator, gain=gain, part=1e-8)
 
 
 @pytest.mark.slow

@@ -142,9 +142,10 @@ def test_equals_the_dense_posterior_where_effects_couple_the_states(effect):
     plant, u = coupled_machine(**effect)
     ours = smooth_heats(plant, OPEN_GATE, [u])
     heat, sigma, residual = posterior_heats(plant, u)
-    np.testing.assert_allclose(ours.heat_W, heat, rtol=0, atol=1e-8 * np.abs(heat).max())
-    np.testing.assert_allclose(ours.heat_sigma_W, sigma, rtol=1e-8)
-    np.testing.assert_allclose(ours.residual_K, residual, rtol=0, atol=1e-8 * np.nanmax(np.abs(residual)))
+    # the inverse of a covariance over ten decades leaves eight digits, of which the processor moves the last
+    np.testing.assert_allclose(ours.heat_W, heat, rtol=0, atol=1e-7 * np.abs(heat).max())
+    np.testing.assert_allclose(ours.heat_sigma_W, sigma, rtol=1e-7)
+    np.testing.assert_allclose(ours.residual_K, residual, rtol=0, atol=1e-7 * np.nanmax(np.abs(residual)))
 
 
 @pytest.mark.parametrize(
