@@ -15,15 +15,19 @@ from typing import Any
 import can
 from can.interfaces.slcan import slcanBus
 
+from drivers.can_reader import BusReader, SilentBusError, Take, bus_error
 from drivers.places import CanTable
 from drivers.protocol import Clock, Decoded, Deliver, DriverStatus, faulty
+from drivers.socketcand import SocketcandBus
 from drivers.stamps import DeviceClock, wall_time
 from observer.frames import Reading
 
 # What python-can logs about a lost bus also comes as the exceptions below, counted in the status.
 logging.getLogger("can").setLevel(logging.CRITICAL)
 
-RETRY_S = 0.25
+RETRY_S = 0.25  # before a lost bus is opened again, doubled while that fails, up to
+MOST_RETRY_S = 5.0
+ERROR_S = 10.0  # how long after the last error frame a bus counts as disturbed
 RECEIVE_TIMEOUT_S = 0.1  # how soon the receiving thread sees that it is to end
 MAX_PENDING = 10_000  # frames that may wait for a busy event loop
 
@@ -35,10 +39,7 @@ _SLCAN_STAMP_DIGITS = 4
 # When the counter of an interface wraps.
 TURNS_S = {"slcan": SLCAN_TURN_S, "serial": 2**32 * 1e-3, "gs_usb": 2**32 * 1e-6}
 
-# What ends a bus: its own errors, those of the file below it, and malformed frames.
-BUS_ERRORS = (can.CanError, OSError)
-Take = Callable[[can.Message | None], None]  # None: something arrived that is not a frame
-Pump = Callable[[can.BusABC, Take, threading.Event], None]
+Pump = Callable[[BusReader, threading.Event], None]
 Decode = Callable[[can.Message], Decoded | None]  # values and faults; None where a frame holds none
 Stamps = Callable[[float, float], float]  # stamp and arrival to the time on the wire
 
@@ -51,21 +52,10 @@ def stamps_of(wire: CanTable) -> Stamps:
     return DeviceClock(TURNS_S.get(wire.interface)).time_s
 
 
-def receive(bus: can.BusABC, take: Take, stop: threading.Event) -> None:
+def receive(reader: BusReader, stop: threading.Event) -> None:
     """Take every frame off the bus, without ever sending one, until `stop` is set."""
     while not stop.is_set():
-        receive_once(bus, take, RECEIVE_TIMEOUT_S)
-
-
-def receive_once(bus: can.BusABC, take: Take, timeout_s: float) -> None:
-    """Wait for a frame and take it."""
-    try:
-        frame = bus.recv(timeout_s)
-    except (ValueError, IndexError):  # a garbled line of a serial adapter; the next one is independent
-        take(None)
-        return
-    if frame is not None:
-        take(frame)
+        reader.read(RECEIVE_TIMEOUT_S)
 
 
 class BusDriver:
@@ -87,6 +77,7 @@ class BusDriver:
         self._stamps = stamps_of(wire)
         self._pending = 0
         self._heard_s: dict[str, float] = {}
+        self._error_s = self._frame_s = 0.0
 
     async def run(self, deliver: Deliver, now: Clock) -> None:
         """Deliver a reading for every frame of interest, and faults for what is overdue, until cancelled."""
@@ -104,7 +95,7 @@ class BusDriver:
         def take(frame: can.Message | None) -> None:
             arrival_s = now()
             if frame is None:
-                post(self._failed, "a garbled frame", True)
+                post(self._garbled, "a garbled frame")
             elif self._pending >= MAX_PENDING:
                 post(self._dropped)
             else:
@@ -127,16 +118,23 @@ class BusDriver:
                 await asyncio.wait_for(ended.wait(), timeout=0.25)
 
     def _keep_open(self, take: Take, post: Callable[..., None], stop: threading.Event) -> None:
-        """Open the bus, pump it, and start again when it is lost; runs in the driver's thread."""
+        """Open the bus, pump it, and start again when it is lost or silent; runs in the driver's thread."""
+        delay_s = RETRY_S
         while not stop.is_set():
+            reader = None
             try:
                 with open_bus(self._bus) as bus:
                     self._stamps = stamps_of(self._bus)
+                    reader = BusReader(bus, take, self._bus.longest_silence_s)
                     post(self._opened)
-                    self._pump(bus, take, stop)
-            except (*BUS_ERRORS, ValueError, TypeError) as error:
-                post(self._failed, str(error), False)
-                stop.wait(RETRY_S)
+                    self._pump(reader, stop)
+            except SilentBusError as error:
+                post(self._silenced, str(error))
+            except Exception as error:  # noqa: BLE001  (an interface may raise anything, and is opened again)
+                post(self._failed, str(error) or type(error).__name__)
+                has_read = reader is not None and reader.has_read
+                delay_s = RETRY_S if has_read else min(2.0 * delay_s, MOST_RETRY_S)
+            stop.wait(delay_s)
 
     async def _watch(self, deliver: Deliver, now: Clock, ended: asyncio.Event) -> None:
         """Each period, report every overdue channel."""
@@ -146,36 +144,51 @@ class BusDriver:
             limit_s = loop.time() - self._bus.silence_s
             overdue = [name for name, heard_s in self._heard_s.items() if heard_s < limit_s]
             if overdue:
-                deliver(faulty(overdue, "silent" if self.status.connected else "disconnected", now()))
+                is_open = self.status.state != "disconnected"
+                deliver(faulty(overdue, "silent" if is_open else "disconnected", now()))
+            if self.status.bus_error and self._error_s < min(self._frame_s, loop.time() - ERROR_S):
+                self.status = dataclasses.replace(self.status, bus_error=None)
         raise RuntimeError(f"driver {self.name}: its thread ended unexpectedly; see the error above")
 
     def _arrived(self, frame: can.Message, time_s: float, deliver: Deliver) -> None:
         self._pending -= 1
+        heard_s = asyncio.get_running_loop().time()
+        if frame.is_error_frame:
+            self._error_s = heard_s
+            self.status = self.status.with_bus_error(bus_error(frame, self._bus.interface))
+            return
+        self._frame_s = heard_s
+        if self.status.state == "silent":
+            self.status = self.status.opened()
         decoded = self._decode(frame)
         if decoded is None or not decoded[0]:
             return
         values, faults = decoded
-        heard_s = asyncio.get_running_loop().time()
         self._heard_s.update(dict.fromkeys(values, heard_s))
         if "short_frame" in faults.values():
-            self._failed(f"short frame {frame.arbitration_id:#x}", True)
+            self._garbled(f"short frame {frame.arbitration_id:#x}")
         deliver(Reading(time_s, values, faults))
 
     def _opened(self) -> None:
-        self.status = self.status.opened()
+        if self.status.state != "silent":  # a silent bus is connected once a frame has come
+            self.status = self.status.opened()
 
-    def _failed(self, error: str, connected: bool) -> None:
-        self.status = self.status.failed(error, connected=connected)
+    def _silenced(self, reason: str) -> None:
+        self.status = self.status.silenced(reason)
+
+    def _failed(self, error: str) -> None:
+        self.status = self.status.failed(error)
+
+    def _garbled(self, error: str) -> None:
+        status = self.status
+        self.status = dataclasses.replace(status, errors=status.errors + 1, last_error=error)
 
     def _dropped(self) -> None:
         self.status = dataclasses.replace(self.status, drops=self.status.drops + 1)
 
 
 def open_bus(wire: CanTable) -> can.BusABC:
-    """Open the bus, listening only where the interface knows how.
-
-    Raises one of `BUS_ERRORS`, or `ValueError` or `TypeError` for options the interface refuses.
-    """
+    """Open the bus, listening only where the interface knows how; raises whatever the interface raises."""
     options: dict[str, Any] = {}
     if wire.interface == "slcan":
         # No two seconds of sleep, whose frames would then pass for new, and a read that waits, not spins.
@@ -187,6 +200,8 @@ def open_bus(wire: CanTable) -> can.BusABC:
     options |= wire.options
     if wire.interface == "slcan":
         return StampedSlcanBus(channel=wire.channel, **options)
+    if wire.interface == "socketcand":
+        return SocketcandBus(channel=wire.channel, **options)
     return can.Bus(channel=wire.channel, interface=wire.interface, **options)
 
 

@@ -20,7 +20,8 @@ from observer.tables.quantities import Count, Finite
 if TYPE_CHECKING:  # the bus library is imported only when it is used
     import can
 
-    from drivers.can_bus import Decode, Pump, Take
+    from drivers.can_bus import Decode, Pump
+    from drivers.can_reader import BusReader
 
 POSITION_ACTUAL_VALUE = 0x6064
 TPDO_1 = 0x180
@@ -121,7 +122,7 @@ def sdo_pump(settings: CanopenSettings) -> Pump:
     """A pump that asks for the position each period and hands on every frame in between."""
     import can  # noqa: PLC0415
 
-    from drivers.can_bus import RECEIVE_TIMEOUT_S, receive_once  # noqa: PLC0415
+    from drivers.can_bus import RECEIVE_TIMEOUT_S  # noqa: PLC0415
 
     request = can.Message(
         arbitration_id=SDO_REQUEST + settings.node_id,
@@ -129,13 +130,13 @@ def sdo_pump(settings: CanopenSettings) -> Pump:
         is_extended_id=False,
     )
 
-    def pump(bus: can.BusABC, take: Take, stop: threading.Event) -> None:
+    def pump(reader: BusReader, stop: threading.Event) -> None:
         next_s = time.monotonic()
         while not stop.is_set():
-            bus.send(request, timeout=RECEIVE_TIMEOUT_S)
+            reader.bus.send(request, timeout=RECEIVE_TIMEOUT_S)
             next_s = max(next_s + settings.period_s, time.monotonic())
             while not stop.is_set() and (wait_s := next_s - time.monotonic()) > 0:
-                receive_once(bus, take, min(wait_s, RECEIVE_TIMEOUT_S))
+                reader.read(min(wait_s, RECEIVE_TIMEOUT_S))
 
     return pump
 

@@ -27,7 +27,7 @@ from drivers.protocol import (
     Word,
 )
 from observer.errors import raise_all
-from observer.tables.quantities import Count, Finite
+from observer.tables.quantities import Count, Finite, Number
 
 WORDS = {
     "int16": 1, "uint16": 1, "int32": 2, "uint32": 2, "float32": 2, "int64": 4, "uint64": 4, "float64": 4,
@@ -193,6 +193,9 @@ class Signals:
     channels: Mapping[str, CanChannel]
 
 
+SILENCE_S = 5.0
+
+
 class CanTable(DriverTable):
     """How python-can reaches a bus; `options` go to the interface as they are."""
 
@@ -202,6 +205,12 @@ class CanTable(DriverTable):
     options: dict[str, bool | int | float | str] = Field(default_factory=dict)
     period_s: PollPeriod = 0.1
     timeout_s: Timeout | None = None
+    reopen_s: Annotated[Number, Field(ge=0.5, le=86_400)] | None = None
+
+    @property
+    def longest_silence_s(self) -> float:
+        """How long the bus may carry no frame at all before it is opened again, `reopen_s`."""
+        return max(SILENCE_S, 5.0 * self.silence_s) if self.reopen_s is None else self.reopen_s
 
     @property
     def listens(self) -> bool:

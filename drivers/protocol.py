@@ -38,7 +38,9 @@ class DriverStatus:
     """The state of a driver at one moment.
 
     `reconnects` counts connections after the first, `errors` polls or frames that failed, `drops` samples
-    that arrived and could not be handed on.
+    that arrived and could not be handed on. `is_silent`: the connection is open, and nothing comes. A CAN bus
+    counts its `error_frames`, those that report `error_passive` or `bus_off` too; `bus_error` is what it
+    reports now.
     """
 
     connected: bool = False
@@ -47,15 +49,42 @@ class DriverStatus:
     drops: int = 0
     last_error: str | None = None
     connected_before: bool = False
+    is_silent: bool = False
+    error_frames: int = 0
+    error_passive: int = 0
+    bus_off: int = 0
+    bus_error: str | None = None
+
+    @property
+    def state(self) -> str:
+        """`connected`, `silent` or `disconnected`."""
+        if self.connected:
+            return "connected"
+        return "silent" if self.is_silent else "disconnected"
 
     def opened(self) -> DriverStatus:
         """The status of a connected driver."""
         again = self.connected_before and not self.connected
-        return replace(self, connected=True, reconnects=self.reconnects + again, connected_before=True)
+        reconnects = self.reconnects + again
+        return replace(self, connected=True, is_silent=False, reconnects=reconnects, connected_before=True)
+
+    def silenced(self, reason: str) -> DriverStatus:
+        """The status of a driver with an open connection on which nothing has come for long."""
+        return replace(self, connected=False, is_silent=True, last_error=reason)
+
+    def with_bus_error(self, error: str | None) -> DriverStatus:
+        """The status after an error frame of a CAN bus; None where it says that the controller is back."""
+        return replace(
+            self,
+            error_frames=self.error_frames + 1,
+            error_passive=self.error_passive + (error == "error-passive"),
+            bus_off=self.bus_off + (error == "bus-off"),
+            bus_error=error,
+        )
 
     def failed(self, error: str, *, connected: bool = False) -> DriverStatus:
         """The status after a poll or frame that failed; `connected` says whether the connection lasts."""
-        return replace(self, connected=connected, errors=self.errors + 1, last_error=error)
+        return replace(self, connected=connected, is_silent=False, errors=self.errors + 1, last_error=error)
 
 
 class Driver(Protocol):

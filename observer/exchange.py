@@ -201,6 +201,14 @@ KEYS = {
                 counter=True,
             ),
             KeyFigure(
+                "drivers.*.error_frames", "Error frames of a CAN bus.", "driver_error_frames", label="driver",
+                counter=True,
+            ),
+            KeyFigure(
+                "drivers.*.bus_off", "Reports of a CAN bus that its interface is off.", "driver_bus_off",
+                label="driver", counter=True,
+            ),
+            KeyFigure(
                 "channels.*.age_s", "Age of the last usable value.", "channel_age_seconds", label="channel"
             ),
         ),

@@ -137,7 +137,9 @@ def health_table(
         fault = Text(_word(channel.get("fault") or ""))
         channels.add_row(Text(name), shown, _number(_float(channel.get("age_s")), 1), fault)
     for name, driver in _tables(health.get("drivers")):
-        connected = Text("yes", style="green") if driver.get("connected") is True else Text("no", style="red")
+        is_connected = driver.get("connected") is True
+        words = "yes" if is_connected else "silent" if driver.get("state") == "silent" else "no"
+        connected = Text(words, style="green" if is_connected else "red")
         drivers.add_row(Text(name), connected, *(_number(_float(driver.get(key)), 0) for key in _COUNTED))
     recording = Text(f"recording  {_word(health.get('recording'))}", style="dim")
     return Group(title, *_reasons(health), *_alarms(alarms, remedies=True), channels, drivers, recording)

@@ -39,6 +39,7 @@ _ALARMS: dict[Trouble | Fault, tuple[str, str, str | None]] = {
     Trouble.STEP_FAILED: ("estimate", "estimator", None),
     Trouble.CHANNEL: ("sensor_fault", "", None),
     Trouble.DRIVER: ("wire", "", None),
+    Trouble.SILENT: ("wire", "", None),
     Trouble.DEPARTED: ("model_inconsistent", "", None),
     Trouble.RECORDING: ("disk", "recording", None),
     Trouble.CLOCK: ("clock", "computer", None),

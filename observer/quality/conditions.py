@@ -27,6 +27,8 @@ class Trouble(Enum):
     STEP_FAILED = auto()
     CHANNEL = auto()
     DRIVER = auto()
+    SILENT = auto()
+    BUS = auto()
     RECORDING = auto()
     PUBLISHING = auto()
     DEPARTED = auto()
@@ -144,7 +146,10 @@ def _found(facts: Facts) -> Iterator[Condition]:
     yield from map(of_finding, facts.findings)
     for name, (status, _) in facts.drivers.items():
         if not status.connected:
-            yield Condition(Trouble.DRIVER, name, status.last_error or "")
+            kind = Trouble.SILENT if status.is_silent else Trouble.DRIVER
+            yield Condition(kind, name, status.last_error or "")
+        if status.bus_error:
+            yield Condition(Trouble.BUS, name, status.bus_error, value=status.error_frames)
     if facts.record and facts.record.reason:
         yield Condition(Trouble.RECORDING, detail=facts.record.reason)
     if facts.publish.reason:

@@ -72,10 +72,14 @@ def assess(facts: Facts) -> Health:
         "drivers": {
             name: {
                 "connected": status.connected,
+                "state": status.state,
                 "samples": samples,
                 "drops": status.drops,
                 "errors": status.errors,
                 "reconnects": status.reconnects,
+                "error_frames": status.error_frames,
+                "error_passive": status.error_passive,
+                "bus_off": status.bus_off,
             }
             for name, (status, samples) in facts.drivers.items()
         },

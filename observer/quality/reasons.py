@@ -66,6 +66,11 @@ _SENTENCES: dict[Trouble | Fault, str] = {
     Trouble.STEP_FAILED: "the estimator's step failed: {detail}",
     Trouble.CHANNEL: "channel {about} is {quality}{fault}",
     Trouble.DRIVER: "driver {about} is not connected{why}",
+    Trouble.SILENT: "driver {about} is open and silent{why}; check that its senders run, the bit rate, cable "
+    "and adapter; it is opened again until a frame comes",
+    Trouble.BUS: "the CAN bus of driver {about} reports {detail} ({value:.0f} error frames so far): a wrong "
+    "bit rate, a missing or third terminator of 120 Ω, a broken, swapped or shorted wire, or no other "
+    "node that acknowledges; an interface that stays bus-off must be restarted",
     Trouble.RECORDING: "recording: {detail}",
     Trouble.PUBLISHING: "publishing: {detail}",
     Trouble.DEPARTED: "the model's prediction has departed from sensor {about} since {since}, most {phase}: "

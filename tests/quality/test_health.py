@@ -53,7 +53,8 @@ def test_all_well_is_good_and_counts_are_there():
     assert (health.state, health.reasons) == ("good", ())
     document = json.loads(to_json(health.document()))
     assert document["drivers"]["amp"] == {
-        "connected": True, "samples": 40, "drops": 3, "errors": 0, "reconnects": 2
+        "connected": True, "state": "connected", "samples": 40, "drops": 3, "errors": 0, "reconnects": 2,
+        "error_frames": 0, "error_passive": 0, "bus_off": 0,
     }  # fmt: skip
     assert document["channels"]["t1_degC"] == {"quality": "good", "age_s": 0.1, "fault": None}
     assert document["unsent"] == {"mqtt": {"steps": 12, "duration_s": 12.0}}

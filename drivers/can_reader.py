@@ -1,0 +1,84 @@
+"""Frames from an open bus, and the signs that it has ended: an interface that no longer waits, or silence.
+
+python-can has no end of a stream. An interface whose peer is gone may raise, return at once without a frame
+for ever, or stay silent; each ends the reading here, so that the bus is opened again.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Literal
+
+import can
+
+Take = Callable[[can.Message | None], None]  # None: something arrived that is not a frame
+
+_MOST_HASTY = 100  # answers in a row that neither wait nor give a frame
+# Interfaces whose error frames have the form of Linux (`linux/can/error.h`).
+_LINUX_ERRORS = {"socketcan", "socketcand", "udp_multicast", "virtual", "gs_usb"}
+_CONTROLLER, _BUS_OFF, _RESTARTED = 0x04, 0x40, 0x100
+_PASSIVE, _ACTIVE = 0x30, 0x40
+
+BusError = Literal["error frames", "error-passive", "bus-off"]
+
+
+class EndedBusError(can.CanError):
+    """An interface that gives no more frames."""
+
+
+class SilentBusError(can.CanError):
+    """A bus on which no frame has come for long."""
+
+
+class BusReader:
+    """Takes frames off an open bus; `silence_s` is how long none may come."""
+
+    def __init__(self, bus: can.BusABC, take: Take, silence_s: float) -> None:
+        self.bus = bus
+        self.has_read = False
+        self._take = take
+        self._silence_s = silence_s
+        self._heard_s = time.monotonic()
+        self._hasty = 0
+
+    def read(self, timeout_s: float) -> None:
+        """Wait for a frame and take it.
+
+        Raises `EndedBusError`, `SilentBusError`, or whatever the interface raises.
+        """
+        begin_s = time.monotonic()
+        frame = self._received(timeout_s)
+        now_s = time.monotonic()
+        if frame is not None:
+            self._hasty = 0
+            if not frame.is_error_frame:
+                self.has_read, self._heard_s = True, now_s
+            self._take(frame)
+            return
+        self._hasty = self._hasty + 1 if now_s - begin_s < 0.5 * timeout_s else 0
+        if self._hasty >= _MOST_HASTY:
+            raise EndedBusError("the interface no longer waits for frames: its device or server has gone")
+        if now_s - self._heard_s > self._silence_s:
+            raise SilentBusError(f"no frame has come for {self._silence_s:g} s")
+
+    def _received(self, timeout_s: float) -> can.Message | None:
+        """A frame, or None where none came; `recv` would call an interface that has ended without pause."""
+        try:
+            frame, _ = self.bus._recv_internal(timeout_s)
+        except (ValueError, IndexError):  # a garbled line of a serial adapter; the next one is independent
+            self._take(None)
+            return None
+        return frame
+
+
+def bus_error(frame: can.Message, interface: str) -> BusError | None:
+    """What an error frame reports; None where the controller says that it takes part again."""
+    if interface not in _LINUX_ERRORS:
+        return "error frames"
+    if frame.arbitration_id & _BUS_OFF:
+        return "bus-off"
+    flags = frame.data[1] if frame.arbitration_id & _CONTROLLER and len(frame.data) > 1 else 0
+    if flags & _PASSIVE:
+        return "error-passive"
+    return None if frame.arbitration_id & _RESTARTED or flags & _ACTIVE else "error frames"
