@@ -11,7 +11,7 @@ EXTRAS = {
     "page": ("starlette", "uvicorn"),
     "plant": ("prometheus_client", "uvicorn", "paho", "asyncua", "httpx", "defusedxml"),
     "fleet": ("distributed",),
-    "logs": ("pint", "charset_normalizer", "python_calamine", "nptdms", "asammdf"),
+    "logs": ("pint", "charset_normalizer", "dateutil", "python_calamine", "nptdms", "asammdf"),
 }
 """The packages of each extra in `pyproject.toml`; the daemon needs none of them."""
 

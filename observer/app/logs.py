@@ -226,5 +226,7 @@ def import_log(
         first = f"{output}: not written, because this is doubtful; clarify it in the configuration:"
         raise LogError("\n".join([first, *said, "the guess was", found.table]))
     log = found.log
-    write_log(output, log.time_s, {name: log.values[:, i] for i, name in enumerate(log.channels)})
+    write_log(
+        output, log.time_s, {name: log.values[:, i] for i, name in enumerate(log.channels)}, found.doubts
+    )
     return found

@@ -19,17 +19,29 @@ from observer.errors import LogError
 from observer.frames import FloatArray
 
 CHECKSUM = b"#crc="
+DOUBTS, DOUBT_LINE = b"doubts", b"\n# doubt: "
+"""Where a log has the doubts of its import: in the metadata of Parquet, in the last lines of a CSV."""
 _BROKEN = re.compile(rb"#|crc=[0-9a-f]{8}\r?\n")
 _MARK = re.compile(CHECKSUM + rb"([0-9a-f]{8})\r?\n")
 LATEST_S = 1e11
 """The year 5138; an epoch in milliseconds is beyond it from 1973 on."""
 _UNITS = ((1e17, "nanoseconds", 1e9), (1e14, "microseconds", 1e6), (LATEST_S, "milliseconds", 1e3))
 """Smallest time that must be in such a unit since 1970, and how many of them make a second."""
-MISSING_WORDS = ("NaN", "nan", "NA", "N/A", "null", "NULL")
+_WORDS = ("null", "none", "ovld", "ol", "o.l.", "overload", "overflow", "overrange", "over", "burnout",
+          "open", "error", "unavailable", "unknown", "-", "--", "---", "----")  # fmt: skip
+MISSING_WORDS = (
+    *("NaN", "nan", "NAN", "NA", "N/A", "#N/A"),
+    *dict.fromkeys(way(word) for word in _WORDS for way in (str.lower, str.upper, str.capitalize)),
+)
 """Words that stand for a missing value; an infinite number is one as well."""
+MISSING = frozenset(word.casefold() for word in (*MISSING_WORDS, "inf", "-inf", "nul", "n.a.", "*****"))
 MOST_LISTED = 3
 MOST_PROBLEMS = 10
-_ANY = re.compile(rb"[,\n\"][ \t]*[+-]?(?:nan|inf|infinity|na|n/a|null)[ \t]*(?=[,\r\n\"]|\Z)", re.IGNORECASE)
+_ANY = re.compile(
+    rb"[,\n\"][ \t]*(?:[+-]?inf(?:inity)?|[+-]?nan|%s)[ \t]*(?=[,\r\n\"]|\Z)"
+    % b"|".join(sorted({re.escape(word.lower().encode()) for word in MISSING_WORDS}, reverse=True)),
+    re.IGNORECASE,
+)
 
 
 def damaged(data: bytes, *, has_header: bool = True) -> list[tuple[int, int]]:
@@ -60,6 +72,23 @@ def without(data: bytes, parts: Sequence[tuple[int, int]]) -> bytes:
         kept.append(data[at:start])
         at = end
     return b"".join([*kept, data[at:]])
+
+
+def without_doubts(data: bytes) -> tuple[bytes, tuple[str, ...]]:
+    """The bytes of a CSV without the lines of doubts that `observer import` wrote at its end, and these."""
+    at = data.find(DOUBT_LINE)
+    if at < 0:
+        return data, ()
+    lines = data[at + 1 :].decode("utf-8", "replace").split("\n")
+    mark = DOUBT_LINE.decode().strip()
+    if not all(line.startswith(mark) for line in lines if line.strip()):
+        return data, ()
+    return data[: at + 1], tuple(line.removeprefix(mark).strip() for line in lines if line.strip())
+
+
+def doubts_in(metadata: bytes) -> tuple[str, ...]:
+    """The doubts in the metadata of a Parquet file."""
+    return tuple(line for line in metadata.decode("utf-8", "replace").split("\n") if line)
 
 
 def rows_of(data: bytes, part: tuple[int, int]) -> str:
@@ -116,11 +145,16 @@ class Words:
         )
 
 
-def words_in(data: bytes, header: Sequence[str], columns: Mapping[str, FloatArray]) -> tuple[Words, ...]:
-    """Return the words in the text of a CSV, by the numbers (n,) that its columns were read as."""
+def words_in(
+    data: bytes, header: Sequence[str], columns: Mapping[str, FloatArray], missing: Sequence[str] = ()
+) -> tuple[Words, ...]:
+    """Return the words in the text of a CSV, by the numbers (n,) that its columns were read as.
+
+    `missing` are words besides `MISSING_WORDS`.
+    """
     if not (found := {name: values for name, values in columns.items() if not np.isfinite(values).all()}):
         return ()
-    if _ANY.search(data, max(data.find(b"\n"), 0)) is None:
+    if not missing and _ANY.search(data, max(data.find(b"\n"), 0)) is None:
         return ()
     import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
     from pyarrow import csv as pa_csv  # noqa: PLC0415

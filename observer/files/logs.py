@@ -21,15 +21,18 @@ from numpy.typing import NDArray
 
 from observer.errors import LogError, UserError
 from observer.files.log_checks import (
+    DOUBTS,
     MISSING_WORDS,
     MOST_PROBLEMS,
     Words,
     damaged,
+    doubts_in,
     infinite_in,
     refuse_other_units,
     rows_of,
     several,
     without,
+    without_doubts,
     words_in,
 )
 from observer.files.regular import MOST_LOG_BYTES, one_line, refuse_irregular, refuse_large
@@ -117,12 +120,14 @@ def read_log(
     accept_truncated: bool = False,
     accept_damaged: bool = False,
     rows_apart_s: float = math.inf,
+    missing: Sequence[str] = (),
 ) -> Log:
     """Read a log, only the columns in `needed` if any are named.
 
     `accept_truncated` drops a last row that was cut off instead of refusing the log, `accept_damaged` the
     rows of a recording that do not have the checksum they were recorded with. Rows further apart than
-    `rows_apart_s`, most of them, are not taken for seconds. Raises `LogError` with one sentence that names
+    `rows_apart_s`, most of them, are not taken for seconds. Cells with a text in `missing` are missing, as
+    those with one of `MISSING_WORDS` are. Raises `LogError` with one sentence that names
     the file, the row or column, and the remedy.
     """
     path = Path(path)
@@ -133,7 +138,7 @@ def read_log(
         if suffix == ".parquet":
             log = _read_parquet(path, needed)
         else:
-            log = _read_csv(path, needed, accept_truncated, accept_damaged)
+            log = _read_csv(path, needed, accept_truncated, accept_damaged, missing)
         refuse_other_units(path, TIME, log.time_s, rows_apart_s)
     except FileNotFoundError:
         raise LogError(f"{path}: no such file; give the path of a log") from None
@@ -159,14 +164,17 @@ def suffix_of(path: Path) -> str:
     raise LogError(f"{path}: unknown kind of log; name it {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}")
 
 
-def _read_csv(path: Path, needed: Sequence[str], accept_truncated: bool, accept_damaged: bool) -> Log:
+def _read_csv(
+    path: Path, needed: Sequence[str], accept_truncated: bool, accept_damaged: bool, missing: Sequence[str]
+) -> Log:
     data, cut = bytes_of(path)
+    data, doubts = without_doubts(data)
     header = _header(path, data)
     wanted = _wanted(path, header, needed)
     data = _without_cut_row(path, data, header, cut, accept_truncated)
     if _is_recording(header):
         data = _without_damage(path, data, accept_damaged)
-    return _parsed(path, data, header, wanted)
+    return replace(_parsed(path, data, header, wanted, missing), doubts=doubts)
 
 
 def read_part(path: Path, first: bytes, data: bytes, needed: Sequence[str]) -> tuple[Log | None, int]:
@@ -181,7 +189,9 @@ def read_part(path: Path, first: bytes, data: bytes, needed: Sequence[str]) -> t
     return (_parsed(path, data, header, wanted) if len(data) > len(first) else None), len(parts)
 
 
-def _parsed(path: Path, data: bytes, header: list[str], wanted: list[str]) -> Log:
+def _parsed(
+    path: Path, data: bytes, header: list[str], wanted: list[str], missing: Sequence[str] = ()
+) -> Log:
     """The rows of a CSV with their words."""
     import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
     from pyarrow import csv as pa_csv  # noqa: PLC0415
@@ -193,13 +203,16 @@ def _parsed(path: Path, data: bytes, header: list[str], wanted: list[str]) -> Lo
             pa.py_buffer(data),
             read_options=pa_csv.ReadOptions(column_names=numbered, skip_rows=1),
             convert_options=pa_csv.ConvertOptions(
-                column_types=types, include_columns=wanted, null_values=EMPTY_CELLS, strings_can_be_null=True
+                column_types=types,
+                include_columns=wanted,
+                null_values=[*EMPTY_CELLS, *missing],
+                strings_can_be_null=True,
             ),
         )
     except pa.ArrowInvalid as error:
-        raise several(path, _problems(data, header, wanted, error)) from None
+        raise several(path, _problems(data, header, wanted, error, missing)) from None
     log = _checked(path, table, lambda row: _place(data, row))
-    return replace(log, words=words_in(data, numbered, _columns(log)))
+    return replace(log, words=words_in(data, numbered, _columns(log), missing))
 
 
 def bytes_of(path: Path) -> tuple[bytes, bool]:
@@ -323,7 +336,9 @@ def _place(data: bytes, row: int) -> str:
     return f"row {row + 1} (line {lines[row + 1]})" if row + 1 < len(lines) else f"row {row + 1}"
 
 
-def _problems(data: bytes, header: list[str], wanted: list[str], error: Exception) -> Iterator[str]:
+def _problems(
+    data: bytes, header: list[str], wanted: list[str], error: Exception, missing: Sequence[str]
+) -> Iterator[str]:
     """A sentence for each cell that is not a number, and each row of another length."""
     numeric = [i for i, name in enumerate(header) if name in wanted and not _is_flags(name, header)]
     reader = csv.reader(io.StringIO(data.decode("utf-8", "replace"), newline=""))
@@ -339,7 +354,7 @@ def _problems(data: bytes, header: list[str], wanted: list[str], error: Exceptio
             continue
         for i in numeric:
             cell = row[i].strip()
-            if cell not in EMPTY_CELLS and not _is_number(cell):
+            if cell not in EMPTY_CELLS and cell not in missing and not _is_number(cell):
                 found = True
                 where = f'{place}, column "{header[i]}"'
                 yield f"{where}: {cell[:40]!r} is not a number; fix it or leave it empty"
@@ -363,6 +378,7 @@ def _read_parquet(path: Path, needed: Sequence[str]) -> Log:
         with parquet.ParquetFile(path, page_checksum_verification=True) as file:
             refuse_large(path, CELL_BYTES * file.metadata.num_rows * file.metadata.num_columns)
             header = list(file.schema_arrow.names)
+            doubts = doubts_in((file.schema_arrow.metadata or {}).get(DOUBTS, b""))
             _check_names(path, header)
             table = file.read(columns=_wanted(path, header, needed))
     except (pa.ArrowException, UnicodeDecodeError) as error:
@@ -378,7 +394,7 @@ def _read_parquet(path: Path, needed: Sequence[str]) -> Log:
                 f'{path}: column "{name}" holds {kind}, not numbers; write it as float64'
             ) from None
     log = _checked(path, table, lambda row: f"row {row + 1}")
-    return replace(log, words=infinite_in(_columns(log)))
+    return replace(log, words=infinite_in(_columns(log)), doubts=doubts)
 
 
 def _columns(log: Log) -> dict[str, FloatArray]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.errors import LogError
+from observer.files.log_checks import DOUBT_LINE, DOUBTS
 from observer.files.logs import TIME, suffix_of
 from observer.frames import FloatArray
 
@@ -57,8 +58,9 @@ class TableWriter:
     `LogError` where the file cannot be written.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, doubts: Sequence[str] = ()) -> None:
         self._path = path
+        self._doubts = [" ".join(sentence.split()) for sentence in doubts]
         self._suffix = suffix_of(path)
         self._part = path.with_name(f".{path.name}.part")
         self._sink: Any = None
@@ -106,13 +108,18 @@ class TableWriter:
         from pyarrow import parquet  # noqa: PLC0415
 
         if self._parquet is None:
-            self._parquet = parquet.ParquetWriter(self._sink, table.schema, write_page_checksum=True)
+            schema = table.schema
+            if self._doubts:
+                schema = schema.with_metadata({DOUBTS: "\n".join(self._doubts).encode()})
+            self._parquet = parquet.ParquetWriter(self._sink, schema, write_page_checksum=True)
         self._parquet.write_table(table)
 
     def __exit__(self, kind: type[BaseException] | None, *_error: object) -> None:
         try:
             if self._parquet is not None:
                 self._parquet.close()
+            elif kind is None:
+                self._sink.write(b"".join(DOUBT_LINE[1:] + d.encode() + b"\n" for d in self._doubts))
             self._sink.close()
             if kind is None:
                 self._part.replace(self._path)
@@ -127,7 +134,12 @@ class TableWriter:
         return LogError(f"{self._path}: cannot be written ({reason}); free space or choose another place")
 
 
-def write_log(path: Path, time_s: FloatArray, columns: Mapping[str, Column]) -> None:
-    """Write a whole log: `time_s` (n,), then `columns` of n cells each; NaN is an empty cell."""
-    with TableWriter(path) as writer:
+def write_log(
+    path: Path, time_s: FloatArray, columns: Mapping[str, Column], doubts: Sequence[str] = ()
+) -> None:
+    """Write a whole log: `time_s` (n,), then `columns` of n cells each; NaN is an empty cell.
+
+    `doubts` are sentences that every command shows which reads the log.
+    """
+    with TableWriter(path, doubts) as writer:
         writer.write({TIME: time_s, **columns})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,9 @@ import numpy as np
 from observer.files.log_checks import Words
 from observer.frames import FloatArray
 from observer.intake.sheets import RawColumn
+from observer.intake.units import known_unit, split_name
 
+_WITH_UNIT = r"^\s*(?P<n>[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?)\s*(?P<u>[^\d\s.,;:+-].{0,9})$"
 _NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 
 
@@ -29,11 +32,35 @@ def numbers_of(column: RawColumn, decimal: str) -> tuple[FloatArray, Words]:
     found = np.array(values.to_numpy(zero_copy_only=False), dtype=np.float64)
     others = pc.value_counts(said.filter(pc.invert(numeric)))
     counts = {str(e["values"]): int(e["counts"]) for e in others.to_pylist() if e["values"]}
+    for word in column.dropped:
+        counts[word] = counts.get(word, 0) + 1
     if infinite := int(np.isinf(found).sum()):
         counts["inf"] = infinite
     found[np.isinf(found)] = np.nan
     words = tuple(sorted(counts, key=lambda word: (-counts[word], word)))
     return found, Words(column.name, sum(counts.values()), words)
+
+
+def without_units(column: RawColumn) -> RawColumn:
+    """A column whose cells are numbers with one unit, as `21.5 °C`, with that unit in its own place.
+
+    Cells in another unit stay as they are, so that they are counted as words.
+    """
+    if not column.is_text:
+        return column
+    import pyarrow.compute as pc  # noqa: PLC0415
+
+    parts = pc.extract_regex(column.values, _WITH_UNIT)
+    counts = pc.value_counts(pc.struct_field(parts, "u").filter(pc.is_valid(parts))).to_pylist()
+    units = {entry["values"]: entry["counts"] for entry in counts if known_unit(entry["values"])}
+    filled = len(column) - column.values.null_count
+    best = max(units, key=lambda unit: units[unit], default="")
+    if not best or 2 * units[best] <= filled:
+        return column
+    same = pc.fill_null(pc.equal(pc.struct_field(parts, "u"), best), False)
+    numbers = pc.if_else(same, pc.struct_field(parts, "n"), column.values)
+    written = column.unit or split_name(column.name)[1]
+    return replace(column, values=numbers, unit=column.unit if written else best.strip())
 
 
 def plain_numbers(cells: Any, decimal: str) -> Any:

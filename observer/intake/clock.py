@@ -8,22 +8,49 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from observer.errors import LogError
 from observer.frames import FloatArray
 from observer.intake.cells import numbers_of
-from observer.intake.moments import NONE, Moments, localised, moments_of
+from observer.intake.moments import NONE, Moments, moments_of
 from observer.intake.sheets import RawColumn, Sheet, full_name
 from observer.intake.units import factor, known_unit, split_name
+from observer.intake.zones import in_repeated_hour, localised, offset_ns, zone_in
 from observer.tables.logs import TIME_UNITS, Logs
 
-_NAMED = re.compile(
-    r"^(?:.*(?:time|zeit|timestamp|datum|date|elapsed|uhr|clock).*|t|x_value|x-value|sec|seconds|sekunden|ts)$",
-    re.I,
+_TIME_WORDS = frozenset(
+    ("time", "times", "timestamp", "timestamps", "datetime", "date", "zeit", "datum", "elapsed", "clock",
+     "uhr", "ts", "heure", "horodatage", "fecha", "hora", "tiempo", "ora", "tijd", "stamp", "epoch",
+     "unixtime", "unix")
+)  # fmt: skip
+_COMPOUND = re.compile(r"(?:zeit|zeitpunkt|zeitstempel|time|timestamp)$|^zeit(?:punkt|stempel)")
+_LABVIEW = re.compile(r"^x[_-]value(?: #\d+)?$", re.I)
+_UNIT_ALONE = re.compile(
+    r"^(?:min|minutes?|minuten?|sec|seconds?|sekunden?|hours?|stunden?|ms|msec|milliseconds?)$", re.I
 )
-_UNIT_ALONE = re.compile(r"^(?:min|minutes?|minuten|sec|seconds?|sekunden|hours?|stunden)$", re.I)
 """Columns of times that are called as their unit."""
 _DATE, _OF_DAY = re.compile(r"date|datum|tag|day", re.I), re.compile(r"time|zeit|uhr|clock", re.I)
-_NOT = re.compile(r"date code|runtime|time ?out|time ?zone|lifetime|cycle", re.I)
-_EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
+_NOT = re.compile(
+    r"date code|run ?time|laufzeit|time ?out|time ?zone|life ?time|cycle|zyklus|takt|constant|konstante|dead|"
+    r"tot|rise|settling|duration|dauer|remaining|rest|delay|verz[oö]g|period|lag|process|runtime|print",
+    re.I,
+)
+"""Durations, which have a time's name and are no clock."""
+_PARTS = (
+    ("year", "jahr", "annee", "année", "año", "anno", "yyyy", "yy"),
+    ("month", "monat", "mois", "mes", "mese", "mo"),
+    ("day", "tag", "jour", "dia", "día", "giorno", "dd"),
+    ("hour", "stunde", "heure", "hora", "ora", "hh"),
+    ("minute", "minuten", "minuto", "min", "mi"),
+    ("second", "seconds", "sekunde", "sekunden", "seconde", "segundo", "secondo", "sec", "ss"),
+    ("millisecond", "milliseconds", "millisekunde", "millisekunden", "milliseconde", "ms"),
+)
+"""The parts of a date that may each have a column."""
+_FIRST_S, _LAST_S = 788_918_400.0, 2_840_140_800.0
+"""1995 and 2060: a count of seconds since 1970 between them is taken for one."""
+_EPOCHS = (("s", 1.0, 0.0), ("ms", 1e-3, 0.0), ("us", 1e-6, 0.0), ("ns", 1e-9, 0.0),
+           ("labview", 1.0, -2_082_844_800.0), ("filetime", 1e-7, -11_644_473_600.0))  # fmt: skip
+"""What a large number may count: its name, seconds for one, and where its zero is in s since 1970."""
+_ASKED_EPOCHS = {"labview": "seconds since 1904", "filetime": "tenths of a microsecond since 1601"}
 _SERIALS = (36_000.0, 65_000.0)
 """Days since 1899-12-30 from 1998 to 2077."""
 _SERIAL_1970 = 25_569
@@ -49,24 +76,51 @@ class SheetClock:
 
 
 def clock_of(sheet: Sheet, how: Logs) -> SheetClock | None:
-    """The clock of a sheet, as given or found; None where it has none.
+    """The clock of a sheet, as `[log]` gives it or as its columns say; None where nothing says so.
 
-    Wall-clock times are converted to UTC where `[log] timezone` gives their zone.
+    Wall-clock times are converted to UTC where `[log] timezone` or the column's name gives their zone.
+    Raises `LogError` where `[log]` names a clock that the sheet does not have, or where a time may count
+    from 1904 or 1601.
     """
+    if how.every_s is not None:
+        return SheetClock(how.every_s * _row_numbers(sheet), since_1970=False, on_wall=False, unit="s")
     if sheet.time_s is not None and how.time is None:
         return _zoned(SheetClock(sheet.time_s, sheet.since_1970, sheet.on_wall and sheet.since_1970), how)
     if how.time is not None:
         names = (how.time,) if isinstance(how.time, str) else how.time
         columns = [sheet.named(name) for name in names]
-        found = _of_columns([c for c in columns if c is not None], sheet, how) if all(columns) else None
+        clock = _of_columns([c for c in columns if c is not None], sheet, how) if all(columns) else None
     else:
-        found = next((c for c in (_of_columns(each, sheet, how) for each in _candidates(sheet)) if c), None)
-    return None if found is None else _zoned(found, how)
+        clock = _of_parts(sheet) or next(
+            (c for c in (_of_columns(columns, sheet, how) for columns in _candidates(sheet)) if c), None
+        )
+    return None if clock is None else _zoned(clock, how)
+
+
+def _row_numbers(sheet: Sheet) -> FloatArray:
+    """The number of each row (n,) from 0, rows that were left out counted."""
+    rows = np.arange(len(sheet.columns[0]), dtype=np.float64)
+    if sheet.lines is None or not sheet.left_out:
+        return rows
+    return rows + np.searchsorted(np.array(sorted(sheet.left_out)), sheet.lines)
+
+
+def is_called_time(name: str) -> bool:
+    """Whether a column's name says that it is a clock: `Uhrzeit`, `t [ms]`, `Elapsed Time`."""
+    stem, unit = split_name(name)
+    if _NOT.search(stem):
+        return False
+    if stem in ("t", "T", "Temps"):  # a capital is a temperature, unless its unit is a time
+        return stem == "t" or known_unit(unit) in TIME_UNITS
+    words = re.findall(r"[^\W\d_]+", re.sub(r"(?<=[a-zà-ÿ])(?=[A-Z])", " ", stem))
+    return bool(_LABVIEW.match(stem)) or any(
+        word.casefold() in _TIME_WORDS or _COMPOUND.search(word.casefold()) for word in words
+    )
 
 
 def _candidates(sheet: Sheet) -> Iterable[list[RawColumn]]:
     """The columns that may hold the time, the likeliest first."""
-    named = [c for c in sheet.columns if _NAMED.match(split_name(c.name)[0]) and not _NOT.search(c.name)]
+    named = [c for c in sheet.columns if is_called_time(c.name)]
     dates = [
         c
         for c in named
@@ -76,9 +130,48 @@ def _candidates(sheet: Sheet) -> Iterable[list[RawColumn]]:
     yield from ([date, clock] for date in dates for clock in clocks)
     yield from ([c] for c in named if c.is_moments or c.is_text)
     yield from ([c] for c in sheet.columns if c.is_moments)
+    yield from ([c] for c in sheet.columns if c.is_text and c not in named and _is_written(c))
     yield from ([c] for c in named)
     yield from ([c] for c in sheet.columns if _UNIT_ALONE.match(c.name.strip()) and c not in named)
     yield from ([c] for c in sheet.columns[:1] if c not in named)
+
+
+def _is_written(column: RawColumn) -> bool:
+    """Whether a column's first cell is longer than a number and has several in it, as a date has."""
+    first = next((cell for cell in column.values[:50].to_pylist() if cell), "")
+    return len(re.findall(r"\d+", first)) >= 3 and not re.fullmatch(r"[+-]?[\d.,]+(?:[eE][+-]?\d+)?", first)
+
+
+def _of_parts(sheet: Sheet) -> SheetClock | None:
+    """The clock in columns of year, month, day, hour, minute, second; None where there are not at least
+    those of a date with hours, or of hours and minutes.
+    """
+    columns = [
+        next((c for c in sheet.columns if _bare(c) in names and not c.is_moments), None) for names in _PARTS
+    ]
+    dated = all(columns[:4])
+    if not dated and not all(columns[3:5]):
+        return None
+    parts = [None if c is None else numbers_of(c, sheet.decimal)[0] for c in columns]
+    year, month, day, hour, minute, second, milli = (
+        np.zeros(len(sheet.columns[0])) if part is None else part for part in parts
+    )
+    time_s = hour * 3600.0 + minute * 60.0 + second + milli / 1000.0
+    names = tuple(full_name(c) for c in columns if c is not None)
+    if dated:
+        year = np.where(year < 100.0, year + 2000.0, year)
+        good = np.isfinite(year + month + day) & (month >= 1.0) & (month <= 12.0)
+        months = (np.where(good, year, 1970.0) - 1970.0) * 12.0 + np.where(good, month, 1.0) - 1.0
+        days = months.astype("M8[M]").astype("M8[D]").astype(np.float64) + day - 1.0
+        return SheetClock(np.where(good, days * 86_400.0, np.nan) + time_s, True, True, names)
+    if any(is_called_time(c.name) and c not in columns for c in sheet.columns):
+        return None
+    midnights = np.cumsum(np.diff(time_s, prepend=time_s[:1]) < -43_200.0)
+    return SheetClock(time_s + 86_400.0 * midnights, since_1970=False, on_wall=False, columns=names)
+
+
+def _bare(column: RawColumn) -> str:
+    return split_name(column.name)[0].strip().casefold()
 
 
 def _of_columns(columns: list[RawColumn], sheet: Sheet, how: Logs) -> SheetClock | None:
@@ -90,16 +183,18 @@ def _of_columns(columns: list[RawColumn], sheet: Sheet, how: Logs) -> SheetClock
     if column.is_moments:
         ns = column.values.astype(np.int64)
         return _of_moments(Moments(ns, dated=True, utc=column.utc), names)
+    by_format = how.time_format is not None and how.time_format not in TIME_UNITS
     if column.is_text:
-        found = None if how.time_format in TIME_UNITS else moments_of(column.values, how.time_format)
-        if found is not None:
-            return _of_moments(found, names)
+        moments = None if how.time_format in TIME_UNITS else moments_of(column.values, how.time_format)
+        if moments is not None:
+            return _of_moments(moments, names)
+    if by_format:
+        return None
     values, words = numbers_of(column, sheet.decimal)
     if not np.isfinite(values).any() or words.cells > len(values) // 2:
         return None
-    return _of_numbers(
-        values, column, names, how.time_format, by_name=bool(_NAMED.match(split_name(column.name)[0]))
-    )
+    named = how.time is not None or is_called_time(column.name)
+    return _of_numbers(values, column, names, how.time_format, by_name=named)
 
 
 def _of_two(date: RawColumn, clock: RawColumn, sheet: Sheet, how: Logs) -> SheetClock | None:
@@ -145,26 +240,62 @@ def _of_moments(found: Moments, names: tuple[str, ...]) -> SheetClock | None:
 def _of_numbers(
     values: FloatArray, column: RawColumn, names: tuple[str, ...], given: str | None, *, by_name: bool
 ) -> SheetClock | None:
-    """The clock of a column of numbers: an epoch, days of a spreadsheet, or in its stated unit."""
+    """The clock of a column of numbers: in its stated unit, an epoch, or days of a spreadsheet.
+
+    None where neither its name nor its unit nor its values say that it is a time.
+    """
     there = values[np.isfinite(values)]
     rising = np.diff(there)
-    if given is None and not by_name and (len(there) < 3 or (rising <= 0).any() or there[0] < 0.0):
-        return None
     first, apart = float(there[0]), float(np.median(rising)) if len(rising) else 0.0
     alone = column.name if _UNIT_ALONE.match(column.name.strip()) else ""
     written = column.unit or split_name(column.name)[1] or alone
     unit = given or known_unit(written)
-    if unit == "excel" or (not unit and _is_serial(first, float(there[-1]), apart, column.name)):
+    if unit and unit not in TIME_UNITS:
+        return None
+    increases = len(there) > 2 and bool((rising > 0).all())
+    if unit == "excel" or (
+        not unit and increases and _is_serial(first, float(there[-1]), apart, column.name)
+    ):
         return SheetClock(np.round((values - _SERIAL_1970) * 86_400.0, 4), True, True, names, "excel")
-    if unit not in TIME_UNITS:
-        for least, to_s in _EPOCHS:
-            if first > least:
-                return SheetClock(
-                    values * to_s, True, False, names, {1e-9: "ns", 1e-6: "us", 1e-3: "ms"}[to_s]
-                )
-        return SheetClock(values, first > 1e9, False, names, "s", sure=False)
-    time_s = values if unit == "s" else values * factor(unit, "s")
-    return SheetClock(time_s, bool(time_s[np.isfinite(time_s)][0] > 1e9), False, names, unit)
+    if given in _ASKED_EPOCHS:
+        to_s, zero_s = next((to_s, zero_s) for name, to_s, zero_s in _EPOCHS if name == given)
+        return SheetClock(values * to_s + zero_s, True, False, names, given)
+    if not given and (by_name or increases) and (epoch := _epoch_of(first, unit)) is not None:
+        name, to_s, zero_s = epoch
+        if name in _ASKED_EPOCHS:
+            raise LogError(_which_epoch(names[0], first, name, to_s * first + zero_s))
+        return SheetClock(values * to_s, True, False, names, name)
+    says_so = by_name or bool(alone) or (bool(unit) and increases and not _NOT.search(column.name))
+    if not says_so:
+        return None
+    time_s = values * factor(unit, "s") if unit else values
+    first_s = float(time_s[np.isfinite(time_s)][0])
+    if not given and first_s > _LAST_S:
+        raise LogError(
+            f'"{names[0]}" begins with {first:.10g}, which is no time from 1995 to 2060; say what it counts '
+            "in [log] time_format, one of " + ", ".join(TIME_UNITS)
+        )
+    return SheetClock(time_s, first_s > 1e9, False, names, unit or "s", sure=bool(unit))
+
+
+def _epoch_of(first: float, unit: str) -> tuple[str, float, float] | None:
+    """What a first time counts if it is a date from 1995 to 2060, by its size and its unit."""
+    for name, to_s, zero_s in _EPOCHS:
+        if (not unit or (to_s == 1.0 and unit == "s")) and _FIRST_S < first * to_s + zero_s < _LAST_S:
+            return name, to_s, zero_s
+    return None
+
+
+def _which_epoch(name: str, first: float, epoch: str, since_s: float) -> str:
+    """The question what a large number counts, with the dates that the answers give."""
+    day = f"{np.datetime64(int(since_s), 's').item():%Y-%m-%d}"
+    other = ""
+    if epoch == "labview":
+        other = f', or "s" for seconds since 1970, the year {np.datetime64(int(first), "s").item():%Y}'
+    return (
+        f'"{name}" begins with {first:.13g}; say in [log] time_format what that is: "{epoch}" for '
+        f"{_ASKED_EPOCHS[epoch]} ({day}){other}"
+    )
 
 
 def _is_serial(first: float, last: float, apart: float, name: str) -> bool:
@@ -175,12 +306,30 @@ def _is_serial(first: float, last: float, apart: float, name: str) -> bool:
 
 
 def _zoned(clock: SheetClock, how: Logs) -> SheetClock:
-    """The clock as UTC where its zone is given, with any ambiguity of a change to or from summer time."""
+    """The clock as UTC where its zone is known, with any ambiguity of a change to or from summer time."""
     if not clock.on_wall:
         return clock
-    if how.timezone is not None and clock.since_1970:
-        return replace(clock, time_s=localised(clock.time_s, how.timezone), on_wall=False)
+    named = next((zone for name in clock.columns if (zone := zone_in(name))), "")
+    if named and clock.since_1970 and (ahead_ns := offset_ns(named)) is not None:
+        return replace(clock, time_s=clock.time_s - ahead_ns / 1e9, on_wall=False)
+    zone = named or how.timezone or ""
+    if zone and clock.since_1970:
+        doubts = (*clock.doubts, *_twice(clock.time_s, zone))
+        return replace(clock, time_s=localised(clock.time_s, zone), on_wall=False, doubts=doubts)
     return replace(clock, doubts=(*clock.doubts, *_changed(clock.time_s)))
+
+
+def _twice(wall_s: FloatArray, zone: str) -> list[str]:
+    """Whether times lie in an hour that a zone's clock shows twice, and nothing says which."""
+    there = wall_s[np.isfinite(wall_s)]
+    repeated = in_repeated_hour(there, zone)
+    if not repeated.any() or (np.diff(there) < -HOUR_S / 2.0).any():
+        return []
+    first = np.datetime64(int(there[np.flatnonzero(repeated)[0]]), "s").item()
+    return [
+        f"{first:%Y-%m-%d %H:%M} came twice in {zone}, and the times go through it once; it was taken for "
+        'the first, in summer time; set [log] timezone to a fixed one, such as "Etc/GMT-1", if it was not'
+    ]
 
 
 def _changed(time_s: FloatArray) -> list[str]:

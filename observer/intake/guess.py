@@ -13,9 +13,10 @@ from scipy.optimize import linear_sum_assignment
 from observer.align.plausibility import TEMPERATURES, ChannelKind, Limits
 from observer.align.unit_errors import likely_unit
 from observer.config import Config
+from observer.errors import LogError
 from observer.frames import FloatArray
 from observer.intake.cells import numbers_of
-from observer.intake.mapped import placed_columns, plain_name, unit_of_column
+from observer.intake.mapped import last_part, placed_columns, plain_name, unit_of_column
 from observer.intake.sheets import RawColumn, full_name
 from observer.intake.sources import Sources, TimedSheet
 from observer.intake.units import (
@@ -54,16 +55,18 @@ class ColumnValues:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """`[log.columns]` as found, the doubts by channel, and channels without any column."""
+    """`[log.columns]` as found, the doubts by channel, channels without any column, and errors."""
 
     columns: dict[str, LogColumn]
     doubts: dict[str, str]
     missing: tuple[str, ...]
+    problems: tuple[str, ...] = ()
 
 
 def guessed(sources: Sources, config: Config, how: Logs) -> Guess:
     """Find the column of each channel that is neither given nor obvious. Raises no error."""
-    placed, missing = placed_columns(sources, config, how, [])
+    problems = list[str]()
+    placed, missing = placed_columns(sources, config, how, problems)
     taken = {full_name(p.column) for parts in placed.values() for p in parts}
     spare = [c for s in sources.timed for c in columns_of_numbers(s) if c.name not in taken]
     spare = list({c.name: c for c in spare}.values())
@@ -93,8 +96,8 @@ def guessed(sources: Sources, config: Config, how: Logs) -> Guess:
             doubts[channel] = f'is "{spare[j].name}" {channel}, or is it "{rivals[0]}"?'
         _with_unit(limits, config, channel, spare[j], columns, doubts)
     _alike_in_unit(limits, config, {c.name: c for c in spare}, columns, doubts)
-    lost += [name for name in how.columns if name in config.channels and name not in placed]
-    return Guess(columns, doubts, tuple(lost))
+    lost += [name for name in how.columns if f"{name} = {how.columns[name].column}" in missing]
+    return Guess(columns, doubts, tuple(lost), tuple(problems))
 
 
 def columns_of_numbers(source: TimedSheet) -> list[ColumnValues]:
@@ -114,17 +117,28 @@ def _says_unit(found: ColumnValues, config: Config, limits: Limits, channel: str
     """Whether the file gives a unit for a column that suits the channel."""
     to = unit_of_channel(channel, limits.kinds[config.channels.index(channel)])
     named = found.column.unit or split_name(found.name)[1]
-    return bool(named and to) and fits(unit_of_column(found.column, to), resolved(to))
+    return bool(named and to) and fits(_unit_or(found.column, to), resolved(to))
+
+
+def _unit_or(column: RawColumn, to: str) -> str:
+    """The unit of a column, that of its channel where the file gives none that is understood.
+
+    The error about a unit that is not understood comes where the column is read.
+    """
+    try:
+        return unit_of_column(column, to)
+    except LogError:
+        return to
 
 
 def _score(limits: Limits, config: Config, channel: str, found: ColumnValues) -> float:
     """The score for a column being a channel's, by its name, unit and values; 0 for no evidence."""
     j = config.channels.index(channel)
     kind, to = limits.kinds[j], unit_of_channel(channel, limits.kinds[j])
-    unit = unit_of_column(found.column, to)
+    unit = _unit_or(found.column, to)
     if not fits(unit, resolved(to) if to else ""):
         return 0.0
-    stem, own = split_name(found.name)[0], split_name(channel)[0]
+    stem, own = last_part(split_name(last_part(found.name))[0]), split_name(channel)[0]
     alike = SequenceMatcher(None, plain_name(stem), plain_name(own)).ratio()
     if (theirs := re.findall(r"\d+", stem)) and (ours := re.findall(r"\d+", own)):
         alike = max(alike, 0.6) if [int(n) for n in theirs] == [int(n) for n in ours] else min(alike, 0.3)
@@ -158,7 +172,7 @@ def _with_unit(
     j = config.channels.index(channel)
     to = unit_of_channel(channel, limits.kinds[j])
     own = resolved(to) if to else ""
-    unit = unit_of_column(found.column, to)
+    unit = _unit_or(found.column, to)
     likely = likely_unit(limits, j, converted(found.values, resolved(unit) if unit else "", own), np.nan)
     if likely is None:
         return

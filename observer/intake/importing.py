@@ -15,8 +15,8 @@ from observer.config import Config
 from observer.errors import LogError
 from observer.files.log_checks import several
 from observer.files.logs import Log
-from observer.intake.guess import columns_of_numbers, guessed
-from observer.intake.mapped import Placed, logged, mapped, no_clock, placed_columns
+from observer.intake.guess import Guess, columns_of_numbers, guessed
+from observer.intake.mapped import Placed, logged, mapped, misunderstood, no_clock, placed_columns
 from observer.intake.sheets import full_name
 from observer.intake.sources import Sources, sources_of
 from observer.intake.units import shown_unit, unit_of_channel
@@ -38,6 +38,13 @@ class Proposal:
     zoneless: bool
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """What every reader of the log is to know: doubts, cells read as missing, and what was confirmed."""
+        confirmed = (f"{key}: {doubt}; confirmed at the import" for key, doubt in self.asked.items())
+        words = (words.text for words in self.log.words)
+        return tuple(dict.fromkeys((*self.log.doubts, *words, *confirmed)))
+
+    @property
     def table(self) -> str:
         """The `[log]` table that reads such files, as TOML."""
         return table_of(self.how)
@@ -51,15 +58,27 @@ def proposed(paths: Sequence[Path], config: Config, how: Logs) -> Proposal:
         raise several(name, list(sources.problems) or [no_clock(sources, how)])
     guess = guessed(sources, config, how)
     found = how.model_copy(update={"columns": guess.columns, "long": how.long or sources.long})
-    if guess.missing:
-        there = ", ".join(dict.fromkeys(full_name(c) for s in sources.timed for c in s.sheet.columns))
-        problems = [f'say [log.columns] {c} = "…", one of {there}' for c in guess.missing]
-        raise several(name, [*sources.problems, *problems])
+    if guess.missing or guess.problems:
+        problems = [*sources.problems, *guess.problems]
+        raise several(
+            name, [*problems, *(_unplaced(channel, sources, guess, how) for channel in guess.missing)]
+        )
     log = mapped(sources, paths, config, found)
     asked = {f"[log.columns] {channel}": said for channel, said in guess.doubts.items()}
     asked |= _of_time(sources, how)
     zoneless = any(s.clock.on_wall for s in sources.timed)
     return Proposal(log, found, asked, tuple(_rows(sources, config, found)), zoneless)
+
+
+def _unplaced(channel: str, sources: Sources, guess: Guess, how: Logs) -> str:
+    """The sentence for a channel without a column: what was named and is not there, and what is left."""
+    taken = {entry.column for entry in guess.columns.values()}
+    clocks = {name for source in sources.timed for name in source.clock.columns}
+    names = dict.fromkeys(full_name(c) for s in sources.timed for c in s.sheet.columns)
+    spare = [f'"{name}"' for name in names if name not in taken and name not in clocks]
+    named = f'there is no column "{how.columns[channel].column}"; ' if channel in how.columns else ""
+    choice = f", one of {', '.join(spare[:12])}" if spare else "; no column is left for it, add it to the log"
+    return f'{named}name its column with [log.columns] {channel} = "…"{choice}'
 
 
 def read_whole(path: Path, *, accept_truncated: bool = False) -> Log:
@@ -78,7 +97,9 @@ def read_whole(path: Path, *, accept_truncated: bool = False) -> Log:
     for source in sources.timed:
         for found in columns_of_numbers(source):
             placed.setdefault(found.name, []).append(Placed(found.name, source, found.column, "", ""))
-    return logged([path], placed, how, {}, [*sources.problems, *asked], list(sources.doubts))
+    columns = [part.column for parts in placed.values() for part in parts]
+    doubts = [*sources.doubts, *misunderstood(columns)]
+    return logged([path], placed, how, {}, [*sources.problems, *asked], doubts)
 
 
 def _of_time(sources: Sources, how: Logs) -> dict[str, str]:

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from observer.intake.units import known_unit, split_name
+from observer.files.log_checks import MISSING
+from observer.intake.units import known_unit, says_no_unit, split_name
 
 SAMPLE_LINES = 400
 _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?%?$")
@@ -19,6 +20,10 @@ _TIME = re.compile(
     r"(?:[AP]M)?\s*(?:Z|UTC|GMT|[+-]\d{2}:?\d{2})?$",
     re.I,
 )
+WITH_UNIT = re.compile(
+    r"(?P<number>[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>[^\d\s.,;:+-].{0,9})$"
+)
+"""A number with its unit in one cell."""
 _SEPARATORS = (";", "\t", ",", "|", " ")
 _FORMAT = re.compile(r"[ymdhsfn/:.\- ]{4,}$", re.I)
 
@@ -28,18 +33,22 @@ def is_value(cell: str) -> bool:
     cell = cell.strip()
     if not cell or not any(c.isdigit() for c in cell):
         return False
-    return bool(_NUMBER.match(cell) or _GROUPED.match(cell) or _TIME.match(cell))
+    if _NUMBER.match(cell) or _GROUPED.match(cell) or _TIME.match(cell):
+        return True
+    with_unit = WITH_UNIT.match(cell)
+    return with_unit is not None and bool(known_unit(with_unit["unit"]))
 
 
 @dataclass(frozen=True, slots=True)
 class TableLayout:
     """Rows of a table by number: its header and row of units (−1: none), the first of its data; how many
-    columns it has."""
+    columns it has, and the rows above the header that look like data."""
 
     header: int
     units: int
     data: int
     width: int
+    above: tuple[int, ...] = ()
 
 
 def split_lines(lines: Sequence[str], separator: str) -> list[list[str]]:
@@ -61,7 +70,8 @@ def _score(rows: Sequence[Sequence[str]]) -> float:
         return 0.0
     cells = [cell for row in rows[begin:end] for cell in row if cell.strip()]
     good = sum(map(is_value, cells)) / max(len(cells), 1)
-    return good**4 * (end - begin) + 1e-3 * good
+    named = any(len(row) == width and is_header(row) for row in rows[max(begin - 3, 0) : begin])
+    return (2.0 if named else 1.0) * good**4 * (end - begin) + 1e-3 * good
 
 
 def data_block(rows: Sequence[Sequence[str]]) -> tuple[int, int, int]:
@@ -92,11 +102,56 @@ def _has_values(row: Sequence[str]) -> bool:
     return values > 0 and (is_value(filled[0]) or 2 * values >= len(filled))
 
 
+def _start_of_data(rows: Sequence[Sequence[str]]) -> tuple[int, int]:
+    """The first row of a table's data and the width of the table.
+
+    The data begin above its longest run of values where only headers that are repeated, words for missing
+    values and rows of another width interrupt them.
+    """
+    begin, end, width = data_block(rows)
+    numeric = numeric_columns(rows[begin:end], width)
+    if not numeric:
+        return begin, width
+    for i in range(begin - 1, -1, -1):
+        row = rows[i]
+        if len(row) != width or not any(cell.strip() for cell in row):
+            continue
+        if has_value_in(row, numeric) or all(is_missing(row[k]) for k in numeric):
+            begin = i
+        elif not any(list(row) == list(rows[k]) for k in range(i)) and is_header(row):
+            break
+    return begin, width
+
+
+def numeric_columns(rows: Sequence[Sequence[str]], width: int) -> list[int]:
+    """The columns in which most cells of some rows are values."""
+    rows = [row for row in rows if len(row) == width]
+    return [i for i in range(width) if 2 * sum(is_value(row[i]) for row in rows) > len(rows)]
+
+
+def has_value_in(row: Sequence[str], columns: Sequence[int]) -> bool:
+    """Whether a row has a value in one of some columns, and only words for missing values in the others."""
+    return any(is_value(row[k]) for k in columns) and all(
+        is_value(row[k]) or is_missing(row[k]) for k in columns
+    )
+
+
+def is_missing(cell: str) -> bool:
+    """Whether a cell is empty or says that a value is missing."""
+    return not cell.strip() or cell.strip().casefold() in MISSING
+
+
+def is_header(row: Sequence[str]) -> bool:
+    """Whether a row may name columns: most of its cells are filled with different words."""
+    filled = [cell.strip() for cell in row if cell.strip()]
+    return 2 * len(filled) > len(row) and not any(map(is_value, filled)) and len(set(filled)) > len(row) // 2
+
+
 def layout_of(
     rows: Sequence[Sequence[str]], skip_rows: int | None = None, units_row: bool | None = None
 ) -> TableLayout:
     """The layout of the first rows of a table, as far as it is not given."""
-    begin, _, width = data_block(rows)
+    begin, width = _start_of_data(rows)
     if skip_rows is not None:
         header = skip_rows
         below = rows[header + 1] if header + 1 < len(rows) else []
@@ -104,14 +159,21 @@ def layout_of(
         return TableLayout(
             header, units, max(header, units) + 1, max(width, len(rows[header]) if header < len(rows) else 0)
         )
-    above = [i for i in range(begin - 1, max(begin - 6, -1), -1) if any(cell.strip() for cell in rows[i])]
-    if not above or len(rows[above[0]]) < 2 <= width:
+    texts = [i for i in range(begin - 1, max(begin - 6, -1), -1) if any(cell.strip() for cell in rows[i])]
+    if not texts or len(rows[texts[0]]) < 2 <= width:
         return TableLayout(-1, -1, begin, width)
-    header, units = above[0], -1
-    second = above[1] if len(above) > 1 and len(rows[above[1]]) >= 2 else -1
-    if second >= 0 and (_is_units(rows[header]) if units_row is None else units_row):
-        header, units = second, header
-    return TableLayout(header, units, begin, width)
+    names = [i for i in texts if len(rows[i]) >= 2]
+    header, units = names[0], -1
+    if units_row:
+        header, units = (names[1], names[0]) if len(names) > 1 else (names[0], -1)
+    elif units_row is None:
+        units = next((i for i in names[:3] if _is_units(rows[i])), -1)
+        header = next((i for i in names if i < units), names[0]) if units >= 0 else names[0]
+        units = units if header < units else -1
+    numeric = numeric_columns(rows[begin:], width)
+    above = (i for i in range(header) if len(rows[i]) == width > 1)
+    lost = tuple(i for i in above if numeric and all(is_value(rows[i][k]) for k in numeric))
+    return TableLayout(header, units, begin, width, lost)
 
 
 def _is_units(row: Sequence[str]) -> bool:
@@ -127,6 +189,7 @@ def names_of(header: Sequence[str], units: Sequence[str], width: int) -> list[tu
     for i in range(width):
         name = header[i].strip() if i < len(header) else ""
         unit = units[i].strip().strip("[]()") if i < len(units) else ""
+        unit = "" if says_no_unit(unit) else unit
         name = name or f"column {i + 1}"
         if any(name == other for other, _ in found):
             name = f"{name} ({i + 1})"

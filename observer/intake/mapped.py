@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import itertools
-from collections.abc import Collection, Iterator, Mapping, Sequence
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,11 +18,21 @@ from observer.files.log_checks import Words, refuse_other_units, several
 from observer.files.logs import Log
 from observer.frames import FloatArray
 from observer.intake.cells import numbers_of
+from observer.intake.clock import is_called_time
 from observer.intake.join import ChannelSamples, joined, with_steps
-from observer.intake.sheets import RawColumn, full_name
+from observer.intake.sentinels import without_sentinels
+from observer.intake.sheets import RawColumn, Sheet, full_name
 from observer.intake.sources import Sources, TimedSheet, sources_of
-from observer.intake.units import converted, fits, resolved, shown_unit, split_name, unit_of_channel
-from observer.tables.logs import LogColumn, Logs
+from observer.intake.units import (
+    converted,
+    fits,
+    known_unit,
+    resolved,
+    shown_unit,
+    split_name,
+    unit_of_channel,
+)
+from observer.tables.logs import TIME_UNITS, LogColumn, Logs
 
 MOST_WORDS = 0.5
 """Fraction of a column's cells that may be words; with more it is not a column of numbers."""
@@ -85,8 +96,8 @@ def logged(
     ]
     samples, words = list[ChannelSamples](), list[Words]()
     for channel, parts in placed.items():
-        found = [_values(p, problems, words) for p in parts]
         kind = kinds.get(channel, ChannelKind.OTHER)
+        found = [_values(p, problems, words, how) for p in parts]
         held = parts[0].source.held and kind not in (ChannelKind.SCREW, ChannelKind.NODE)
         if len(found) == 1:
             samples.append(ChannelSamples(channel, parts[0].source.clock.time_s, found[0], held))
@@ -124,14 +135,55 @@ def keeps_its_value(kind: ChannelKind) -> bool:
 
 
 def no_clock(sources: Sources, how: Logs) -> str:
-    """The sentence for files in which no time was found."""
-    names = ", ".join(f'"{full_name(c)}"' for sheet in sources.without for c in sheet.columns[:12])
+    """The sentence for files in which no column is known to hold the time: what there is, and the remedy."""
+    columns = [c for sheet in sources.without for c in sheet.columns]
+    names = ", ".join(f'"{full_name(c)}"' for c in columns[:12])
     if how.time is not None or how.time_format is not None:
-        given = how.time if isinstance(how.time, str) else " and ".join(how.time or ("the time",))
+        named = (how.time,) if isinstance(how.time, str) else how.time or ()
+        chosen = [c for c in columns if full_name(c) in named or c.name in named]
+        texts = [c for c in chosen or columns if c.is_text and is_called_time(c.name)] or [
+            c for c in chosen or columns if c.is_text
+        ]
+        shown = f'; "{full_name(texts[0])}" has cells such as "{_first_cell(texts[0])}"' if texts else ""
+        if chosen and any(
+            known_unit(c.unit or split_name(c.name)[1]) not in ("", *TIME_UNITS) for c in chosen
+        ):
+            name = full_name(chosen[0])
+            return f'[log] time: the unit of "{name}" is none of time; name another of {names}'
+        if how.time_format is not None:
+            place = f'column "{" and ".join(named)}"' if named else "any column"
+            return f'[log] time_format: "{how.time_format}" fits no cell of {place}{shown}; there are {names}'
+        named_so = " and ".join(named)
+        return f'[log] time: no column "{named_so}" with times in a known form{shown}; there are {names}'
+    called = [c for c in columns if c.is_text and is_called_time(c.name)]
+    if called:
         return (
-            f'[log] time: no column "{given}" with times in the form of [log] time_format; there are {names}'
+            f'"{full_name(called[0])}" has cells such as "{_first_cell(called[0])}", which is no known form '
+            "of a time; say in [log] time_format how it is written"
         )
-    return f'no column of increasing times was found; name it with [log] time = "…", one of {names}'
+    rising = ", ".join(f'"{full_name(c)}"' for s in sources.without for c in rising_columns(s)[:6])
+    doubt = f"; {rising} increases steadily, but neither name nor unit says that it is one" if rising else ""
+    return (
+        f'no column is known to hold the time{doubt}; name it with [log] time = "…" (there are {names}), '
+        "or, if the rows are evenly spaced, say how far apart they are with [log] every_s = 60"
+    )
+
+
+def rising_columns(sheet: Sheet) -> list[RawColumn]:
+    """The columns of numbers that only increase."""
+    rising = []
+    for column in sheet.columns:
+        if column.is_moments:
+            continue
+        values, words = numbers_of(column, sheet.decimal)
+        there = values[np.isfinite(values)]
+        if len(there) > 2 and words.cells == 0 and bool((np.diff(there) > 0.0).all()):
+            rising.append(column)
+    return rising
+
+
+def _first_cell(column: RawColumn) -> str:
+    return next((cell for cell in column.values[:50].to_pylist() if cell), "")[:40]
 
 
 def placed_columns(
@@ -150,12 +202,13 @@ def placed_columns(
         first = parts[0][1]
         same = [(s, c) for s, c in parts if full_name(c) == full_name(first)]
         try:
-            unit = resolved(given.unit) if given is not None and given.unit else unit_of_column(first, to)
+            chosen = resolved(given.unit) if given is not None and given.unit else ""
+            unit = chosen or unit_of_column(first, to)
             own = resolved(to) if to else ""
             if not fits(unit, own):
                 raise LogError(
                     f'column "{full_name(first)}" is in {shown_unit(unit)}, which cannot be '
-                    f"{shown_unit(own)}; name another in [log.columns] {channel}"
+                    f"{shown_unit(own)}; name another in [log.columns] {channel}, or its unit"
                 )
         except LogError as error:
             problems.append(f"{channel}: {error}")
@@ -165,15 +218,31 @@ def placed_columns(
 
 
 def unit_of_column(column: RawColumn, to: str) -> str:
-    """The unit of a column by its file; that of its channel where the file gives none."""
+    """The unit of a column by its file; that of its channel where the file gives none.
+
+    Raises `LogError` for a unit that is not understood.
+    """
     written = column.unit or split_name(column.name)[1]
     if not written:
         return to
     try:
-        unit = resolved(written)
+        return resolved(written) or to
     except LogError:
-        return to
-    return unit
+        raise LogError(
+            f'the unit "{written}" of column "{full_name(column)}" is not understood; say it as '
+            f'{{ column = "{full_name(column)}", unit = "degC" }} in [log.columns]'
+        ) from None
+
+
+def misunderstood(columns: Iterable[RawColumn]) -> list[str]:
+    """Sentences about columns whose unit is not understood."""
+    doubts = []
+    for column in columns:
+        try:
+            unit_of_column(column, "")
+        except LogError as error:
+            doubts.append(str(error))
+    return doubts
 
 
 def _column(source: TimedSheet, channel: str, given: LogColumn | None) -> RawColumn | None:
@@ -184,12 +253,22 @@ def _column(source: TimedSheet, channel: str, given: LogColumn | None) -> RawCol
     if (found := sheet.named(channel)) is not None:
         return found
     stem = plain_name(split_name(channel)[0])
-    alike = [
-        c
-        for c in sheet.columns
-        if plain_name(split_name(c.name)[0]) == stem and (c.unit or split_name(c.name)[1])
-    ]
-    return alike[0] if len(alike) == 1 else None
+    for stem_of in (lambda name: name, last_part):
+        alike = [c for c in sheet.columns if stem_of(c.name).casefold() == channel.casefold()] or [
+            c
+            for c in sheet.columns
+            if plain_name(split_name(stem_of(c.name))[0]) == stem and (c.unit or split_name(c.name)[1])
+        ]
+        if len(alike) == 1:
+            return alike[0]
+    return None
+
+
+def last_part(name: str) -> str:
+    """A name without a group before it, as of `sensor.t1_degC`, and without what a recorder made of it, as
+    `_Avg`.
+    """
+    return re.sub(r"_(?:avg|mean|smp)$", "", re.sub(r"^[A-Za-z]\w*[.:](?=[A-Za-z])", "", name), flags=re.I)
 
 
 def plain_name(name: str) -> str:
@@ -225,11 +304,12 @@ def unlike_clocks(sources: Sequence[TimedSheet]) -> Iterator[str]:
         )
 
 
-def _values(placed: Placed, problems: list[str], words: list[Words]) -> FloatArray:
-    """A channel's values (n,) in its unit."""
+def _values(placed: Placed, problems: list[str], words: list[Words], how: Logs) -> FloatArray:
+    """A channel's values (n,) in its unit, without those that stand for a missing one."""
     sheet, column = placed.source.sheet, placed.column
     values, said = numbers_of(column, sheet.decimal)
-    if column.is_moments or said.cells > MOST_WORDS * (said.cells + int(np.isfinite(values).sum())):
+    in_rows = said.cells - len(column.dropped)
+    if column.is_moments or in_rows > MOST_WORDS * (in_rows + int(np.isfinite(values).sum())):
         cells = "dates" if column.is_moments else ", ".join(repr(word[:20]) for word in said.say[:3])
         row = 0 if column.is_moments else int(np.flatnonzero(~np.isfinite(values))[0])
         problems.append(
@@ -238,6 +318,11 @@ def _values(placed: Placed, problems: list[str], words: list[Words]) -> FloatArr
         )
     if said.cells:
         words.append(Words(placed.channel, said.cells, said.say))
+    written = column.unit or split_name(column.name)[1]
+    values, missing = without_sentinels(
+        values, placed.channel, placed.unit or known_unit(written), how.missing
+    )
+    words += missing
     return converted(values, placed.unit, placed.to)
 
 

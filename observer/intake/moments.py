@@ -7,24 +7,26 @@ from __future__ import annotations
 import datetime
 import re
 from typing import Any, NamedTuple
-from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.frames import BoolArray, FloatArray
+from observer.frames import BoolArray
+from observer.intake.dates import ns_of, parsed
+from observer.intake.zones import offset_ns
 
 Nanoseconds = NDArray[np.int64]
 NONE = np.iinfo(np.int64).min
 """Stands for a cell without a time, as NaT does."""
 _CLOCK = r"(?P<H>\d{1,3}):(?P<M>\d{2})(?::(?P<S>\d{2})(?:[.,:](?P<f>\d{1,9}))?)?\s*(?P<p>[AaPp]\.?[Mm]\.?)?"
-_ZONE = r"\s*(?P<z>Z|UTC|GMT|[+-]\d{2}(?::?\d{2})?)?$"
+_ZONE = r"\s*(?P<z>Z|(?:UTC|GMT)?\s*[+-]\d{1,2}(?::?\d{2})?|UTC|GMT|[A-Z]{3,4})?$"
 _DATES = (
     r"^(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})",
     r"^(?P<d>\d{1,2})\.(?P<m>\d{1,2})\.(?P<y>\d{4}|\d{2})",
     r"^(?P<d>\d{1,2})[-. ](?P<mon>[A-Za-zäÄ]{3,9})\.?[-. ](?P<y>\d{4}|\d{2})",
     r"^(?P<y>\d{4})(?P<m>\d{2})(?P<d>\d{2})",
 )
+_MOST_FALLBACK = 200_000
 _SLASHED = r"^(?P<a>\d{1,2})[/-](?P<b>\d{1,2})[/-](?P<y>\d{4}|\d{2})"
 _COMPACT = r"[T_ ]?(?P<H>\d{2})(?P<M>\d{2})(?P<S>\d{2})(?:[.,](?P<f>\d{1,9}))?"
 _MONTHS = {
@@ -71,7 +73,7 @@ def moments_of(cells: Any, time_format: str | None) -> Moments | None:
     found = pc.extract_regex(cells, "^" + _CLOCK + _ZONE)
     if filled and 2 * (filled - _unmatched(found, cells)) > filled:
         return _of_one_day(found)
-    return None
+    return _as_written_elsewhere(cells.to_pylist()) if 0 < filled <= _MOST_FALLBACK else None
 
 
 def _unmatched(found: Any, cells: Any) -> int:
@@ -140,16 +142,10 @@ def _zoned(found: Any, ns: Nanoseconds) -> tuple[Nanoseconds, bool]:
     zones = _texts(found, "z")
     if not any(zones):
         return ns, False
-    offsets = {zone: _offset_ns(zone) for zone in set(zones)}
-    return ns - np.array([offsets[zone] for zone in zones], np.int64), True
-
-
-def _offset_ns(zone: str) -> int:
-    if zone in ("", "Z", "UTC", "GMT"):
-        return 0
-    digits = zone[1:].replace(":", "")
-    minutes = 60 * int(digits[:2]) + int(digits[2:] or 0)
-    return (-minutes if zone[0] == "-" else minutes) * 60_000_000_000
+    offsets = {zone: offset_ns(zone) for zone in set(zones)}
+    known = np.array([offsets[zone] is not None for zone in zones])
+    shifted = ns - np.array([offsets[zone] or 0 for zone in zones], np.int64)
+    return np.where(known, shifted, NONE), True
 
 
 def _finished(found: Any, days: Nanoseconds) -> Moments:
@@ -194,41 +190,35 @@ def _of_one_day(found: Any) -> Moments:
     return Moments(ns, dated=False, utc=False)
 
 
+def _as_written_elsewhere(cells: list[str | None]) -> Moments | None:
+    """Times in other forms than those above, as `2. März 2026 8:00`; None where most cells are none."""
+    first = next(cell for cell in cells if cell)
+    if parsed(first, day_first=True) is None and parsed(first, day_first=False) is None:
+        return None
+    ways = [[parsed(cell, day_first=way) if cell else None for cell in cells] for way in (True, False)]
+    counts = [sum(moment is not None for moment in moments) for moments in ways]
+    if 2 * max(counts) <= sum(bool(cell) for cell in cells):
+        return None
+    doubt = None
+    if counts[0] == counts[1] and ways[0] != ways[1]:
+        doubt = (
+            f'dates such as "{first}" were read with the day first; say [log] time_format, such as '
+            '"%m/%d/%y %H:%M:%S", if it is not'
+        )
+    moments = ways[counts[1] > counts[0]]
+    utc = any(moment is not None and moment.tzinfo is not None for moment in moments)
+    ns = np.array([NONE if moment is None else ns_of(moment) for moment in moments], np.int64)
+    return Moments(ns, dated=True, utc=utc, doubt=doubt)
+
+
 def _by_format(cells: list[str | None], time_format: str) -> Moments | None:
     """Times by a format as of `strptime`."""
     ns, utc, dated = np.full(len(cells), NONE), False, bool(re.search("%[dcxDFsjU]", time_format))
-    epoch = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
     for i, cell in enumerate(cells):
         try:
             moment = datetime.datetime.strptime(cell or "", time_format)
         except ValueError:
             continue
         utc = moment.tzinfo is not None
-        since = (moment if utc else moment.replace(tzinfo=datetime.UTC)) - (
-            epoch if dated else epoch.replace(year=1900)
-        )
-        ns[i] = (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
+        ns[i] = ns_of(moment if dated else moment.replace(year=1970))
     return Moments(ns, dated, utc) if 2 * (ns != NONE).sum() > len(cells) else None
-
-
-def localised(wall_s: FloatArray, zone: str) -> FloatArray:
-    """Wall-clock times (n,), in s since 1970 as if in UTC, converted to UTC by their zone.
-
-    The repeated hour in autumn is taken as the first one until the clock goes back.
-    """
-    place, there = ZoneInfo(zone), np.isfinite(wall_s)
-    quarters = np.where(there, np.floor(np.where(there, wall_s, 0.0) / 900.0), 0).astype(np.int64)
-    unique, back = np.unique(quarters, return_inverse=True)
-    offsets = np.array([[_offset_s(int(q) * 900, place, fold) for fold in (0, 1)] for q in unique])[back]
-    twice = offsets[:, 0] > offsets[:, 1]
-    fold = np.zeros(len(wall_s), np.int64)
-    if twice.any():
-        went_back = np.concatenate([[False], np.diff(wall_s) < -1800.0])
-        fold = np.where(twice & (np.cumsum(went_back & twice) > 0), 1, 0)
-    return np.asarray(wall_s - offsets[np.arange(len(wall_s)), fold])
-
-
-def _offset_s(wall_s: int, place: ZoneInfo, fold: int) -> float:
-    moment = datetime.datetime(1970, 1, 1) + datetime.timedelta(seconds=wall_s)
-    offset = moment.replace(tzinfo=place, fold=fold).utcoffset()
-    return 0.0 if offset is None else offset.total_seconds()

@@ -16,6 +16,7 @@ from observer.files.logs import FLAGS, STEP, SUFFIXES, TIME, Log, read_log
 from observer.intake.join import with_steps
 from observer.intake.layout import is_value
 from observer.intake.mapped import keeps_its_value, read_foreign
+from observer.intake.sentinels import cleaned
 from observer.tables.logs import Logs
 
 _HEAD = 65_536
@@ -42,7 +43,8 @@ def read_channels(
         )
     spare = {*spare, *config.derived_channels}
     needed = [name for name in config.channels if name in header or name not in spare]
-    log = read_log(path, needed, rows_apart_s=how.rows_apart_s, **accept)
+    log = read_log(path, needed, rows_apart_s=how.rows_apart_s, missing=how.missing, **accept)
+    log = cleaned(log, how)
     return log if log.step is not None or not how.hold else held(log, config)
 
 

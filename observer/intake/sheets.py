@@ -19,13 +19,14 @@ class RawColumn:
 
     `values` (n,): float64 with NaN for an empty cell, `datetime64[ns]` with NaT, or a pyarrow array of
     strings with nulls. `unit` is the one in the file, empty for none. `utc`: times are in
-    UTC, not wall-clock times.
+    UTC, not wall-clock times. `dropped` are words in cells of rows that were left out.
     """
 
     name: str
     values: Any
     unit: str = ""
     utc: bool = False
+    dropped: tuple[str, ...] = ()
 
     @property
     def is_text(self) -> bool:
@@ -49,7 +50,8 @@ class Sheet:
     the format has a clock of its own; `since_1970` says whether they count from then, `on_wall` that they are
     wall-clock times whose zone is not given. `decimal` is the decimal
     separator of text. `lines` are the line numbers of the rows, `first_line` that of the
-    first row where they are consecutive. `doubts` are sentences about what was left out.
+    first row where they are consecutive, `left_out` the lines of rows that did not fit. `doubts` are
+    sentences about what was left out, `preamble` the lines above the header.
     """
 
     path: Path
@@ -61,7 +63,9 @@ class Sheet:
     decimal: str = "."
     first_line: int | None = None
     lines: NDArray[np.int64] | None = None
+    left_out: tuple[int, ...] = ()
     doubts: tuple[str, ...] = ()
+    preamble: tuple[str, ...] = ()
 
     def place(self, row: int) -> str:
         """The place of a row, as its reader counts."""

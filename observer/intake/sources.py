@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -12,17 +13,20 @@ from numpy.typing import NDArray
 
 from observer.errors import LogError
 from observer.frames import BoolArray
-from observer.intake.clock import HOUR_S, SheetClock, clock_of
+from observer.intake.cells import numbers_of
+from observer.intake.clock import HOUR_S, SheetClock, clock_of, is_called_time
 from observer.intake.readers import read_sheets
 from observer.intake.sheets import RawColumn, Sheet
 from observer.tables.logs import Logs, LongForm
 
 _NAME = re.compile(
     r"^(?:data ?item ?id|data ?item|name|signal|channel|kanal|tag|tagname|variable|metric|sensor|item|id|"
-    r"messstelle|point|parameter)$",
+    r"messstelle|point|parameter|entityid|entity|series|serie|field|topic|objekt|object)$",
     re.I,
 )
-_VALUE = re.compile(r"^(?:value|wert|messwert|result|reading|val|data|y|vvalue|numericvalue)$", re.I)
+_VALUE = re.compile(
+    r"^(?:value|wert|messwert|result|reading|val|data|y|vvalue|numericvalue|state|payload)$", re.I
+)
 _UNITS = ("unit", "units", "einheit")
 _MOST_SIGNALS = 500
 _TWICE = (
@@ -67,9 +71,13 @@ def sources_of(paths: Sequence[Path], how: Logs, *, accept_truncated: bool = Fal
                 raise
             problems.append(str(error))
             continue
-        for sheet in sheets:
-            doubts += [before + sentence for sentence in sheet.doubts]
-            clock = clock_of(sheet, how)
+        doubts += [before + sentence for sheet in sheets for sentence in sheet.doubts]
+        for sheet in itertools.chain.from_iterable(by_clock(whole, how) for whole in sheets):
+            try:
+                clock = clock_of(sheet, how)
+            except LogError as error:
+                problems.append(before + str(error))
+                continue
             if clock is None:
                 without.append(sheet)
                 continue
@@ -81,8 +89,7 @@ def sources_of(paths: Sequence[Path], how: Logs, *, accept_truncated: bool = Fal
                 continue
             doubts += [before + sentence for sentence in clock.doubts]
             for part, rows in parts:
-                own = replace(clock, time_s=clock.time_s[rows])
-                timed.append(_in_order(part, own))
+                timed.append(_in_order(part, replace(clock, time_s=clock.time_s[rows]), doubts))
     return Sources(tuple(timed), tuple(problems), tuple(doubts), tuple(without), long)
 
 
@@ -116,13 +123,56 @@ def _widened(sheet: Sheet, form: LongForm) -> list[tuple[Sheet, NDArray[np.int64
     return found
 
 
-def _in_order(sheet: Sheet, clock: SheetClock) -> TimedSheet:
-    """One signal of a file in long form: by time, and of several values at once the last."""
+def _in_order(sheet: Sheet, clock: SheetClock, doubts: list[str]) -> TimedSheet:
+    """One signal of a file in long form: by time, of several values at once the last, without rows before its
+    first value.
+    """
+    column = sheet.columns[0]
+    values, _ = numbers_of(column, sheet.decimal)
     order = np.argsort(clock.time_s, kind="stable")
     time_s = clock.time_s[order]
-    last = np.isfinite(time_s) & np.append(np.diff(time_s) > 0.0, True)
-    kept = order[last]
-    return TimedSheet(_rows(sheet, kept), replace(clock, time_s=clock.time_s[kept]), held=True)
+    timeless = ~np.isfinite(time_s)
+    last = ~timeless & np.append(np.diff(time_s) != 0.0, True)
+    begun = np.cumsum(np.isfinite(values[order])) > 0
+    kept = order[last & (begun | ~np.isfinite(values).any())]
+    lost_values = order[~last & ~timeless & np.isfinite(values[order])]
+    for rows, reason in ((order[timeless], "no time"), (lost_values, "the time of another of their signal")):
+        if len(rows):
+            shown = sheet.place(int(rows.min()))
+            doubts.append(
+                f"{column.name}: {len(rows)} rows with {reason} were left out, the first in {shown}"
+            )
+    words = []
+    if column.is_text:
+        left_out = np.setdiff1d(np.arange(len(column)), kept)
+        words = [
+            cell for cell in column.values.take(left_out[~np.isfinite(values[left_out])]).to_pylist() if cell
+        ]
+    part = _rows(sheet, kept)
+    part = replace(part, columns=(replace(part.columns[0], dropped=tuple(words)),))
+    return TimedSheet(part, replace(clock, time_s=clock.time_s[kept]), held=True)
+
+
+def by_clock(sheet: Sheet, how: Logs) -> list[Sheet]:
+    """The parts of a sheet in which each group of columns follows a clock of its own; usually the sheet."""
+    if how.time is not None or how.every_s is not None or sheet.time_s is not None:
+        return [sheet]
+    at = [i for i, c in enumerate(sheet.columns) if is_called_time(c.name)]
+    if len(at) < 2 or at[0] != 0 or any(b - a < 2 for a, b in itertools.pairwise([*at, len(sheet.columns)])):
+        return [sheet]
+    groups = [sheet.columns[a:b] for a, b in itertools.pairwise([*at, len(sheet.columns)])]
+    parts = [replace(sheet, columns=group) for group in groups]
+    try:
+        clocks = [clock_of(replace(part, columns=part.columns[:1]), how) for part in parts]
+    except LogError:
+        return [sheet]
+    if any(clock is None for clock in clocks):
+        return [sheet]
+    times = [clock.time_s for clock in clocks if clock is not None]
+    if all(np.allclose(times[0] - times[0][0], t - t[0], rtol=0.0, atol=1e-6, equal_nan=True) for t in times):
+        return [sheet]
+    filled = [np.flatnonzero(np.isfinite(time_s)) for time_s in times]
+    return [_rows(part, rows) for part, rows in zip(parts, filled, strict=True)]
 
 
 def _sound(

@@ -7,6 +7,7 @@ only for a conversion.
 from __future__ import annotations
 
 import re
+import unicodedata
 from functools import cache
 from typing import Any
 
@@ -17,41 +18,50 @@ from observer.errors import LogError
 from observer.frames import FloatArray
 
 _WRITTEN = {
-    "degC": "°c c degc deg_c deg.c grad_c gradc celsius ℃ ºc °celsius",
-    "degF": "°f f degf deg_f deg.f fahrenheit ℉ ºf °fahrenheit",
-    "kelvin": "k kelvin",
-    "rpm": "rpm u/min 1/min min-1 min^-1 upm r/min rev/min /min umdr./min",
+    "degC": "degc c celsius degcelsius gradc gradcelsius degreec degreesc degreecelsius degreescelsius "
+    "centigrade tempc oc",
+    "degF": "degf f fahrenheit fahr degfahrenheit degfahr gradf gradfahrenheit degreef degreesf "
+    "degreefahrenheit degreesfahrenheit tempf of",
+    "kelvin": "k kelvin kelvins degk gradk degreek tempk",
+    "rpm": "rpm u/min 1/min min-1 min^-1 upm r/min rev/min /min umdr/min",
     "revolution/second": "1/s hz rps rev/s u/s",
-    "degree/second": "°/s deg/s",
+    "degree/second": "deg/s",
     "radian/second": "rad/s",
     "m": "m meter metre",
     "mm": "mm",
     "cm": "cm",
-    "um": "µm μm um micron",
+    "um": "μm um micron microns",
     "inch": 'in inch inches " zoll',
-    "W": "w watt",
+    "W": "w watt watts",
     "kW": "kw",
     "N*m": "nm n·m n*m",
-    "s": "s sec second seconds sek sekunden",
-    "ms": "ms msec milliseconds millisekunden",
-    "us": "us µs μs microseconds",
-    "ns": "ns",
-    "min": "min minutes minuten",
-    "h": "h hours std stunden",
-    "d": "d days tage",
+    "s": "s sec secs second seconds sek sekunde sekunden",
+    "ms": "ms msec millisecond milliseconds millisekunden",
+    "us": "us μs microsecond microseconds",
+    "ns": "ns nanoseconds",
+    "min": "min mins minute minutes minuten",
+    "h": "h hr hrs hour hours std stunde stunden",
+    "d": "d day days tag tage",
     "percent": "%",
-    "V": "v volt",
-    "mV": "mv",
-    "A": "a ampere",
+    "V": "v volt volts",
+    "mV": "mv mvolt mvolts millivolt millivolts",
+    "A": "a ampere amperes amps",
+    "mA": "ma milliampere",
+    "kWh": "kwh",
+    "ohm": "ohm ohms ω",
     "bar": "bar",
 }
 _ALIAS = {written: unit for unit, ways in _WRITTEN.items() for written in ways.split()}
-_SUFFIXES = ("degC", "degF", "K", "m", "mm", "cm", "um", "in", "rpm", "W", "kW", "Nm", "s", "ms", "us", "ns",
-             "min", "h", "V", "mV", "A", "bar", "Hz")  # fmt: skip
-_IN_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[({<](?P<unit>[^\[\](){}<>]{1,24})[\])}>]\s*$")
-_AFTER_MARK = re.compile(
-    r"^(?P<name>.*?)(?:\s+/\s+|\s*,\s+|\s+in\s+|\s+)(?P<unit>[^\s,/]{1,10}(?:/(?:min|s|h))?)$"
-)
+_NO_UNIT = ("", "-", "--", "–", "1", "none", "(none)", "n/a", "na", "ts", "rn", "count")
+"""What recorders write in place of a unit where a column has none."""
+_DEGREE = re.compile(r"^(?:[Ââ]?[°º˚∘⁰]|\*|\?|\ufffd)\s*(?=[CcFfKk])|[°º˚∘⁰]")
+"""A degree sign, one that was typed or decoded as another."""
+_SUFFIXES = ("degC", "degF", "K", "F", "C", "m", "mm", "cm", "um", "in", "rpm", "W", "kW", "Nm", "s", "ms",
+             "us", "ns", "min", "h", "V", "mV", "A", "bar", "Hz")  # fmt: skip
+_IN_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[({<](?P<unit>[^\[\](){}<>]{1,80})[\])}>]\s*$")
+_MARKS = re.compile(r"\s+/\s*|\s*,\s*|\s+in\s+|\s+|(?<=\w)/(?=[°º˚])|^(?=[^\W\d]\w*/)\w+(?P<slash>/)", re.I)
+_TEMPERATURE = re.compile(r"^(?P<name>.*temp(?:eratur(?:e)?)?)[ .]?(?P<unit>[CFK])$", re.I)
+_LONGEST_UNIT = 24
 EXPECTED = dict.fromkeys(ChannelKind, "degC") | {
     ChannelKind.POSITION: "m",
     ChannelKind.DISPLACEMENT: "m",
@@ -64,7 +74,14 @@ _PLAIN = {"degC": "°C", "degF": "°F", "kelvin": "K", "um": "µm", "percent": "
 
 def known_unit(written: str) -> str:
     """The unit of which a text is a usual spelling; empty where it is none."""
-    return _ALIAS.get(written.strip().casefold().replace(" ", "_"), "")
+    text = unicodedata.normalize("NFKC", _DEGREE.sub("deg", written.strip().strip("[]")))
+    text = _DEGREE.sub("deg", text).casefold()
+    return _ALIAS.get(re.sub(r"[\s._]", "", text), "")
+
+
+def says_no_unit(written: str) -> bool:
+    """Whether a text is what recorders write in place of a unit, as `-` or `(None)`."""
+    return written.strip().casefold() in _NO_UNIT
 
 
 def shown_unit(unit: str) -> str:
@@ -74,14 +91,33 @@ def shown_unit(unit: str) -> str:
 
 def split_name(name: str) -> tuple[str, str]:
     """A column's name without the unit that it ends in, and that unit as written; empty where it has none."""
-    if found := _IN_BRACKETS.match(name):
-        return found["name"].strip(), found["unit"].strip()
+    match = _IN_BRACKETS.match(name)
+    if match and known_unit(match["unit"]):
+        return match["name"].strip(), match["unit"].strip()
+    if match:
+        stem, unit = _split_plain(match["name"])
+        if unit:
+            return f"{stem} ({match['unit'].strip()})", unit
+        if len(match["unit"]) <= _LONGEST_UNIT and not match["unit"].strip().isdigit():
+            return match["name"].strip(), match["unit"].strip()
+        return name.strip(), ""
+    return _split_plain(name)
+
+
+def _split_plain(name: str) -> tuple[str, str]:
+    """A name without brackets and the unit that it ends in."""
     stem, _, last = name.rpartition("_")
     if stem and last in _SUFFIXES:
         return stem, last
-    if (found := _AFTER_MARK.match(name)) and known_unit(found["unit"]) and len(found["unit"]) > 1:
-        return found["name"].strip(), found["unit"]
-    return name.strip(), ""
+    for mark in _MARKS.finditer(name):
+        unit = name[mark.end() :]
+        start = mark.start("slash") if mark["slash"] else mark.start()
+        if start > 0 and (len(unit.strip()) > 1 or mark[0].strip()) and known_unit(unit):
+            return name[:start].strip(), unit.strip()
+    if match := _TEMPERATURE.match(name.strip()):
+        return match["name"], match["unit"]
+    alone = len(name.strip()) > 1 and known_unit(name) in ("degC", "degF", "kelvin")
+    return name.strip(), name.strip() if alone else ""
 
 
 def unit_of_channel(channel: str, kind: ChannelKind) -> str:
@@ -98,7 +134,9 @@ def _registry() -> Any:
 
 @cache
 def resolved(written: str) -> str:
-    """The unit that a text means, for pint. Raises `LogError` for an unknown one."""
+    """The unit that a text means, for pint; empty for none. Raises `LogError` for an unknown one."""
+    if says_no_unit(written):
+        return ""
     if unit := known_unit(written):
         return unit
     import pint  # noqa: PLC0415

@@ -12,6 +12,7 @@ from observer.files.logs import TIME, Log, log_of
 from observer.files.logs import read_log as read_file
 from observer.installation import Installation
 from observer.intake.reading import own_header, read_channels
+from observer.intake.sentinels import cleaned
 from observer.library.packages import in_words
 from observer.library.signals import SignalTable
 from observer.tables.logs import Logs
@@ -34,7 +35,8 @@ def read_log(path: str | Path, *, accept_truncated: bool = False, accept_damaged
 
     if own_header(Path(path), Logs()) is None:
         return read_whole(Path(path), accept_truncated=accept_truncated)
-    return read_file(path, accept_truncated=accept_truncated, accept_damaged=accept_damaged)
+    log = read_file(path, accept_truncated=accept_truncated, accept_damaged=accept_damaged)
+    return cleaned(log, Logs())
 
 
 def channels_of(path: Path, config: Installation, **accept: bool) -> Log:
@@ -46,10 +48,10 @@ def channels_of(path: Path, config: Installation, **accept: bool) -> Log:
 
 def recorded(path: Path, config: Installation, **accept: bool) -> Log:
     """A log of channels, or a recording of a CAN bus."""
-    from observer.intake.readers import holds_signals
+    from observer.intake.readers import holds_signals, is_text_log
     from observer.record.recent import is_can_recording, read_can_log
 
-    if is_can_recording(path) and not holds_signals(path):
+    if is_can_recording(path) and not holds_signals(path) and not is_text_log(path):
         return read_can_log(path, config)
     return channels_of(path, config, **accept)
 

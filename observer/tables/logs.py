@@ -6,14 +6,15 @@ import codecs
 import zoneinfo
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from observer.tables import quantities
 from observer.tables.quantities import Section
 
 Text = Annotated[str, Field(min_length=1, max_length=256)]
-TIME_UNITS = ("s", "ms", "us", "ns", "min", "h", "d", "excel")
-"""What a number in a time column may count; `excel` counts days since 1899-12-30 on a wall clock."""
+TIME_UNITS = ("s", "ms", "us", "ns", "min", "h", "d", "excel", "labview", "filetime")
+"""What a number in a time column may count: `excel` days since 1899-12-30 on a wall clock, `labview` seconds
+since 1904, `filetime` tenths of a microsecond since 1601."""
 
 
 class LogColumn(Section):
@@ -51,8 +52,12 @@ class Logs(Section):
     #: column of the time, or the two of date and time
     time: Text | Annotated[tuple[Text, ...], Field(min_length=1, max_length=2)] | None = None
     #: how the time is written: `"%d.%m.%Y %H:%M:%S"` and the like, or what a number counts: `"s"`, `"ms"`,
-    #: `"us"`, `"ns"`, `"min"`, `"h"`, `"d"`, `"excel"`
+    #: `"us"`, `"ns"`, `"min"`, `"h"`, `"d"`, `"excel"`, `"labview"` (seconds since 1904), `"filetime"`
     time_format: Text | None = None
+    #: how far the rows are apart, for a log without a clock: `60.0`; it then has no column of the time
+    every_s: Annotated[quantities.Positive, Field(le=86_400.0)] | None = None
+    #: what stands for a missing value besides the usual: words and numbers, `["OVLD", "-9.9E+37"]`
+    missing: tuple[Text, ...] = Field(default=(), max_length=64)
     #: of times that name no zone, as `"Europe/Berlin"`
     timezone: Text | None = None
     #: whether inputs keep their value until the next row (`true`), or ramp to it
@@ -84,6 +89,12 @@ class Logs(Section):
         except LookupError:
             raise ValueError(f'{name!r} is no encoding; give one such as "cp1252" or "utf-16"') from None
         return name
+
+    @model_validator(mode="after")
+    def _one_clock(self) -> Logs:
+        if self.every_s is not None and (self.time is not None or self.time_format is not None):
+            raise ValueError("every_s is for a log without a clock; remove it, or time and time_format")
+        return self
 
     @field_validator("timezone")
     @classmethod

@@ -17,7 +17,7 @@ from tests.system.plant import Daemon, Subscriber, machine, table_for, write
 ROOT = Path(__file__).parents[2]
 NAMES = {
     "prometheus-client": "prometheus_client", "paho-mqtt": "paho", "charset-normalizer": "charset_normalizer",
-    "python-calamine": "python_calamine",
+    "python-calamine": "python_calamine", "python-dateutil": "dateutil",
 }  # fmt: skip
 HIDING = f"""
 import sys

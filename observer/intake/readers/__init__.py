@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import zlib
 from pathlib import Path
 
 from observer.errors import LogError, UserError
@@ -9,10 +11,12 @@ from observer.files.regular import one_line, refuse_irregular, refuse_large
 from observer.intake.sheets import Sheet
 from observer.tables.logs import Logs
 
+_HEAD = 4096
 WORKBOOKS = (".xlsx", ".xlsm", ".xls", ".ods")
 ARROW = (".parquet", ".arrow", ".feather", ".ipc")
 MEASUREMENTS = (".mf4", ".mdf", ".dat")
-EVERY = (".csv", ".txt", ".tsv", ".dat", ".lvm", *WORKBOOKS, *ARROW, ".mf4", ".mdf", ".tdms")
+TEXTS = (".csv", ".txt", ".tsv", ".dat", ".lvm", ".log", ".shdr", ".lp", ".prn")
+EVERY = (*TEXTS, *WORKBOOKS, *ARROW, ".mf4", ".mdf", ".tdms")
 
 
 def holds_signals(path: Path) -> bool:
@@ -22,6 +26,18 @@ def holds_signals(path: Path) -> bool:
     from observer.intake.readers.mdf import has_signals  # noqa: PLC0415 - each format has its own package
 
     return has_signals(path)
+
+
+def is_text_log(path: Path) -> bool:
+    """Whether a `.log` holds a table or statistics, and not the frames of a bus, as `(time) can0 …`."""
+    if kind_of(path) != ".log":
+        return False
+    try:
+        with gzip.open(path) if path.suffix == ".gz" else open(path, "rb") as file:
+            lines = [line.strip() for line in file.read(_HEAD).splitlines() if line.strip()]
+    except (OSError, EOFError, zlib.error):
+        return False
+    return bool(lines) and not lines[0].startswith((b"(", b"date "))
 
 
 def kind_of(path: Path) -> str:
@@ -41,6 +57,8 @@ def read_sheets(path: Path, how: Logs, accept_truncated: bool = False) -> list[S
     try:
         refuse_irregular(path, "a readable log")
         refuse_large(path, path.stat().st_size)
+        if kind == ".log" and not is_text_log(path):
+            raise LogError(f"{path}: is a recording of a CAN bus; give it to a command with --config")
         sheets = _read(path, kind, how, accept_truncated)
     except (UserError, ModuleNotFoundError):
         raise

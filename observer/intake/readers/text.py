@@ -3,23 +3,36 @@
 from __future__ import annotations
 
 import codecs
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from observer.files.log_checks import several
+from observer.files.log_checks import MOST_LISTED, several
 from observer.files.logs import bytes_of
+from observer.intake.cells import without_units
+from observer.intake.headers import (
+    above_the_table,
+    another_header,
+    headers_left_out,
+    repeated_headers,
+    rows_of_text,
+)
 from observer.intake.layout import (
     SAMPLE_LINES,
+    TableLayout,
     decimal_of,
     is_value,
     layout_of,
     names_of,
+    numeric_columns,
     separator_of,
     split_lines,
 )
+from observer.intake.readers import klippy, line_protocol, lvm, shdr, twincat
 from observer.intake.sheets import RawColumn, Sheet
 from observer.tables.logs import Logs
 
@@ -29,6 +42,16 @@ _BOMS = (
 )  # fmt: skip
 _WESTERN = set("°µ²³äöüßÄÖÜéèêàâçñÉ·±Ωøåæœíóúáìòù´€§«»–—’“”…")
 _WIDTHS = {"utf-16": 2, "utf-32": 4}
+_KINDS: tuple[tuple[Callable[[str], bool], Callable[[Path, str], list[Sheet]]], ...] = (
+    (twincat.recognises, twincat.read),
+    (klippy.recognises, klippy.read),
+    (shdr.recognises, shdr.read),
+    (line_protocol.recognises, line_protocol.read),
+)
+"""Formats that a text shows itself to be in, and their readers."""
+_TOA5 = ('"TOA5"', "TOA5,")
+MOST_MISFITS = 0.05
+"""Fraction of a table's rows that may have another number of cells; they are left out and reported."""
 _OTHERS = ["cp1250", "cp1251", "cp932", "gb18030", "cp949", "big5"]
 
 
@@ -40,15 +63,18 @@ def read_text(path: Path, how: Logs, accept_truncated: bool = False) -> list[She
         data, cut = data + b"\0" * (-len(data) % wide), False  # the zeros at its end are of its last sign
     text = decoded(path, data, encoding)
     if text.startswith("LabVIEW Measurement"):
-        from observer.intake.readers.lvm import read_lvm  # noqa: PLC0415 - the module above this one
-
-        return read_lvm(path, text)
+        return lvm.read_lvm(path, text)
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     if accept_truncated and (cut or not text.endswith("\n")):
         text = text[: text.rfind("\n") + 1]
     elif cut:
         remedy = "use the rows before it with --accept-truncated, or copy the log again"
         raise several(path, [f"line {text.count(chr(10)) + 1} is cut off; {remedy}"])
+    for recognises, read in _KINDS:
+        if recognises(text):
+            return read(path, text)
+    if text.lstrip().startswith(_TOA5):
+        return [sheet_of(path, text, how, header=1)]
     return [sheet_of(path, text, how)]
 
 
@@ -89,45 +115,60 @@ class _Misfits:
     texts: list[str]
 
 
-def sheet_of(path: Path, text: str, how: Logs) -> Sheet:
-    """The table in a text; `path` is named in errors (`LogError`)."""
+def sheet_of(path: Path, text: str, how: Logs, header: int | None = None) -> Sheet:
+    """The table in a text whose header is in row `header`, if that is known.
+
+    `path` is named in errors (`LogError`).
+    """
     lines = text.split("\n", SAMPLE_LINES)[:SAMPLE_LINES]
     separator = how.separator or separator_of(lines)
     rows = split_lines([line.replace("\0", "") for line in lines], separator)
     layout = layout_of(rows, how.skip_rows, how.units_row)
+    if header is not None and len(rows) > header + 2:  # TOA5: names, units, kinds of processing
+        layout = TableLayout(header, header + 1, header + 3, len(rows[header]))
     if layout.width < 1 or (layout.width < 2 and how.separator is None):
         raise several(path, ["holds no recognisable columns of numbers and times; give [log] separator"])
-    header = rows[layout.header] if layout.header >= 0 else []
-    names = names_of(header, rows[layout.units] if layout.units >= 0 else [], layout.width)
+    names = rows[layout.header] if layout.header >= 0 else []
+    units = rows[layout.units] if layout.units >= 0 else []
     decimal = how.decimal or decimal_of(rows[layout.data :])
     table, misfits = _parsed(text, separator, layout.width, layout.data)
-    problems, doubts = _judged(misfits, layout.width, len(header), layout.data, separator)
+    problems, doubts = _judged(misfits, layout.width, len(names), layout.data, separator, len(table))
     if problems:
         raise several(path, problems)
+    doubts += above_the_table([i + 1 for i in layout.above])
+    numeric = numeric_columns(rows[layout.data :], layout.width)
+    repeated, other = repeated_headers(rows_of_text(table.columns, numeric), [names, units], numeric)
+    numbers = _numbered(text, layout.data, misfits.lines, len(table))
+    doubts += headers_left_out([int(numbers[i]) for i in repeated])
+    if other:
+        raise several(path, [another_header(int(numbers[other[0]]))])
+    kept = np.setdiff1d(np.arange(len(table)), repeated)
     columns = [
-        RawColumn(name, column, unit)
-        for (name, unit), column in zip(names, table.columns, strict=True)
+        without_units(RawColumn(name, column.combine_chunks().take(kept), unit))
+        for (name, unit), column in zip(names_of(names, units, layout.width), table.columns, strict=True)
         if not (name.startswith("column ") and column.null_count == len(column))
     ]
-    blank = "\n\n" in text.rstrip("\n") or misfits.lines
-    numbers = None if not blank else _numbered(text, layout.data, misfits.lines, len(table))
-    columns = [RawColumn(c.name, c.values.combine_chunks(), c.unit) for c in columns]
     return Sheet(
         path,
         "",
         tuple(columns),
         decimal=decimal,
         first_line=layout.data + 1,
-        lines=numbers,
+        lines=numbers[kept],
+        left_out=tuple(misfits.lines),
         doubts=tuple(doubts),
+        preamble=tuple(lines[: max(layout.header, 0)]),
     )
 
 
-def _numbered(text: str, data: int, left_out: list[int], rows: int) -> Any:
+def _numbered(text: str, data: int, left_out: list[int], rows: int) -> NDArray[np.int64]:
     """The numbers of the lines in which the rows stand, blank lines and those left out not being rows."""
+    consecutive = np.arange(data + 1, data + 1 + rows)
+    if "\n\n" not in text.rstrip("\n") and not left_out:
+        return consecutive
     out = set(left_out)
-    found = [i for i, line in enumerate(text.split("\n")[data:], data + 1) if line.strip() and i not in out]
-    return np.array(found[:rows] if len(found) >= rows else range(data + 1, data + 1 + rows), np.int64)
+    filled = [i for i, line in enumerate(text.split("\n")[data:], data + 1) if line.strip() and i not in out]
+    return np.array(filled[:rows], np.int64) if len(filled) >= rows else consecutive
 
 
 def _parsed(text: str, separator: str, width: int, skip: int) -> tuple[Any, _Misfits]:
@@ -158,9 +199,9 @@ def _parsed(text: str, separator: str, width: int, skip: int) -> tuple[Any, _Mis
 
 
 def _judged(
-    misfits: _Misfits, width: int, named: int, data: int, separator: str
+    misfits: _Misfits, width: int, named: int, data: int, separator: str, rows: int
 ) -> tuple[list[str], list[str]]:
-    """Errors of rows that do not fit, and mere doubts: text below the table."""
+    """Errors of rows that do not fit, and mere doubts: a few of them, and text below the table."""
     if named and width > named and separator == ",":
         return [
             f"line {data + 1} has {width} cells where the header names {named}, which looks like decimal "
@@ -171,11 +212,17 @@ def _judged(
         cells = split_lines([text], separator)[0]
         if any(map(is_value, cells)) and len(cells) > 1:
             extra = ", as decimal commas make them" if separator == "," and len(cells) > width else ""
-            problems.append(
-                f"line {line} has {len(cells)} cells where the table has {width}{extra}; fix or remove it"
-            )
+            problems.append(f"line {line} has {len(cells)} cells where the table has {width}{extra}")
         else:
             doubts.append(f"line {line} is not a row of the table and was left out: {text[:40]!r}")
-    if len(doubts) > 3:
+    if len(doubts) > MOST_LISTED:
         doubts = [*doubts[:2], f"{len(doubts) - 2} more lines are not rows of the table and were left out"]
-    return problems, doubts
+    if len(problems) > max(1, MOST_MISFITS * rows):
+        return [f"{problem}; fix or remove it" for problem in problems], doubts
+    total = f" ({len(problems)} such rows)" if len(problems) > 1 else ""
+    left_out = [f"{problem}, and was left out{total}" for problem in problems[:MOST_LISTED]]
+    if len(problems) > MOST_LISTED:
+        left_out.append(
+            f"{len(problems) - MOST_LISTED} more rows have another number of cells and were left out"
+        )
+    return [], left_out + doubts

@@ -8,14 +8,18 @@ import resource
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from observer.errors import LogError
+from observer.files.log_checks import several
 from observer.files.regular import one_line
-from observer.intake.layout import SAMPLE_LINES, decimal_of, layout_of, names_of
+from observer.intake.cells import without_units
+from observer.intake.headers import above_the_table, another_header, headers_left_out, repeated_headers
+from observer.intake.layout import SAMPLE_LINES, decimal_of, layout_of, names_of, numeric_columns
 from observer.intake.sheets import RawColumn, Sheet
 from observer.tables.logs import Logs
 
@@ -58,9 +62,11 @@ def _answer(path: Path, how: Logs) -> list[Sheet] | str:
         sheets = {name: sheet for name, grid in grids.items() if (sheet := _sheet(path, name, grid, how))}
     except (CalamineError, OSError, ValueError) as error:
         return f"{path}: damaged or not a workbook ({one_line(str(error))}); save it again"
+    except LogError as error:
+        return str(error)
     if len(sheets) > 1:
         return list(sheets.values())
-    return [Sheet(s.path, "", s.columns, decimal=s.decimal, lines=s.lines) for s in sheets.values()]
+    return [replace(sheet, name="") for sheet in sheets.values()]
 
 
 def _sheet(path: Path, name: str, grid: Sequence[Sequence[Any]], how: Logs) -> Sheet | None:
@@ -75,15 +81,28 @@ def _sheet(path: Path, name: str, grid: Sequence[Sequence[Any]], how: Logs) -> S
         return None
     kept = [i for i, row in enumerate(data) if any(cell not in ("", None) for cell in row)]
     units = padded[layout.units] if layout.units >= 0 else []
-    names = names_of(padded[layout.header] if layout.header >= 0 else [], units, layout.width)
+    header = padded[layout.header] if layout.header >= 0 else []
+    numeric = numeric_columns(padded[layout.data :], layout.width)
+    texts = (
+        (i, [shown(cell).strip() for cell in row])
+        for i, row in enumerate(data)
+        if all(k < len(row) and isinstance(row[k], str) and row[k] for k in numeric)
+    )
+    repeated, other = repeated_headers(texts, [header, units], numeric)
+    if other:
+        raise several(path, [f'"{name}", {another_header(layout.data + 1 + other[0])}'])
+    doubts = headers_left_out([layout.data + 1 + i for i in repeated])
+    doubts += above_the_table([i + 1 for i in layout.above])
+    kept = [i for i in kept if i not in set(repeated)]
+    names = names_of(header, units, layout.width)
     columns = []
     for i, (column, unit) in enumerate(names):
         cells = [data[k][i] if i < len(data[k]) else "" for k in kept]
         if any(cell not in ("", None) for cell in cells):
-            columns.append(RawColumn(column, cells_of(cells), unit))
+            columns.append(without_units(RawColumn(column, cells_of(cells), unit)))
     decimal = how.decimal or decimal_of(padded[layout.data :])
     lines = np.array(kept, np.int64) + layout.data + 1
-    return Sheet(path, name, tuple(columns), decimal=decimal, lines=lines)
+    return Sheet(path, name, tuple(columns), decimal=decimal, lines=lines, doubts=tuple(doubts))
 
 
 def shown(cell: Any) -> str:

@@ -1,0 +1,87 @@
+"""Numbers that stand for a missing value: overload of a meter, a sensor that is not there or not ready."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from observer.files.log_checks import Words
+from observer.files.logs import Log
+from observer.frames import BoolArray, FloatArray
+from observer.intake.units import known_unit, split_name
+from observer.tables.logs import Logs
+
+OVERLOAD = 9e36
+"""Meters write 9.9E+37 for an overload and 9.91E+37 for no value; no quantity of a machine is so large."""
+_ZERO_DEGC_K = 273.15
+_OF_SENSORS_DEGC = (85.0, -127.0)
+"""A DS18B20 that has not measured yet, and one that does not answer."""
+_LEAST_STEP_K, _OF_USUAL = 5.0, 20.0
+"""How far such a value is from the values beside it, in K and in usual steps between values."""
+
+
+def without_sentinels(
+    values: FloatArray, name: str, unit: str, missing: Sequence[str] = ()
+) -> tuple[FloatArray, list[Words]]:
+    """Values (n,) with NaN for those that stand for a missing one, and how many there were of each.
+
+    `unit` is that of the values, as `known_unit` gives it; `missing` are texts of `[log] missing`.
+    """
+    stands_for_none = np.abs(values) >= OVERLOAD
+    for number in _numbers(missing):
+        stands_for_none |= np.isclose(values, number, rtol=1e-6, atol=0.0) | (values == number)
+    to_degC = {"degC": lambda v: v, "degF": lambda v: (v - 32.0) / 1.8, "kelvin": lambda v: v - _ZERO_DEGC_K}
+    if unit in to_degC:
+        degC = to_degC[unit](np.where(stands_for_none, np.nan, values))
+        stands_for_none |= degC < -_ZERO_DEGC_K
+        degC[stands_for_none] = np.nan
+        for code_degC in _OF_SENSORS_DEGC:
+            stands_for_none |= _stands_apart(degC, code_degC)
+    if not stands_for_none.any():
+        return values, []
+    which, counts = np.unique(values[stands_for_none], return_counts=True)
+    order = np.argsort(-counts, kind="stable")
+    say = tuple(f"{which[i]:.6g}" for i in order)
+    return np.where(stands_for_none, np.nan, values), [Words(name, int(counts.sum()), say)]
+
+
+def _numbers(texts: Iterable[str]) -> list[float]:
+    numbers = []
+    for text in texts:
+        try:
+            numbers.append(float(text.replace(",", ".")))
+        except ValueError:
+            continue
+    return [number for number in numbers if np.isfinite(number)]
+
+
+def _stands_apart(degC: FloatArray, code_degC: float) -> BoolArray:
+    """Where temperatures (n,) are exactly a code, and no value beside them leads there."""
+    is_code = np.abs(degC - code_degC) < 1e-6
+    others = np.flatnonzero(np.isfinite(degC) & ~is_code)
+    if not is_code.any() or not len(others):
+        return np.zeros(len(degC), bool)
+    usual_K = float(np.median(np.abs(np.diff(degC[others])))) if len(others) > 1 else 0.0
+    at = np.flatnonzero(is_code)
+    after = np.searchsorted(others, at)
+    before_degC = np.where(after > 0, degC[others[np.maximum(after - 1, 0)]], np.nan)
+    after_degC = np.where(after < len(others), degC[others[np.minimum(after, len(others) - 1)]], np.nan)
+    nearest_K = np.fmin(np.abs(before_degC - code_degC), np.abs(after_degC - code_degC))
+    apart = np.zeros(len(degC), bool)
+    apart[at] = nearest_K > max(_LEAST_STEP_K, _OF_USUAL * usual_K)
+    return apart
+
+
+def cleaned(log: Log, how: Logs) -> Log:
+    """A log in our own form without numbers that stand for a missing value; a recording stays as it is."""
+    if log.step is not None:
+        return log
+    values, words = log.values.copy(), list(log.words)
+    for j, name in enumerate(log.channels):
+        values[:, j], missing = without_sentinels(
+            values[:, j], name, known_unit(split_name(name)[1]), how.missing
+        )
+        words += missing
+    return replace(log, values=values, words=tuple(words)) if len(words) > len(log.words) else log

@@ -1,0 +1,52 @@
+"""A rod with sensors `t1`, `t2` … and no input channel, for files that hold temperatures alone."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from observer.installation import Installation, load
+
+_ROD = """
+[machine]
+name = "rod"
+axis = "x"
+[screw]
+length_m = 1.0
+diameter_m = 0.03
+conductivity_W_mK = 50.0
+density_kg_m3 = 7800.0
+specific_heat_J_kgK = 460.0
+[surface]
+convection_W_m2K = 10.0
+[ambient]
+temperature_degC = 22.0
+[boundary.left]
+kind = "insulated"
+[boundary.right]
+kind = "insulated"
+[[source]]
+name = "heater"
+shape = "point"
+position_m = 0.0
+heat_W = 5.0
+"""
+_SENSOR = '[[sensor]]\nname = "t{0}"\nchannel = "t{0}_degC"\nposition_m = {1}\nnoise_K = 0.05\n'
+
+
+def rod(folder: Path, log: Mapping[str, Any], columns: Mapping[str, str], sensors: int = 1) -> Installation:
+    """The rod's configuration with a `[log]` table, written into a folder."""
+    path = folder / "rod.toml"
+    path.write_text(rod_text(log, columns, sensors), encoding="utf-8")
+    return load(path)
+
+
+def rod_text(log: Mapping[str, Any], columns: Mapping[str, str], sensors: int = 1) -> str:
+    """The rod's configuration with a `[log]` table."""
+    lines = [_ROD, *(_SENSOR.format(i, 0.2 * i) for i in range(1, sensors + 1)), "[log]"]
+    lines += [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in log.items()]
+    lines += ["[log.columns]"] if columns else []
+    lines += [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in columns.items()]
+    return "\n".join(lines) + "\n"
