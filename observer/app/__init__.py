@@ -1,7 +1,16 @@
 """The composition root of the commands for logs: one function for each."""
 
 from observer.app.exports import export, export_table
-from observer.app.logs import compare, forecast, identify, import_log, replay, simulate, simulate_steady
+from observer.app.logs import (
+    compare,
+    extract_log,
+    forecast,
+    identify,
+    import_log,
+    replay,
+    simulate,
+    simulate_steady,
+)
 from observer.app.models import calibrate, discover, learned
 
 __all__ = [
@@ -10,6 +19,7 @@ __all__ = [
     "discover",
     "export",
     "export_table",
+    "extract_log",
     "forecast",
     "identify",
     "import_log",

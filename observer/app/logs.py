@@ -184,6 +184,19 @@ def compare(
     return found
 
 
+def extract_log(paths: Sequence[Path], config: Installation | None, output: Path) -> int:
+    """Write an extract of files to send to support; return its size in bytes. Raises `LogError`."""
+    from observer.intake.extract import extract_of
+    from observer.tables.logs import Logs
+
+    data = extract_of(paths, Logs() if config is None else config.log).encode("utf-8", "replace")
+    try:
+        output.write_bytes(data)
+    except OSError as error:
+        raise LogError(f"{output}: cannot be written ({error.strerror}); choose another place") from None
+    return len(data)
+
+
 def import_log(
     paths: Sequence[Path],
     config: Installation,

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from observer.cli.options import ConfigOption
 from observer.cli.output import warn
+from observer.errors import UserError
 
 verbs = typer.Typer()
 
@@ -17,8 +17,17 @@ verbs = typer.Typer()
 @verbs.command(name="import")
 def import_(
     file: Annotated[list[Path], typer.Argument(help="One or more files of one run, joined on their clocks.")],
-    config: ConfigOption,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Log to write: .parquet, .csv or .csv.gz.")],
+    config: Annotated[Path | None, typer.Option("--config", "-c", help="Configuration (TOML).")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Log to write: .parquet, .csv or .csv.gz.")
+    ] = None,
+    extract: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write an extract of less than 20 kB to send to support, which shows how the files were "
+            "read; needs neither --config nor --output."
+        ),
+    ] = None,
     column: Annotated[
         list[str] | None,
         typer.Option(
@@ -42,6 +51,14 @@ def import_(
     from observer import app as parts
     from observer.installation import load
     from observer.intake.importing import Proposal
+
+    if extract is not None:
+        written = parts.extract_log(file, None if config is None else load(config), extract)
+        typer.echo(f"{written} bytes written to {extract}; read them before you send them")
+        if output is None:
+            return
+    if config is None or output is None:
+        raise UserError("import: give --config and --output, or --extract alone")
 
     def show(found: Proposal) -> None:
         lines = [("channel", "column", "unit", "first values"), *found.shown]

@@ -24,6 +24,9 @@ WITH_UNIT = re.compile(
     r"(?P<number>[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>[^\d\s.,;:+-].{0,9})$"
 )
 """A number with its unit in one cell."""
+_UNIT = r"(?:%|\s*[^\d\s.,;:+-]\S{0,9})?"
+_COMMA = re.compile(rf"[+-]?(?:\d{{1,3}}(?:\.\d{{3}})+|\d*),\d+(?:[eE][+-]?\d+)?{_UNIT}$")
+_POINT = re.compile(rf"[+-]?(?:\d{{1,3}}(?:,\d{{3}})+|\d*)\.\d+(?:[eE][+-]?\d+)?{_UNIT}$")
 _SEPARATORS = (";", "\t", ",", "|", " ")
 _FORMAT = re.compile(r"[ymdhsfn/:.\- ]{4,}$", re.I)
 
@@ -200,10 +203,5 @@ def names_of(header: Sequence[str], units: Sequence[str], width: int) -> list[tu
 def decimal_of(rows: Sequence[Sequence[str]]) -> str:
     """The decimal separator of the numbers in some rows."""
     cells = [cell.strip() for row in rows for cell in row]
-    commas = sum(
-        bool(re.match(r"[+-]?(?:\d{1,3}(?:\.\d{3})+|\d*),\d+(?:[eE][+-]?\d+)?%?$", c)) for c in cells
-    )
-    points = sum(
-        bool(re.match(r"[+-]?(?:\d{1,3}(?:,\d{3})+|\d*)\.\d+(?:[eE][+-]?\d+)?%?$", c)) for c in cells
-    )
+    commas, points = (sum(bool(pattern.match(cell)) for cell in cells) for pattern in (_COMMA, _POINT))
     return "," if commas > points else "."

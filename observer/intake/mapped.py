@@ -140,7 +140,7 @@ def no_clock(sources: Sources, how: Logs) -> str:
     names = ", ".join(f'"{full_name(c)}"' for c in columns[:12])
     if how.time is not None or how.time_format is not None:
         named = (how.time,) if isinstance(how.time, str) else how.time or ()
-        chosen = [c for c in columns if full_name(c) in named or c.name in named]
+        chosen = [c for sheet in sources.without for n in named if (c := sheet.named(n)) is not None]
         texts = [c for c in chosen or columns if c.is_text and is_called_time(c.name)] or [
             c for c in chosen or columns if c.is_text
         ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from observer.errors import LogError
 from observer.frames import FloatArray
 from observer.intake.sheets import RawColumn, Sheet
 
+S_1904 = 2_082_844_800.0
+"""Seconds from 1904, where LabVIEW counts from, to 1970."""
 _END = "***End_of_Header***"
 
 
@@ -38,25 +41,29 @@ def read_lvm(path: Path, text: str) -> list[Sheet]:
         names = [name.strip() for name in cells[end + 1]]
         last = starts[k + 1] if k + 1 < len(starts) else len(cells)
         rows = [row for row in cells[end + 2 : last] if _is_row(row)]
-        if not rows:
-            continue
-        time_s, first = _clock(head, about, names, rows, decimal)
-        columns = tuple(n for n in names[first:] if n and n not in ("Comment", "X_Value"))
-        at = [names.index(name) for name in columns]
-        sheets.setdefault(columns, []).append(
-            (time_s, [[row[i] if i < len(row) else "" for i in at] for row in rows])
-        )
-        units[columns] = about.get("Y_Unit_Label", [])
-    since_1970 = "Date" in head
+        labels = about.get("Y_Unit_Label", [])
+        for begin, stop in _clocked(head, names):
+            own = [row[begin:stop] for row in rows if any(cell.strip() for cell in row[begin:stop])]
+            if not own:
+                continue
+            time_s, first = _clock(head, about, names[begin:stop], own, decimal)
+            at = [i for i in range(first, stop - begin) if names[begin + i] not in ("", "Comment", "X_Value")]
+            columns = tuple(names[begin + i] for i in at)
+            sheets.setdefault(columns, []).append(
+                (time_s, [[row[i] if i < len(row) else "" for i in at] for row in own])
+            )
+            units[columns] = [labels[begin + i - 1] if 0 < begin + i <= len(labels) else "" for i in at]
+    absolute = head.get("Time_Pref") == "Absolute"
+    since_1970 = "Date" in head or absolute
     return [
-        _sheet(path, i, names, parts, units[names], decimal, since_1970)
+        _sheet(path, i, names, parts, units[names], decimal, since_1970, on_wall=not absolute)
         for i, (names, parts) in enumerate(sheets.items())
     ]
 
 
 def _sheet(
     path: Path, number: int, names: tuple[str, ...], parts: list[tuple[FloatArray, list[list[str]]]],
-    units: Sequence[str], decimal: str, since_1970: bool,
+    units: Sequence[str], decimal: str, since_1970: bool, *, on_wall: bool,
 ) -> Sheet:  # fmt: skip
     rows = [row for _, part in parts for row in part]
     columns = tuple(
@@ -74,9 +81,17 @@ def _sheet(
         columns,
         time_s,
         since_1970,
-        on_wall=True,
+        on_wall=on_wall,
         decimal=decimal,
     )
+
+
+def _clocked(head: Mapping[str, str], names: Sequence[str]) -> list[tuple[int, int]]:
+    """Where the columns of each clock begin and end: `X_Columns Multi` gives each signal its own times."""
+    at = [i for i, name in enumerate(names) if name == "X_Value"]
+    if head.get("X_Columns") != "Multi" or len(at) < 2:
+        return [(0, len(names))]
+    return list(itertools.pairwise([*at, len(names)]))
 
 
 def _is_row(row: Sequence[str]) -> bool:
@@ -107,7 +122,9 @@ def _clock(
     else:
         step, begin = about.get("Delta_X", ["1"])[0], about.get("X0", ["0"])[0]
         time_s = number(begin) + number(step) * np.arange(len(rows))
-    if "Date" not in head or head.get("Time_Pref") == "Absolute":
+    if head.get("Time_Pref") == "Absolute" and np.nanmin(time_s) > S_1904:
+        return time_s - S_1904, first
+    if "Date" not in head:
         return time_s, first
     date = (about.get("Date") or [head["Date"]])[0].strip() or head["Date"]
     clock = (about.get("Time") or [head.get("Time", "0:0:0")])[0].strip() or head.get("Time", "0:0:0")

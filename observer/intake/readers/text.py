@@ -58,7 +58,7 @@ _OTHERS = ["cp1250", "cp1251", "cp932", "gb18030", "cp949", "big5"]
 def read_text(path: Path, how: Logs, accept_truncated: bool = False) -> list[Sheet]:
     """Read a text file as one sheet, or a LabVIEW measurement. Raises `LogError` with all that is wrong."""
     data, cut = bytes_of(path)
-    encoding = how.encoding or _encoding_of(data)
+    encoding = how.encoding or encoding_of(data)
     if (wide := _WIDTHS.get(encoding.replace("_", "-").lower()[:6], 1)) > 1:
         data, cut = data + b"\0" * (-len(data) % wide), False  # the zeros at its end are of its last sign
     text = decoded(path, data, encoding)
@@ -86,7 +86,8 @@ def decoded(path: Path, data: bytes, encoding: str) -> str:
         raise several(path, [f"is not text in {encoding}; give [log] encoding"]) from None
 
 
-def _encoding_of(data: bytes) -> str:
+def encoding_of(data: bytes) -> str:
+    """The encoding that bytes of text seem to be in."""
     for mark, name in _BOMS:
         if data.startswith(mark):
             return name
