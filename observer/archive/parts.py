@@ -40,16 +40,28 @@ def parts(path: Path, needed: Sequence[str], begin: int = 0) -> Iterator[Recorde
         first = file.readline(_LINE_BYTES)
         read_part(path, first, first, needed)
         file.seek(begin)
-        rest = b""
+        rest, is_within_line = b"", False
         while True:
             data = file.read(_PART_BYTES)
+            is_end = not data
+            if is_within_line:
+                tail, newline, data = data.partition(b"\n")
+                begin += len(tail) + len(newline)
+                is_within_line = bool(tail) and not newline
+                if is_within_line:
+                    continue
             rest += data
-            size = _whole(rest, is_last=not data and not is_open)
+            if len(rest) >= _MOST_BYTES and b"\n" not in rest:
+                begin, rest, is_within_line = begin + len(rest), b"", True
+                lost = f"{path.name} has a line of more than {_MOST_BYTES >> 20} MB, which is left out"
+                yield RecordedPart(None, begin, lost)
+                continue
+            size = _whole(rest, is_last=is_end and not is_open)
             if size:
                 begin += size
                 yield _part(path, first, rest[:size], needed, begin)
                 rest = rest[size:]
-            if not data:
+            if is_end:
                 return
 
 

@@ -7,7 +7,6 @@ along the way in memory: the next query about the same hours begins there.
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -30,12 +29,11 @@ from observer.files.logs import Log
 from observer.frames import EstimateBlock, FrameBlock
 from observer.installation import Installation, parse
 from observer.record.recent import one_log
-from observer.record.retention import CONFIG_SUFFIX
+from observer.record.retention import CONFIG_SUFFIX, recorded_config
 from observer.record.spans import Recorded, recordings
 
 _MOST_STANDS = 400
 _MOST_SETUPS = 4
-_MOST_CONFIG_BYTES = 10_000_000
 
 
 class UnfinishedError(UserError):
@@ -209,10 +207,10 @@ class Archive:
         """The state at the beginning of a file: the one stored beside it, or cold, which is noted where it
         continues another.
         """
-        plan, own = setup.machine.plan, _document(file.path)
+        plan, instance = setup.machine.plan, _instance(file.path)
         first = Log(file.path, np.array([file.from_s]), (), np.empty((1, 0)), np.zeros(1, np.bool_))
         start, words = start_of(first, setup.fit)
-        is_first = own and (before is None or _document(before.path).get("instance") != own.get("instance"))
+        is_first = instance is not None and (before is None or _instance(before.path) != instance)
         if not is_first and (start is None or start.walk is None):
             _note(notes, f"{file.path.name}: sequence numbers start again")
         if start is None:
@@ -224,14 +222,15 @@ class Archive:
 
     def _known(self, path: Path, notes: list[str]) -> tuple[_Setup, Origin]:
         """The configuration for replaying a recording: the one it was made under, where that is kept."""
-        document = _document(path)
+        document = recorded_config(path)
         digest = document.get("hash")
         if digest is None:
             _note(notes, f"{path.name}: its configuration was not kept; estimated by the one in force")
         elif digest != self._digest:
             try:
                 setup = self._setup(digest, lambda: parse(document["config"], path.stem + CONFIG_SUFFIX))
-                _note(notes, f"{path.name}: recorded and estimated under configuration {digest}")
+                doubt = "" if "checksum" in document else ", which has no checksum"
+                _note(notes, f"{path.name}: recorded and estimated under configuration {digest}{doubt}")
                 return setup, Origin(path, str(document.get("instance", "")), digest, digest)
             except UserError as error:
                 _note(
@@ -262,14 +261,11 @@ class Archive:
             del self._stands[next(iter(self._stands))]
 
 
-def _document(path: Path) -> dict[str, Any]:
-    """The document `config` beside a recording; empty where there is none, or it cannot be read."""
-    with suppress(OSError, ValueError, RecursionError):
-        with path.with_suffix(CONFIG_SUFFIX).open("rb") as file:
-            document = json.loads(file.read(_MOST_CONFIG_BYTES))
-        if isinstance(document, dict) and isinstance(document.get("config"), dict):
-            return document
-    return {}
+def _instance(path: Path) -> str | None:
+    """The service that wrote a recording, None where the file beside it does not tell."""
+    with suppress(LogError):
+        return recorded_config(path).get("instance")
+    return None
 
 
 def _rest(log: Log) -> Log | None:

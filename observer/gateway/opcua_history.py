@@ -31,7 +31,6 @@ MOST_VALUES = 5000
 """Of an answer; a continuation point gives the rest."""
 _MOST_INTERVALS = 500
 _LEAST_INTERVAL_S = 1e-3
-_MOST_NODES = 100
 _LEAST_VALUES = 50  # of a node, where many are read at once
 _ATTEMPTS = 5
 _FUNCTIONS: dict[Any, str] = {
@@ -160,10 +159,8 @@ class PastManager(HistoryManager):
     """Answers processed reads too, and reports errors by node instead of one fault for all."""
 
     async def read_history(self, params: ua.HistoryReadParameters) -> list[ua.HistoryReadResult]:
-        """Read the history of a few nodes, which share the values of one answer; raises `ServiceError`."""
+        """Read the history of a few nodes, which share the values of one answer."""
         count, details = len(params.NodesToRead), params.HistoryReadDetails
-        if count > _MOST_NODES:
-            raise ServiceError(StatusCodes.BadTooManyOperations)
         if isinstance(details, ua.ReadRawModifiedDetails) and count > 1:
             most = max(_LEAST_VALUES, MOST_VALUES // count)
             details.NumValuesPerNode = ua.Counter(min(details.NumValuesPerNode or most, most))

@@ -6,7 +6,7 @@ no session is resumed. A server with a certificate still answers unencrypted req
 clients make before they encrypt, but nobody can log in that way, whatever the password.
 
 asyncua also buffers data before it checks a message's length, keeps unread answers without limit, and lets a
-client without a session ask without end; `_Connection` sets bounds.
+client without a session ask without end; `_Connection` sets bounds. `opcua_limits` has those of sessions.
 
 Of the 6,000 nodes (50 MB) of namespace 0 (part 5 of the standard) only those in use are created: the
 server's own object, the base types and the data types, without the descriptions of their encodings.
@@ -40,6 +40,7 @@ from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
 
 from observer.errors import ConfigError
 from observer.files.regular import read_named, read_users
+from observer.gateway.opcua_limits import MOST_SESSIONS, LimitedSession, announce_limits, limit
 from observer.gateway.users import Users
 from observer.tables.gateway import Opcua
 
@@ -67,6 +68,7 @@ async def guarded(settings: Opcua) -> Server:
         server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
     bound(server)
     await server.init()
+    await announce_limits(server)
     server.allow_remote_admin(False)  # else whoever says "admin", without a password, may write
     if name is not None:
         await server.set_application_uri(name)
@@ -135,6 +137,9 @@ class _Readers(UserManager):
         return User(role=UserRole.User, name=username)
 
 
+_NOBODY = User(role=UserRole.Anonymous)
+
+
 class _Guarded(InternalServer):
     """The services behind the transport, without those that would let somebody in by another way."""
 
@@ -150,8 +155,14 @@ class _Guarded(InternalServer):
         """None: a session belongs to the connection that made it."""
         return None
 
-    def register_external_session(self, session: InternalSession) -> None:
-        """Keep no list of them, which would hold every unused one."""
+    def create_session(self, name: Any, user: User = _NOBODY, external: bool = False) -> InternalSession:
+        """A session with limits, one for a connection, which is `name`; raises `ServiceError`."""
+        if not external:
+            return super().create_session(name, user, external)
+        sessions = self._external_sessions.values()
+        if len(sessions) >= MOST_SESSIONS or any(session.name == name for session in sessions):
+            raise ServiceError(StatusCodes.BadTooManySessions)
+        return LimitedSession(self, self.aspace, self.subscription_service, name, user, external)
 
     def register_server(self, _server: Any, _conf: Any = None) -> None:
         """Refuse: this is no directory of others."""
@@ -166,8 +177,8 @@ class _Guarded(InternalServer):
 
 
 _CHUNK = 65535
-_MOST_BYTES = 512 * 1024
-"""Largest message: a request for some ten thousand values. Chunks have 8 kB or more (part 6, 6.7.2)."""
+_MOST_BYTES = 128 * 1024
+"""Largest message: it is decoded before its nodes are counted. Chunks have 8 kB or more (part 6, 6.7.2)."""
 _MOST_CONNECTIONS = 100
 _ACTIVE_WITHIN_S = 10.0
 _MOST_WAITING = 8  # connections of one address without a session
@@ -179,6 +190,7 @@ _PIECE = 8192  # each message is kept with the rest of what it came with
 def bound(server: Server) -> None:
     """Set the bounds of a server that has not been started."""
     server.limits = TransportLimits(_CHUNK, _CHUNK, _MOST_BYTES // 8192, _MOST_BYTES)
+    limit(server.iserver)
     server.iserver.max_connections = _MOST_CONNECTIONS
     server.iserver.max_pending_activation_seconds = _ACTIVE_WITHIN_S
     binary_server_asyncio.OPCUAProtocol = _Connection  # type: ignore[misc]  # it has no setting for that
@@ -197,6 +209,12 @@ class _Connection(binary_server_asyncio.OPCUAProtocol):
         for connection in waiting[: max(0, len(waiting) - _MOST_WAITING + 1)]:
             connection._abort()
         super().connection_made(transport)
+
+    def connection_lost(self, ex: BaseException | None) -> None:
+        """End the session, too: nobody can take it up again."""
+        super().connection_lost(ex)
+        if self.processor is not None and (session := self.processor.session) is not None:
+            self.closing_tasks.append(asyncio.create_task(session.close_session(True)))
 
     def data_received(self, data: bytes) -> None:
         """Take received data, and at most a chunk of an incomplete message."""

@@ -6,17 +6,18 @@ from __future__ import annotations
 
 import asyncio
 import importlib
-import json
 import sys
 import threading
+import time
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import Any
 
 import structlog
 
 from observer.errors import UserError
 from observer.gateway.messages import Latest
-from observer.gateway.start import OUTLETS, Say, Start
+from observer.gateway.start import OUTLETS, Say, Start, tell_service
 from observer.process.memory import leave_in_peace
 from observer.process.messages import configure
 from observer.process.pipes import messages
@@ -40,29 +41,41 @@ def main() -> None:
     if first is None:
         leave(0)
     start = Start.model_validate_json(first[1])
-    asyncio.run(_serve(start, incoming))
+    outlets = [_Outlet(name, start) for name in OUTLETS if getattr(start, name) is not None]
+    for key, payload in incoming:
+        for outlet in outlets:
+            outlet.put(key, payload)
+    for outlet in outlets:
+        outlet.end()
+    end_s = time.monotonic() + _RETRY_S
+    for outlet in outlets:
+        outlet.join(max(0.0, end_s - time.monotonic()))
     leave(0)
 
 
-async def _serve(start: Start, incoming: Any) -> None:
-    loop, ended = asyncio.get_running_loop(), asyncio.Event()
-    latest = Latest(start.period_s)
+class _Outlet(threading.Thread):
+    """An outlet in an event loop of its own, so that a busy one delays no other."""
 
-    def read() -> None:
-        for key, payload in incoming:
-            loop.call_soon_threadsafe(latest.put, key, payload)
-        loop.call_soon_threadsafe(ended.set)
+    def __init__(self, name: str, start: Start) -> None:
+        """Begin to serve an outlet."""
+        super().__init__(name=name, daemon=True)
+        self._loop = asyncio.new_event_loop()
+        self._latest = Latest(start.period_s)
+        self._task = self._loop.create_task(_supervised(name, start, self._latest))
+        self.start()
 
-    threading.Thread(target=read, name="service", daemon=True).start()
-    tasks = [
-        asyncio.create_task(_supervised(name, start, latest))
-        for name in OUTLETS
-        if getattr(start, name) is not None
-    ]
-    await ended.wait()
-    for task in tasks:
-        task.cancel()
-    await asyncio.wait(tasks, timeout=_RETRY_S)
+    def run(self) -> None:
+        """Serve until `end`."""
+        with suppress(asyncio.CancelledError):
+            self._loop.run_until_complete(self._task)
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Pass a message of the service on."""
+        self._loop.call_soon_threadsafe(self._latest.put, key, payload)
+
+    def end(self) -> None:
+        """Begin to end; `join` waits for it."""
+        self._loop.call_soon_threadsafe(self._task.cancel)
 
 
 async def _supervised(name: str, start: Start, latest: Latest) -> None:
@@ -71,7 +84,7 @@ async def _supervised(name: str, start: Start, latest: Latest) -> None:
 
     def say(more: dict[str, Any]) -> None:
         nonlocal said
-        _say(name, more)
+        tell_service({"outlet": name, **more})
         if not said:  # its libraries are loaded by now
             leave_in_peace()
         said = True
@@ -91,11 +104,3 @@ async def _supervised(name: str, start: Start, latest: Latest) -> None:
             reason = f"{name}: {type(error).__name__}: {error}"
         say({"reason": reason})
         await asyncio.sleep(_RETRY_S)
-
-
-def _say(name: str, more: dict[str, Any]) -> None:
-    """Report the state of an outlet to the service: a `reason`, None with its `address` once it serves; or
-    what is `unsent`.
-    """
-    sys.stdout.write(json.dumps({"outlet": name, **more}) + "\n")
-    sys.stdout.flush()

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import sys
+import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -64,6 +67,19 @@ OUTLETS = ("page", "metrics", "mqtt", "opcua")
 
 Say = Callable[[dict[str, Any]], None]
 """How an outlet reports its state: a `reason`, or None with an `address` once it serves."""
+
+
+_OUTPUT = threading.Lock()
+
+
+def tell_service(document: dict[str, Any]) -> None:
+    """Write a document to the service, a line of JSON: from an outlet, in whatever thread.
+
+    An `outlet` reports its state: a `reason`, None with its `address` once it serves; or what is `unsent`.
+    """
+    with _OUTPUT:
+        sys.stdout.write(json.dumps(document) + "\n")
+        sys.stdout.flush()
 
 
 async def run_together(*parts: Awaitable[None]) -> None:

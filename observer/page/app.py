@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
 import json
 import mimetypes
 import os
@@ -27,7 +28,6 @@ from starlette.responses import (
     PlainTextResponse,
     RedirectResponse,
     Response,
-    StreamingResponse,
 )
 from starlette.routing import Route
 from starlette.types import ASGIApp
@@ -54,6 +54,7 @@ _OF_AN_AXIS = {
     "POST": re.compile(r"acknowledge|notes"),
 }
 _GIVES_WAY = 10
+_LEVEL = 4  # of compression
 _IN_THE_CLEAR = (
     '<p class="hint plain">This connection is not encrypted: anybody on the network path can read the '
     "password.</p>"
@@ -93,8 +94,18 @@ def application(
         ]
     )
     return Guard(
-        GZipMiddleware(app, minimum_size=1000, compresslevel=4), host_and_port(start.page.listen)[0], login
+        GZipMiddleware(app, minimum_size=1000, compresslevel=_LEVEL),
+        host_and_port(start.page.listen)[0],
+        login,
     )
+
+
+class _Json(JSONResponse):
+    """JSON in ASCII: names of files and texts of reports may not be encodable."""
+
+    def render(self, content: Any) -> bytes:
+        """The body."""
+        return json.dumps(content, allow_nan=False, separators=(",", ":")).encode()
 
 
 class _Pages:
@@ -116,6 +127,7 @@ class _Pages:
         # one reader for all viewers: concurrent requests take neither more memory nor another core
         self._reader = ThreadPoolExecutor(1, "recordings", _give_way)
         self._digests, self._turn = Digests(), asyncio.Lock()
+        self._packing, self._recent = asyncio.Lock(), (b"", b"")
         folder = files("observer.page") / "assets"
         self._assets = {entry.name: entry.read_bytes() for entry in folder.iterdir() if entry.is_file()}
 
@@ -134,27 +146,34 @@ class _Pages:
 
     async def events(self, _: Request) -> Response:
         """Messages as server-sent events."""
-        if self._stream.is_full:
-            return PlainTextResponse("too many viewers; close a page elsewhere\n", 503)
-        return StreamingResponse(self._stream.viewer(), media_type="text/event-stream")
+        too_many = PlainTextResponse("too many viewers; close a page elsewhere\n", 503)
+        return self._stream.join() or too_many
 
-    async def recent(self, _: Request) -> Response:
-        """The last hour."""
-        return JSONResponse(self._stream.recent.document())
+    async def recent(self, request: Request) -> Response:
+        """The last hour, compressed once for all viewers."""
+        async with self._packing:
+            plain = self._stream.recent.document()
+            if plain != self._recent[0]:
+                self._recent = plain, await run_in_threadpool(gzip.compress, plain, _LEVEL)
+        headers = {"vary": "accept-encoding"}
+        if "gzip" not in request.headers.get("accept-encoding", ""):
+            return Response(plain, media_type="application/json", headers=headers)
+        headers["content-encoding"] = "gzip"
+        return Response(self._recent[1], media_type="application/json", headers=headers)
 
     async def recordings(self, _: Request) -> Response:
         """The list of recordings."""
         try:
             found = await run_in_threadpool(self._recordings)
         except LogError as error:
-            return JSONResponse({"reason": str(error), "files": []})
+            return _Json({"reason": str(error), "files": []})
         listed = [{"name": r.path.name, "from_s": r.from_s, "to_s": r.to_s} for r in found]
         off = (
             None
             if self._start.recordings is not None
             else "nothing is recorded; name a folder in record.directory"
         )
-        return JSONResponse({"reason": off, "files": listed})
+        return _Json({"reason": off, "files": listed})
 
     async def history(self, request: Request) -> Response:
         """Readings of a span, decimated."""
@@ -177,7 +196,7 @@ class _Pages:
             return PlainTextResponse(
                 f"{error.name} is missing to read recordings; install it: {install}\n", 501
             )
-        return JSONResponse(found)
+        return _Json(found)
 
     def _recordings(self) -> list[Recorded]:
         if (folder := self._start.recordings) is None:
@@ -188,7 +207,7 @@ class _Pages:
         """The reports of discover."""
         folder = self._page.reports
         found = [] if folder is None else await run_in_threadpool(reports, folder, self._start.config_file)
-        return JSONResponse({"folder": None if folder is None else str(folder), "reports": found})
+        return _Json({"folder": None if folder is None else str(folder), "reports": found})
 
     async def report(self, request: Request) -> Response:
         """One report, sandboxed."""
@@ -205,7 +224,7 @@ class _Pages:
         if not alarm or len(alarm) > _MOST_NAME or not alarm.isprintable():
             return PlainTextResponse("which alarm? give its id\n", 400)
         self._acknowledge(alarm, self._by(request, form))
-        return JSONResponse({"acknowledged": alarm})
+        return _Json({"acknowledged": alarm})
 
     async def note(self, request: Request) -> Response:
         """Keep a note, and show it to all."""
@@ -217,7 +236,7 @@ class _Pages:
         except ValueError as error:
             return PlainTextResponse(f"{error}\n", 400)
         self._send_notes()
-        return JSONResponse({"noted": True})
+        return _Json({"noted": True})
 
     def _by(self, request: Request, form: dict[str, str]) -> str:
         """The user who asks, or, without a login, the one named by another axis's page."""
@@ -230,13 +249,13 @@ class _Pages:
 
     async def axes(self, _: Request) -> Response:
         """This axis and the others, in words."""
-        return JSONResponse(summaries(self._stream.documents(), self._axes))
+        return _Json(summaries(self._stream.documents(), self._axes))
 
     async def axis_events(self, request: Request) -> Response:
         """The events of another axis."""
-        if (axis := self._axis(request)) is None or axis.is_full:
-            return PlainTextResponse("no such axis, or too many viewers of it\n", 503)
-        return StreamingResponse(axis.viewer(), media_type="text/event-stream")
+        if (axis := self._axis(request)) is not None and (events := axis.join()) is not None:
+            return events
+        return PlainTextResponse("no such axis, or too many viewers of it\n", 503)
 
     async def axis(self, request: Request) -> Response:
         """The answer of another axis's page."""

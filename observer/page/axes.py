@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Sequence
 from http.client import HTTPConnection, HTTPException
 from typing import Any
-from urllib.parse import urlencode
+from urllib.parse import quote, urlencode
 
 from observer.page.viewers import Viewers, event
 
@@ -78,7 +78,7 @@ class Neighbour(Viewers):
         """Ask its page: status, media type and content. Raises `OSError` or `HTTPException`."""
         connection = HTTPConnection(self.address, timeout=_PATIENCE_S)
         try:
-            target = f"/{path}?{query}" if query else f"/{path}"
+            target = f"/{quote(path)}?{query}" if query else f"/{quote(path)}"
             if form is None:
                 connection.request("GET", target)
             else:

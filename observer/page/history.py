@@ -76,7 +76,8 @@ def history(
 ) -> dict[str, Any]:
     """Minimum, mean and maximum of each channel in each of `points` equal parts of a span.
 
-    `{"from_s", "to_s", "read", "time_s": [the middle of each part], "channels"}` with, by name, `least`,
+    `{"from_s", "to_s", "read", "notes": sentences about damaged files, "time_s": [the middle of each part],
+    "channels"}` with, by name, `least`,
     `mean` and `most`; a part without a reading is None. Where the parts are long, they consist of bins that
     `digests` keeps, a bin belonging to the part in which its middle is; what cannot be read within 0.35 s is
     left to the next call, and `read` is the share that has been. Raises `ValueError` for a span that is none.
@@ -87,15 +88,17 @@ def history(
         )
     wanted = [f for f in files if f.to_s + _MARGIN_S >= from_s and f.from_s - _MARGIN_S <= to_s]
     parts, part_s, read = _Parts(points), (to_s - from_s) / points, 1.0
+    notes = set[str]()
     if part_s < _BINS * FINE_S or digests is None:
         for file in wanted:
             with suppress(OSError):  # it has been removed meanwhile
-                for names, found in _rows(file.path, from_s, to_s):
+                for names, found in _rows(file.path, from_s, to_s, notes):
                     parts.take(names, found, from_s, part_s)
     else:
         bin_s = COARSE_S if part_s >= _BINS * COARSE_S else FINE_S
         grown, read = _grow(digests, wanted, bin_s, clock() + _PATIENCE_S, clock)
         for digest in grown:
+            notes |= digest.notes
             parts.take(digest.channels, digest.within(from_s, to_s), from_s, part_s)
         digests.tidy((file.path, bin_s) for file in wanted)
     middle_s = from_s + (np.arange(points) + 0.5) * part_s
@@ -103,6 +106,7 @@ def history(
         "from_s": from_s,
         "to_s": to_s,
         "read": read,
+        "notes": sorted(notes),
         "time_s": np.round(middle_s, 3).tolist(),
         "channels": parts.document(),
     }
@@ -169,23 +173,35 @@ def _grow(
     return grown, read / sizes if sizes else 1.0
 
 
-def _rows(path: Path, from_s: float, to_s: float) -> Iterator[tuple[list[str], _Timed]]:
+def _too_long(path: Path) -> str:
+    return (
+        f"{path.name} has a line of more than {_BLOCK_BYTES >> 10} kB, which is left out; the file is damaged"
+    )
+
+
+def _rows(path: Path, from_s: float, to_s: float, notes: set[str]) -> Iterator[tuple[list[str], _Timed]]:
     """The channels' names, and the rows around a span, a block of the file at a time."""
     columns, begin = header(path)
     names = channels_of(columns)
     for block in blocks(path, columns, offset(path, begin, from_s - _MARGIN_S)):
+        if block.is_too_long:
+            notes.add(_too_long(path))
         yield names, (block.time_s, ChannelBins.of(block.values))
-        if block.time_s[-1] > to_s + _MARGIN_S:
+        if len(block.time_s) and block.time_s[-1] > to_s + _MARGIN_S:
             return
 
 
 @dataclass(frozen=True, slots=True)
 class RowBlock:
-    """Some rows: their times (n), a column for each channel (n, channels), and where the next row begins."""
+    """Some rows: their times (n), a column for each channel (n, channels), and where the next row begins.
+
+    There may be none; `is_too_long` says that a line goes on there which is too long to be a row.
+    """
 
     time_s: NDArray[np.float64]
     values: NDArray[np.float64]
     end: int
+    is_too_long: bool
 
 
 def blocks(path: Path, columns: list[str], begin: int) -> Iterator[RowBlock]:
@@ -193,15 +209,21 @@ def blocks(path: Path, columns: list[str], begin: int) -> Iterator[RowBlock]:
     wanted = [TIME, *channels_of(columns)]
     place = np.array([wanted.index(name) if name in wanted else -1 for name in columns], np.intp)
     with path.open("rb") as file:
-        file.seek(begin)
+        file.seek(begin - 1)
+        is_within_line = file.read(1) != b"\n"  # of a line that is too long: here the last reader stopped
         end, rest = begin, b""
         while data := file.read(_BLOCK_BYTES):
+            if is_within_line:
+                tail, newline, data = data.partition(b"\n")
+                end += len(tail) + len(newline)
+                is_within_line = not newline
             rows, newline, rest = (rest + data).rpartition(b"\n")
             end += len(rows) + len(newline)
+            if len(rest) >= _BLOCK_BYTES:
+                end, rest, is_within_line = end + len(rest), b"", True
             table = np.empty((rows.count(b"\n") + 1, len(wanted)))
-            count = read_rows(rows + newline, place, table)
-            if count:
-                yield RowBlock(table[:count, 0], table[:count, 1:], end)
+            count = read_rows(rows + newline, place, table) if newline else 0
+            yield RowBlock(table[:count, 0], table[:count, 1:], end, is_within_line)
 
 
 def merged(keys: NDArray[np.int64], bins: ChannelBins) -> tuple[NDArray[np.int64], ChannelBins]:
@@ -223,6 +245,7 @@ class Digest:
         self.inode = path.stat().st_ino
         self.channels = channels_of(self._columns)
         self._parts: list[tuple[NDArray[np.int64], ChannelBins]] = []
+        self.notes = set[str]()
 
     def grow(self) -> Iterable[None]:
         """Take what has not been read yet, a block at each step."""
@@ -234,6 +257,8 @@ class Digest:
                 self._parts.append((keys, bins.kept(np.float32)))
             if len(self._parts) > _MERGED:
                 self._merge()
+            if block.is_too_long:
+                self.notes.add(_too_long(self._path))
             self.end = block.end
             yield
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import json
-import sys
 
 from observer.files.regular import read_users
 from observer.gateway.messages import Latest
 from observer.gateway.server import served
-from observer.gateway.start import Say, Start, run_together
+from observer.gateway.start import Say, Start, run_together, tell_service
 from observer.page.app import application
 from observer.page.axes import Neighbour, announce
 from observer.page.guard import Logins
@@ -39,5 +37,4 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
 
 def acknowledge(alarm: str, by: str) -> None:
     """Report to the service that somebody has acknowledged an alarm, by its `id`."""
-    sys.stdout.write(json.dumps({"acknowledge": alarm, "by": by}) + "\n")
-    sys.stdout.flush()
+    tell_service({"acknowledge": alarm, "by": by})

@@ -115,7 +115,8 @@ class Recent:
     """Keeps a row each time a field comes and the last row is old enough."""
 
     def __init__(self) -> None:
-        self._rows: deque[dict[str, Any]] = deque(maxlen=math.ceil(_HOUR_S / _EVERY_S))
+        self._rows: deque[bytes] = deque(maxlen=math.ceil(_HOUR_S / _EVERY_S))
+        self._last_s = -math.inf
         self._newest: dict[str, dict[str, Any]] = {}
 
     def take(self, key: str, data: bytes) -> None:
@@ -124,21 +125,18 @@ class Recent:
             return
         self._newest[key] = document = json.loads(data)
         if key == "field" and self._is_due(document):
-            self._rows.append(self._row(document))
+            self._last_s = document["time_s"]
+            self._rows.append(json.dumps(self._row(document)).encode())
 
-    def document(self) -> dict[str, Any]:
-        """The rows, the oldest first, the keys of which the page hears, and how it is to look."""
-        return {
-            "every_s": _EVERY_S,
-            "rows": list(self._rows),
-            "keys": list(KEYS),
-            "appearance": appearance.document(),
-        }
+    def document(self) -> bytes:
+        """JSON: the rows, the oldest first, the keys of which the page hears, and how it is to look."""
+        head = {"every_s": _EVERY_S, "keys": list(KEYS), "appearance": appearance.document()}
+        return json.dumps(head).encode()[:-1] + b', "rows": [' + b",".join(self._rows) + b"]}"
 
     def _is_due(self, field: dict[str, Any]) -> bool:
         if not self._rows:
             return True
-        since_s = field["time_s"] - self._rows[-1]["time_s"]
+        since_s = field["time_s"] - self._last_s
         if since_s < 0:  # the clock went back; what is older cannot be drawn beside it
             self._rows.clear()
         return not 0 <= since_s < _EVERY_S

@@ -5,7 +5,10 @@ newest of each kind. A plain `StreamingResponse` does: sse-starlette's events an
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
+
+from starlette.responses import StreamingResponse
+from starlette.types import Receive, Scope, Send
 
 from observer.gateway.messages import Pending
 
@@ -26,10 +29,16 @@ class Viewers:
         self._viewers: set[Pending] = set()
         self._ended = False
 
-    @property
-    def is_full(self) -> bool:
-        """Whether as many viewers are connected as can be served."""
-        return len(self._viewers) >= _MOST_VIEWERS
+    def join(self) -> EventResponse | None:
+        """The answer for one more viewer, whose place is taken at once; None where all are taken."""
+        if len(self._viewers) >= _MOST_VIEWERS:
+            return None
+        awake = asyncio.Event()
+        pending = Pending(awake.set)
+        for key, data in self._newest.items():
+            pending.put(key, data)
+        self._viewers.add(pending)
+        return EventResponse(self._events(pending, awake), lambda: self._viewers.discard(pending))
 
     def send(self, key: str, data: bytes) -> None:
         """Send an event, as bytes of its stream, to all viewers."""
@@ -42,19 +51,26 @@ class Viewers:
         self._ended = True
         self.send("end", b"")
 
-    async def viewer(self) -> AsyncIterator[bytes]:
-        """The events for one viewer: the newest of each kind, then new ones."""
-        awake = asyncio.Event()
-        pending = Pending(awake.set)
-        for key, data in self._newest.items():
-            pending.put(key, data)
-        self._viewers.add(pending)
+    async def _events(self, pending: Pending, awake: asyncio.Event) -> AsyncIterator[bytes]:
+        """The newest event of each kind, then new ones."""
+        while await awake.wait():
+            if self._ended:
+                return
+            await asyncio.sleep(_TOGETHER_S)
+            awake.clear()
+            yield b"".join(data for _, data in pending.take())
+
+
+class EventResponse(StreamingResponse):
+    """The events for one viewer; `leave` is called at the end, even if no event was sent."""
+
+    def __init__(self, events: AsyncIterator[bytes], leave: Callable[[], None]) -> None:
+        super().__init__(events, media_type="text/event-stream")
+        self._leave = leave
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the events."""
         try:
-            while await awake.wait():
-                if self._ended:
-                    return
-                await asyncio.sleep(_TOGETHER_S)
-                awake.clear()
-                yield b"".join(data for _, data in pending.take())
+            await super().__call__(scope, receive, send)
         finally:
-            self._viewers.discard(pending)
+            self._leave()

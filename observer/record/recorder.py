@@ -36,6 +36,7 @@ from observer.record.retention import (
     STATE_SUFFIX,
     TRUSTED_AFTER_S,
     Retention,
+    sealed,
     shortage,
     tidy,
 )
@@ -87,7 +88,7 @@ class Recorder:
         self._rotate_bytes = rotate_bytes
         self._sync_s = sync_s
         self._keep = keep
-        self._always = {} if config is None else {CONFIG_SUFFIX: config}
+        self._always = {} if config is None else {CONFIG_SUFFIX: sealed(config)}
         self._beside = self._always if start is None else {START_SUFFIX: start, **self._always}
         self._pack = pack
         self._first = header(self._channels)

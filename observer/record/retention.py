@@ -7,6 +7,8 @@ that is being written.
 from __future__ import annotations
 
 import fcntl
+import hashlib
+import json
 import math
 import os
 import re
@@ -16,8 +18,9 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from observer.errors import ConfigError
+from observer.errors import ConfigError, LogError
 from observer.tables.publishing import RecordSettings
 
 START_SUFFIX = ".start"
@@ -25,8 +28,9 @@ START_SUFFIX = ".start"
 STATE_SUFFIX = ".state"
 """Beside a file that goes on with a full one: where aligner and estimator stood, to the last bit."""
 CONFIG_SUFFIX = ".config"
-"""Beside every file: the document `config` of the service that wrote it."""
+"""Beside every file: the document `config` of the service that wrote it, with a `checksum`."""
 _BESIDE = (START_SUFFIX, STATE_SUFFIX, CONFIG_SUFFIX)
+_MOST_CONFIG_BYTES = 10_000_000
 CLOCK_SET_S = 1_600_000_000.0
 """A file older than this (2020) was written before the computer's clock was set; its age is not known."""
 TRUSTED_AFTER_S = 3600.0
@@ -159,3 +163,39 @@ def _is_locked(path: Path) -> bool:
 def _size(path: Path) -> int:
     beside = (path.with_suffix(suffix) for suffix in _BESIDE)
     return sum(file.lstat().st_size for file in beside if file.exists())
+
+
+def sealed(document: bytes) -> bytes:
+    """A document `config`, JSON, with its checksum, as it stands beside a recording."""
+    content = json.loads(document)
+    return json.dumps({**content, "checksum": _checksum(content)}).encode()
+
+
+def recorded_config(path: Path) -> dict[str, Any]:
+    """The document `config` beside a recording, empty where there is none.
+
+    Raises `LogError` where it is damaged: it would shift the estimates unnoticed.
+    """
+    beside = path.with_suffix(CONFIG_SUFFIX)
+    try:
+        with beside.open("rb") as file:
+            data = file.read(_MOST_CONFIG_BYTES)
+    except OSError:
+        return {}
+    try:
+        document = json.loads(data)
+        is_whole = isinstance(document["config"], dict)
+        is_whole = is_whole and document.get("checksum", _checksum(document)) == _checksum(document)
+    except (ValueError, KeyError, TypeError, RecursionError):
+        is_whole = False
+    if not is_whole:
+        raise LogError(
+            f"{beside.name} is damaged: its content does not match its checksum; restore it from a copy, or "
+            "remove it to have the recording estimated by the configuration in force"
+        )
+    return document  # type: ignore[no-any-return]
+
+
+def _checksum(document: dict[str, Any]) -> str:
+    content = {key: value for key, value in document.items() if key != "checksum"}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

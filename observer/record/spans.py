@@ -13,6 +13,7 @@ from observer.files.logs import FLAGS, LATE, STEP, TIME
 _STAMPED = r"-\d{8}T\d{6}Z[^/]*\.csv"
 """How the recorder names a file after its machine and axis; what somebody has appended to it may stay."""
 _LINE_BYTES = 1 << 16
+_LATEST_S = 1e11  # the year 5138
 _OWN = {TIME, STEP, LATE, FLAGS}
 
 
@@ -75,20 +76,26 @@ def offset(path: Path, begin: int, time_s: float) -> int:
 
 
 def ends(path: Path) -> tuple[float, float] | None:
-    """The times of the first and of the last whole row, None where there are none. Raises `OSError`."""
+    """The times of the first and of the last whole row, None where there are none. Raises `OSError`.
+
+    Where a line that is too long hides the last row, the time of the last change stands for it.
+    """
     with path.open("rb") as file:
         file.readline(_LINE_BYTES)
         first_s = _time(file.readline(_LINE_BYTES))
         file.seek(max(0, path.stat().st_size - _LINE_BYTES))
-        for line in reversed(file.read(_LINE_BYTES).split(b"\n")[:-1]):
+        for line in reversed(file.read(_LINE_BYTES).split(b"\n")[1:-1]):
             if first_s is not None and (last_s := _time(line)) is not None:
                 return first_s, max(first_s, last_s)
-    return None
+        if first_s is None or file.tell() <= 2 * _LINE_BYTES:
+            return None
+        return first_s, max(first_s, path.stat().st_mtime)
 
 
 def _time(line: bytes) -> float | None:
     """The time at the beginning of a row, None where there is none."""
     try:
-        return float(line.split(b",", 1)[0])
+        time_s = float(line.split(b",", 1)[0])
     except ValueError:
         return None
+    return time_s if abs(time_s) <= _LATEST_S else None

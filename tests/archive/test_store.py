@@ -198,3 +198,42 @@ def test_without_recordings_nothing_is_found_in_words():
     config = configuration(None)
     with pytest.raises(LogError, match=r"record\.directory"):
         Archive(config, "").files()
+
+
+def test_a_changed_digit_in_the_kept_configuration_is_an_error_and_never_estimated_with(tmp_path):
+    config = configuration(tmp_path)
+    other = configuration(tmp_path, surface=config.surface.model_copy(update={"convection_W_m2K": 33.0}))
+    lived(config, 60)
+    (path,) = tmp_path.glob(f"*{CONFIG_SUFFIX}")
+    whole = path.read_text()
+    places = [place for place, letter in enumerate(whole) if letter.isdigit()]
+    dice = np.random.default_rng(1)
+    for place in dice.choice(places, 40, replace=False):
+        changed = str((int(whole[place]) + int(dice.integers(1, 10))) % 10)
+        path.write_text(whole[:place] + changed + whole[place + 1 :])
+        page = decode(_all(None, other).estimates(Span(BEGIN_S, BEGIN_S + 30.0)))
+        if page["estimates"]:  # the same number, written otherwise
+            assert json.loads(path.read_text()) == json.loads(whole)
+        else:
+            assert "is damaged" in page["notes"][0]
+    path.write_text(whole)
+    assert len(decode(_all(None, other).estimates(Span(BEGIN_S, BEGIN_S + 30.0)))["estimates"]) == 60
+
+
+@pytest.mark.parametrize("place", [0.5, 1.0])
+def test_a_line_of_200_MB_is_left_out_with_a_sentence(tmp_path, place):
+    config = configuration(tmp_path)
+    estimates, _, _ = lived(config, 400)
+    (file,) = tmp_path.glob("*.csv")
+    rows = file.read_bytes().splitlines(keepends=True)
+    half = int(place * len(rows))
+    with file.open("wb") as opened:
+        opened.writelines(rows[:half])
+        for _ in range(200):
+            opened.write(b"1" * 1_000_000)
+        opened.write(b",7,7\n")
+        opened.writelines(rows[half:])
+    found, heads = _estimates(_all(None, config), BEGIN_S, BEGIN_S + 400.0)
+    notes = [note for head in heads for note in head["notes"]]
+    assert any("a line of more than 16 MB" in note for note in notes)
+    assert {e["time_s"] for e in found} <= {decode_estimate(p)["time_s"] for p in estimates}

@@ -164,7 +164,7 @@ async def test_no_recording_is_said_with_what_to_do(page, tmp_path):
 async def test_a_viewer_who_is_behind_gets_the_newest_of_each_kind():
     now = [0.0]
     stream = Stream(Latest(0.5), _start(0.5), clock=lambda: now[0])
-    viewer = stream.viewer()
+    viewer = stream.join().body_iterator
     first = await anext(viewer)
     assert first.startswith(b"event: hello\n")
     assert b"retry: 1000\n" in first, "a browser by itself tries each third second"
@@ -194,7 +194,7 @@ def test_invalid_estimates_are_left_out_and_the_last_hour_is_kept():
     for k in range(2000):
         field = {"time_s": 2.0 * k, "quality": "good", "temperature_degC": [20.0, None]}
         stream.recent.take("field", json.dumps(field).encode())
-    rows = stream.recent.document()["rows"]
+    rows = json.loads(stream.recent.document())["rows"]
     assert len(rows) == 900
     assert rows[-1]["time_s"] - rows[0]["time_s"] == 3596.0
     assert rows[0]["temperature_degC"] == [20.0, None]

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import gzip
+import json
 import socket
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 import httpx
 import pytest
 
+from observer.frames import Reading
+from observer.record.recorder import Recorder
+from tests.gateway.test_opcua_floods import own_MB
 from tests.page.gateway import gateway
 from tests.patience import PATIENCE_S, until
 
@@ -142,3 +147,99 @@ def test_a_result_of_endless_lists_is_listed_as_not_readable(tmp_path):
     (tmp_path / "deep" / "result.json").write_text("[" * 100_000, encoding="utf-8")
     with gateway(reports=tmp_path) as (url, _):
         assert b"not readable" in _asked(url, "/reports.json").content
+
+
+def test_a_burst_of_viewers_is_admitted_up_to_the_limit():
+    with (
+        gateway() as (url, _),
+        _held(url, 110, b"GET /events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n") as viewers,
+    ):
+        statuses = [_status(connection) for connection in viewers]
+        assert 1 <= statuses.count(b"200") <= 60
+        for connection in viewers:
+            connection.close()
+        with httpx.Client(timeout=PATIENCE_S) as client:
+
+            def is_admitted() -> bool:  # those who have gone make room
+                with client.stream("GET", f"{url}events") as answer:
+                    return answer.status_code == 200
+
+            until(is_admitted)
+
+
+def _status(connection: socket.socket) -> bytes:
+    """The status of an answer, nothing where the connection is refused."""
+    try:
+        return connection.recv(65536)[9:12]
+    except ConnectionResetError:
+        return b""
+
+
+NAMES = ["größe", "x%y", "a b", "name\nline", "q?#", "€", "\x00", "a" * 5000, "\r\nX: y", "Ω/.."]
+
+
+def test_a_report_of_any_name_is_shown_or_not_found_also_through_another_axis(tmp_path):
+    for name in ("größe", b"not-utf8-\xff".decode("utf-8", "surrogateescape")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "result.json").write_text(
+            '{"verdict": "\\ud800", "effects": []}', encoding="utf-8"
+        )
+        (tmp_path / name / "report.html").write_text("<p>shown</p>", encoding="utf-8")
+    with gateway(reports=tmp_path) as (one, _), gateway(axes=(urlsplit(one).netloc,)) as (other, _):
+        for url in (one, f"{other}axes/1/"):
+            assert len(httpx.get(f"{url}reports.json", timeout=PATIENCE_S).json()["reports"]) == 2
+            for name in NAMES:
+                answer = httpx.get(f"{url}reports/{quote(name, safe='')}/report.html", timeout=PATIENCE_S)
+                assert answer.status_code == (200 if name == "größe" else 404), (url, name)
+
+
+def test_sixty_viewers_who_ask_for_the_last_hour_at_once_get_it_compressed_once():
+    request = (
+        b"GET /recent.json HTTP/1.1\r\nHost: 127.0.0.1\r\nAccept-Encoding: gzip\r\nConnection: close\r\n\r\n"
+    )
+    with gateway() as (url, _), _held(url, 60, request) as viewers:
+        answers = [b"".join(iter(lambda c=c: c.recv(65536), b"")) for c in viewers]
+        bodies = {answer.partition(b"\r\n\r\n")[2] for answer in answers}
+        assert len(bodies) == 1
+        document = json.loads(gzip.decompress(bodies.pop()))
+        assert {"every_s", "rows", "keys", "appearance"} == document.keys()
+        assert httpx.get(f"{url}recent.json", headers={"accept-encoding": "identity"}).json() == document
+
+
+LONG_BYTES = 200_000_000
+MOST_MB = 60.0
+
+
+@pytest.mark.parametrize("place", ["middle", "end"])
+def test_a_recording_with_a_line_of_200_MB_is_shown_without_it_and_with_a_sentence(tmp_path, place):
+    recorder = Recorder(tmp_path, "lathe-z", ("t1_degC",), 1e9, 5.0)
+    for k in range(4000):
+        recorder.reading(Reading(1000.0 + k, {"t1_degC": 20.0}))
+        recorder.tick(1000.0 + k)
+    assert recorder.close(PATIENCE_S)
+    (path,) = tmp_path.glob("*.csv")
+    rows = path.read_bytes().splitlines(keepends=True)
+    half = len(rows) // 2 if place == "middle" else len(rows)
+    with path.open("wb") as file:
+        file.writelines(rows[:half])
+        for _ in range(LONG_BYTES // 1_000_000):
+            file.write(b"1" * 1_000_000)
+        file.write(b",7,7\n")
+        file.writelines(rows[half:])
+    with gateway(recordings=tmp_path) as (url, process):
+        httpx.get(f"{url}recordings.json", timeout=PATIENCE_S)
+        before_MB = own_MB(process.pid)
+        for points in (20, 2000):  # from bins, and from the rows
+            shares = until(
+                lambda points=points: _whole(f"{url}history.json?from=1000&to=5000&points={points}")
+            )
+            values = shares["channels"]["t1_degC"]["mean"]
+            assert {value for value in values if value is not None} == {20.0}
+            assert values[0] == values[points - 1 if place == "middle" else points // 2] == 20.0
+            assert "a line of more than 512 kB" in shares["notes"][0]
+        assert own_MB(process.pid) - before_MB < MOST_MB
+
+
+def _whole(address: str) -> dict | None:
+    document = httpx.get(address, timeout=PATIENCE_S).json()
+    return document if document["read"] == 1.0 else None

@@ -48,7 +48,8 @@ async function show() {
       draw(first, second);
       const empty = Object.keys(first.channels).length === 0;
       const dashed = second ? `; dashed, laid over it: ${span(Math.abs(over_s))} ${over_s > 0 ? "earlier" : "later"}` : "";
-      say("past-words", share < 1 ? `Reading: ${Math.floor(100 * share)} % of what is there.` : empty ? "Nothing was recorded in this span." : `${when(from_s)} to ${when(from_s + length_s)} (${span(length_s)})${dashed}. Mean, and the band from least to most.`);
+      const notes = [...first.notes, ...(second?.notes ?? [])].map((note) => ` ${note}.`).join("");
+      say("past-words", (share < 1 ? `Reading: ${Math.floor(100 * share)} % of what is there.` : empty ? "Nothing was recorded in this span." : `${when(from_s)} to ${when(from_s + length_s)} (${span(length_s)})${dashed}. Mean, and the band from least to most.`) + notes);
     }
     byId("c-past").dataset.from = String(from_s); byId("c-past").dataset.over = over_s ? String(over_s) : "";
   } catch (error) { if (!signal.aborted) say("past-words", error.message); }

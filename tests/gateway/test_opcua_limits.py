@@ -1,0 +1,192 @@
+"""What a client of OPC UA may take: nodes a request, items, subscriptions, sessions; nobody else waits."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+import urllib.request
+
+import pytest
+from asyncua import Client, ua
+
+from observer.gateway.opcua import NAMESPACE
+from observer.tables.gateway import Opcua, Page
+from tests.gateway.feeding import fed_gateway, feed_machine
+from tests.patience import PATIENCE_S, Stopwatch, eventually, until
+from tests.publish.router import free_port
+
+pytestmark = pytest.mark.system
+ROOT = ua.NodeId(ua.ObjectIds.RootFolder)
+TYPES = ua.NodeId(ua.ObjectIds.BaseDataType)
+MANY = 16_000
+SOON_S = 1.0
+"""An outlet that is busy delays no other by more."""
+
+
+class Handler:
+    """Takes changes, and does nothing with them."""
+
+    def datachange_notification(self, *_) -> None:
+        pass
+
+
+def _browse(count: int, node: ua.NodeId = ROOT) -> ua.BrowseParameters:
+    one = ua.BrowseDescription(NodeId=node, ReferenceTypeId=ua.NodeId(), ResultMask=63)
+    return ua.BrowseParameters(NodesToBrowse=[one] * count)
+
+
+def _read(count: int) -> ua.ReadParameters:
+    one = ua.ReadValueId(NodeId=ROOT, AttributeId=ua.AttributeIds.BrowseName)
+    return ua.ReadParameters(NodesToRead=[one] * count)
+
+
+def _path() -> ua.BrowsePath:
+    element = ua.RelativePathElement(TargetName=ua.QualifiedName("Objects", 0))
+    return ua.BrowsePath(StartingNode=ROOT, RelativePath=ua.RelativePath(Elements=[element]))
+
+
+@pytest.fixture
+def served():
+    url = f"opc.tcp://127.0.0.1:{free_port()}"
+    with fed_gateway(opcua=Opcua(listen=url)) as feed:
+        feed_machine(feed)
+        yield url
+
+
+async def test_a_request_names_a_limited_number_of_nodes(served):
+    async with Client(served, timeout=PATIENCE_S) as client:
+        session = client.uaclient
+        assert len(await session.read(_read(1000))) == 1000
+        assert len(await session.browse(_browse(100))) == 100
+        for request in (
+            session.read(_read(1001)),
+            session.browse(_browse(101)),
+            session.translate_browsepaths_to_nodeids([_path()] * 1001),
+        ):
+            with pytest.raises(ua.uaerrors.BadTooManyOperations):
+                await request
+        limits = client.get_node(ua.ObjectIds.Server_ServerCapabilities_OperationLimits_MaxNodesPerBrowse)
+        assert await limits.read_value() == 100
+
+
+async def test_an_answer_lists_a_limited_number_of_references(served):
+    async with Client(served, timeout=PATIENCE_S) as client:
+        results = await client.uaclient.browse(_browse(100, TYPES))
+        assert results[0].References
+        assert sum(len(result.References) for result in results) <= 2000
+        codes = {result.StatusCode.value for result in results if not result.References}
+        assert codes <= {ua.StatusCodes.BadNoContinuationPoints}
+
+
+async def _heat(client: Client):
+    index = await client.get_namespace_index(NAMESPACE)
+    path = [f"{index}:{part}" for part in ("lathe", "z", "Heat", "nut", "Heat_W")]
+
+    async def node():
+        try:
+            return await client.nodes.objects.get_child(path)
+        except ua.UaError:
+            return None
+
+    return await eventually(node)
+
+
+async def test_a_session_has_a_limited_number_of_items_and_subscriptions(served):
+    async with Client(served, timeout=PATIENCE_S) as client:
+        node = await _heat(client)
+        first = await client.create_subscription(500, Handler())
+        for _ in range(10):
+            await first.subscribe_data_change([node] * 100)
+        with pytest.raises(ua.uaerrors.BadTooManyMonitoredItems):
+            await first.subscribe_data_change([node])
+        for _ in range(9):
+            await client.create_subscription(500, Handler())
+        with pytest.raises(ua.uaerrors.BadTooManySubscriptions):
+            await client.create_subscription(500, Handler())
+
+
+async def test_a_connection_has_one_session(served):
+    async with Client(served, timeout=PATIENCE_S) as client:
+        with pytest.raises(ua.uaerrors.BadTooManySessions):
+            await client.create_session()
+
+
+async def test_nobody_uses_the_subscription_of_another_session(served):
+    async with Client(served, timeout=PATIENCE_S) as one, Client(served, timeout=PATIENCE_S) as other:
+        subscription = await one.create_subscription(500, Handler())
+        number = subscription.subscription_id
+        (result,) = await other.uaclient.delete_subscriptions([number])
+        assert result.value == ua.StatusCodes.BadSubscriptionIdInvalid
+        await subscription.subscribe_data_change([await _heat(one)])
+
+
+async def test_a_session_ends_with_its_connection(served):
+    """Were they kept, the limit of all subscriptions would be reached."""
+    for _ in range(25):
+        client = Client(served, timeout=PATIENCE_S)
+        await client.connect()
+        for _ in range(10):
+            await client.create_subscription(500, Handler())
+        client.uaclient.protocol.transport.abort()
+        client.disconnect_socket()
+    async with Client(served, timeout=PATIENCE_S) as client:
+
+        async def created():
+            try:
+                return await client.create_subscription(500, Handler())
+            except ua.uaerrors.BadTooManySubscriptions:
+                return None
+
+        assert await eventually(created)
+
+
+FLOOD = """
+import asyncio, sys
+from asyncua import Client, ua
+from tests.gateway.test_opcua_limits import TYPES, _browse, _read
+
+async def main():
+    async with Client(sys.argv[1], timeout=600) as client:
+        print("flooding", flush=True)
+        while True:
+            await client.uaclient.browse(_browse(100, TYPES))
+            await client.uaclient.read(_read(1000))
+
+asyncio.run(main())
+"""
+
+
+async def test_the_page_answers_while_opcua_is_flooded():
+    listen, url = f"127.0.0.1:{free_port()}", f"opc.tcp://127.0.0.1:{free_port()}"
+    with fed_gateway(opcua=Opcua(listen=url), page=Page(listen=listen)) as feed:
+        until(lambda: feed.said()["reason"] is None)
+        until(lambda: feed.said()["reason"] is None)
+        feed.estimate()
+        page = f"http://{listen}/recent.json"
+        flooding = [
+            subprocess.Popen([sys.executable, "-c", FLOOD, url], stdout=subprocess.PIPE) for _ in range(2)
+        ]
+        try:
+            for process in flooding:
+                assert process.stdout.readline() == b"flooding\n"
+            longest_s = await asyncio.to_thread(_longest_s, page, feed.process.pid)
+        finally:
+            for process in flooding:
+                process.kill()
+                process.wait(PATIENCE_S)
+                process.stdout.close()
+        async with Client(url, timeout=PATIENCE_S) as client:
+            with pytest.raises(ua.uaerrors.BadTooManyOperations):
+                await client.uaclient.browse(_browse(MANY // 5))
+        assert longest_s < SOON_S
+
+
+def _longest_s(page: str, pid: int) -> float:
+    longest_s = 0.0
+    for _ in range(20):
+        watch = Stopwatch(pid)
+        with urllib.request.urlopen(page, timeout=PATIENCE_S) as answer:
+            assert answer.status == 200
+        longest_s = max(longest_s, watch.took_s())
+    return longest_s
