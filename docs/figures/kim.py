@@ -104,12 +104,16 @@ def draw_truncation() -> None:
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """The gains of Kim's example by both formulas, and where the poles really are."""
+    """The gains of Kim's example by both formulas, and the poles of the stored closed-form gains.
+
+    `reached` has them with 80 digits, `in_double` as a routine in double precision gives them.
+    """
 
     printed: FloatArray
     closed: FloatArray
     requested: FloatArray
     reached: FloatArray
+    in_double: FloatArray
 
 
 def example_gains() -> Gains:
@@ -123,11 +127,18 @@ def example_gains() -> Gains:
     closed_loop[:7, :7] = -np.diag(modes.decay_1_s) - np.outer(L, C)
     closed_loop[:7, 7] = B
     closed_loop[7, :7] = -k * C
-    return Gains(np.append(L_printed, k_printed), np.append(L, k), poles, np.linalg.eigvals(closed_loop))
+    with mpmath.workdps(80):
+        decay, L_exact, C_exact = (mpmath.diag(a.tolist()) for a in (modes.decay_1_s, L, C))
+        exact = mpmath.matrix(closed_loop.tolist())
+        exact[:7, :7] = -decay - L_exact * mpmath.ones(7) * C_exact
+        exact[7, :7] = -mpmath.mpf(float(k)) * mpmath.ones(1, 7) * C_exact
+        reached = np.array([complex(p) for p in mpmath.eig(exact, left=False, right=False)])
+    stored = np.append(L_printed, k_printed), np.append(L, k)
+    return Gains(*stored, poles, reached, np.linalg.eigvals(closed_loop))
 
 
 def draw_gains() -> None:
-    """The gains by both formulas, and the eigenvalues they lead to in double precision."""
+    """The gains by both formulas, and the poles that they have."""
     gains = example_gains()
     figure, (sizes, plane) = new_figure(2)
     names = [f"$L_{i}$" for i in range(1, 8)] + ["$k$"]
@@ -136,7 +147,8 @@ def draw_gains() -> None:
     sizes.set(title="size of the gains", ylabel="dimensionless")
     sizes.legend(fontsize=8)
     plane.plot(gains.requested, np.zeros(8), "o", mfc="none", ms=9, label="requested, rule (27)")
-    plane.plot(gains.reached.real, gains.reached.imag, "x", label="recomputed in double precision")
+    plane.plot(gains.reached.real, gains.reached.imag, "x", label="of the stored gains, 80 digits")
+    plane.plot(gains.in_double.real, gains.in_double.imag, ".", label="as double precision computes them")
     plane.set(title="poles, in units of α/L²", xlabel="real part", ylabel="imaginary part")
     plane.legend(fontsize=8)
     save(figure, "kim-gains.png")

@@ -48,12 +48,14 @@ def test_kims_numbers_of_modes(kim: ModuleType) -> None:
     assert kim.modes_kept(0.5) == [1, 3, 5]
 
 
-def test_both_formulas_give_the_same_gains_and_the_poles_are_far_off(kim: ModuleType) -> None:
+def test_both_formulas_give_the_same_gains_and_double_precision_misplaces_their_poles(
+    kim: ModuleType,
+) -> None:
     gains = kim.example_gains()
     # eight nearly equal poles: each coefficient is exact to some 1e-15, and their differences cancel little
     np.testing.assert_allclose(gains.printed, gains.closed, rtol=1e-11)
     assert np.abs(gains.closed).max() > 1e12
-    assert np.abs(gains.reached.real - gains.requested.mean()).max() > 1000
+    assert np.abs(gains.in_double.real - gains.requested.mean()).max() > 1000
 
 
 def test_the_ball_screw_settles_within_about_twenty_steps(kim: ModuleType) -> None:
@@ -78,8 +80,14 @@ def test_the_printed_poles_hold_with_sixty_digits_and_after_a_great_swing(kim: M
     swing, *settled = kim.printed_rule([0.0005, 0.02, 0.03])
     assert swing == pytest.approx(21_855, rel=0.01)
     np.testing.assert_allclose(settled, 1.0, atol=0.05)
-    reached = kim.example_gains().reached
-    assert reached.real.min() < -4000
+
+
+def test_the_stored_gains_of_the_paper_have_poles_near_those_asked_for(kim: ModuleType) -> None:
+    """The last bits of the gains, which differ between computers, move the poles by some tens."""
+    gains = kim.example_gains()
+    assert gains.requested.min() == pytest.approx(-1458, abs=1)
+    assert -1700 < gains.reached.real.min() < gains.reached.real.max() < -1280
+    assert np.abs(gains.reached.imag).max() < 200
 
 
 def test_one_thermocouple_finds_the_heat_of_nut_and_bearings_at_each_speed(kim: ModuleType) -> None:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.estimators.design import gains
+from observer.estimators.design.exact_poles import MOST_STATES, exact_poles
 from observer.estimators.design.gains import LuenbergerGain, Refusal
 from observer.estimators.design.observability import plant_responses, smallest_singular_value, weakest_mode
 from observer.estimators.design.steady import bandwidth, gain_for
@@ -27,7 +28,8 @@ class DesignReport(NamedTuple):
     """How a plant's estimator is designed and what that means.
 
     Poles in 1/s: `eigenvalues_1_s` (n,) of the plant with its heats, `poles_requested_1_s` (none for a Kalman
-    filter), `poles_reached_1_s` recomputed from the closed loop. `noise_gain_W_K`: each estimated heat's σ
+    filter), `poles_reached_1_s` recomputed from the closed loop, with many digits where double precision
+    misses the requested ones. `noise_gain_W_K`: each estimated heat's σ
     under white noise of 1 K on every sensor. `weakest_mode` is a mode's number, `weakest_mode_sensor` the
     sensor that sees it best, `weakest_mode_share` how much of it. `placed`: whether there is a gain, and
     its poles are where they were asked to be. `smallest_singular_value_K`: see `observability`.
@@ -57,6 +59,9 @@ def design_report(plant: Plant, settings: EstimatorSettings) -> DesignReport:
     step = step_matrices(plant, settings.period_s)
     omega = bandwidth(plant, settings) if settings.kind == "luenberger" else np.inf
     whole = gain_for(plant, step, gains.everything(plant), settings, omega)
+    if isinstance(whole, LuenbergerGain) and _missed(whole) and len(whole.K) <= MOST_STATES:
+        poles = exact_poles(plant, step, whole.K)
+        whole = whole._replace(poles_reached_1_s=poles[: len(whole.poles_requested_1_s)])
     requested, reached, noise = _outcome(plant, step, whole)
     mode, sensor, share = weakest_mode(plant)
     names = plant.layout.sensors
@@ -146,8 +151,8 @@ def _gain_warnings(
     found = []
     if isinstance(whole, LuenbergerGain) and _missed(whole):
         found.append(
-            f"the poles reached are up to {whole.pole_error:.2g} times off those requested: the gains are "
-            'too large for double precision; use pole_rule = "bandwidth" or kind = "kalman"'
+            f"the poles reached are up to {whole.pole_error:.2g} times off those requested: rounding the "
+            'gains to double precision moves them so far; use pole_rule = "bandwidth" or kind = "kalman"'
         )
     for name, gain, sigma_W in zip(plant.layout.sources, noise, plant.initial_sigma_W, strict=True):
         noise_W = float(gain * np.sqrt(plant.noise_R_K2.max()))
