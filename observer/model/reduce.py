@@ -1,7 +1,7 @@
 """From the full model of a screw to the plant of few modes.
 
 Modes that are dropped settle faster than those that are kept. Each heat has one lag for all of them, whose
-output column is their steady response in closed form: the field at rest is exact with any number of modes.
+output column is their steady response in closed form: without coupled bodies, the field at rest is exact.
 For known inputs (ambient, prescribed ends) it is an output column of the input itself. The output rows are
 temperature and thermal error at a place.
 """

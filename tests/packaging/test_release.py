@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -108,3 +109,24 @@ def test_the_targets_named_on_a_page_exist(page: str) -> None:
     named = set(re.findall(r"(?:^|`)make ([a-z][\w-]*)", (ROOT / page).read_text(), flags=re.M))
     assert named
     assert named <= TARGETS
+
+
+@pytest.mark.parametrize(("user", "through"), [("0", []), ("1001", ["sudo"])])
+def test_ci_installs_its_packages_through_sudo_unless_it_is_root(
+    user: str, through: list[str], tmp_path: Path
+) -> None:
+    """On a computer that has none of them; `make` has nothing to do here."""
+    for name in ("bash", "dirname", "uname", "sed", "env"):
+        (tmp_path / name).symlink_to(str(shutil.which(name)))
+    said = tmp_path / "said"
+    for name, text in {
+        "id": f"echo {user}",
+        "make": "true",
+        "python3": "true",
+        "apt-get": f'echo "apt-get $1" >> {said}',
+        "sudo": f'echo sudo >> {said}; exec "$@"',
+    }.items():
+        (tmp_path / name).write_text(f"#!{tmp_path / 'bash'}\n{text}\n")
+        (tmp_path / name).chmod(0o755)
+    subprocess.run([ROOT / ".ci" / "run"], env={"PATH": str(tmp_path)}, check=True, capture_output=True)
+    assert said.read_text().splitlines() == [*through, "apt-get update", *through, "apt-get install"]
