@@ -120,3 +120,19 @@ def test_of_a_service_that_is_gone_nothing_runs_on(browser):
         assert page.inner_text("#state") == "Stale"
         said = page.inner_text("#words")
         assert said == "Nothing comes from the service; what is shown is the last that it said."
+
+
+@pytest.mark.parametrize(
+    ("unused", "headline"),
+    [([], "Good"), (["right_housing"], "Good, without right_housing (4 of 5 sensors)")],
+)
+def test_a_good_headline_names_the_sensors_that_are_not_used(browser, unused, headline):
+    counts = {"sensors_used": 5 - len(unused), "sensors": 5, "degraded_sensors": unused}
+    with _page(browser) as (page, process):
+        send(
+            process,
+            "health",
+            {**HEAD, "state": "good", "quality": "good", "reasons": [], "channels": {}} | counts,
+        )
+        page.wait_for_function(f"() => document.getElementById('state').textContent === {headline!r}")
+        assert headline in page.title()
