@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from observer.config import Config
-from observer.frames import FloatArray, NutPath
+from observer.frames import BoolArray, FloatArray, NutPath
 from observer.kernels.selftest import DISAGREE, FALLS_SHORT
+from observer.kernels.walk import GRADUAL_K, WARMED
 from observer.physics.constants import ZERO_DEGC_K
 
 SCREW_RANGE_DEGC = (-40.0, 150.0)
@@ -290,6 +291,15 @@ def doubts_of_log(
                 yield motion_sentence(position, speed, ratio)
 
 
+def cells_of(config: Config, values: FloatArray, channels: Sequence[str]) -> FloatArray:
+    """Return a log's cells (n, c) in the order of the configuration's channels, NaN where it lacks one."""
+    cells = np.full((len(values), len(config.channels)), np.nan)
+    for j, name in enumerate(config.channels):
+        if name in channels:
+            cells[:, j] = values[:, channels.index(name)]
+    return cells
+
+
 def implausible(
     config: Config, values: FloatArray, channels: Sequence[str]
 ) -> Iterator[tuple[str, float, str]]:
@@ -297,16 +307,43 @@ def implausible(
     look like.
     """
     limits, ambient_degC = Limits.of(config), ambient_of_log_degC(config, values, channels)
+    cells = cells_of(config, values, channels)
     for j, name in enumerate(config.channels):
         if name not in channels:
             continue
-        column = values[:, channels.index(name)]
-        column = column[np.isfinite(column)]
-        for breach, beyond in limits.beyond(j, column, ambient_degC):
+        column, credible = cells[:, j], warm_enough(limits, j, cells, ambient_degC)
+        usable = np.isfinite(column)
+        column, credible = column[usable], credible[usable]
+        for breach, outside in limits.beyond(j, column, ambient_degC):
+            beyond = outside & ~credible if breach is Breach.ABOVE_AMBIENT else outside
             if beyond.any():
                 typical = float(np.median(column[beyond]))
                 yield name, float(np.mean(beyond)), limits.sentence(j, breach, typical, ambient_degC)
                 break
+
+
+def warm_enough(limits: Limits, j: int, values: FloatArray, air_degC: float) -> BoolArray:
+    """Return which values of channel j are credible (n,) although further above the air than its limit.
+
+    `values` (n, c) have the columns of all channels. As for the compiled walk, a screw is so warm where it
+    has become so little by little, or where another thermocouple within its limit is nearer to the value than
+    to the value read as °F.
+    """
+    column, above_K = values[:, j], limits.above_K
+    hot = (column - air_degC > above_K[j]) & (column - air_degC <= WARMED * above_K[j])
+    if not hot.any():
+        return hot
+    others = np.array([k for k in np.flatnonzero(np.isfinite(above_K)) if k != j], int)
+    cool = np.where(values[:, others] - air_degC <= above_K[others], values[:, others], np.nan)
+    near = np.abs(column[:, None] - cool) < np.abs(((column - 32.0) / 1.8)[:, None] - cool)
+    sure = near.any(axis=1) | (column - air_degC <= above_K[j])
+    rows = np.flatnonzero(np.isfinite(column))
+    stretch = np.cumsum(np.abs(np.diff(column[rows], prepend=column[rows[0]])) > GRADUAL_K)
+    begins = np.flatnonzero(np.diff(stretch, prepend=-1))
+    sure_from = np.maximum.accumulate(np.where(sure[rows], np.arange(len(rows)), -1))
+    credible = np.zeros(len(column), bool)
+    credible[rows] = sure_from >= begins[stretch]
+    return hot & credible
 
 
 def stroke_of_m(config: Config, stroke_m: tuple[float, float] | None) -> float:

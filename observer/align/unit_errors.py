@@ -18,8 +18,10 @@ from observer.align.plausibility import (
     ChannelKind,
     Limits,
     ambient_of_log_degC,
+    cells_of,
     stroke_of_m,
     units_of,
+    warm_enough,
     way_ratio,
 )
 from observer.config import Config
@@ -68,7 +70,9 @@ def read_rightly(
         if name not in log.channels:
             continue
         column = log.values[:, log.channels.index(name)]
-        likely = likely_unit(limits, j, column, ambient_of_log_degC(config, log.values, log.channels))
+        air_degC = ambient_of_log_degC(config, log.values, log.channels)
+        warm = warm_enough(limits, j, cells_of(config, log.values, log.channels), air_degC)
+        likely = None if warm.any() else likely_unit(limits, j, column, air_degC)
         if likely is not None:
             log = _with(log, name, np.asarray(likely[1](column)))  # type: ignore[arg-type]
             found.append(Misread(name, likely[0], _EXPECTED[limits.kinds[j]]))

@@ -1,12 +1,13 @@
 """Logs whose rows are too far apart to show where a nut was.
 
-Three positions a traverse are the least that shows a nut's way: with two, as under a stroboscope, the same
-rows fit a nut that stands still at either end, creeps, or runs any number of times to and fro in between.
+`SAMPLES_PER_TRAVERSE` are the least that shows a nut's way: with two, as under a stroboscope, the same rows
+fit a nut that stands still at either end, creeps, or runs any number of times to and fro in between.
 What its heat does from place to place is then a guess, and no effect of the nut is looked for by it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -18,11 +19,10 @@ from observer.discovery.log_faults import What
 from observer.discovery.suspects import Suspect
 from observer.fit.runs import FEWEST, LEAST_LEAD_M, Run, stretches_of_a_speed
 from observer.frames import FloatArray
+from observer.kernels.path import SAMPLES_PER_TRAVERSE
 from observer.tables.sections import Source
 
 NUTS_WAY: What = "nut's way"
-ENOUGH = 3.0
-"""Positions a traverse that show a nut's way."""
 LASTS_S = 180.0
 """A speed counts if it lasts so long."""
 
@@ -68,7 +68,7 @@ def _sparse(config: Config, number: int, run: Run) -> Iterator[Sparse]:
             for part in stretches_of_a_speed(speed_rpm)
             if len(part) * row_s >= LASTS_S
         ]
-        if min(shown, default=np.inf) < ENOUGH:
+        if min(shown, default=np.inf) < SAMPLES_PER_TRAVERSE:
             yield Sparse(number, source, min(shown), row_s)
 
 
@@ -91,10 +91,19 @@ def positions_a_traverse(place_m: FloatArray, per_row_m: float, stroke_m: float)
 
 
 def _described(sparse: Sparse) -> Suspect:
-    source, least_s = sparse.source, sparse.row_s * sparse.positions / ENOUGH
+    source, most_s = sparse.source, sparse.row_s * sparse.positions / SAMPLES_PER_TRAVERSE
+    last_digit_s = 10.0 ** (math.floor(math.log10(most_s)) - 1)
+    most_s = math.floor(most_s / last_digit_s) * last_digit_s
     text = (
-        f"Log {sparse.run + 1} shows {sparse.positions:.1f} positions of {source.name} a traverse, and "
-        f"{ENOUGH:.0f} are needed to show its way, so no effect of it, or under it, is looked for; log "
-        f"{source.position_channel} every {least_s:.2g} s or more often"
+        f"Log {sparse.run + 1} shows {_below(sparse.positions)} positions of {source.name} a traverse, and "
+        f"{SAMPLES_PER_TRAVERSE:g} are needed to show its way, so no effect of it, or under it, is looked "
+        f"for; log {source.position_channel} every {most_s:.2g} s or more often"
     )
-    return Suspect(NUTS_WAY, source.position_channel, float(f"{sparse.positions:.3g}"), text)
+    return Suspect(NUTS_WAY, source.position_channel, _below(sparse.positions), text)
+
+
+def _below(positions: float) -> float:
+    """Positions a traverse, to the first digits that are fewer than needed."""
+    return next(
+        rounded for digits in range(1, 17) if (rounded := round(positions, digits)) < SAMPLES_PER_TRAVERSE
+    )

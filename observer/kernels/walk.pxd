@@ -11,7 +11,11 @@ cdef double _MEMORY_SAMPLES, _YOUNG_SAMPLES, _REPEATS, _PATIENCE, _LONGEST_KNOWN
 @cython.locals(last=double, delta=double, samples=double, limit=double)
 cdef bint is_stuck(double[::1] memory, double value, double noise_K) noexcept nogil
 
-cdef double _OUTAGE, _GRADUAL_K, _WARMED
+cdef double _OUTAGE, GRADUAL_K, WARMED
+cdef Py_ssize_t ABOVE_AMBIENT
+
+@cython.locals(in_degC=double, other_degC=double, k=Py_ssize_t)
+cdef bint _beside_a_warm_one(Expected plan, Memory memory, Py_ssize_t j, double cell, double ambient_degC) noexcept nogil
 
 @cython.locals(ambient_degC=double, above_K=double)
 cdef Py_ssize_t _breach(Expected plan, Memory memory, Py_ssize_t j, double cell, double since_s) noexcept nogil

@@ -96,8 +96,28 @@ def is_stuck(memory, value, noise_K):
     return memory[_RUN] >= limit and memory[_BEND_BEFORE] >= _NOISE_SEEN * noise_K
 
 
-_GRADUAL_K, _WARMED = 5.0, 1.5
+GRADUAL_K, WARMED = 5.0, 1.5
+ABOVE_AMBIENT = 4
 _OUTAGE = 3.0  # a gap this many times the usual one says nothing about how often a channel comes
+
+
+def _beside_a_warm_one(plan, memory, j, cell, ambient_degC):
+    """Whether another thermocouple, itself within its limit, is nearer to a cell than to the cell read as °F.
+
+    A screw that is warm at the start of a log is warm elsewhere, too; a single channel in °F is not.
+    """
+    if cell - ambient_degC > WARMED * plan.above_K[j]:
+        return False
+    in_degC = (cell - 32.0) / 1.8
+    for k in range(len(plan.above_K)):
+        if k == j or memory.newest[k] != GOOD or plan.above_K[k] == INFINITY:
+            continue
+        other_degC = memory.value[k]
+        if other_degC - ambient_degC <= plan.above_K[k] and abs(cell - other_degC) < abs(
+            in_degC - other_degC
+        ):
+            return True
+    return False
 
 
 def _breach(plan, memory, j, cell, since_s):
@@ -110,10 +130,10 @@ def _breach(plan, memory, j, cell, since_s):
         return 3
     ambient_degC = plan.ambient_degC if plan.ambient < 0 else memory.value[plan.ambient]
     above_K = plan.above_K[j]
-    if abs(cell - memory.value[j]) <= _GRADUAL_K:  # it warms, and no wrong unit does so little by little
-        above_K = _WARMED * above_K
-    if cell - ambient_degC > above_K:
-        return 4
+    if abs(cell - memory.value[j]) <= GRADUAL_K:  # it warms, and no wrong unit does so little by little
+        above_K = WARMED * above_K
+    if cell - ambient_degC > above_K and not _beside_a_warm_one(plan, memory, j, cell, ambient_degC):
+        return ABOVE_AMBIENT
     if ambient_degC - cell > plan.below_K[j]:
         return 5
     return 0
@@ -179,6 +199,9 @@ def walk_rows(rows, count, plan, memory, frames):
             counts[j] = rows.present[row, j] and _take_cell(
                 plan, memory, j, cells[row, j], rows.faulted[row, j], true_s
             )
+        for j in range(len(counts)):  # too warm by itself: the row's other channels are known now
+            if rows.present[row, j] and not counts[j] and memory.breach[j] == ABOVE_AMBIENT:
+                counts[j] = _take_cell(plan, memory, j, cells[row, j], rows.faulted[row, j], true_s)
         for p in range(paths):
             if counts[plan.position[p]]:
                 samples[p, 0, end[p]], samples[p, 1, end[p]] = true_s, cells[row, plan.position[p]]

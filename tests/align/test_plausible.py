@@ -1,16 +1,29 @@
 """What is believed of each kind of channel, and the units that wrong values look like."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from observer.align.aligner import Aligner, AlignPlan
-from observer.align.plausibility import Breach, ChannelKind, Limits, doubts_of_log, motion_sentence, unit_hint
+from observer.align.aligner import Aligner, AlignPlan, frames_of_log
+from observer.align.plausibility import (
+    Breach,
+    ChannelKind,
+    Limits,
+    doubts_of_log,
+    implausible,
+    motion_sentence,
+    unit_hint,
+)
+from observer.align.unit_errors import read_rightly
 from observer.config import ConfigError
+from observer.files.logs import Log
 from observer.frames import Quality, Reading
-from observer.installation import parse
+from observer.installation import load, parse
 from tests.reference import live
+
+CONFIG = Path(__file__).parents[2] / "config"
 
 
 def table(**limits):
@@ -122,3 +135,44 @@ def test_a_log_whose_air_has_no_value_is_doubted_without_a_warning():
     config = parse(table() | {"ambient": {"channel": "air_degC"}})
     values = np.full((3, len(config.channels)), np.nan)
     assert list(doubts_of_log(config, values, config.channels, [])) == []
+
+
+def warm(place, log_s, start_degC, *, by_more_K=0.0):
+    """A log of a lathe's axis at rest, a row each half second; the thermocouple at `place` reads more."""
+    config = load(CONFIG / "li-lathe-axis.toml")
+    time_s = np.arange(0.0, log_s, 0.5)
+    rng = np.random.default_rng(1)
+    columns = {
+        sensor.channel: start_degC
+        + 0.1 * rng.standard_normal(len(time_s))
+        + by_more_K * (sensor.name == place)
+        for sensor in config.sensor
+    }
+    columns |= {"nut_position_m": np.full(len(time_s), 0.3), "screw_speed_rpm": np.zeros(len(time_s))}
+    values = np.column_stack([columns[name] for name in config.channels])
+    return config, Log(Path("warm.csv"), time_s, config.channels, values)
+
+
+@pytest.mark.parametrize("place", ["t5", "t15"], ids=["first channel", "last channel"])
+@pytest.mark.parametrize("log_s", [20.0, 600.0])
+def test_a_screw_that_is_warm_when_a_log_begins_is_believed(place, log_s):
+    config, log = warm(place, log_s, 66.0, by_more_K=6.0)
+    frames = list(frames_of_log(log, AlignPlan.of(config)))
+    rejected = sum(int(np.sum(block.quality == Quality.REJECTED)) for block in frames)
+    assert rejected == 0
+    assert not list(implausible(config, log.values, log.channels))
+    converted, misread = read_rightly(log, config)
+    assert not misread
+    assert converted is log
+
+
+@pytest.mark.parametrize("log_s", [20.0, 600.0])
+def test_a_single_channel_in_fahrenheit_is_rejected_in_a_log_of_any_length(log_s):
+    config, log = warm("t15", log_s, 25.0, by_more_K=1.8 * 25.0 + 32.0 - 25.0)
+    frames = list(frames_of_log(log, AlignPlan.of(config)))
+    at = config.channels.index("t15_degC")
+    assert all((block.quality[:, at] == Quality.REJECTED).all() for block in frames)
+    [(name, share, sentence)] = implausible(config, log.values, log.channels)
+    assert (name, share) == ("t15_degC", 1.0)
+    assert "looks like °F" in sentence
+    assert [each.unit for each in read_rightly(log, config)[1]] == ["°F"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,11 +11,13 @@ import pytest
 
 from observer.app import discover
 from observer.config import Config
+from observer.discovery import nut_path
 from observer.discovery.candidates import Candidate
 from observer.discovery.nut_path import needs_path, positions_a_traverse, sparse_paths
 from observer.effects.catalogue import effect_class
 from observer.fit.runs import prepare
 from observer.frames import FloatArray, FrameBlock
+from observer.kernels.path import SAMPLES_PER_TRAVERSE
 from tests.logs.machines import config_of
 from tests.logs.simulated import frames
 from tests.truth.machine.effects import Effect
@@ -34,7 +37,7 @@ def shuttled(positions: float, rows: int = 200) -> FloatArray:
 def test_positions_are_counted_by_turns_where_the_lead_is_not_known(positions: float) -> None:
     found = positions_a_traverse(shuttled(positions), 0.0, STROKE_M)
     print(f"{positions:.1f}: {found:.2f}")
-    assert (found < 3.0) == (positions < 3.0)
+    assert (found < SAMPLES_PER_TRAVERSE) == (positions < SAMPLES_PER_TRAVERSE)
     if positions > 2.0:
         assert found == pytest.approx(positions, rel=0.05)
 
@@ -72,6 +75,24 @@ def test_a_log_with_few_positions_is_doubted_with_a_remedy(row_s: float, positio
         assert float(suspect.by) == pytest.approx(positions, rel=0.2)
         assert "Log 2 shows" in suspect.text
         assert "no effect of it, or under it, is looked for" in suspect.text
+
+
+@pytest.mark.parametrize("positions", [2.4999999, 2.46, 2.5, 2.51, 2.97, 3.0])
+def test_the_search_asks_for_as_many_positions_as_the_model(
+    positions: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(nut_path, "positions_a_traverse", lambda *_: positions)
+    config = config_of(6, 3, 11, moving=True)
+    row_s = 7.2 / positions
+    runs = [prepare(config, [log_of(config, row_s)], "log")]
+    found = sparse_paths(config, runs)
+    assert bool(found) == (positions < SAMPLES_PER_TRAVERSE)
+    for suspect in found:
+        stated, needed, most_s = map(
+            float, re.findall(r"[\d.]+(?= positions| are needed| s or)", suspect.text)
+        )
+        assert stated < needed == SAMPLES_PER_TRAVERSE
+        assert most_s < row_s
 
 
 @pytest.mark.parametrize(
