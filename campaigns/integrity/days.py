@@ -9,7 +9,7 @@ from tests.learning.machines import Day, Rough, draw, work
 from tests.truth.machine.cycles import Phase, START_m, programme
 from tests.truth.machine.machine import stream
 
-FIRST_SEED = 12_300
+FIRST_SEED = 48_700
 FAULT_S = 4000.0
 RUN_OF = ("a", "b", "a", "c")
 """Which programme a machine does, in turn: at the fault "a" stands for another 500 s, "b" and "c" move."""
@@ -21,17 +21,17 @@ LINKS = 0.2
 
 
 @lru_cache(maxsize=4)
-def day_of(number: int, *, new_stroke: bool = False, housed: bool = False) -> Day:
+def day_of(number: int, *, new_stroke: bool = False, housed: bool = False, seed: int = FIRST_SEED) -> Day:
     """A machine's day. With `new_stroke` another program begins at `FAULT_S`: shorter strokes elsewhere.
 
     `housed` is another machine, whose thermocouples sit on nut and housings.
     """
     run = RUN_OF[number % len(RUN_OF)]
-    rng = stream(FIRST_SEED, "integrity", str(number))
+    rng = stream(seed, "integrity", str(number))
     phases = (*programme("standard", run, rng), *MORE[run])
     if new_stroke:
         phases = with_new_stroke(phases)
-    machine = draw_housed(FIRST_SEED, number, LINKS) if housed else draw(FIRST_SEED, number, Rough())
+    machine = draw_housed(seed, number, LINKS) if housed else draw(seed, number, Rough())
     return work(machine, phases, START_m[run], rng, 0.0)
 
 

@@ -30,7 +30,8 @@ class Verdict(NamedTuple):
     """Of the steps from the fault on (from ten minutes on without one).
 
     `steps`, `good`: how many, and how many of them were good; of the good ones `wrong`, with any value beyond
-    3 σ, `heats`, `field` and `error` alike, and `beyond`, with any beyond its bound (None: no bounds).
+    3 σ, `heats`, `field` and `error` alike, and `beyond`, with any beyond its bound, in so many
+    `excursions`, runs of consecutive steps (None: no bounds).
     `sigmas`, `worst_um`: the farthest of a good one, in σ and of the error. `bad_s`, `again_s`: the first
     step that was not good, and the first after it that was. `named_s`, `named`: when a sensor was first taken
     out and which were within a minute; `right`: "yes", "part", "no" or "". `out`: how often one was taken
@@ -44,6 +45,7 @@ class Verdict(NamedTuple):
     field: int
     error: int
     beyond: int | None
+    excursions: int | None
     sigmas: float
     worst_um: float
     bad_s: float | None
@@ -88,6 +90,7 @@ def verdict(block: EstimateBlock, day: Day, fault: Fault) -> Verdict:
     worst = np.max(list(ratio.values()), axis=0)
     bounds = {name: _bound(block, column) for name, column in BOUNDS.items()}
     far = bounds["error"]
+    beyond = _beyond(off, bounds, good)
     bad_s, again_s = _times(block, day.time_s, watched)
     named_s, named, right = _named(block, day.time_s, fault)
     return Verdict(
@@ -97,7 +100,8 @@ def verdict(block: EstimateBlock, day: Day, fault: Fault) -> Verdict:
         heats=_over(ratio["heat"][good]),
         field=_over(ratio["field"][good]),
         error=_over(ratio["error"][good]),
-        beyond=_beyond(off, bounds, good),
+        beyond=None if beyond is None else int(beyond.sum()),
+        excursions=None if beyond is None else _begun(beyond),
         sigmas=float(worst[good].max(initial=0.0)),
         worst_um=float(np.abs(off["error"][0])[good].max(initial=0.0)),
         bad_s=bad_s,
@@ -123,14 +127,19 @@ def _bound(block: EstimateBlock, column: str) -> FloatArray | None:
 
 def _beyond(
     off: dict[str, tuple[FloatArray, FloatArray]], bounds: dict[str, FloatArray | None], good: BoolArray
-) -> int | None:
-    """How many good steps have a value beyond its bound."""
+) -> BoolArray | None:
+    """Return which good steps have a value beyond its bound (K,)."""
     found = [
         ~np.all(np.abs(error) <= bound[:, -error.shape[1] :], axis=1)
         for name, (error, _) in off.items()
         if (bound := bounds[name]) is not None
     ]
-    return int(np.any(found, axis=0)[good].sum()) if found else None
+    return np.asarray(np.any(found, axis=0) & good) if found else None
+
+
+def _begun(beyond: BoolArray) -> int:
+    """Return how many runs of consecutive steps there are."""
+    return int(beyond[0]) + int((beyond[1:] & ~beyond[:-1]).sum())
 
 
 def _mean(value: FloatArray) -> float:

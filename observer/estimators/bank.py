@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.estimators import packing
+from observer.estimators.answers import PREDICTIONS, SETTLED_S, Answers
 from observer.estimators.fault_search import SearchResult, Seen, Trace, search
 from observer.estimators.steps import StepCache
 from observer.frames import BoolArray, FloatArray, Inputs
@@ -37,7 +38,7 @@ from observer.model.plant import Plant
 from observer.tables.estimator import Integrity
 
 RISK_PER_H = 1e-5
-"""How likely it may be, in an hour, that an error is beyond its bound."""
+"""What the widths of bounds are derived from; how often bounds failed was measured by the campaign."""
 DUE_S = 5.0
 """How often the bank steps."""
 _MOST_PAIRS = 28  # of eight sensors; with more, a second fault is found once the first is excluded
@@ -65,17 +66,20 @@ class Gathered(NamedTuple):
     seen: BoolArray
     free: BoolArray
     loss: FloatArray
+    ahead: FloatArray
+    ahead_degC: FloatArray
 
 
 class Held(NamedTuple):
     """The bounds found last, of the heats and of the reported rows, what drifts add to the variances of both,
-    and the limits of these rows.
+    what laws that have changed add to those of heats, and the limits of the rows.
     """
 
     heat_W: FloatArray
     field: FloatArray
     heat_drift_W2: FloatArray
     field_drift2: FloatArray
+    law_change_W2: FloatArray
     limit: FloatArray
 
 
@@ -171,7 +175,9 @@ class Bank:
         self._inputs_record = record(self._inputs)
         self._first = np.zeros(1, np.int64)
         self._trace = Trace._make(self._own[name] for name in Trace._fields)
-        self._misfit, self._left, self._S = np.zeros((F, s)), np.zeros((F, s)), np.zeros((s, s))
+        self._noise_K = np.sqrt(plant.noise_R_K2)
+        self._answers = Answers._make(self._own[name] for name in Answers._fields)
+        self._misfit, self._S = np.zeros((F, s)), np.zeros((s, s))
 
     @property
     def is_due(self) -> bool:
@@ -193,6 +199,7 @@ class Bank:
     def begin_at(self, x: FloatArray, P: FloatArray, around: FloatArray) -> None:
         """Have every filter stand at the same state."""
         self._octets = None
+        self._answers.begin_again()
         for state in self._runnings:
             state.flags[0] = 1
             state.x[:], state.P[:, : len(P)], state.around[:] = x, P, around
@@ -225,14 +232,14 @@ class Bank:
         run_bank(
             self._plant_record, self._steps.table([span_s]), self._inputs_record, self._first,
             self.gathered_record, design.drifting, design.walk_K2_s * span_s, self._filter_records,
-            design.uses, main_record, _NEVER, self._result_records, self._work, self._misfit,
-            self._left, self._S,
+            design.uses, main_record, _NEVER, self._result_records, self._work, self._misfit, self._S,
         )  # fmt: skip
         self._hold(results, k, float(main.verdict[of.AGE_S]))
         if not self._runnings[-1].flags[0] and self._runnings[0].flags[0]:
             self._runnings[-1].flags[0] = 1  # by laws and air alone, from where all were at first
             _copy(self._runnings[0], self._runnings[-1])
         if self._allows:
+            self._note_answers(main, span_s)
             self._act(main, span_s, time_s)
 
     def _hold(self, results: packing.Results, k: int, age_s: float) -> None:
@@ -265,17 +272,29 @@ class Bank:
         more = np.maximum(sigma[self.design.drifting] ** 2 - sigma[0] ** 2, 0.0) + np.square(apart)
         return np.asarray(np.nan_to_num(more, nan=0.0))
 
+    def _note_answers(self, main: packing.Running, span_s: float) -> None:
+        """Compare how readings move with predictions from earlier estimates, which run on without them."""
+        answers, inputs, taken = self._answers, self._inputs, main.guard[:, of.CAUSE] == 0.0
+        if main.verdict[of.AGE_S] < SETTLED_S:
+            answers.forget()
+            return
+        read_degC = inputs.y_degC[0] - main.verdict[of.COMMON_K] * self._thermal
+        compared = ((self.gathered.free != 0) | ~taken) & self._thermal
+        begun = answers.note(np.where(compared, read_degC, np.nan), self.gathered.ahead_degC)
+        if begun >= 0:
+            self.gathered.ahead[begun] = self._runnings[0].x
+        answers.note_laws(self._results.law[0], self._results.heat_sigma[0], span_s)
+        answers.judge(self._noise_K)
+        main.guard[(answers.silent > 0.0) & ~taken, of.AGREES_S] = 0.0  # not taken back before it answers
+
     def _act(self, main: packing.Running, span_s: float, time_s: float) -> None:
         """Look for a fault, and leave the sensor out that is found; what is ambiguous is not good."""
         each = self.design.alone, np.arange(len(main.guard))
-        read_degC = self._inputs.y_degC[0] - main.verdict[of.COMMON_K] * self._thermal
         seen = Seen(
             float(main.verdict[of.AGE_S]),
             main.guard[:, of.CAUSE] == 0.0,
             main.guard[:, of.CAUSE] == of.DEPARTED,
             self._thermal,
-            np.where(self.gathered.free != 0, read_degC, np.nan),
-            self._left[each],
             self._misfit[each],
             np.where(self.design.pair >= 0, self._misfit[self.design.pair, each[1]], np.nan),
             self._results.innovation[0],
@@ -283,7 +302,7 @@ class Bank:
         )
         result = SearchResult(False, -1, 0)
         if main.verdict[of.LATCH] == 0.0:
-            result = search(seen, self._trace, span_s)
+            result = search(seen, self._trace, self._answers, span_s)
         if result.doubted:
             main.verdict[of.HOLD_S] = DECIDED_S
         if result.latch:
@@ -299,6 +318,7 @@ class Bank:
         if guard[i, of.STEPS] == 0.0:
             guard[i, of.FIRST_S] = time_s
         main.suspect[i] = main.refused_s[i] = main.opened_K[i] = 0.0
+        self._answers.begin_again()
         clean = int(design.alone[i])
         _copy(self._runnings[clean], main)
         for j, without in enumerate(design.pair[i]):
@@ -319,15 +339,16 @@ def _between(plant: Plant) -> dict[str, Any]:
     """What is remembered beside the filters: what is gathered, the bounds last found, what has been seen."""
     m, p, M = len(plant.B.T), len(plant.E.T), len(plant.moving)
     n_x, s, R = len(plant.decay_1_s), plant.rows.sensors, len(plant.rows.C)
+    m_e = int(plant.estimated.sum())
     moving = np.array([source.index for source in plant.moving], np.int64)
     gathered = Gathered(
         np.array([0.0, DUE_S, 0.0]), np.zeros(m), np.zeros(m), np.zeros(p), np.zeros(p), moving, np.zeros(M),
         np.zeros((M, n_x)), np.zeros((M, n_x)), np.zeros((M, R)), np.zeros(s), np.zeros(s, bool),
         np.zeros(s, bool), np.zeros(3),
+        np.zeros((PREDICTIONS, n_x + m_e + plant.learnt)), np.zeros((PREDICTIONS, s)),
     )  # fmt: skip
-    m_e = int(plant.estimated.sum())
     unknown = {
         "heat_W": np.full(m_e, np.nan), "field": np.full(R - s, np.nan),
-        "heat_drift_W2": np.zeros(m_e), "field_drift2": np.zeros(R - s),
+        "heat_drift_W2": np.zeros(m_e), "field_drift2": np.zeros(R - s), "law_change_W2": np.zeros(m_e),
     }  # fmt: skip
-    return gathered._asdict() | unknown | Trace.of(s)._asdict()
+    return gathered._asdict() | unknown | Trace.empty()._asdict() | Answers.empty(s, m_e)._asdict()

@@ -82,4 +82,4 @@ class KalmanEstimator(BlockEstimator):
             )  # fmt: skip
             if bank.is_due:
                 scratch.step_bank(out, k - 1, float(chunk.inputs.time_s[k - 1]))
-                put_bounds(results, k - 1, bank.held_record, bank.design.sigmas)
+                put_bounds(self.plant_record, inputs, results, k - 1, bank.held_record, bank.design.sigmas)

@@ -19,12 +19,15 @@ from observer.kernels.codes import (
 from observer.kernels.covariance import squared
 from observer.kernels.judging import add_prior, step_is_finite
 from observer.kernels.kalman import filter_part
-from observer.kernels.libc import NAN, isfinite, sqrt
+from observer.kernels.learning import advance_learning, below
+from observer.kernels.libc import NAN, exp, isfinite, sqrt
 from observer.kernels.screening import open_common, open_offset
 from observer.kernels.step import project, residual, sensor_covariance
 
 # What of a span is gathered beside arrays: how long it is and shall be, and the worst that was degraded.
 SPAN_S, DUE_S, DEGRADED = 0, 1, 2
+ANSWER_S = 20.0
+"""How long readings take to answer a heat that has changed: the lags of sensors and of dropped modes."""
 
 
 def gather(u, k, g):
@@ -97,26 +100,34 @@ def open_again(p, state, P):
             open_offset(p, i, state.guard[i, OPENED_K2], P)
 
 
-def pass_left_out(p, u, uses, free, common_K, state, work, misfit, left_K):
-    """How far each reading that a filter has not used is from what it expects, in K and in σ."""
+def pass_left_out(p, u, uses, free, common_K, state, work, misfit):
+    """Write how far each reading that a filter has not used is from what it expects, in σ."""
     for i in range(len(free)):
-        misfit[i] = left_K[i] = 0.0
+        misfit[i] = 0.0
         if not free[i] or uses[i] or state.flags[0] == 0:
             continue
         sensor_covariance(work.C, i, state.P, work.g)
         variance_K2 = project(work.C, i, work.g, i) + p.R_K2[i]
-        left_K[i] = residual(p, work.C, u, 0, i, state.x) - common_K
-        misfit[i] = left_K[i] / sqrt(variance_K2)
+        misfit[i] = (residual(p, work.C, u, 0, i, state.x) - common_K) / sqrt(variance_K2)
 
 
-def run_bank(
-    p, t, u, step, g, drifting, walk_K2, filters, uses, main, gate_sigma, results, work, misfit, left_K, S
-):
+def predict_on(p, t, u, d, g, work):
+    """Take estimates of some time ago on over the span without readings, and write what sensors should read.
+
+    `work` holds the columns of the span.
+    """
+    for w in range(len(g.ahead)):
+        advance_learning(p, t, d, u, 0, work.B, g.ahead[w], len(p.learn.kind), work)
+        for i in range(len(g.free)):
+            g.ahead_degC[w, i] = below(p, u, 0, work.C, i, g.ahead[w])
+
+
+def run_bank(p, t, u, step, g, drifting, walk_K2, filters, uses, main, gate_sigma, results, work, misfit, S):
     """Step every filter over the span: filter f takes the sensors that `uses[f]` names.
 
     In filter `drifting` each offset walks, and what all have in common. `u` is filled from what `g` gathered.
-    `misfit` and `left_K` (F, s) are filled with what readings say that filters have not used, `S` (s, s)
-    with the covariance of the first one's innovations.
+    `misfit` (F, s) is filled with what readings say that filters have not used, `S` (s, s) with the
+    covariance of the first one's innovations.
     """
     for f in range(len(filters)):
         state = filters[f]
@@ -135,21 +146,36 @@ def run_bank(
                 for j in range(i, len(S)):
                     S[i, j] = S[j, i] = work.S[i, j]
                 S[i, i] += p.R_K2[i]
-        pass_left_out(p, u, uses[f], g.free, state.verdict[COMMON_K], state, work, misfit[f], left_K[f])
+            predict_on(p, t, u, step[0], g, work)
+        pass_left_out(p, u, uses[f], g.free, state.verdict[COMMON_K], state, work, misfit[f])
     main.verdict[OPENED_PRIOR] = main.verdict[OPENED_COMMON_K2] = 0.0
     for i in range(len(main.guard)):
         main.guard[i, OPENED_K2] = 0.0
 
 
-def put_bounds(out, k, held, sigmas):
-    """The bounds of step k: what the bank has found last, and no less than `sigmas` standard deviations, of
-    which readings that drift make a part.
+def add_change(p, u, k, held, j):
+    """Return what a change of its law adds to the variance of heat j at step k, W².
 
+    Within the step it is not known when the law changed. Afterwards the law is as uncertain as at first until
+    readings have had time to answer: those of the first seconds say too little of a heat, and too surely.
+    """
+    jump_W = u.law_jump_W[k, p.source[j]]
+    held.law_change_W2[j] = held.law_change_W2[j] * exp(-2.0 * u.dt_s[k] / ANSWER_S) + squared(
+        p.law_uncertainty[j] * jump_W
+    )
+    return held.law_change_W2[j] + squared(0.5 * jump_W)
+
+
+def put_bounds(p, u, out, k, held, sigmas):
+    """Write the bounds of step k: those of the bank's last step, and at least `sigmas` standard deviations.
+
+    The standard deviations first get what readings that drift and laws that have just changed add to them.
     Beyond a limit an estimate is not good.
     """
     beyond = False
     for j in range(len(held.heat_W)):
-        out.heat_sigma[k, j] = sqrt(squared(out.heat_sigma[k, j]) + held.heat_drift_W2[j])
+        added_W2 = held.heat_drift_W2[j] + add_change(p, u, k, held, j)
+        out.heat_sigma[k, j] = sqrt(squared(out.heat_sigma[k, j]) + added_W2)
         out.heat_bound[k, j] = max(held.heat_W[j], sigmas * out.heat_sigma[k, j])
     for r in range(len(held.field)):
         out.field_sigma[k, r] = sqrt(squared(out.field_sigma[k, r]) + held.field_drift2[r])
@@ -174,5 +200,5 @@ def run_until_due(p, t, u, step, state, gate_sigma, out, work, g, held, sigmas, 
         filter_part(p, t, u, step, state, gate_sigma, out, work, k, k + 1)
         if gather(u, k, g):
             return k + 1
-        put_bounds(out, k, held, sigmas)
+        put_bounds(p, u, out, k, held, sigmas)
     return len(step)

@@ -158,7 +158,7 @@ def estimate_frame(own):
     if own.step_bank is not None:
         if gather(own.inputs, 0, own.gathered):
             own.step_bank()
-        put_bounds(own.results, 0, own.held, own.sigmas)
+        put_bounds(own.plant, own.inputs, own.results, 0, own.held, own.sigmas)
     if own.finish is not None:
         own.finish()
 

@@ -108,12 +108,12 @@ cdef class Results(Record):
 cdef class Gathered(Record):
     cdef public double[::1] span, law_J, jump_W2, z_first, z_last, weight, y_degC, loss
     cdef public Py_ssize_t[::1] moving
-    cdef public double[:, ::1] B, plain_B, C
+    cdef public double[:, ::1] B, plain_B, C, ahead, ahead_degC
     cdef public unsigned char[::1] seen, free
 
 
 cdef class Held(Record):
-    cdef public double[::1] heat_W, field, heat_drift_W2, field_drift2, limit
+    cdef public double[::1] heat_W, field, heat_drift_W2, field_drift2, law_change_W2, limit
 
 
 cdef class GainTable(Record):

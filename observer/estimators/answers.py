@@ -1,0 +1,148 @@
+"""Whether readings answer the heats: a sensor that repeats one value stays still while the screw does not.
+
+Each minute a prediction begins from the estimate and runs on for ten minutes by laws and air, without
+readings. A reading that stays constant within its noise, while a prediction of it moves clearly, does not
+answer, and nothing is good until it does. A sensor that stays constant while others answer is at fault.
+Nothing is said where no law has changed lately: a machine at rest asks for no answer.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from observer.frames import BoolArray, FloatArray
+
+PREDICTIONS = 10
+"""How many predictions run on side by side."""
+SETTLED_S = 1200.0
+"""For so long after a start, readings say more of the model than of the sensors."""
+_BEGIN_STEPS = 12  # of the bank, between the beginnings of two predictions
+_SMOOTH_STEPS = 6.0  # over which readings and predictions are averaged alike
+_SMOOTH_NOISE = 1.0 / np.sqrt(2.0 * _SMOOTH_STEPS - 1.0)  # what averaging leaves of the noise
+_CONSTANT_SIGMA = 3.3  # standard deviations of averaged noise within which a reading is constant
+_ASKED_K, _ASKED_TIMES = 0.7, 8.0  # a prediction that moves so far, in K and in constant readings, asks
+_SURE_TIMES = 2.0  # and so much farther proves which sensor is at fault
+_ALL_ASKED, _ALL_CONSTANT = 0.3, 1.1  # of both, in the root mean square over all readings
+_ANSWER_SHARE = 0.5  # of a prediction's way, what an answer shows
+_ASKED_AFTER_S = 1800.0  # a change of a law
+_LAW_STEPS, _LAW_SIGMA = 12.0, 4.0  # averaged over, and standard deviations of its heat, a law has changed
+
+
+class Answers(NamedTuple):
+    """How readings (s,) and predictions of them (w, s) have moved, both averaged, since predictions began.
+
+    `silent` (s,) marks sensors that do not answer, `at_fault` (s,) those that are surely at fault,
+    `answering` (s,) those that do. `law_W` (h,) are the laws, averaged, and `first_law_W` (w, h) those when
+    predictions began, with the standard deviations `first_sigma_W` of their heats. `since` holds the time
+    since a law has changed, s, and how many steps there were.
+    """
+
+    mean_degC: FloatArray
+    predicted_degC: FloatArray
+    first_degC: FloatArray
+    first_predicted_degC: FloatArray
+    moved_K: FloatArray
+    predicted_moved_K: FloatArray
+    silent: FloatArray
+    at_fault: FloatArray
+    answering: FloatArray
+    law_W: FloatArray
+    first_law_W: FloatArray
+    first_sigma_W: FloatArray
+    since: FloatArray
+
+    @classmethod
+    def empty(cls, sensors: int, heats: int) -> Self:
+        """Return the answers before the first reading of so many sensors, to so many heats."""
+        unknown, none = np.full((PREDICTIONS, sensors), np.nan), np.zeros(sensors)
+        return cls(
+            np.full(sensors, np.nan), unknown, unknown.copy(), unknown.copy(), unknown.copy(), unknown.copy(),
+            none, none.copy(), none.copy(), np.full(heats, np.nan), np.full((PREDICTIONS, heats), np.nan),
+            np.full((PREDICTIONS, heats), np.nan), np.array([np.inf, 0.0]),
+        )  # fmt: skip
+
+    def begin_again(self) -> None:
+        """Forget all predictions; sensors that did not answer still have to."""
+        self.since[1] = 0.0
+        for windows in (self.predicted_degC, self.moved_K, self.predicted_moved_K, self.first_law_W):
+            windows[:] = np.nan
+
+    def forget(self) -> None:
+        """Forget all readings, predictions and marks."""
+        self.begin_again()
+        self.mean_degC[:] = self.law_W[:] = np.nan
+        for mark in (self.silent, self.at_fault, self.answering):
+            mark[:] = 0.0
+
+    def note(self, read_degC: FloatArray, predicted_degC: FloatArray) -> int:
+        """Take in a step's readings (s,), NaN where none came, and predictions (w, s).
+
+        Return which prediction is to begin again from the estimate, or -1.
+        """
+        present = np.isfinite(read_degC)
+        mean_degC = self.mean_degC + (read_degC - self.mean_degC) / _SMOOTH_STEPS
+        np.copyto(self.mean_degC, np.where(np.isnan(mean_degC), read_degC, mean_degC), where=present)
+        begins = present & np.isnan(self.predicted_degC)
+        predicted = self.predicted_degC + (predicted_degC - self.predicted_degC) / _SMOOTH_STEPS
+        np.copyto(self.predicted_degC, np.where(begins, predicted_degC, predicted), where=present)
+        np.copyto(self.first_degC, self.mean_degC, where=begins)
+        np.copyto(self.first_predicted_degC, predicted_degC, where=begins)
+        for moved_K, now, first in (
+            (self.moved_K, self.mean_degC, self.first_degC),
+            (self.predicted_moved_K, self.predicted_degC, self.first_predicted_degC),
+        ):
+            np.copyto(moved_K, 0.0, where=begins)
+            np.copyto(moved_K, np.maximum(moved_K, np.abs(now - first)), where=present)
+        count = int(self.since[1])
+        self.since[1] += 1.0
+        if count % _BEGIN_STEPS:
+            return -1
+        begun = count // _BEGIN_STEPS % PREDICTIONS
+        self.predicted_degC[begun] = self.moved_K[begun] = self.predicted_moved_K[begun] = np.nan
+        self.first_law_W[begun] = np.nan
+        return begun
+
+    def note_laws(self, law_W: FloatArray, sigma_W: FloatArray, span_s: float) -> None:
+        """Take in the laws (h,) over the last `span_s`, and the standard deviations of their heats.
+
+        A law has changed since a prediction began where its mean has left what its heat may be.
+        """
+        mean_W = self.law_W + (law_W - self.law_W) / _LAW_STEPS
+        self.law_W[:] = np.where(np.isfinite(mean_W), mean_W, law_W)
+        begins = np.isnan(self.first_law_W)
+        np.copyto(self.first_law_W, self.law_W, where=begins)
+        np.copyto(self.first_sigma_W, sigma_W, where=begins)
+        changed = np.any(np.abs(self.law_W - self.first_law_W) > _LAW_SIGMA * self.first_sigma_W)
+        self.since[0] = 0.0 if changed else self.since[0] + span_s
+
+    def judge(self, noise_K: FloatArray) -> None:
+        """Mark which sensors, of such noise (s,), answer the laws."""
+        if self.since[0] > _ASKED_AFTER_S:
+            return
+        constant_K = _CONSTANT_SIGMA * _SMOOTH_NOISE * noise_K
+        least_K = np.maximum(_ASKED_K, _ASKED_TIMES * constant_K)
+        asked = self.predicted_moved_K > least_K
+        constant = asked & (self.moved_K < constant_K)
+        answers = asked & (self.moved_K > _ANSWER_SHARE * self.predicted_moved_K)
+        self.answering[:] = np.any(answers, axis=0) & ~np.any(constant, axis=0)
+        all_constant = _rms(self.moved_K / constant_K) < _ALL_CONSTANT
+        none_answers = bool(np.any(all_constant & (_rms(self.predicted_moved_K / least_K) > _ALL_ASKED)))
+        unanswered = np.any(constant, axis=0) | none_answers
+        self.silent[:] = ((self.silent > 0.0) | unanswered) & (self.answering == 0.0)
+        sure = constant & (self.predicted_moved_K > _SURE_TIMES * least_K)
+        self.at_fault[:] = np.any(sure, axis=0)
+
+    def sensor_at_fault(self, taken: BoolArray) -> int:
+        """Return the only one of the sensors taken that does not answer while others do, or -1."""
+        sure = np.flatnonzero((self.at_fault > 0.0) & taken)
+        alone = len(sure) == 1 and self.silent[taken].sum() == 1.0
+        return int(sure[0]) if alone and self.answering[taken].sum() > 1.0 else -1
+
+
+def _rms(windows: FloatArray) -> FloatArray:
+    """Return the root mean square over the readings of each prediction, NaN unless there are two."""
+    count = np.isfinite(windows).sum(axis=1)
+    squares = np.where(np.isfinite(windows), np.square(windows), 0.0).sum(axis=1)
+    return np.asarray(np.where(count > 1, np.sqrt(squares / np.maximum(count, 1)), np.nan))
