@@ -330,7 +330,7 @@ def warm_enough(limits: Limits, j: int, values: FloatArray, air_degC: float) -> 
     to the value read as °F.
     """
     column, above_K = values[:, j], limits.above_K
-    hot = (column - air_degC > above_K[j]) & (column - air_degC <= WARMED * above_K[j])
+    hot: BoolArray = (column - air_degC > above_K[j]) & (column - air_degC <= WARMED * above_K[j])
     if not hot.any():
         return hot
     others = np.array([k for k in np.flatnonzero(np.isfinite(above_K)) if k != j], int)
@@ -343,7 +343,7 @@ def warm_enough(limits: Limits, j: int, values: FloatArray, air_degC: float) -> 
     sure_from = np.maximum.accumulate(np.where(sure[rows], np.arange(len(rows)), -1))
     credible = np.zeros(len(column), bool)
     credible[rows] = sure_from >= begins[stretch]
-    return hot & credible
+    return np.asarray(hot & credible)
 
 
 def stroke_of_m(config: Config, stroke_m: tuple[float, float] | None) -> float:

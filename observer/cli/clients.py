@@ -24,6 +24,7 @@ from observer.cli.options import (
     SecondsOption,
     TimeoutOption,
 )
+from observer.cli.output import echo, print_for_people
 from observer.errors import UserError
 from observer.process import shutdown
 
@@ -86,11 +87,9 @@ def _print_answer(
 ) -> NoReturn:
     """Print the answer of a service, for people or as JSON, and leave with 0 if that is good, else 1."""
     if answer.document is not None and for_people is not None:
-        from rich.console import Console
-
-        Console(highlight=False, markup=False).print(for_people(answer.document))
+        print_for_people(for_people(answer.document))
     else:
-        typer.echo(answer.problem if answer.document is None else json.dumps(answer.document))
+        echo(answer.problem if answer.document is None else json.dumps(answer.document))
     shutdown.leave(0 if answer.document is not None and is_good(answer.document) else 1)
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from observer.cli.options import with_parameters
-from observer.cli.output import counting, warn
+from observer.cli.output import counting, echo, warn
 from observer.errors import UserError
 
 if TYPE_CHECKING:
@@ -150,12 +150,12 @@ def _run(
         raise KeyboardInterrupt(f"ended with {len(rows)} of {len(jobs)} done") from None
     failures = conclude(options.output, rows)
     earlier = f", {before} of them before" if before else ""
-    typer.echo(f"{len(rows) - len(failures)} done{earlier}, {len(failures)} could not be done")
+    echo(f"{len(rows) - len(failures)} done{earlier}, {len(failures)} could not be done")
     warn([row["problem"] for row in failures[:MOST_SHOWN]])
     if len(failures) > MOST_SHOWN:
         warn([f"… and {len(failures) - MOST_SHOWN} more, in results.parquet"])
     each = "each machine" if options.verb in OF_SEVERAL else "each log"
-    typer.echo(f"written to {output}: {each} in its folder, results.parquet, report.html")
+    echo(f"written to {output}: {each} in its folder, results.parquet, report.html")
     if failures:
         raise typer.Exit(2 if len(failures) == len(rows) else 1)
 
@@ -178,7 +178,7 @@ def _ended_by_signals(verb: Verb) -> Iterator[None]:
         yield
     except KeyboardInterrupt as ended:
         outcome = str(ended) or "ended"
-        typer.echo(f"observer: fleet {verb}: {outcome}; the same command continues with the rest", err=True)
+        echo(f"observer: fleet {verb}: {outcome}; the same command continues with the rest", err=True)
         leave(128 + received[0])
     finally:
         for number, handler in before.items():

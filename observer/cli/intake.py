@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from observer.cli.output import warn
+from observer.cli.output import echo, warn
 from observer.errors import UserError
 
 verbs = typer.Typer()
@@ -54,7 +54,7 @@ def import_(
 
     if extract is not None:
         written = parts.extract_log(file, None if config is None else load(config), extract)
-        typer.echo(f"{written} bytes written to {extract}; read them before you send them")
+        echo(f"{written} bytes written to {extract}; read them before you send them")
         if output is None:
             return
     if config is None or output is None:
@@ -65,12 +65,12 @@ def import_(
         widths = [max(len(line[i]) for line in lines) for i in range(3)]
         for line in lines:
             cells = [cell.ljust(width) for cell, width in zip(line[:3], widths, strict=True)]
-            typer.echo("  ".join([*cells, *line[3:]]).rstrip())
+            echo("  ".join([*cells, *line[3:]]).rstrip())
 
     def agree(found: Proposal) -> bool:
         show(found)
         for key, doubt in found.asked.items():
-            typer.echo(f"doubtful: {key}: {doubt}")
+            echo(f"doubtful: {key}: {doubt}")
         return typer.confirm("Is that right?", default=False)
 
     asks = not yes and sys.stdin.isatty()
@@ -81,7 +81,7 @@ def import_(
     warn([*found.log.doubts, *(words.text for words in found.log.words)])
     log = found.log
     span_s = float(log.time_s[-1] - log.time_s[0])
-    typer.echo(f"{len(log)} rows over {span_s:.6g} s written to {output}")
+    echo(f"{len(log)} rows over {span_s:.6g} s written to {output}")
     if found.zoneless:
-        typer.echo("the times have no zone and were taken as they are; --timezone converts them to UTC")
-    typer.echo(f"such files are read directly with this in the configuration:\n{found.table}")
+        echo("the times have no zone and were taken as they are; --timezone converts them to UTC")
+    echo(f"such files are read directly with this in the configuration:\n{found.table}")

@@ -16,7 +16,7 @@ from observer.cli.options import (
     accepting,
     assignments,
 )
-from observer.cli.output import advancing, counting, show, show_sentence, warn, warn_of_paths
+from observer.cli.output import advancing, counting, echo, show, show_sentence, warn, warn_of_paths
 from observer.errors import UserError
 
 verbs = typer.Typer()
@@ -45,16 +45,16 @@ def replay(
             **accept,
         )
     if summary["start"] != "cold":
-        typer.echo(f"start: {summary['start']}")
+        echo(f"start: {summary['start']}")
     quality = ", ".join(f"{n} {name}" for name, n in summary["quality"].items() if n)
-    typer.echo(f"{summary['rows']} estimates over {summary['duration_s']:.6g} s: {quality}")
+    echo(f"{summary['rows']} estimates over {summary['duration_s']:.6g} s: {quality}")
     for name, mean_W in summary["heat_mean_W"].items():
-        typer.echo(f"  {name}: {'unknown' if mean_W is None else f'{mean_W:.2f} W'} on average")
+        echo(f"  {name}: {'unknown' if mean_W is None else f'{mean_W:.2f} W'} on average")
     for reason, steps in summary["reasons"].items():
-        typer.echo(f"not good in {steps} estimates: {reason}", err=True)
+        echo(f"not good in {steps} estimates: {reason}", err=True)
     warn(summary["doubts"])
     warn_of_paths(summary["nut_path"])
-    typer.echo(f"written to {output}: estimates.{format}, summary.json, overview.png")
+    echo(f"written to {output}: estimates.{format}, summary.json, overview.png")
 
 
 @verbs.command()
@@ -94,7 +94,7 @@ def forecast(
     for line in lines:
         show_sentence(line)
     warn(doubts)
-    typer.echo(f"written to {output}: forecast.csv, forecast.json, forecast.png")
+    echo(f"written to {output}: forecast.csv, forecast.json, forecast.png")
 
 
 @verbs.command()
@@ -157,13 +157,13 @@ def identify(
             report=asked if report or every_m is not None else None,
             **accept,
         )
-    typer.echo(f"{summary['rows']} rows over {summary['duration_s']:.6g} s by {method}")
+    echo(f"{summary['rows']} rows over {summary['duration_s']:.6g} s by {method}")
     for name, mean_W in summary["heat_mean_W"].items():
         sigma_W = summary["heat_sigma_mean_W"][name]
-        typer.echo(f"  {name}: {mean_W:.2f} W on average, σ {sigma_W:.2f} W at a time")
+        echo(f"  {name}: {mean_W:.2f} W on average, σ {sigma_W:.2f} W at a time")
     warn([*summary["warnings"], *summary["doubts"]])
     warn_of_paths(summary["nut_path"])
-    typer.echo(f"written to {output}: heat.csv, summary.json, heat.png")
+    echo(f"written to {output}: heat.csv, summary.json, heat.png")
 
 
 @verbs.command()
@@ -202,7 +202,7 @@ def simulate(
             raise UserError("simulate: the steady state does not depend on --start-degc; leave it out")
         found = parts.simulate_steady(load(config), assignments(at or []), program, output)
         show(found.figures, as_json=False, as_text=case_as_table)
-        typer.echo(f"written to {output}: steady.csv, steady.json, steady.png")
+        echo(f"written to {output}: steady.csv, steady.json, steady.png")
         return
     if at:
         raise UserError("simulate: --at belongs to --steady; a program has its inputs as columns")
@@ -215,9 +215,9 @@ def simulate(
         f"{s.name} {t:.2f} {'°C' if s.kind == 'temperature' else 'µm'}"
         for s, t in zip(settings.sensor, last, strict=True)
     )
-    typer.echo(f"at the end: {ends}")
+    echo(f"at the end: {ends}")
     warn(doubts)
-    typer.echo(f"written: {output}, {output.parent / 'overview.png'}")
+    echo(f"written: {output}, {output.parent / 'overview.png'}")
 
 
 @verbs.command()
@@ -247,7 +247,7 @@ def compare(
     show(found, as_json=False, as_text=comparison_as_text)
     for sentence in found.sentences:
         show_sentence(sentence)
-    typer.echo(f"written to {output}: compare.csv, compare.json, compare.png")
+    echo(f"written to {output}: compare.csv, compare.json, compare.png")
 
 
 @verbs.command()
@@ -263,17 +263,17 @@ def calibrate(
         result = parts.calibrate(log, config, output, progress)
     for key, fitted in result["calibrated"].items():
         low, high = fitted["ci95"]
-        typer.echo(f"{key} = {fitted['value']:g} ({low:g} … {high:g}), was {fitted['before']:g}")
+        echo(f"{key} = {fitted['value']:g} ({low:g} … {high:g}), was {fitted['before']:g}")
     for regimes in result["nut_path"].values():
         warn_of_paths(regimes)
     warn([*result["not_told"], *result["doubts"]])
     for key, value in (result["left"] | result["process_noise"]).items():
-        typer.echo(f"{key} = {value:g}")
+        echo(f"{key} = {value:g}")
     gap = result["gap"]
-    typer.echo(f"open-loop gap {gap['before_rms_K']:g} K rms before, {gap['after_rms_K']:g} K after")
+    echo(f"open-loop gap {gap['before_rms_K']:g} K rms before, {gap['after_rms_K']:g} K after")
     if result["kept"] is not None:
         show_sentence(result["kept"])
-    typer.echo(f"written to {output}: config.toml, calibration.json")
+    echo(f"written to {output}: config.toml, calibration.json")
 
 
 @verbs.command()
@@ -282,8 +282,8 @@ def learned(config: ConfigOption, output: OutputOption) -> None:
     from observer import app as parts
 
     for key, (value, sigma) in parts.learned(config, output).items():
-        typer.echo(f"{key} = {value:.5g} ± {sigma:.2g}")
-    typer.echo(f"written to {output}: config.toml, learned.json")
+        echo(f"{key} = {value:.5g} ± {sigma:.2g}")
+    echo(f"written to {output}: config.toml, learned.json")
 
 
 @verbs.command()
@@ -313,17 +313,17 @@ def discover(
         found, result = parts.discover(config, log or [], output, progress, recent_s=recent_s)
     if recent is not None:
         for name in result["logs"]:
-            typer.echo(f"searched: {name}")
+            echo(f"searched: {name}")
     warn(result["doubts"])
     for sentence in as_sentences(found, result):
         show_sentence(sentence)
     offered = result["partial"] is not None and result["partial"]["candidate"] is not None
     more = "config.toml, " if result["effects"] else "candidate.toml, " if offered else ""
-    typer.echo(f"written to {output}: {more}result.json, report.html")
+    echo(f"written to {output}: {more}result.json, report.html")
     step = result["next"]
     show_sentence(f"next: {step['text']}{':' if step['command'] else '.'}")
     if step["command"]:
-        typer.echo(f"  {step['command']}")
+        echo(f"  {step['command']}")
 
 
 @verbs.command()
@@ -350,10 +350,10 @@ def adopt(
 
     if folder is None:
         found = adoptions.undo(config) if undo else adoptions.adoption_of(config)
-        typer.echo(f"{config}: " + ("nothing was adopted" if found is None else found.sentence()))
+        echo(f"{config}: " + ("nothing was adopted" if found is None else found.sentence()))
         return
     adoption = adoptions.adopt(folder, config, hours, time.time(), candidate=candidate)
-    typer.echo(
+    echo(
         f"{config} is now the configuration of {folder}; the previous one is in {adoption.before}.\n"
         f"A running service puts it in force within seconds, monitors the gap for {hours:g} h of running, "
         "and reverts it if the gap has not shrunk."

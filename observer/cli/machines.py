@@ -20,7 +20,7 @@ from observer.cli.options import (
     picture,
     with_parameters,
 )
-from observer.cli.output import advancing, counting, say, show
+from observer.cli.output import advancing, counting, echo, say, show
 from observer.errors import UserError
 from observer.process import shutdown
 
@@ -149,11 +149,11 @@ def init(
 
     def ask(name: str, usual: str | None, trouble: str) -> str:
         if trouble:
-            typer.echo(trouble)
+            echo(trouble)
         return str(typer.prompt(_QUESTIONS[name], default=usual))
 
     write_new(output, given, ask if sys.stdin.isatty() else None)
-    typer.echo(
+    echo(
         f'written: {output}. Values marked "look" in it are typical ones. Next:\n'
         f"  observer check --config {output}           what it means\n"
         f"  observer check --config {output} --wires   what each device delivers\n"
@@ -314,8 +314,8 @@ def export(
             kind = f"{format}-single" if single else format
             made = parts.export(load(config), kind, output, log, progress)
     for line in made.facts:
-        typer.echo(line)
-    typer.echo(f"written to {output}: {', '.join(made.names)}")
+        echo(line)
+    echo(f"written to {output}: {', '.join(made.names)}")
 
 
 @verbs.command()
@@ -336,4 +336,4 @@ def service(
     from observer.installation.unit import service as installed
 
     for line in installed(config or [], root, dry_run=dry_run):
-        typer.echo(line)
+        echo(line)

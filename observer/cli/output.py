@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import unicodedata
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from io import StringIO
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.progress import Progress
 
+_COMMANDING = {"Cc", "Cf", "Cs", "Zl", "Zp"}
+"""The categories of characters that command a terminal or the order of a text."""
 _REGIMES = {
     "points": "the position of {name} is sampled fewer than 2.5 times per traverse; its heat is spread "
     "over the positions sampled in the last 20 s",
@@ -27,21 +30,39 @@ _REGIMES = {
 }
 
 
+def printable(text: str) -> str:
+    """Return a text in which control characters, but line breaks and tabs, are written as escapes.
+
+    A name in a file can hold a terminal's commands, or signs that reverse the order of what follows.
+    """
+    return "".join(
+        character.encode("unicode_escape", "surrogatepass").decode("ascii")
+        if unicodedata.category(character) in _COMMANDING and character not in "\n\t"
+        else character
+        for character in text
+    )
+
+
+def echo(text: str, *, err: bool = False) -> None:
+    """Print a text for people; what cannot be printed appears as escapes."""
+    typer.echo(printable(text), err=err)
+
+
 def say(error: UserError) -> None:
     """Print the sentence of the error that ends a command."""
     sys.stdout.flush()
-    print(_fitted(f"observer: {error}", sys.stderr), file=sys.stderr)
+    echo(_fitted(f"observer: {error}", sys.stderr), err=True)
 
 
 def warn(sentences: list[str]) -> None:
     """Print what is doubtful about a result."""
     for sentence in sentences:
-        typer.echo(_fitted(f"warning: {sentence}", sys.stderr), err=True)
+        echo(_fitted(f"warning: {sentence}", sys.stderr), err=True)
 
 
 def show_sentence(sentence: str) -> None:
     """Print a sentence."""
-    typer.echo(_fitted(sentence, sys.stdout))
+    echo(_fitted(sentence, sys.stdout))
 
 
 def _fitted(text: str, stream: TextIO) -> str:
@@ -62,7 +83,7 @@ def warn_of_paths(regimes: dict[str, str]) -> None:
     """Print the nuts whose path is not in the log."""
     for name, regime in regimes.items():
         if regime != "path":
-            typer.echo(f"warning: {_REGIMES[regime].format(name=name)}", err=True)
+            echo(f"warning: {_REGIMES[regime].format(name=name)}", err=True)
 
 
 class _Shown:
@@ -121,8 +142,19 @@ def _bar() -> Progress:
 def show(found: Any, as_json: bool, as_text: Callable[[Any], RenderableType]) -> None:
     """Print what was found, for programs or for people."""
     if as_json:
-        typer.echo(json.dumps(found, indent=2, allow_nan=False))
+        echo(json.dumps(found, indent=2, allow_nan=False))
         return
-    from rich.console import Console
+    print_for_people(as_text(found))
 
-    Console(highlight=False).print(as_text(found))
+
+def print_for_people(text: RenderableType) -> None:
+    """Print a table or a text of rich, which names from files cannot style."""
+    from rich.console import Console
+    from rich.segment import Segment
+
+    class PrintableConsole(Console):
+        def render(self, *arguments: Any, **options: Any) -> Iterator[Segment]:
+            for segment in super().render(*arguments, **options):
+                yield segment._replace(text=printable(segment.text)) if not segment.control else segment
+
+    PrintableConsole(highlight=False).print(text)

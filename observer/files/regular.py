@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
 import tomllib
 from pathlib import Path
@@ -12,7 +13,12 @@ from observer.errors import ConfigError, LogError, UserError
 
 MOST_BYTES = 4_000_000
 """Of a configuration or a record of an adoption."""
-MOST_DEPTH = 24
+MOST_DEPTH, MOST_ENTRIES = 24, 50_000
+_KEY_PART = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
+_LONG_KEY = re.compile(
+    rf"(?:^|[{{,])[ \t\[]*+{_KEY_PART}(?:[ \t]*+\.[ \t]*+{_KEY_PART}){{{MOST_DEPTH}}}", re.MULTILINE
+)
+"""A key of more parts; the parser's time grows with the square of their number."""
 MOST_LOG_BYTES = 1 << 30
 """Of a log, on disk and unpacked: a day at 20 Hz of twenty channels has a third of it as text."""
 
@@ -59,7 +65,10 @@ def read_regular(path: Path, most_bytes: int, what: str) -> bytes:
 def read_toml(path: Path, what: str = "a configuration with --config") -> dict[str, Any]:
     """Return the table of a TOML file, `what` it is to be. Raises `ConfigError`."""
     try:
-        table = tomllib.loads(read_regular(path, MOST_BYTES, "a TOML file").decode("utf-8"))
+        text = read_regular(path, MOST_BYTES, "a TOML file").decode("utf-8")
+        if _LONG_KEY.search(text):
+            raise ConfigError(f"{path}: holds more than {MOST_DEPTH} nested tables; a configuration is flat")
+        table = tomllib.loads(text)
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file; give the path of {what}") from None
     except UnicodeDecodeError as error:
@@ -74,23 +83,29 @@ def read_toml(path: Path, what: str = "a configuration with --config") -> dict[s
     except ValueError as error:  # not TOML, a number of thousands of digits, a path that no file can have
         reason = one_line(str(error))
         raise ConfigError(f"{path}: not valid TOML ({reason}); fix that line") from None
-    if _depth(table) > MOST_DEPTH:
+    depth, entries = _extent(table)
+    if depth > MOST_DEPTH:
         raise ConfigError(f"{path}: holds more than {MOST_DEPTH} nested tables; a configuration is flat")
+    if entries > MOST_ENTRIES:
+        raise ConfigError(f"{path}: holds more than {MOST_ENTRIES} keys and values; give {what}")
     return table
 
 
-def _depth(table: Any) -> int:
-    """How deep tables and lists lie in each other; counted without recursion, and no further than needed."""
-    level, depth = [table], 0
+def _extent(table: Any) -> tuple[int, int]:
+    """How deep tables and lists lie in each other, and the entries they have; counted without recursion, and
+    no deeper than needed.
+    """
+    level, depth, entries = [table], 0, 0
     while level and depth <= MOST_DEPTH:
         depth += 1
+        entries += sum(map(len, level))
         level = [
             inner
             for one in level
             for inner in (one.values() if isinstance(one, dict) else one)
             if isinstance(inner, dict | list)
         ]
-    return depth
+    return depth, entries
 
 
 def read_named(path: Path, key: str, *, secret: bool = False) -> bytes:

@@ -77,7 +77,8 @@ class _Check:
     def _rename(self, path: Path) -> None:
         """Report an unknown key, and give it the name that was probably meant; without one, remove it."""
         *place, key = path
-        close = _closest(str(key).lower()[:80], _keys_at(place, self._table, self._model))
+        listed = len(self.typos) < _MOST_LISTED
+        close = listed and _closest(str(key).lower()[:80], _keys_at(place, self._table, self._model))
         question = f" (did you mean {close}?)" if close else ""
         self.typos[path, f"unknown key{question}; remove it or correct its name"] = None
         holder = _holder(self._table, path)

@@ -190,7 +190,7 @@ STATE_DIRECTORY = "STATE_DIRECTORY"
 class RecordSettings(Section):
     """Where the lossless log of the daemon goes."""
 
-    directory: Path | None = None  #: where the recordings go; – records nothing
+    directory: File | None = None  #: where the recordings go; – records nothing
     rotate_MB: Positive = 64.0  #: a new file begins at this size
     sync_s: Positive = 5.0  #: the file is forced to disk this often
     #: complete files whose last row is older than this are removed; – is no limit
@@ -207,7 +207,7 @@ class Checkpoint(Section):
 
     enabled: bool = True  #: whether the state is saved
     #: its folder; – is the recordings' directory, else systemd's `$STATE_DIRECTORY`, else it is off
-    directory: Path | None = None
+    directory: File | None = None
     period_s: Annotated[float, Field(ge=0.1, le=3600)] = 10.0  #: how often; once more at the end
     oldest_s: Annotated[float, Field(gt=0, le=86_400)] = 900.0  #: an older one is ignored at the start
 
