@@ -163,7 +163,8 @@ def identify(
         echo(f"  {name}: {mean_W:.2f} W on average, σ {sigma_W:.2f} W at a time")
     warn([*summary["warnings"], *summary["doubts"]])
     warn_of_paths(summary["nut_path"])
-    echo(f"written to {output}: heat.csv, summary.json, heat.png")
+    with_report = ", report.csv, report.png" if report or every_m is not None else ""
+    echo(f"written to {output}: heat.csv, summary.json, heat.png{with_report}")
 
 
 @verbs.command()

@@ -8,6 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 from typing import Any
+from uuid import NAMESPACE_URL, uuid5
 
 import numpy as np
 
@@ -62,11 +63,31 @@ def _slot_bytes(slot: Slot, real: int) -> int:
 
 
 def write_st(form: Form, folder: Path, real: str = "LREAL") -> list[str]:
-    """Write the function block and a README; return their names."""
+    """Write the function block as text and for TwinCAT, and a README; return their names."""
     first = next(slot.labels for slot in form.slots if slot.name == "reading")[0]
     more = {"first": first, "block": block_name(form), "real": real}
-    texts = {f"{block_name(form)}.st": structured_text(form, real), README: readme("st.md", form, more)}
+    name, text = block_name(form), structured_text(form, real)
+    texts = {
+        f"{name}.st": text,
+        f"{name}.TcPOU": twincat_file(name, text),
+        README: readme("st.md", form, more),
+    }
     return write_texts(folder, texts)
+
+
+def twincat_file(name: str, text: str) -> str:
+    """Return a function block's text as the XML file of a TwinCAT 3 project."""
+    declaration, end, body = text.rpartition("END_VAR\n")
+    body = body.removesuffix("END_FUNCTION_BLOCK\n")
+    declared, body = (part.replace("]]>", "]]]]><![CDATA[>") for part in (declaration + end, body))
+    identity = uuid5(NAMESPACE_URL, text)
+    return (
+        '<?xml version="1.0" encoding="utf-8"?>\n<TcPlcObject Version="1.1.0.1">\n'
+        f'  <POU Name="{name}" Id="{{{identity}}}" SpecialFunc="None">\n'
+        f"    <Declaration><![CDATA[{declared}]]></Declaration>\n"
+        f"    <Implementation>\n      <ST><![CDATA[{body}]]></ST>\n    </Implementation>\n"
+        "  </POU>\n</TcPlcObject>\n"
+    )
 
 
 def write_fmus(observer: Form, model: Form, folder: Path) -> tuple[list[str], list[str]]:

@@ -21,6 +21,8 @@ from observer.tables.estimator import EstimatorSettings
 
 _EXPLAINED = 1.2
 """Up to this multiple of the noise's own misfit, heats explain a log."""
+_LEAST_RANGE_K = 1.0
+"""The range of temperatures that counts as such: more than rounding or noise, less than what diverges."""
 _LIKELY = 3.0
 """A tolerance that is off by more of its standard deviations is wrong, or something else is."""
 
@@ -87,17 +89,17 @@ def refuse_diverged(history: HeatHistory, blocks: Sequence[Inputs], most_W: floa
     temperatures_degC = np.concatenate(
         [values.ravel() for block in blocks for values in (block.y_degC[block.usable], block.z_end)]
     )
-    range_K = float(np.ptp(temperatures_degC[np.isfinite(temperatures_degC)]))
+    range_K = max(float(np.ptp(temperatures_degC[np.isfinite(temperatures_degC)])), _LEAST_RANGE_K)
     if heat_W > most_W:
         fact = f"a heat is {heat_W:.3g} W (r.m.s.), and no screw takes more than {most_W:.3g} W"
     elif residual_K > range_K:
         fact = f"it misses a sensor by {residual_K:.3g} K (r.m.s.), more than without any heat"
     else:
         return
-    raise UserError(
-        f"{method} has diverged: {fact}; use --method smoother, or longer steps and sensors nearer to the "
-        "sources"
-    )
+    remedy = "use --method smoother, or longer steps and sensors nearer to the sources"
+    if method == "smoother":
+        remedy = "compare the configuration with the machine (`observer check`, `observer calibrate`)"
+    raise UserError(f"{method} has diverged: {fact}; {remedy}")
 
 
 def _largest_rms(columns: FloatArray) -> float:

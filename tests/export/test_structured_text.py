@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from observer.errors import ConfigError
 from observer.export.data import observer_form
 from observer.export.form import Form
 from observer.export.structured_text import structured_text
+from observer.export.write import twincat_file, write_st
 from tests.export.made import apart, by_python, faulty, nut_machine
 from tests.export.st_interpreter import Block, parsed
 from tests.logs.machines import machine, table
@@ -48,6 +51,33 @@ def test_lines_are_short_enough_for_any_editor() -> None:
     text = structured_text(observer_form(nut_machine()))
     assert max(map(len, text.splitlines())) <= 200
     assert text.isascii()
+
+
+@pytest.mark.parametrize("make", [machine, nut_machine])
+def test_the_file_for_twincat_holds_the_same_declaration_and_body(make: Any, tmp_path: Path) -> None:
+    names = write_st(observer_form(make()), tmp_path)
+    assert names == ["FB_BallscrewObserver.st", "FB_BallscrewObserver.TcPOU", "README.md"]
+    block = ElementTree.parse(tmp_path / names[1]).getroot().find("POU")
+    assert block is not None
+    assert block.get("Name") == "FB_BallscrewObserver"
+    declaration, body = block.findtext("Declaration", ""), block.findtext("Implementation/ST", "")
+    assert f"{declaration}{body}END_FUNCTION_BLOCK\n" == (tmp_path / names[0]).read_text()
+    assert declaration.endswith("END_VAR\n")
+    assert "END_VAR" not in body
+
+
+def test_a_bracket_that_would_end_the_xml_text_survives() -> None:
+    text = "FUNCTION_BLOCK b\nVAR\nEND_VAR\nx := a[b[1]]>2;\nEND_FUNCTION_BLOCK\n"
+    [body] = ElementTree.fromstring(twincat_file("b", text)).iter("ST")
+    assert body.text == "x := a[b[1]]>2;\n"
+
+
+def test_the_readme_says_how_each_tool_takes_the_block_and_that_none_was_tried(tmp_path: Path) -> None:
+    write_st(observer_form(machine()), tmp_path)
+    text = (tmp_path / "README.md").read_text()
+    assert "not tried in any vendor's tool" in text
+    assert "TwinCAT 3: add `FB_BallscrewObserver.TcPOU`" in text
+    assert "CODESYS" in text
 
 
 def test_a_name_that_the_block_needs_is_rejected() -> None:

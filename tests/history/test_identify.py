@@ -24,6 +24,7 @@ from observer.library.profiles import Report
 from tests.reference.cases import config_of, point
 from tests.truth.bar import Bar, End
 
+SPINDLE = Path(__file__).parents[2] / "config" / "lathe-spindle.toml"
 LATHE = Path(__file__).parents[2] / "config" / "li-lathe-axis.toml"
 
 
@@ -205,6 +206,23 @@ def test_a_report_has_temperatures_heats_and_errors_by_time_and_place(tmp_path):
     ]
     assert late[-1]["error_um"] == pytest.approx(sum(growth_um), rel=0.05)
     assert summary["rows"] == 250
+
+
+def test_the_command_lists_the_files_of_a_report(tmp_path):
+    columns = {sensor.channel: np.full(200, 25.0) for sensor in load(SPINDLE).sensor}
+    write_log(tmp_path / "log.csv", 10.0 * np.arange(200), columns)
+    command = [
+        "identify",
+        str(tmp_path / "log.csv"),
+        "--config",
+        str(SPINDLE),
+        "--output",
+        str(tmp_path / "out"),
+    ]
+    done = CliRunner().invoke(cli, [*command, "--every-m", "0.2"])
+    assert done.exit_code == 0, done.exception
+    names = done.stdout.splitlines()[-1].partition(": ")[2].split(", ")
+    assert sorted(names) == sorted(path.name for path in (tmp_path / "out").iterdir())
 
 
 def test_a_report_that_cannot_be_is_refused_in_one_sentence(tmp_path):
