@@ -121,7 +121,9 @@ def test_ico_has_five_times_the_error_of_a_sensible_weight(heat_history: ModuleT
     assert error["ICO"] > 5.0 * error["GCV"]
     assert error["ICO"] > 5.0 * error["discrepancy"]
     assert chosen["ICO"] < 1e-3 * min(a for name, a in chosen.items() if name != "ICO")
-    assert (np.diff(weights.residual_K) > -1e-9).all(), "what ICO looks at only ever falls with α"
+    # the least weights leave half of the digits of what they solve
+    falls = np.diff(weights.residual_K) < -1e-6 * weights.residual_K[1:]
+    assert not falls.any(), "what ICO looks at only ever falls with α"
 
 
 @pytest.mark.parametrize(("page", "name"), [("kims-figures", "kim"), ("heat-history", "heat_history")])
