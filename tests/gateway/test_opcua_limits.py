@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import subprocess
 import sys
 import urllib.request
@@ -104,6 +105,25 @@ async def test_a_session_has_a_limited_number_of_items_and_subscriptions(served)
             await client.create_subscription(500, Handler())
         with pytest.raises(ua.uaerrors.BadTooManySubscriptions):
             await client.create_subscription(500, Handler())
+
+
+async def test_every_requested_interval_becomes_one_between_100_ms_and_a_minute(served):
+    """The request is made by hand, as the client itself refuses to send some of these numbers."""
+    async with Client(served, timeout=PATIENCE_S) as client:
+        for requested_ms in (math.nan, -1.0, 0.0, -math.inf, 5e-324, math.inf, 1e308):
+            request = ua.CreateSubscriptionParameters(
+                RequestedPublishingInterval=requested_ms, RequestedLifetimeCount=100, PublishingEnabled=True
+            )
+            result = await client.uaclient.create_subscription(request, lambda _: None)
+            expected_ms = 60_000.0 if requested_ms > 1e4 else 100.0
+            assert result.RevisedPublishingInterval == expected_ms, requested_ms
+            await client.uaclient.delete_subscriptions([result.SubscriptionId])
+        changes: asyncio.Queue[float] = asyncio.Queue()
+        handler = Handler()
+        handler.datachange_notification = lambda _node, value, _data: changes.put_nowait(value)
+        subscription = await client.create_subscription(0.0, handler)
+        await subscription.subscribe_data_change(await _heat(client), sampling_interval=math.nan)
+        await asyncio.wait_for(changes.get(), PATIENCE_S)
 
 
 async def test_a_connection_has_one_session(served):
