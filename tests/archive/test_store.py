@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from contextlib import suppress
+from itertools import count
 
 import numpy as np
 import pytest
@@ -13,8 +14,10 @@ from observer.archive.pages import LONGEST_S, Pages, Span, time_of
 from observer.archive.store import Archive, UnfinishedError
 from observer.errors import ConfigError, LogError
 from observer.publish.codec import decode, decode_estimate
+from observer.record.recorder import Recorder
 from observer.record.retention import CONFIG_SUFFIX, STATE_SUFFIX
 from tests.archive.lived import BEGIN_S, PERIOD_S, configuration, lived
+from tests.patience import until
 
 
 def _estimates(pages: Pages, from_s: float, to_s: float) -> tuple[list, list[dict]]:
@@ -49,8 +52,16 @@ def month(tmp_path_factory):
     """A recording in many files, in the midst of which the estimator was reset."""
     folder = tmp_path_factory.mktemp("month")
     config = configuration(folder)
+    write_tick, ticks = Recorder.tick, count()
+
+    def tick_in_small_blocks(recorder: Recorder, *arguments: object) -> None:
+        write_tick(recorder, *arguments)
+        if next(ticks) % 10 == 0:  # rows that come later are in another block, however late the thread is
+            until(lambda: not recorder._queue)
+
     with pytest.MonkeyPatch.context() as patch:  # many blocks, as those of hours
         patch.setattr("observer.record.recorder._BATCH_S", 0.002)
+        patch.setattr(Recorder, "tick", tick_in_small_blocks)
         estimates, readings, _ = lived(config, 1200, rotate_bytes=20_000, resets=(700,))
     assert len(list(folder.glob("*.csv"))) > 5
     return config, estimates, readings

@@ -168,7 +168,10 @@ def test_a_burst_of_viewers_is_admitted_up_to_the_limit():
 
 
 def _status(connection: socket.socket) -> bytes:
-    """The status of an answer, nothing where the connection is refused."""
+    """The status of an answer, nothing where the connection is reset.
+
+    A server that is held up takes all connections before it reads a request; of more than 100 the oldest go.
+    """
     try:
         return connection.recv(65536)[9:12]
     except ConnectionResetError:
