@@ -10,6 +10,8 @@ MOST_BEYOND, MOST_WRONG = 0.005, 0.01
 """Of the good steps, beyond the bound and beyond 3 σ."""
 LEAST_GOOD, MOST_OUT_A_MONTH = 0.97, 1.0
 """Where nothing is wrong."""
+MOST_MACHINES_BEYOND = 0.01
+"""Of those where nothing is wrong, with a good step beyond the bound."""
 MOST_BOUND = 3.0
 """Of the 95 % half width of the error."""
 NOTICED_S = 60.0
@@ -49,6 +51,9 @@ def _short_of(name: str, group: str, own: list[Row]) -> list[str]:
 
 def _short_without_fault(own: list[Row], good: float, out_a_month: float) -> list[str]:
     found = []
+    having = sum(float(r["beyond"] or 0) > 0.0 for r in own)
+    if having > MOST_MACHINES_BEYOND * len(own):
+        found.append(f"a good step beyond the bound on {having} of {len(own)}")
     if good < LEAST_GOOD:
         found.append(f"{100 * good:.1f} % good")
     if out_a_month > MOST_OUT_A_MONTH:

@@ -18,6 +18,7 @@ from rich.console import Console
 from campaigns.integrity.catalogue import GROUP_OF, GROUPS, HOUSINGS, NEW_PROGRAM, NONE, catalogue
 from campaigns.integrity.judge import Verdict, judged
 from campaigns.integrity.promise import MONTH_H, Row, short_of, total
+from campaigns.integrity.rates import caption, note_run, rates
 from campaigns.resumable import go_on, read_rows, show
 
 MACHINES, CALM, NEW_PROGRAMS, HOUSED = 12, 300, 48, 4
@@ -27,6 +28,7 @@ sensors on housings have each of theirs.
 COLUMNS = ("fault", "machine", *Verdict._fields)
 DOCS = Path(__file__).parents[2] / "docs"
 RESULTS, PAGE = DOCS / "integrity" / "results.csv", DOCS / "explanation" / "integrity.md"
+RATE_MARKS = ("<!-- how often the bound failed, written by make integrity -->", "<!-- end of the rates -->")
 MARKS = ("<!-- the campaign's table, written by make integrity -->", "<!-- its end -->")
 
 
@@ -196,15 +198,19 @@ def main() -> None:
         return
     folder: Path | None = options.folder
     results, page = (folder / "results.csv", folder / "table.md") if folder else (RESULTS, PAGE)
-    if options.anew:
+    measured = results.with_name("run.json")
+    if options.anew or not results.exists():
         results.unlink(missing_ok=True)
+        note_run(measured)
     done = {(r["fault"], int(r["machine"])) for r in read_rows(results)}
     wanted = [(name, n) for name in names for n in machines_of(name)[: options.machines]]
     wanted.sort(key=lambda what: what[1])  # a machine's day is made once for all of its faults
     go_on([w for w in wanted if w not in done], tried, results, Console(stderr=True), options.workers)
     rows = read_rows(results)
-    show(page, table(rows), MARKS)
-    print(table(rows), *short_of(rows), sep="\n")
+    show(page, f"{caption(measured)}\n\n{table(rows)}", MARKS)
+    if page == PAGE:
+        show(page, f"{caption(measured)}\n\n{rates(rows)}", RATE_MARKS)
+    print(table(rows), rates(rows), *short_of(rows), sep="\n")
 
 
 if __name__ == "__main__":

@@ -117,22 +117,26 @@ class Answers(NamedTuple):
         changed = np.any(np.abs(self.law_W - self.first_law_W) > _LAW_SIGMA * self.first_sigma_W)
         self.since[0] = 0.0 if changed else self.since[0] + span_s
 
-    def judge(self, noise_K: FloatArray) -> None:
-        """Mark which sensors, of such noise (s,), answer the laws."""
+    def judge(self, constant_K: FloatArray, asked_K: FloatArray) -> None:
+        """Mark which sensors answer the laws.
+
+        A reading within `constant_K` (s,) is constant; a prediction that moves beyond `asked_K` (s,) asks.
+        """
         if self.since[0] > _ASKED_AFTER_S:
             return
-        constant_K = _CONSTANT_SIGMA * _SMOOTH_NOISE * noise_K
-        least_K = np.maximum(_ASKED_K, _ASKED_TIMES * constant_K)
-        asked = self.predicted_moved_K > least_K
-        constant = asked & (self.moved_K < constant_K)
-        answers = asked & (self.moved_K > _ANSWER_SHARE * self.predicted_moved_K)
-        self.answering[:] = np.any(answers, axis=0) & ~np.any(constant, axis=0)
-        all_constant = _rms(self.moved_K / constant_K) < _ALL_CONSTANT
-        none_answers = bool(np.any(all_constant & (_rms(self.predicted_moved_K / least_K) > _ALL_ASKED)))
-        unanswered = np.any(constant, axis=0) | none_answers
+        self.answering[:] = self.at_fault[:] = 0.0
+        asked = self.predicted_moved_K / asked_K
+        if not (asked > _ALL_ASKED).any():
+            return
+        still = self.moved_K / constant_K
+        constant = (asked > 1.0) & (still < 1.0)
+        answers = (asked > 1.0) & (self.moved_K > _ANSWER_SHARE * self.predicted_moved_K)
+        unanswered: BoolArray = np.any(constant, axis=0)
+        self.answering[:] = np.any(answers, axis=0) & ~unanswered
+        if _none_answers(asked, still):
+            unanswered[:] = True
         self.silent[:] = ((self.silent > 0.0) | unanswered) & (self.answering == 0.0)
-        sure = constant & (self.predicted_moved_K > _SURE_TIMES * least_K)
-        self.at_fault[:] = np.any(sure, axis=0)
+        self.at_fault[:] = (constant & (asked > _SURE_TIMES)).any(axis=0)
 
     def sensor_at_fault(self, taken: BoolArray) -> int:
         """Return the only one of the sensors taken that does not answer while others do, or -1."""
@@ -141,8 +145,15 @@ class Answers(NamedTuple):
         return int(sure[0]) if alone and self.answering[taken].sum() > 1.0 else -1
 
 
-def _rms(windows: FloatArray) -> FloatArray:
-    """Return the root mean square over the readings of each prediction, NaN unless there are two."""
-    count = np.isfinite(windows).sum(axis=1)
-    squares = np.where(np.isfinite(windows), np.square(windows), 0.0).sum(axis=1)
-    return np.asarray(np.where(count > 1, np.sqrt(squares / np.maximum(count, 1)), np.nan))
+def answers_of(noise_K: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return within what readings of such noise (s,) are constant, and beyond what predictions ask, in K."""
+    constant_K = _CONSTANT_SIGMA * _SMOOTH_NOISE * noise_K
+    return constant_K, np.maximum(_ASKED_K, _ASKED_TIMES * constant_K)
+
+
+def _none_answers(asked: FloatArray, still: FloatArray) -> bool:
+    """Return whether, since some prediction began, all of several readings have been constant together."""
+    present = np.isfinite(asked)
+    count = present.sum(axis=1)
+    moves, stays = (np.where(present, a * a, 0.0).sum(axis=1) for a in (asked, still))
+    return bool(((count > 1) & (stays < _ALL_CONSTANT**2 * count) & (moves > _ALL_ASKED**2 * count)).any())

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.estimators import packing
-from observer.estimators.answers import PREDICTIONS, SETTLED_S, Answers
+from observer.estimators.answers import PREDICTIONS, SETTLED_S, Answers, answers_of
 from observer.estimators.fault_search import SearchResult, Seen, Trace, search
 from observer.estimators.steps import StepCache
 from observer.frames import BoolArray, FloatArray, Inputs
@@ -175,7 +175,7 @@ class Bank:
         self._inputs_record = record(self._inputs)
         self._first = np.zeros(1, np.int64)
         self._trace = Trace._make(self._own[name] for name in Trace._fields)
-        self._noise_K = np.sqrt(plant.noise_R_K2)
+        self._answer_K = answers_of(np.sqrt(plant.noise_R_K2))
         self._answers = Answers._make(self._own[name] for name in Answers._fields)
         self._misfit, self._S = np.zeros((F, s)), np.zeros((s, s))
 
@@ -284,7 +284,7 @@ class Bank:
         if begun >= 0:
             self.gathered.ahead[begun] = self._runnings[0].x
         answers.note_laws(self._results.law[0], self._results.heat_sigma[0], span_s)
-        answers.judge(self._noise_K)
+        answers.judge(*self._answer_K)
         main.guard[(answers.silent > 0.0) & ~taken, of.AGREES_S] = 0.0  # not taken back before it answers
 
     def _act(self, main: packing.Running, span_s: float, time_s: float) -> None:

@@ -6,7 +6,7 @@ import pytest
 from campaigns.integrity.catalogue import LISTED
 from campaigns.integrity.days import FAULT_S, day_of
 from campaigns.integrity.judge import OUT, RIG, faulty, verdict
-from observer.estimators.answers import Answers
+from observer.estimators.answers import Answers, answers_of
 from observer.frames import EstimateQuality
 from tests.learning.cover import FROM_S, estimates
 from tests.learning.machines import Day, Rough, config_of, draw, work
@@ -74,7 +74,7 @@ def test_a_sensor_that_sends_nothing_is_not_taken_for_one_that_does_not_answer()
         rising_K = np.full((10, 2), 0.05 * step)
         answers.note(np.array([20.0 + 0.05 * step, np.nan if step > 5 else 20.0]), rising_K)
         answers.note_laws(np.array([40.0 if step > 5 else 0.0]), np.array([1.0]), 5.0)
-        answers.judge(np.full(2, 0.05))
+        answers.judge(*answers_of(np.full(2, 0.05)))
         assert not answers.silent[0]
     assert answers.since[1] == 120.0
     assert not answers.silent[1]

@@ -66,7 +66,7 @@ def expected_sigma_K(bank: Bank) -> Any:
     variance_K2 = [
         c[: len(s.x)] @ s.P[:, : len(s.x)] @ c[: len(s.x)] for c, s in zip(rows, states, strict=True)
     ]
-    return np.sqrt(np.array(variance_K2) + bank._noise_K**2)
+    return np.sqrt(np.array(variance_K2) + np.asarray(bank._plant_record.R_K2))
 
 
 def test_the_least_faults_are_by_the_sigma_that_estimate_and_bank_have_over_the_shift(
