@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from observer.archive.client import Archivist
 from observer.publish.codec import config_json, decode
 from tests.archive.lived import BEGIN_S, configuration, lived
+from tests.patience import until
 
 pytestmark = pytest.mark.system
 HEAT = ["Heat", "nut", "Heat_W"]
@@ -48,6 +50,19 @@ def test_no_query_ends_the_process(archivist):
     assert "give" in archivist.ask(*HOSTILE[0]).reason
     assert len(decode(archivist.ask("estimate", SPAN).payload)["estimates"]) == 10
     assert archivist._child is process
+
+
+def test_of_twelve_queries_at_once_four_wait_and_the_others_are_refused(archivist):
+    os.kill(archivist._child.pid, signal.SIGSTOP)
+    with ThreadPoolExecutor(12) as threads:
+        try:
+            replies = [threads.submit(archivist.ask, "estimate", SPAN) for _ in range(12)]
+            until(lambda: sum(reply.done() for reply in replies) == 8)
+        finally:
+            os.kill(archivist._child.pid, signal.SIGCONT)
+        reasons = [reply.result().reason for reply in replies]
+    assert reasons.count(None) == 4
+    assert reasons.count("too many requests at once; ask again in a second") == 8
 
 
 @pytest.mark.parametrize("when", ["between", "during"])
