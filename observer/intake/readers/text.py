@@ -208,10 +208,16 @@ def _judged(
             f"line {data + 1} has {width} cells where the header names {named}, which looks like decimal "
             "commas in columns separated by commas; export it with semicolons, or with points"
         ], []
-    problems, doubts = [], []
+    problems: list[str] = []
+    doubts: list[str] = []
     for line, text in zip(misfits.lines, misfits.texts, strict=True):
         cells = split_lines([text], separator)[0]
         if any(map(is_value, cells)) and len(cells) > 1:
+            if below := text.strip().count("\n"):
+                return [
+                    f"line {line} opens a quotation that takes in {below} lines below it; "
+                    "remove its odd quotation mark"
+                ], doubts
             extra = ", as decimal commas make them" if separator == "," and len(cells) > width else ""
             problems.append(f"line {line} has {len(cells)} cells where the table has {width}{extra}")
         else:
