@@ -109,11 +109,23 @@ class ChannelLimits(Section):
     above_ambient_K: quantities.Positive | None = None
     #: how far below; – is 25 K, none where a source has a `power_channel`
     below_ambient_K: quantities.Positive | None = None
+    #: whether the channel sends only when its value changes, and at heartbeats; the value counts as unchanged
+    #: in between
+    on_change: quantities.Flag = False
+    #: with `on_change`: the longest silence, after which the value is stale; give half as much again as the
+    #: time between two heartbeats
+    heartbeat_s: Annotated[quantities.Positive, Field(ge=0.1, le=86_400)] | None = None
 
     @model_validator(mode="after")
-    def _something_passes(self) -> ChannelLimits:
+    def _fits_together(self) -> ChannelLimits:
         if self.low is not None and self.high is not None and not self.low < self.high:
             raise ValueError(f"low = {self.low} must be smaller than high = {self.high}")
+        if self.on_change and self.heartbeat_s is None:
+            raise ValueError(
+                "on_change needs heartbeat_s, the longest silence after which the value is doubted"
+            )
+        if self.heartbeat_s is not None and not self.on_change:
+            raise ValueError("heartbeat_s has a meaning with on_change = true only; add that, or remove it")
         return self
 
 
@@ -222,6 +234,11 @@ class Config(Description):
         return {}
 
     @property
+    def heartbeats_s(self) -> dict[str, float]:
+        """The longest silence of each channel that sends only on change."""
+        return {name: one.heartbeat_s for name, one in self.limits.items() if one.heartbeat_s is not None}
+
+    @property
     def plant_digest(self) -> str:
         """A hash of everything that gives an estimator's state its meaning: the tables of this class, except
         those that do not change the model.
@@ -273,6 +290,16 @@ def _limits_unknown(config: Config) -> Iterator[str]:
                 f'limits: the model reads no channel "{name}"{meant(name, config.channels)}; it reads '
                 f"{', '.join(config.channels)}"
             )
+    occasional = {s.channel for s in config.sensor if s.occasional}
+    for name, heartbeat_s in config.heartbeats_s.items():
+        least_s = max(config.estimator.period_s, config.sample_s.get(name, 0.0))
+        if heartbeat_s < least_s:
+            yield (
+                f"limits: {name}: heartbeat_s = {heartbeat_s:g} is shorter than the {least_s:g} s between "
+                "two looks at the channel; raise it"
+            )
+        if name in occasional:
+            yield f"limits: {name}: its sensor is occasional, never overdue; remove occasional, or on_change"
 
 
 def _too_much_work(config: Config) -> Iterator[str]:

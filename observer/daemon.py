@@ -119,8 +119,7 @@ def _reread(path: Path, now: Installation) -> _Ready:
     """Read, check and build a configuration beside the one that runs. Raises `UserError`."""
     config = load(path)
     refuse_taken(set(config.publish.listens) - set(now.publish.listens), "publish.listen")
-    for key, settings in config.drivers.items():
-        settings.open(key)
+    config.open_drivers()
     return _Ready.of(config)
 
 
@@ -178,7 +177,7 @@ def _service(
     if is_advised(config):
         observers.append(ProbingAdvisor(config, machine.plant, instance, publish["probing"]))
     return Service(
-        drivers=tuple(settings.open(key) for key, settings in config.drivers.items()),
+        drivers=config.open_drivers(),
         plan=machine.plan,
         pipeline=pipeline,
         publisher=publisher,

@@ -54,6 +54,10 @@ class AlignPlan:
     infinite where it is occasional; `noise_K` (c,) that of thermocouples, NaN elsewhere; `positions` those
     whose path is kept; `limits` the plausible values. `log_s` (c,) the channels' own periods in logs that
     others wrote, NaN where learnt. `passings` are the displacements that are read where the nut passes.
+
+    `heartbeat_s` (c,) is the age beyond which the value of a channel that sends only on change is stale, NaN
+    of any other channel. Such a channel has no `expected_s`, as no two of its values are a period apart, and
+    no `noise_K`, as equal values are heartbeats and no sign of a stuck sensor.
     """
 
     channels: tuple[str, ...]
@@ -64,6 +68,7 @@ class AlignPlan:
     limits: Limits
     log_s: FloatArray | None = None
     passings: tuple[Passing, ...] = ()
+    heartbeat_s: FloatArray | None = None
 
     @classmethod
     def of(cls, config: Config) -> AlignPlan:
@@ -72,15 +77,18 @@ class AlignPlan:
         never = {s.channel: math.inf for s in config.sensor if s.occasional}
         periods = config.sample_s | never
         noise_K = {s.channel: s.noise_K for s in config.sensor if s.kind == "temperature"}
+        heartbeat_s = np.array([config.heartbeats_s.get(name, math.nan) for name in channels])
+        periodic = np.isnan(heartbeat_s)
         return cls(
             channels,
             tuple(_positions(config).values()),
-            np.array([periods.get(name, math.nan) for name in channels]),
-            np.array([noise_K.get(name, math.nan) for name in channels]),
+            np.where(periodic, [periods.get(name, math.nan) for name in channels], math.nan),
+            np.where(periodic, [noise_K.get(name, math.nan) for name in channels], math.nan),
             config.estimator.period_s,
             Limits.of(config),
             given_intervals_s(config),
             passings_of(config),
+            heartbeat_s,
         )
 
     def of_log(self, log: Log) -> AlignPlan:
@@ -89,19 +97,29 @@ class AlignPlan:
             return self
         unknown_s = np.full(len(self.channels), np.nan)
         own_s = intervals_s(log, self.channels, unknown_s if self.log_s is None else self.log_s)
-        return replace(self, expected_s=np.where(np.isnan(own_s), self.expected_s, own_s), log_s=own_s)
+        unchanged = np.isnan(own_s) | self.on_change
+        return replace(self, expected_s=np.where(unchanged, self.expected_s, own_s), log_s=own_s)
 
     @property
     def occasional(self) -> BoolArray:
         """Which channels (c,) come only now and then, and are never overdue."""
         return np.isinf(self.expected_s)
 
+    @property
+    def on_change(self) -> BoolArray:
+        """Which channels (c,) send only when their value changes, and at heartbeats."""
+        if self.heartbeat_s is None:
+            return np.zeros(len(self.channels), np.bool_)
+        return ~np.isnan(self.heartbeat_s)
+
     def expected(self) -> Expected:
         """The plan as the compiled walk takes it."""
         own = self.limits
+        none_s = np.full(len(self.channels), math.nan)
         return Expected(
-            self.expected_s, self.noise_K, self.period_s, own.low, own.high, own.rate_per_s, own.above_K,
-            own.below_K, own.slack, own.ambient, own.ambient_degC,
+            self.expected_s, none_s if self.heartbeat_s is None else self.heartbeat_s, self.noise_K,
+            self.period_s, own.low, own.high, own.rate_per_s, own.above_K, own.below_K, own.slack,
+            own.ambient, own.ambient_degC,
             np.array([p.column for p in self.positions], np.int64),
             np.array([p.speed for p in self.positions], np.int64),
             np.array([p.lead_m for p in self.positions], float),
@@ -129,7 +147,8 @@ class Aligner:
 
     A channel is good while its newest reading is a usable value no older than twice the time it is expected
     in (or the tick's period, if that is longer), and stale beyond; missing while it has never been seen or
-    its newest reading holds no value; rejected while its newest reading carries a fault or it is stuck.
+    its newest reading holds no value; rejected while its newest reading carries a fault or it is stuck. One
+    that sends only on change is good until its heartbeat has passed; its silence before says nothing.
     After a warm start the first step begins at `last_tick_s`, the last tick before it.
     """
 
@@ -137,6 +156,7 @@ class Aligner:
         self._plan = plan
         self._walk = Walk(plan.channels, plan.expected(), last_tick_s)
         self._occasional = {name: j for j, name in enumerate(plan.channels) if plan.occasional[j]}
+        self._on_change = {name for j, name in enumerate(plan.channels) if plan.on_change[j]}
         self._passings = Passings(plan.passings)
         self._faults: dict[str, str] = {}
         self._last_s = -math.inf
@@ -162,15 +182,18 @@ class Aligner:
 
     def news_of(self, reading: Reading) -> list[Reading]:
         """Return what of a reading is news, none where nothing is: of an occasional channel no absence, and
-        no value that it still has, as a register keeps it, but a new one. What follows from it where the nut
-        has passed comes first.
+        no value that it still has, as a register keeps it, but a new one; of one that sends only on change no
+        silence. What follows from it where the nut has passed comes first.
         """
         given = [*self._passings.take(reading), reading]
         return [news for each in given if (news := self._new_in(each)) is not None]
 
     def _new_in(self, reading: Reading) -> Reading | None:
-        there = self._occasional.keys() & reading.values.keys()
-        if not (old := [name for name in there if self._is_old(name, reading)]):
+        occasional = self._occasional.keys() & reading.values.keys()
+        old = [name for name in occasional if self._is_old(name, reading)]
+        if reading.faults:
+            old += [name for name in self._on_change if reading.faults.get(name) == "silent"]
+        if not old:
             return reading
         values = {name: value for name, value in reading.values.items() if name not in old}
         faults = {name: fault for name, fault in reading.faults.items() if name not in old}

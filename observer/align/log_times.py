@@ -77,13 +77,14 @@ def expected_cells(time_s: FloatArray, there: BoolArray, interval_s: float) -> B
 
 
 def given_intervals_s(config: Config) -> FloatArray:
-    """What `[log] sensor_period_s` says of each channel (c,), NaN where it says nothing; infinite of an
-    occasional one.
+    """Return what `[log] sensor_period_s` says of each channel (c,) in s, NaN where it says nothing; infinite
+    of an occasional one, or one that sends only on change: no cell of theirs is overdue.
     """
     given, of_channel = config.log.sensor_period_s, {s.channel: s for s in config.sensor}
     found_s = np.full(len(config.channels), np.nan)
     for j, name in enumerate(config.channels):
-        if (sensor := of_channel.get(name)) is not None and sensor.occasional:
+        sensor = of_channel.get(name)
+        if name in config.heartbeats_s or (sensor is not None and sensor.occasional):
             found_s[j] = np.inf
         elif sensor is not None and given is not None:
             found_s[j] = given if isinstance(given, float) else given.get(sensor.name, np.nan)

@@ -93,11 +93,12 @@ def nothing_yet(plan: Expected, last_tick_s: float = math.nan) -> Memory:
 class Expected(NamedTuple):
     """What is expected of c channels and P paths, as the compiled walk takes it.
 
-    `expected_s`, `noise_K` (c,) and `period_s` are those of `AlignPlan`, the next those of `Limits`;
+    `expected_s`, `heartbeat_s`, `noise_K` (c,) and `period_s` are those of `AlignPlan`, the next of `Limits`;
     `position`, `speed` (P,) the columns of a path and of what drives it, times `lead_m` (P,).
     """
 
     expected_s: FloatArray
+    heartbeat_s: FloatArray
     noise_K: FloatArray
     period_s: float
     low: FloatArray

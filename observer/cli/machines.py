@@ -215,7 +215,15 @@ def _wires(config: Installation) -> dict[str, Any]:
     def doubt(channel: str, value: float) -> str | None:
         return limits.doubt(column[channel], value) if channel in column else None
 
-    return look([settings.open(key) for key, settings in config.drivers.items()], doubt)
+    found = look(config.open_drivers(), doubt)
+    for name, heartbeat_s in config.heartbeats_s.items():
+        for driver in found["drivers"].values():
+            if (one := driver["channels"].get(name)) is not None and one["fault"] == "silent":
+                one["remedy"] = (
+                    f"it sends only on change, at the latest every {heartbeat_s:g} s, and sent nothing now: "
+                    "look again while its value changes"
+                )
+    return found
 
 
 @verbs.command()

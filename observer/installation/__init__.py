@@ -15,6 +15,8 @@ from pydantic import BaseModel, Field, ValidationError
 from tomlkit.items import AoT, Array
 
 from drivers import DriverSettings
+from drivers.places import CanTable
+from drivers.protocol import Driver
 from observer.config import Config, effect_problems
 from observer.effects.base import EffectTable
 from observer.errors import ConfigError
@@ -44,7 +46,12 @@ class Installation(Config):
 
     def contradictions(self) -> list[str]:
         """Contradictions, a sentence each."""
-        return [*super().contradictions(), *_delivered_twice(self), *_wires_disagree(self)]
+        return [
+            *super().contradictions(),
+            *_delivered_twice(self),
+            *_wires_disagree(self),
+            *_reopened_too_soon(self),
+        ]
 
     @property
     def sample_s(self) -> dict[str, float]:
@@ -55,6 +62,15 @@ class Installation(Config):
             for channel in driver.delivered or ()
             if driver.sample_s is not None
         }
+
+    def open_drivers(self) -> tuple[Driver, ...]:
+        """Make every driver; a CAN bus with on-change senders alone is left open between their heartbeats."""
+        return tuple(
+            settings.open(name)
+            if (quiet_s := _quiet_s(self, settings)) is None or not isinstance(settings, CanTable)
+            else settings.model_copy(update={"reopen_s": max(settings.longest_silence_s, quiet_s)}).open(name)
+            for name, settings in self.drivers.items()
+        )
 
     @property
     def checkpoint_file(self) -> Path | None:
@@ -107,6 +123,28 @@ def _wires_disagree(config: Installation) -> Iterator[str]:
             yield (
                 f"drivers.{name}: it shares {wire.name} with drivers.{other}, but has {wire.settings} where "
                 f"that has {settings}; give both the same"
+            )
+
+
+def _quiet_s(config: Installation, driver: DriverSettings) -> float | None:
+    """Return the longest heartbeat of a driver whose channels all send only on change, None of any other."""
+    heartbeats_s = [config.heartbeats_s.get(channel) for channel in driver.delivered or ()]
+    known_s = [heartbeat_s for heartbeat_s in heartbeats_s if heartbeat_s is not None]
+    return max(known_s) if known_s and len(known_s) == len(heartbeats_s) else None
+
+
+def _reopened_too_soon(config: Installation) -> Iterator[str]:
+    """Report a CAN bus that is opened again while all its senders may be quiet."""
+    for name, driver in config.drivers.items():
+        quiet_s = _quiet_s(config, driver)
+        if (
+            isinstance(driver, CanTable)
+            and driver.reopen_s is not None
+            and driver.reopen_s < (quiet_s or 0.0)
+        ):
+            yield (
+                f"drivers.{name}: reopen_s = {driver.reopen_s:g} is shorter than the heartbeat_s = "
+                f"{quiet_s:g} of its channels, which all send only on change; raise it, or leave it out"
             )
 
 

@@ -171,7 +171,7 @@ cdef class ColumnsRead(Record):
 
 
 cdef class Expected(Record):
-    cdef public double[::1] expected_s, noise_K, low, high, rate_per_s, above_K, below_K, slack
+    cdef public double[::1] expected_s, heartbeat_s, noise_K, low, high, rate_per_s, above_K, below_K, slack
     cdef public double[::1] lead_m
     cdef public double period_s, ambient_degC
     cdef public Py_ssize_t ambient

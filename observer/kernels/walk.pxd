@@ -21,6 +21,7 @@ cdef bint _beside_a_warm_one(Expected plan, Memory memory, Py_ssize_t j, double 
 cdef Py_ssize_t _breach(Expected plan, Memory memory, Py_ssize_t j, double cell, double since_s) noexcept nogil
 @cython.locals(gap_s=double, breach=Py_ssize_t)
 cdef bint _take_cell(Expected plan, Memory memory, Py_ssize_t j, double cell, bint faulted, double true_s) noexcept nogil
+cdef double _usual_s(Expected plan, Memory memory, Py_ssize_t j) noexcept nogil
 @cython.locals(usual_s=double)
 cdef double _limit_s(Expected plan, Memory memory, Py_ssize_t j) noexcept nogil
 cdef double _driven_m_s(Expected plan, Memory memory, Py_ssize_t p, double true_s) noexcept nogil

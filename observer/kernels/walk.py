@@ -168,9 +168,18 @@ def _take_cell(plan, memory, j, cell, faulted, true_s):
     return True
 
 
+def _usual_s(plan, memory, j):
+    """Return the usual time in seconds between two values of channel j, NaN where it sends only on change."""
+    if not isnan(plan.heartbeat_s[j]):
+        return NAN
+    return memory.gap_s[j] if isnan(plan.expected_s[j]) else plan.expected_s[j]
+
+
 def _limit_s(plan, memory, j):
-    """The age from which a value of channel j is stale."""
-    usual_s = memory.gap_s[j] if isnan(plan.expected_s[j]) else plan.expected_s[j]
+    """Return the age in seconds beyond which a value of channel j is stale: its heartbeat, if it has one."""
+    if not isnan(plan.heartbeat_s[j]):
+        return plan.heartbeat_s[j]
+    usual_s = _usual_s(plan, memory, j)
     return 2.0 * (plan.period_s if isnan(usual_s) else max(plan.period_s, usual_s))
 
 
@@ -213,8 +222,7 @@ def walk_rows(rows, count, plan, memory, frames):
         frames.dt_s[k] = 0.0 if isnan(memory.last_tick_s[0]) else time_s[row] - memory.last_tick_s[0]
         memory.last_tick_s[0] = time_s[row]
         for p in range(paths):
-            j = plan.position[p]
-            usual_s = memory.gap_s[j] if isnan(plan.expected_s[j]) else plan.expected_s[j]
+            usual_s = _usual_s(plan, memory, plan.position[p])
             end[p] = even_out(samples[p], offset[p, k], end[p], memory.passed[p], usual_s)
             offset[p, k + 1] = end[p]
         for j in range(len(counts)):

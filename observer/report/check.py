@@ -72,6 +72,7 @@ def findings(config: Installation) -> dict[str, Any]:
         "observability_per_mode": dict(zip(map(str, plant.mode_index), _seen(plant), strict=True)),
         "smallest_singular_value_K": design.smallest_singular_value_K,
         "path_told_up_to_rpm": {s.name: _path_limit_rpm(config, s) for s in config.source if s.lead_m},
+        "heartbeat_s": config.heartbeats_s,
         "supports": _supports(config, plant),
         "nodes": _nodes(config),
         **tolerances(config),

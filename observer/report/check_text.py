@@ -36,6 +36,9 @@ def as_text(found: dict[str, Any]) -> RenderableType:
         table.add_row(f"noise gain {name}", text)
     for name, limit_rpm in found["path_told_up_to_rpm"].items():
         table.add_row(f"path of {name}", f"sampled often enough up to {limit_rpm:.0f} rpm, averaged above")
+    for name, heartbeat_s in found["heartbeat_s"].items():
+        text = f"sends only on change; its last value counts for {heartbeat_s:g} s, and is stale after that"
+        table.add_row(name, text)
     if found["supports"] is not None:
         table.add_row("supports", _held(found["supports"]))
     for name, node in found["nodes"].items():
