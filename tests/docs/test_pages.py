@@ -86,6 +86,9 @@ def _check(table: dict[str, Any], place: str) -> None:
         if name == "drivers":
             for settings in section.values():
                 TypeAdapter(DriverSettings).validate_python(settings)
+        elif name == "limits":
+            for limits in section.values():
+                SECTIONS[name].model_validate(limits)
         elif name == "effect":
             TypeAdapter(tuple[Effect, ...]).validate_python(section)
         elif name in ENTRIES:
