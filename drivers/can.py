@@ -63,6 +63,6 @@ class CanSettings(CanTable):
     def decodes(self, recording: Path, name: str) -> Iterable[Reading]:
         """The readings in a recording of the bus, decoded as on the live bus."""
         from drivers.dbc import load_decoder  # noqa: PLC0415
-        from drivers.recording import Recording  # noqa: PLC0415
+        from drivers.recording import CanRecording  # noqa: PLC0415
 
-        return Recording(recording, load_decoder(self.signals(name)))
+        return CanRecording(recording, load_decoder(self.signals(name)))

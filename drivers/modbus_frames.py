@@ -41,7 +41,7 @@ class Request:
         return f"unit {self.unit}, function {self.function}, {self.count} registers from {self.first}"
 
 
-class Frame(NamedTuple):
+class ModbusFrame(NamedTuple):
     """A reply: `transaction` is 0 in an RTU frame; `data` is what follows the function."""
 
     transaction: int
@@ -89,7 +89,7 @@ class RtuFrames:
         """Forget bytes that belong to no complete frame."""
         self._buffer.clear()
 
-    def feed(self, data: bytes) -> list[Frame]:
+    def feed(self, data: bytes) -> list[ModbusFrame]:
         """Return the frames that are complete with these bytes."""
         self._buffer += data
         frames, start = [], 0
@@ -97,7 +97,7 @@ class RtuFrames:
             length = self._frame_length(start)
             if length:
                 frame = bytes(self._buffer[start : start + length])
-                frames.append(Frame(0, frame[0], frame[1], frame[2:-2]))
+                frames.append(ModbusFrame(0, frame[0], frame[1], frame[2:-2]))
                 del self._buffer[: start + length]
                 start = 0
             else:
@@ -138,7 +138,7 @@ class TcpFrames:
     def reset(self) -> None:
         """Keep the bytes so far: they begin a frame that its transaction identifies."""
 
-    def feed(self, data: bytes) -> list[Frame]:
+    def feed(self, data: bytes) -> list[ModbusFrame]:
         """Return the frames that are complete with these bytes. Raises `NotModbusError`."""
         self._buffer += data
         frames = []
@@ -149,7 +149,7 @@ class TcpFrames:
             if len(self._buffer) < 6 + length:
                 break
             body = bytes(self._buffer[_HEADER.size : 6 + length])
-            frames.append(Frame(transaction, unit, body[0], body[1:]))
+            frames.append(ModbusFrame(transaction, unit, body[0], body[1:]))
             del self._buffer[: 6 + length]
         if 5 <= len(self._buffer) < _HEADER.size + 1 and RtuFrames().feed(bytes(self._buffer)):
             raise NotModbusError(RTU_FRAMES)

@@ -22,7 +22,7 @@ from drivers.modbus import ModbusAddress
 from drivers.modbus_frames import (
     EXCEPTION_BIT,
     RTU_FRAMES,
-    Frame,
+    ModbusFrame,
     NotModbusError,
     Request,
     RtuFrames,
@@ -49,7 +49,7 @@ class DeviceExceptionError(Exception):
         self.code = code
 
 
-class Reply(NamedTuple):
+class ModbusReply(NamedTuple):
     """The registers of a reply, and when its last bytes came."""
 
     words: list[int]
@@ -87,7 +87,7 @@ class _Heard(NamedTuple):
     """A reply on a line without numbers, and whether a request took it; time of the event loop."""
 
     heard_s: float
-    frame: Frame
+    frame: ModbusFrame
     is_taken: bool
 
 
@@ -97,7 +97,7 @@ class _Pending:
 
     request: Request
     transaction: int
-    reply: asyncio.Future[Reply]
+    reply: asyncio.Future[ModbusReply]
     mismatch: str | None = None  # a reply that came instead
 
 
@@ -188,7 +188,7 @@ class Line:
         async with self._turn:
             await self._open()
 
-    async def read(self, request: Request, timeout_s: float, quiet_s: float) -> Reply:
+    async def read(self, request: Request, timeout_s: float, quiet_s: float) -> ModbusReply:
         """Read registers. Raises `LostError` or `DeviceExceptionError`.
 
         Requests wait for their turn. After a missing RTU reply the unit is left alone for `quiet_s`, or for
@@ -219,7 +219,7 @@ class Line:
         """
         if self._has_twin(request) and self._is_disturbed():
             return True
-        frames: tuple[list[Frame], list[Frame]] = [], []
+        frames: tuple[list[ModbusFrame], list[ModbusFrame]] = [], []
         for heard_s, frame, is_taken in self._heard:
             if heard_s >= since_s and frame.unit == request.unit and frame.shape == request.shape:
                 frames[is_taken].append(frame)
@@ -310,7 +310,7 @@ class Line:
             if request.shape in unit.unanswered:
                 raise LostError("timeout", f"a reply to an earlier request is still to come ({request})")
 
-    async def _exchange(self, request: Request, unit: _Unit, timeout_s: float) -> Reply:
+    async def _exchange(self, request: Request, unit: _Unit, timeout_s: float) -> ModbusReply:
         """Send a request and await its reply. Raises `LostError` or `DeviceExceptionError`."""
         if self._transport is None:
             raise LostError("disconnected", "connection closed by the device")
@@ -353,7 +353,7 @@ class Line:
                 raise error
         self.drop("nothing heard")
 
-    def _take(self, frame: Frame) -> None:
+    def _take(self, frame: ModbusFrame) -> None:
         """Give a frame to the request that it answers; note one that answers none."""
         pending = self._pending
         unit = self._units.setdefault(frame.unit, _Unit())
@@ -363,13 +363,13 @@ class Line:
         self._heard.append(_Heard(self._heard_at_s, frame, True))
         if frame.exception is None:
             unit.answered()
-            pending.reply.set_result(Reply(frame.words(), self._heard_s))
+            pending.reply.set_result(ModbusReply(frame.words(), self._heard_s))
             return
         if not unit.latest_s:  # else it may be the late reply to an earlier request
             unit.answered()
         self._fail(DeviceExceptionError(frame.exception))
 
-    def _stray(self, frame: Frame, unit: _Unit) -> None:
+    def _stray(self, frame: ModbusFrame, unit: _Unit) -> None:
         """A frame that answers no request that waits: late, twice, or another's."""
         shape: tuple[int, int] | None = frame.shape
         if frame.exception is not None:  # to the oldest of its function

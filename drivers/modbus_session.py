@@ -26,7 +26,7 @@ _SPLIT_AGAIN_S = 10.0  # after a device has refused every part
 
 
 @dataclass(eq=False)
-class _Block:
+class _RegisterRange:
     """Registers that one request reads, and how that went the last times."""
 
     registers: RegisterBlock
@@ -100,7 +100,7 @@ class ModbusSession:
     def _needed(self) -> set[RegisterBlock]:
         return {span for channel in self._places.values() for span in spans(channel)}
 
-    def _planned(self, needed: set[RegisterBlock]) -> list[_Block]:
+    def _planned(self, needed: set[RegisterBlock]) -> list[_RegisterRange]:
         """The blocks that read these values, each with a length of its own where replies are told by it."""
         blocks = []
         for registers in plan_of(needed, self._table.max_registers):
@@ -110,7 +110,7 @@ class ModbusSession:
                 if span.function == registers.function
                 and registers.first <= span.first <= registers.first + registers.count - span.count
             )
-            blocks.append(_Block(registers, parts, self._reserved(registers)))
+            blocks.append(_RegisterRange(registers, parts, self._reserved(registers)))
         return blocks
 
     def _reserved(self, registers: RegisterBlock) -> Request:
@@ -120,7 +120,7 @@ class ModbusSession:
     def _exact(self, registers: RegisterBlock) -> Request:
         return Request(self._table.unit_id, FUNCTIONS[registers.function], registers.first, registers.count)
 
-    def _release(self, blocks: list[_Block]) -> None:
+    def _release(self, blocks: list[_RegisterRange]) -> None:
         for block in blocks:
             if self._line is not None:
                 self._line.release(block.request)
@@ -201,7 +201,7 @@ class ModbusSession:
             self._line.unexpected = None
         return readings
 
-    async def _read(self, block: _Block, poll: _Poll) -> list[_Block]:
+    async def _read(self, block: _RegisterRange, poll: _Poll) -> list[_RegisterRange]:
         """Read a block; returns what to ask at once in its place. Raises `LostError` if disconnected."""
         if block.failures and not poll.answers and len(block.parts) > 1:
             part = block.parts[block.trials % len(block.parts)]
@@ -244,7 +244,9 @@ class ModbusSession:
             raise LostError("disconnected", "the connection is closed")
         return await self._line.read(request, self._table.timeout_s, self._table.quiet_s)
 
-    def _refused(self, block: _Block, error: DeviceExceptionError, poll: _Poll) -> list[_Block]:
+    def _refused(
+        self, block: _RegisterRange, error: DeviceExceptionError, poll: _Poll
+    ) -> list[_RegisterRange]:
         """The blocks to ask in place of one that the device refuses."""
         if error.code in _NO_ANSWER:
             self._silent(block, LostError(f"exception_{error.code}", str(error)), poll)
@@ -261,7 +263,7 @@ class ModbusSession:
         poll.fail(block.registers, f"exception_{error.code}")
         return []
 
-    def _silent(self, block: _Block, error: LostError, poll: _Poll) -> None:
+    def _silent(self, block: _RegisterRange, error: LostError, poll: _Poll) -> None:
         """Note a request without a usable answer, and split it if the unit answers others."""
         poll.timeouts += 1
         poll.problem = error
@@ -280,17 +282,17 @@ class ModbusSession:
         """How long to leave alone what did not answer so often."""
         return float(min(_PAUSE * 2.0 ** min(failures - 1, 10) * self._table.timeout_s, _LONGEST_PAUSE_S))
 
-    def _is_widened(self, block: _Block) -> bool:
+    def _is_widened(self, block: _RegisterRange) -> bool:
         return block.request.count != block.registers.count
 
-    def _narrow(self, block: _Block) -> None:
+    def _narrow(self, block: _RegisterRange) -> None:
         """Read no register beyond those of the block: the device does not have them."""
         self._release([block])
         block.request = self._exact(block.registers)
         if self._line is not None:
             self._line.reserve(block.request, block.request.count)
 
-    def _split(self, block: _Block) -> list[_Block]:
+    def _split(self, block: _RegisterRange) -> list[_RegisterRange]:
         """Put two halves in the place of a block."""
         self._release([block])
         self._blocks.remove(block)

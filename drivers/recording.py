@@ -42,7 +42,7 @@ _LINE_READERS: dict[str, Any] = {
 }
 
 
-class Recording:
+class CanRecording:
     """A recording of a bus, decoded as on the live bus, with the recording's own times.
 
     Iterating raises `LogError` where the file cannot be read at all. `doubts` are sentences about the frames

@@ -37,6 +37,7 @@ SLEEPS = {
     "thread that receives is held up",
     "drivers/agent.py Handler._drip": "an answer comes letter by letter",
     "drivers/test_player.py test_rows_handed_on_late_have_the_times_at_which_they_were_due": "busy",
+    "drivers/slave.py Slave.answer": "the device is slow to answer",
     "drivers/test_simulated_mishaps.py test_hold_ups_come_again_and_again": "frames have a period",
     "drivers/test_simulated_process.py test_it_is_where_it_would_have_been_after_a_hold_up": "it "
     "is held up for so long",

@@ -30,7 +30,7 @@ _ASKED_AFTER_S = 1800.0  # a change of a law
 _LAW_STEPS, _LAW_SIGMA = 12.0, 4.0  # averaged over, and standard deviations of its heat, a law has changed
 
 
-class Answers(NamedTuple):
+class SensorAnswers(NamedTuple):
     """How readings (s,) and predictions of them (w, s) have moved, both averaged, since predictions began.
 
     `silent` (s,) marks sensors that do not answer, `at_fault` (s,) those that are surely at fault,

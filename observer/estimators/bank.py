@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.estimators import packing
-from observer.estimators.answers import PREDICTIONS, SETTLED_S, Answers, answers_of
+from observer.estimators.answers import PREDICTIONS, SETTLED_S, SensorAnswers, answers_of
 from observer.estimators.fault_search import SearchResult, Seen, Trace, search
 from observer.estimators.steps import StepCache
 from observer.frames import BoolArray, FloatArray, Inputs
@@ -176,7 +176,7 @@ class Bank:
         self._first = np.zeros(1, np.int64)
         self._trace = Trace._make(self._own[name] for name in Trace._fields)
         self._answer_K = answers_of(np.sqrt(plant.noise_R_K2))
-        self._answers = Answers._make(self._own[name] for name in Answers._fields)
+        self._answers = SensorAnswers._make(self._own[name] for name in SensorAnswers._fields)
         self._misfit, self._S = np.zeros((F, s)), np.zeros((s, s))
 
     @property
@@ -351,4 +351,4 @@ def _between(plant: Plant) -> dict[str, Any]:
         "heat_W": np.full(m_e, np.nan), "field": np.full(R - s, np.nan),
         "heat_drift_W2": np.zeros(m_e), "field_drift2": np.zeros(R - s), "law_change_W2": np.zeros(m_e),
     }  # fmt: skip
-    return gathered._asdict() | unknown | Trace.empty()._asdict() | Answers.empty(s, m_e)._asdict()
+    return gathered._asdict() | unknown | Trace.empty()._asdict() | SensorAnswers.empty(s, m_e)._asdict()

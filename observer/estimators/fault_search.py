@@ -15,7 +15,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.estimators.answers import SETTLED_S, Answers
+from observer.estimators.answers import SETTLED_S, SensorAnswers
 from observer.frames import BoolArray, FloatArray
 from observer.kernels.codes import AMBIGUOUS, DRIFTING
 from observer.kernels.screening import YOUNG_S
@@ -72,7 +72,7 @@ class SearchResult(NamedTuple):
     latch: int
 
 
-def search(seen: Seen, trace: Trace, answers: Answers, span_s: float) -> SearchResult:
+def search(seen: Seen, trace: Trace, answers: SensorAnswers, span_s: float) -> SearchResult:
     """Note what was seen over the last `span_s`, and say which sensor is at fault."""
     _note(seen, trace)
     if seen.age_s < YOUNG_S:

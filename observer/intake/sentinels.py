@@ -11,11 +11,11 @@ from observer.files.log_checks import Words
 from observer.files.logs import Log
 from observer.frames import BoolArray, FloatArray
 from observer.intake.units import known_unit, split_name
+from observer.physics.constants import ZERO_DEGC_K
 from observer.tables.logs import Logs
 
 OVERLOAD = 9e36
 """Meters write 9.9E+37 for an overload and 9.91E+37 for no value; no quantity of a machine is so large."""
-_ZERO_DEGC_K = 273.15
 _OF_SENSORS_DEGC = (85.0, -127.0)
 """A DS18B20 that has not measured yet, and one that does not answer."""
 _LEAST_STEP_K, _OF_USUAL = 5.0, 20.0
@@ -32,10 +32,10 @@ def without_sentinels(
     stands_for_none = np.abs(values) >= OVERLOAD
     for number in _numbers(missing):
         stands_for_none |= np.isclose(values, number, rtol=1e-6, atol=0.0) | (values == number)
-    to_degC = {"degC": lambda v: v, "degF": lambda v: (v - 32.0) / 1.8, "kelvin": lambda v: v - _ZERO_DEGC_K}
+    to_degC = {"degC": lambda v: v, "degF": lambda v: (v - 32.0) / 1.8, "kelvin": lambda v: v - ZERO_DEGC_K}
     if unit in to_degC:
         degC = to_degC[unit](np.where(stands_for_none, np.nan, values))
-        stands_for_none |= degC < -_ZERO_DEGC_K
+        stands_for_none |= degC < -ZERO_DEGC_K
         degC[stands_for_none] = np.nan
         for code_degC in _OF_SENSORS_DEGC:
             stands_for_none |= _stands_apart(degC, code_degC)

@@ -6,7 +6,7 @@ from pathlib import Path
 import can
 import pytest
 
-from drivers.recording import Recording
+from drivers.recording import CanRecording
 from observer.errors import LogError
 from observer.process.memory import import_mf4
 from tests.drivers.test_can import frame, settings
@@ -72,7 +72,7 @@ def test_a_recording_that_was_cut_off_gives_its_whole_frames_and_a_doubt(record,
 
 
 def test_forty_whole_frames_of_a_candump_log_survive_its_cut_last_line():
-    recording = Recording(DATA / "cut.log", lambda frame: ({"id": float(frame.arbitration_id)}, {}))
+    recording = CanRecording(DATA / "cut.log", lambda frame: ({"id": float(frame.arbitration_id)}, {}))
     assert [reading.values["id"] for reading in recording] == [0x6F9] * 40
     assert recording.doubts == ["the last line (41) is cut off and left out"]
 

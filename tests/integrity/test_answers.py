@@ -6,7 +6,7 @@ import pytest
 from campaigns.integrity.catalogue import LISTED
 from campaigns.integrity.days import FAULT_S, day_of
 from campaigns.integrity.judge import OUT, RIG, faulty, verdict
-from observer.estimators.answers import Answers, answers_of
+from observer.estimators.answers import SensorAnswers, answers_of
 from observer.frames import EstimateQuality
 from tests.learning.cover import FROM_S, estimates
 from tests.learning.machines import Day, Rough, config_of, draw, work
@@ -69,7 +69,7 @@ def test_a_machine_at_rest_asks_its_sensors_for_no_answer():
 
 
 def test_a_sensor_that_sends_nothing_is_not_taken_for_one_that_does_not_answer():
-    answers = Answers.empty(2, 1)
+    answers = SensorAnswers.empty(2, 1)
     for step in range(120):
         rising_K = np.full((10, 2), 0.05 * step)
         answers.note(np.array([20.0 + 0.05 * step, np.nan if step > 5 else 20.0]), rising_K)

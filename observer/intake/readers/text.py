@@ -211,6 +211,8 @@ def _judged(
     problems: list[str] = []
     doubts: list[str] = []
     for line, text in zip(misfits.lines, misfits.texts, strict=True):
+        if below := text.rstrip("\n").count("\n"):
+            return [f"line {line} opens a quote that is not closed for {below} lines; remove it"], []
         cells = split_lines([text], separator)[0]
         if any(map(is_value, cells)) and len(cells) > 1:
             if below := text.strip().count("\n"):
