@@ -19,6 +19,7 @@ from observer.errors import UserError, has_extra
 from observer.installation import Installation, load
 from observer.publish.session import refuse_taken
 from observer.tables.gateway import Page, host_and_port
+from observer.terminal import echo
 
 START_S = 20.0
 VIEW_END_S = 0.5
@@ -72,16 +73,15 @@ def run_demo(
                 "checkpoint": config.checkpoint.model_copy(update={"enabled": False}),
             }
         )
-        print(
-            *([f"page: http://{page.listen}/\n"] if page is not None else []),
-            *([f"recordings: {folder}\n"] if record is not None else []),
+        lines = [
+            *([f"page: http://{page.listen}/"] if page is not None else []),
+            *([f"recordings: {folder}"] if record is not None else []),
             f"simulated machine: Modbus TCP on 127.0.0.1:{wires['modbus_port']}, CAN on {wires['can_device']}"
-            f"; estimates on {listen} under ballscrew/{name}/{axis}/\n"
-            f"from another terminal: observer watch --connect {listen} --machine {name} --axis {axis}\n"
+            f"; estimates on {listen} under ballscrew/{name}/{axis}/",
+            f"from another terminal: observer watch --connect {listen} --machine {name} --axis {axis}",
             "the service is starting; Ctrl-C ends everything",
-            sep="",
-            flush=True,
-        )
+        ]
+        echo("\n".join(lines))
         with live_view(listen, name, axis, plain):
             serve(config, seconds)
     print("demo ended", flush=True)

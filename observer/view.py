@@ -13,6 +13,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from observer.tables.publishing import Client
+from observer.terminal import echo, printable_console
 
 if TYPE_CHECKING:
     from observer.publish.watch import Subscription
@@ -33,7 +34,7 @@ def watch(endpoint: str, machine: str, axis: str, seconds: float | None, client:
     except KeyboardInterrupt:
         return 0
     if problem is not None:
-        print(f"observer: {problem}", file=sys.stderr)
+        echo(f"observer: {problem}", err=True)
     return 0 if problem is None else 2
 
 
@@ -66,13 +67,12 @@ def _view(
 
 def _show(subscription: Subscription, plain: bool, done: threading.Event) -> None:
     """Draw the newest messages again and again, before the first of them who else is there."""
-    from rich.console import Console
     from rich.live import Live
     from rich.text import Text
 
     from observer.publish.watch import live_line, live_table
 
-    console = Console()
+    console = printable_console()
     if plain:
         while not done.wait(PLAIN_S):
             if line := live_line(subscription.latest()):

@@ -66,15 +66,22 @@ def main() -> None:
     except UserError as error:
         say(error)
         sys.exit(2)
-    except ModuleNotFoundError as error:
-        from observer.errors import install_remedy
-
-        verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
-        sentence = install_remedy(f"observer {verb}", error)
+    except Exception as error:
+        sentence = _sentence(error)
         if sentence is None:
             raise
         say(UserError(sentence))
         shutdown.leave(2)  # a daemon may have started threads by then
+
+
+def _sentence(error: Exception) -> str | None:
+    """Say what the user can do about a missing package or a class from outside; None for a defect."""
+    from observer.errors import install_remedy
+    from observer.tables.outside import fault_outside
+
+    verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
+    missing = isinstance(error, ModuleNotFoundError) and install_remedy(f"observer {verb}", error)
+    return missing or fault_outside(error)
 
 
 def _leave() -> NoReturn:

@@ -24,9 +24,9 @@ from observer.cli.options import (
     SecondsOption,
     TimeoutOption,
 )
-from observer.cli.output import echo, print_for_people
 from observer.errors import UserError
 from observer.process import shutdown
+from observer.terminal import echo, print_for_people
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

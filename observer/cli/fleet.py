@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from observer.cli.options import with_parameters
-from observer.cli.output import counting, echo, warn
+from observer.cli.output import counting, warn
 from observer.errors import UserError
+from observer.terminal import echo
 
 if TYPE_CHECKING:
     from observer.fleet.jobs import Job

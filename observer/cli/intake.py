@@ -8,8 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
-from observer.cli.output import echo, warn
+from observer.cli.output import warn
 from observer.errors import UserError
+from observer.terminal import echo
 
 verbs = typer.Typer()
 

@@ -16,8 +16,9 @@ from observer.cli.options import (
     accepting,
     assignments,
 )
-from observer.cli.output import advancing, counting, echo, show, show_sentence, warn, warn_of_paths
+from observer.cli.output import advancing, counting, show, show_sentence, warn, warn_of_paths
 from observer.errors import UserError
+from observer.terminal import echo
 
 verbs = typer.Typer()
 

@@ -20,9 +20,10 @@ from observer.cli.options import (
     picture,
     with_parameters,
 )
-from observer.cli.output import advancing, counting, echo, say, show
+from observer.cli.output import advancing, counting, say, show
 from observer.errors import UserError
 from observer.process import shutdown
+from observer.terminal import echo
 
 if TYPE_CHECKING:
     from observer.installation import Installation

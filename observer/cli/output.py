@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import unicodedata
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from io import StringIO
@@ -12,40 +11,19 @@ from shutil import get_terminal_size
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, TextIO
 
-import typer
-
 from observer.errors import UserError
+from observer.terminal import echo, print_for_people, printable
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.progress import Progress
 
-_COMMANDING = {"Cc", "Cf", "Cs", "Zl", "Zp"}
-"""The categories of characters that command a terminal or the order of a text."""
 _REGIMES = {
     "points": "the position of {name} is sampled fewer than 2.5 times per traverse; its heat is spread "
     "over the positions sampled in the last 20 s",
     "undetermined": "the position of {name} is sampled in step with its motion, so its path is not in the "
     "log; record it faster, with at least ten samples per traverse",
 }
-
-
-def printable(text: str) -> str:
-    """Return a text in which control characters, but line breaks and tabs, are written as escapes.
-
-    A name in a file can hold a terminal's commands, or signs that reverse the order of what follows.
-    """
-    return "".join(
-        character.encode("unicode_escape", "surrogatepass").decode("ascii")
-        if unicodedata.category(character) in _COMMANDING and character not in "\n\t"
-        else character
-        for character in text
-    )
-
-
-def echo(text: str, *, err: bool = False) -> None:
-    """Print a text for people; what cannot be printed appears as escapes."""
-    typer.echo(printable(text), err=err)
 
 
 def say(error: UserError) -> None:
@@ -121,11 +99,14 @@ def counting(name: str, doing: str, then: str) -> Iterator[Callable[[int, int], 
 @contextmanager
 def advancing(name: str) -> Iterator[Callable[..., None]]:
     """Show a bar for work in stages: call with the stage and, where known, the fraction done."""
+    from rich.markup import escape
+
     with _bar() as bar:
         task = bar.add_task(name, total=None)
         yield lambda text, done=None: bar.update(
-            task, completed=done, total=None if done is None else 1.0, description=f"{name}: {text}"
-        )
+            task, completed=done, total=None if done is None else 1.0,
+            description=f"{name}: {escape(printable(text))}",
+        )  # fmt: skip
 
 
 def _bar() -> Progress:
@@ -145,16 +126,3 @@ def show(found: Any, as_json: bool, as_text: Callable[[Any], RenderableType]) ->
         echo(json.dumps(found, indent=2, allow_nan=False))
         return
     print_for_people(as_text(found))
-
-
-def print_for_people(text: RenderableType) -> None:
-    """Print a table or a text of rich, which names from files cannot style."""
-    from rich.console import Console
-    from rich.segment import Segment
-
-    class PrintableConsole(Console):
-        def render(self, *arguments: Any, **options: Any) -> Iterator[Segment]:
-            for segment in super().render(*arguments, **options):
-                yield segment._replace(text=printable(segment.text)) if not segment.control else segment
-
-    PrintableConsole(highlight=False).print(text)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
+
+from observer.errors import UserError
 from observer.estimators.protocol import Estimator
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings, Integrity
@@ -22,8 +25,7 @@ def build_estimator(
 
         return LuenbergerEstimator(plant, settings)
     if settings.kind != "kalman":
-        made: Estimator = outside(settings.kind, "estimators")(plant, settings)
-        return made
+        return _from_outside(settings.kind, plant, settings)
     if settings.engine == "constant":
         from observer.estimators.fixed_gain import ConstantGainEstimator  # noqa: PLC0415
 
@@ -35,3 +37,20 @@ def build_estimator(
     from observer.estimators.kalman import KalmanEstimator  # noqa: PLC0415
 
     return KalmanEstimator(plant, settings, integrity)
+
+
+def _from_outside(kind: str, plant: Plant, settings: EstimatorSettings) -> Estimator:
+    """Design an estimator of the user. Raises `UserError` where its class is not one."""
+    design = outside(kind, "estimators")
+    try:
+        inspect.signature(design).bind(plant, settings)
+    except (TypeError, ValueError) as error:
+        raise UserError(
+            f"estimator: {kind} cannot be called with a plant and the estimator's settings ({error}); give "
+            "it __init__(self, plant, settings)"
+        ) from None
+    made: Estimator = design(plant, settings)
+    missing = [name for name in ("layout", "initial", "run") if not hasattr(made, name)]
+    if missing:
+        raise UserError(f"estimator: {kind} has no {' and no '.join(missing)}; an estimator needs them")
+    return made

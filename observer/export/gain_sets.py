@@ -11,7 +11,14 @@ from scipy.linalg import block_diag
 
 from observer.config import Config
 from observer.errors import ConfigError
-from observer.estimators.design.gains import LuenbergerGain, Refusal, closed_loop, everything, sensor_rows
+from observer.estimators.design.gains import (
+    LuenbergerGain,
+    Refusal,
+    closed_loop,
+    everything,
+    refusal,
+    sensor_rows,
+)
 from observer.estimators.design.steady import bandwidth, gain_for, steady_covariance
 from observer.frames import FloatArray
 from observer.model.discretise import StepMatrices
@@ -62,10 +69,14 @@ def gain_sets(config: Config, plant: Plant, step: StepMatrices) -> GainSets:
         present = everything(plant)
         present[list(absent)] = False
         K = gain_for(plant, step, present, constant, omega, _GROWTH_AT_MOST_1_S)
-        if isinstance(K, Refusal):
+        K = K.K if isinstance(K, LuenbergerGain) else K
+        found = None if isinstance(K, Refusal) else steady_covariance(plant, step, K)
+        if isinstance(K, Refusal) or found is None:
             if not absent:
+                beyond = refusal(plant, present, "its σ is beyond double precision")
+                why = K if isinstance(K, Refusal) else beyond
                 raise ConfigError(
-                    f"estimator: no constant gain for {', '.join(K.sensors)}: {K.reason}; add or move "
+                    f"estimator: no constant gain for {', '.join(why.sensors)}: {why.reason}; add or move "
                     "sensors (`observer place`), give each source random_walk_W_sqrt_s > 0, or take "
                     'kind = "luenberger" with a lower bandwidth_1_s'
                 )
@@ -73,10 +84,7 @@ def gain_sets(config: Config, plant: Plant, step: StepMatrices) -> GainSets:
             continue
         first, second = (*absent, s, s)[:2]
         number[first, second] = len(steady)
-        K = K.K if isinstance(K, LuenbergerGain) else K
         P0 = block_diag(plant.prior_P, np.diag(plant.initial_sigma_W**2))
-        found = steady_covariance(plant, step, K)
-        assert found is not None, "a gain that is not stable"
         K0, S0 = _first_gain(plant, P0, present)
         if not absent:
             settled = _settled(plant, step, K, _corrected(plant, P0, K0), found.P)

@@ -65,6 +65,22 @@ class Comparison:
         return f"<Comparison: {self._title}; {', '.join(case.name for case in self.cases)}>"
 
     @in_words
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame` of the figures in `compare.csv`, with the variants' names as its index.
+
+        Raises `UserError` without pandas.
+        """
+        import pandas
+
+        return pandas.DataFrame(
+            self._rows(), pandas.Index([case.name for case in self.cases], name="variant")
+        )
+
+    def _rows(self) -> list[dict[str, float]]:
+        """The figures of each variant by their columns, with the σ that remain where they are known."""
+        return [case.columns | _sigma_columns(self.unknown.get(case.name)) for case in self.cases]
+
+    @in_words
     def plot(self) -> list[Axes]:
         """Draw the picture that the command writes, as a figure of pyplot, and return its axes."""
         from observer.report.comparison import draw_cases
@@ -79,7 +95,7 @@ class Comparison:
         from observer.report.comparison import draw_cases
         from observer.report.pictures import written
 
-        rows = [case.columns | _sigma_columns(self.unknown.get(case.name)) for case in self.cases]
+        rows = self._rows()
         names = list(dict.fromkeys(name for row in rows for name in row))
         with results_in(Path(folder)) as part:
             with (part / "compare.csv").open("w", encoding="utf-8", newline="") as file:

@@ -8,6 +8,7 @@ the whole matrix, with nuts over their strokes and a time-varying loss where one
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -23,6 +24,9 @@ from observer.model.plant import OFFSET, Basis, Plant
 
 if TYPE_CHECKING:
     import control
+
+_LONGEST = 16.0
+"""Step times norm up to which one exponential is taken; its noise loses exp of that in digits."""
 
 
 def generator(plant: Plant, loss_1_s: float = 0.0) -> FloatArray:
@@ -84,7 +88,8 @@ def design_step(plant: Plant, step: StepMatrices) -> tuple[FloatArray, FloatArra
 def augmented_step(plant: Plant, dt_s: float, loss_1_s: float = 0.0) -> tuple[FloatArray, FloatArray]:
     """Return transition and noise (n, n) of [x | δ] over a step, δ the estimated heats' deviations.
 
-    Source: Van Loan (1978), eq. 1.2: exp of [[−A, Q], [0, Aᵀ]] holds both.
+    Source: Van Loan (1978), eq. 1.2: exp of [[−A, Q], [0, Aᵀ]] holds both. As exp(−A dt) grows without limit,
+    a long step is made of short ones.
     """
     from scipy.linalg import expm  # noqa: PLC0415  (start-up: designs alone need it)
 
@@ -97,9 +102,14 @@ def augmented_step(plant: Plant, dt_s: float, loss_1_s: float = 0.0) -> tuple[Fl
     block[:n, :n] = -block[n:, n:].T
     block[:n_x, n : n + n_x] = plant.field_noise_Q
     block[n_x:n, n + n_x :] = np.diag(plant.random_walk_W2_s)
-    whole = expm(block * dt_s)
+    norm = float(np.linalg.norm(block, 1)) * dt_s
+    halvings = math.ceil(math.log2(max(norm / _LONGEST, 1.0)))
+    whole = expm(block * (dt_s / 2**halvings))
     Ad = whole[n:, n:].T
     Qd = Ad @ whole[:n, n:]
+    for _ in range(halvings):
+        Qd = Qd + Ad @ Qd @ Ad.T
+        Ad = Ad @ Ad
     return np.asarray(Ad), np.asarray(0.5 * (Qd + Qd.T))
 
 

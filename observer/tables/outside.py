@@ -7,10 +7,15 @@ group `ballscrew_observer.drivers`, `.estimators` or `.effects`. A kind of this 
 from __future__ import annotations
 
 import re
+import sys
+import traceback
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, TypeGuard
 
 _PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*", re.ASCII)
+
+_FILES: dict[str, str] = {}
+"""The file of each class from outside that is in use, with the `kind` that names it."""
 
 
 def is_outside(kind: object, group: str) -> TypeGuard[str]:
@@ -32,7 +37,7 @@ def outside(kind: str, group: str) -> Any:
     if ":" not in kind:
         point = entry_points(group=f"ballscrew_observer.{group}")[kind]
     try:
-        return point.load()
+        loaded = point.load()
     except AttributeError:
         raise ValueError(f"{point.module} has no class {point.attr}; fix the name after the colon") from None
     except Exception as error:  # noqa: BLE001 - the module is not ours and may raise anything
@@ -40,3 +45,18 @@ def outside(kind: str, group: str) -> Any:
             f"{kind} cannot be imported ({type(error).__name__}: {error}); install its package beside this "
             "program, or put its folder on PYTHONPATH"
         ) from None
+    if missing := sorted(getattr(loaded, "__abstractmethods__", ())):
+        raise ValueError(f"{kind} has no {' and no '.join(missing)}; write what its base class demands")
+    _FILES[str(getattr(sys.modules[point.module], "__file__", point.module))] = kind
+    return loaded
+
+
+def fault_outside(error: BaseException) -> str | None:
+    """Say in which class from outside an exception arose, in which file and line; None where in none."""
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        if kind := _FILES.get(frame.filename):
+            return (
+                f"{kind} failed in {frame.filename}, line {frame.lineno} ({type(error).__name__}: {error}); "
+                "correct this class, which is not part of the program"
+            )
+    return None

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from observer.cli.output import printable
 from observer.errors import ConfigError
 from observer.files.regular import MOST_DEPTH, MOST_ENTRIES, read_toml
 from observer.installation import load
+from observer.terminal import printable
 
 CONFIG = Path(__file__).parents[2] / "config" / "demo.toml"
 COMMANDS = {
@@ -86,7 +86,7 @@ def test_a_table_shows_no_command_from_a_file(capsys: pytest.CaptureFixture[str]
     from rich.table import Table
     from rich.text import Text
 
-    from observer.cli.output import print_for_people
+    from observer.terminal import print_for_people
 
     table = Table("name")
     for command in COMMANDS.values():
@@ -94,3 +94,31 @@ def test_a_table_shows_no_command_from_a_file(capsys: pytest.CaptureFixture[str]
     print_for_people(table)
     shown = capsys.readouterr().out
     assert not any(sign in shown for sign in "\x1b\x9b\x07\r\u202e\u2066\u2069")
+
+
+def test_a_bar_shows_no_command_from_a_file(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from observer.cli.output import advancing
+
+    monkeypatch.setenv("FORCE_COLOR", "1")  # rich takes the stream for a terminal
+    with advancing("compare") as progress:
+        progress("\u202e\x9b[bold]x[/]", 0.5)
+    shown = capsys.readouterr().err
+    assert not any(sign in shown for sign in "\x9b\u202e")
+    assert "\\u202e" in shown
+    assert "[bold]" in shown
+
+
+def test_the_live_view_shows_no_command_from_a_name(capsys: pytest.CaptureFixture[str]) -> None:
+    from rich.live import Live
+    from rich.text import Text
+
+    from observer import view
+
+    assert view.printable_console.__module__ == "observer.terminal"
+    with Live(Text("\u202e\x9bx"), console=view.printable_console()):
+        pass
+    shown = capsys.readouterr().out
+    assert not any(sign in shown for sign in "\x9b\u202e")
+    assert "\\u202e" in shown

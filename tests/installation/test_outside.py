@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import itertools
 import os
 import subprocess
 import sys
@@ -100,3 +102,83 @@ def test_check_lists_the_names_of_entry_points(installed: Path) -> None:
     )
     assert done.returncode == 2
     assert "player, my-drivers, module:Class" in done.stderr
+
+
+BROKEN = """
+from drivers.protocol import DriverTable
+from observer.effects.base import EffectTable
+from observer.estimators.kalman import KalmanEstimator
+
+
+class Design(KalmanEstimator):
+    def __init__(self, plant, settings):
+        {}["design"]
+
+
+class Run:
+    def __init__(self, plant, settings):
+        self.inner = KalmanEstimator(plant, settings)
+        self.layout, self.initial = self.inner.layout, self.inner.initial
+
+    def run(self, state, inputs):
+        {}["run"]
+
+
+class NoArguments:
+    pass
+
+
+class NoRun:
+    def __init__(self, plant, settings):
+        pass
+
+
+class Bus(DriverTable):
+    kind: str
+
+    def model_post_init(self, context):
+        {}["bus"]
+
+    def open(self, name):
+        raise OSError(name)
+
+
+class Effect(EffectTable):
+    kind: str
+"""
+BROKEN_TABLES = {
+    "Design": ("[estimator]", "line 9 (KeyError: 'design')"),
+    "Run": ("[estimator]", "line 18 (KeyError: 'run')"),
+    "NoArguments": ("[estimator]", "give it __init__(self, plant, settings)"),
+    "NoRun": ("[estimator]", "has no layout and no initial and no run"),
+    "Bus": ("[drivers.mine]", "line 34 (KeyError: 'bus')"),
+    "Effect": ("[[effect]]", "has no terms"),
+}
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("name", BROKEN_TABLES)
+def test_an_error_in_a_class_of_the_user_is_a_sentence_with_its_file_and_line(
+    name: str, tmp_path: Path
+) -> None:
+    table, words = BROKEN_TABLES[name]
+    (tmp_path / "broken.py").write_text(BROKEN, encoding="utf-8")
+    root = Path(__file__).parents[2]
+    text = (root / "tests" / "data" / "rig" / "config.toml").read_text("utf-8")
+    text += f'\n{table}\nkind = "broken:{name}"\n'
+    (tmp_path / "machine.toml").write_text(text, encoding="utf-8")
+    with gzip.open(root / "tests" / "data" / "rig" / "run_c.csv.gz", "rt", encoding="utf-8") as log:
+        (tmp_path / "log.csv").write_text("".join(itertools.islice(log, 40)), encoding="utf-8")
+    files = ["log.csv", "--config", "machine.toml", "--output", "results"]
+    done = subprocess.run(
+        [sys.executable, "-m", "observer", "replay", *files],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{root}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    assert f"broken:{name}" in done.stderr
+    assert words in done.stderr

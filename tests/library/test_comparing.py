@@ -242,3 +242,12 @@ def test_a_nut_that_covers_the_film_is_kept_on_the_screw_as_a_whole() -> None:
     values = {"screw_speed_rpm": 500.0, "ambient_degC": 20.0, "nut_position_m": 0.03}
     with pytest.raises(observer.ConfigError, match="nut reaches beyond the screw there"):
         machine.settle({c: v for c, v in values.items() if c in machine.config.channels})
+
+
+def test_a_comparison_as_pandas_has_the_rows_of_its_file(tmp_path: Path) -> None:
+    import pandas as pd
+
+    found = compared("yu-dual-drive", "yu-drives", steady=True)
+    found.write(tmp_path / "out")
+    written = pd.read_csv(tmp_path / "out" / "compare.csv", index_col="variant")
+    pd.testing.assert_frame_equal(found.to_pandas(), written, check_exact=False)

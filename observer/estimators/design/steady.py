@@ -5,18 +5,20 @@ the bandwidth where none is given; and whether it holds while a nut stands still
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import eigvals, solve_discrete_are, solve_discrete_lyapunov
+from scipy.linalg import LinAlgWarning, eigvals, solve_discrete_are
 
 from observer.errors import UserError
 from observer.estimators.design import gains
 from observer.estimators.design.gains import (
     LuenbergerGain,
     Refusal,
+    accumulated,
     closed_loop,
     design_kim,
     is_stable,
@@ -193,7 +195,9 @@ def steady_kalman(plant: Plant, step: StepMatrices, present: BoolArray) -> Float
     try:
         # The states are scaled already; scipy's own balancing was seen to spoil the solution of symmetric
         # plants.
-        P = solve_discrete_are(A.T, C.T, Q, R, balanced=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", LinAlgWarning)  # the residual below shows whether it is solved
+            P = solve_discrete_are(A.T, C.T, Q, R, balanced=False)
     except (np.linalg.LinAlgError, ValueError):
         return undetermined
     S = C @ P @ C.T + R
@@ -208,7 +212,8 @@ def steady_kalman(plant: Plant, step: StepMatrices, present: BoolArray) -> Float
 
 
 def steady_covariance(plant: Plant, step: StepMatrices, K: FloatArray) -> Steady | None:
-    """Return the covariance that a constant gain K (n, s) leads to, or nothing where it is not stable.
+    """Return the covariance that a constant gain K (n, s) leads to. None where it is not stable, or so
+    ill-conditioned that double precision cannot give it.
 
     P = M P Mᵀ + (I - K C) Qd (I - K C)ᵀ + K R Kᵀ, with M = (I - K C) Ad.
     """
@@ -219,8 +224,10 @@ def steady_covariance(plant: Plant, step: StepMatrices, K: FloatArray) -> Steady
     if not is_stable(M):
         return None
     rest = np.eye(len(Ad)) - K @ sensor_rows(plant)
-    P = solve_discrete_lyapunov(M, (rest @ Qd @ rest.T + (K * plant.noise_R_K2) @ K.T) / weigh) * weigh
-    P = 0.5 * (P + P.T)
+    scaled = accumulated(M, (rest @ Qd @ rest.T + (K * plant.noise_R_K2) @ K.T) / weigh)
+    if scaled is None:
+        return None
+    P = scaled * weigh
     P_pred = Ad @ P @ Ad.T + Qd
     return Steady(np.asarray(0.5 * (P_pred + P_pred.T)), np.asarray(P, dtype=np.float64))
 
