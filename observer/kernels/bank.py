@@ -169,14 +169,15 @@ def add_change(p, u, k, held, j):
 def put_bounds(p, u, out, k, held, sigmas):
     """Write the bounds of step k: those of the bank's last step, and at least `sigmas` standard deviations.
 
-    The standard deviations first get what readings that drift and laws that have just changed add to them.
-    Beyond a limit an estimate is not good.
+    The standard deviations first get what readings that drift add to them. The bound of a heat also gets what
+    a law that has just changed adds: a few seconds, in which the heat still counts as known. Beyond a limit
+    an estimate is not good.
     """
     beyond = False
     for j in range(len(held.heat_W)):
-        added_W2 = held.heat_drift_W2[j] + add_change(p, u, k, held, j)
-        out.heat_sigma[k, j] = sqrt(squared(out.heat_sigma[k, j]) + added_W2)
-        out.heat_bound[k, j] = max(held.heat_W[j], sigmas * out.heat_sigma[k, j])
+        variance_W2 = squared(out.heat_sigma[k, j]) + held.heat_drift_W2[j]
+        out.heat_sigma[k, j] = sqrt(variance_W2)
+        out.heat_bound[k, j] = max(held.heat_W[j], sigmas * sqrt(variance_W2 + add_change(p, u, k, held, j)))
     for r in range(len(held.field)):
         out.field_sigma[k, r] = sqrt(squared(out.field_sigma[k, r]) + held.field_drift2[r])
         bound = max(held.field[r], sigmas * out.field_sigma[k, r])
