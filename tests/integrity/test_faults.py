@@ -203,9 +203,10 @@ AS_PROMISED = {
         ("t3 +1 K", {"beyond": ""}, "no estimate has a bound"),
         ("all +1 K/h", {"wrong": "1000"}, ""),
         (NONE, {"good": "969", "wrong": "0", "beyond": "0"}, "96.9 % good"),
-        (NONE, {"out": "1"}, "taken out"),
-        (NONE, {"bound_um": "9.1"}, "interval"),
-        (NEW_PROGRAM, {}, ""),
+        (NONE, {}, "beyond the bound on 1 of 1"),
+        (NONE, {"beyond": "0", "out": "1"}, "taken out"),
+        (NONE, {"beyond": "0", "bound_um": "9.1"}, "interval"),
+        (NEW_PROGRAM, {"beyond": "0"}, ""),
     ],
 )
 def test_what_falls_short_of_the_promise_is_said(name, cells, words):
