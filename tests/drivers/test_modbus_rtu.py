@@ -9,7 +9,6 @@ from contextlib import asynccontextmanager
 from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from drivers import modbus_line
 from drivers.modbus import ModbusRtuSettings
 from tests.drivers.harness import running
 from tests.patience import Stopwatch
@@ -119,21 +118,6 @@ async def test_late_replies_never_yield_another_registers_value():
         assert any("timeout" in r.faults.values() for r in rtu.readings)
         await rtu.until(lambda _: sum(not r.faults for r in rtu.readings) > 5)
         assert wrong_values(rtu.readings) == []
-
-
-async def test_without_quiet_and_requests_that_differ_late_replies_do_yield_wrong_values(monkeypatch):
-    """The hazard is real: this is what the test above protects against."""
-
-    async def at_once(*_):
-        """Neither wait nor see to it that the reply can be told from an earlier one."""
-
-    monkeypatch.setattr(modbus_line.Line, "_settle", at_once)
-    monkeypatch.setattr(modbus_line.Line, "_tell_apart", at_once)
-    monkeypatch.setattr(modbus_line.Line, "reserve", lambda _line, request, _most: request)
-    monkeypatch.setattr(modbus_line.Line, "release", lambda *_: None)
-    async with rtu_device(list(range(15))) as line, running(settings(line, 5).open("rtu")) as rtu:
-        await replies_that_come_late(line, rtu)
-        assert wrong_values(rtu.readings) != []
 
 
 async def test_a_line_that_is_cut_is_flagged_each_period_and_comes_back():

@@ -6,6 +6,7 @@ import ast
 import inspect
 import subprocess
 import sys
+import uuid
 from importlib.metadata import version
 from pathlib import Path
 
@@ -75,7 +76,8 @@ def test_a_missing_name_is_an_attribute_error():
 
 def test_a_users_script_passes_the_strict_type_check(tmp_path):
     """By the project's own settings, strict as well: what `make lint` keeps of the modules serves here."""
-    study, wrong = tmp_path / "study.py", tmp_path / "wrong.py"
+    name = f"study_{uuid.uuid4().hex}"  # mypy keeps errors by the name of a module, with the path of then
+    study, wrong = tmp_path / f"{name}.py", tmp_path / f"wrong_{name}.py"
     study.write_text(SCRIPT)
     wrong.write_text(SCRIPT.replace("version: str", "version: int"))
     command = [sys.executable, "-m", "mypy", str(study), str(wrong)]
