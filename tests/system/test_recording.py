@@ -65,6 +65,8 @@ def _assert_same(message: dict[str, Any], row: dict[str, str]) -> None:
         zip((f"quality_{n}" for n in message["sensors"]), message["sensor_quality"], strict=True)
     )
     qualities["quality"] = message["quality"]
+    qualities["sensors"] = str(len(message["sensors"]))
+    qualities["sensors_used"] = str(message["sensors_used"])
     given = {name for name in row if not name.startswith("learned_")}  # which has a message of its own
     assert given == {"time_s"} | columns.keys() | qualities.keys()
     for name, value in columns.items():
