@@ -70,9 +70,14 @@ def looked_at(seed: int, number: int, run: str) -> LookedAt:
     return LookedAt(one, np.round(noisy, 2))
 
 
-def estimated(one: LookedAt, which: tuple[int, ...], pyrometer: Sensor | None = None) -> EstimateBlock:
-    """What the observer estimates with some of the sensors, where the middle one may be the pyrometer."""
-    config, seen = config_of(CONFIG), one.day.sensor_degC.copy()
+def estimated(
+    one: LookedAt, which: tuple[int, ...], pyrometer: Sensor | None = None, tables: str = ""
+) -> EstimateBlock:
+    """What the observer estimates with some of the sensors, where the middle one may be the pyrometer.
+
+    `tables` is added to the configuration.
+    """
+    config, seen = config_of(CONFIG, tables), one.day.sensor_degC.copy()
     every = list(config.sensor)
     if pyrometer is not None:
         every[2], seen[:, 2] = pyrometer, one.pyrometer_degC

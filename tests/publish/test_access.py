@@ -24,6 +24,7 @@ from tests.publish.people import PREFIX, Authority, ask, published, secret, sess
 
 ROLES = {"viewer": ["user:anna"], "operator": ["user:oskar"], "service": ["user:cell"]}
 PASSWORDS = {"anna": "see", "oskar": "do", "cell": "be"}
+HEALTH = {"sequence": None, "sensors_used": 0, "sensors": 2, "state": "good"}
 COMMAND = f"{PREFIX}/command/reset?config=ab12"
 
 
@@ -55,7 +56,7 @@ def test_by_password(tmp_path):
             _publish_until(made, lambda: all(h.try_recv() for h in heard))
             for opened in (anna, oskar):
                 assert json.loads(ask(opened, f"{PREFIX}/config")[0])["hash"] == "ab12"
-                assert json.loads(ask(opened, "ballscrew/*/*/health")[0])["state"] == "good"
+                assert json.loads(ask(opened, "ballscrew/*/*/health")[0]) == HEALTH
                 alive = opened.liveliness().get("ballscrew/*/*/alive", timeout=3)
                 assert [str(r.ok.key_expr) for r in alive] == [f"{PREFIX}/alive"]
                 for wildcard in ("ballscrew/**", f"{PREFIX}/**", "**"):
@@ -142,7 +143,7 @@ def test_the_commands_of_the_program_log_in(tmp_path):
     with published(**_users(tmp_path)) as (made, endpoint):
         made.document("health", {"state": "good"})
         anna = user(tmp_path, "anna", "see")
-        assert ask_health(endpoint, "lathe-7", "z", 10, anna).document["state"] == "good"
+        assert ask_health(endpoint, "lathe-7", "z", 10, anna).document == HEALTH
         assert "rejects this client" in ask_health(endpoint, "lathe-7", "z", 2).problem
         assert command("reset", endpoint, "lathe-7", "z", 2, anna).document is None
         assert made.commands() == []
