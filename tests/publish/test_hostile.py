@@ -104,7 +104,7 @@ def test_hostile_queries():
         alive, commands = victim.state().split()
         assert alive == "True"
         assert int(commands) <= 4
-        wait(lambda: ask(honest, f"{PREFIX}/health") == ['{"state":"good"}'])
+        wait(lambda: json.loads(ask(honest, f"{PREFIX}/health")[0]).get("state") == "good")
 
 
 @pytest.mark.system
