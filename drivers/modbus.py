@@ -8,13 +8,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from drivers.decode import MAX_REGISTERS, spans
 from drivers.places import MODBUS_INPUTS, ModbusChannel, check_channels, modbus_input
 from drivers.polled import PolledTable
 from drivers.protocol import ChannelName, InputOr, PollPeriod, SharedWire, Text, Timeout
-from observer.tables.quantities import Count, Number
+from observer.tables.quantities import Count, Number, checked_host
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +110,7 @@ class ModbusTcpSettings(ModbusTable):
     kind: Literal["modbus_tcp"]
     #: `"tcp"`, or `"rtu-over-tcp"` for a serial server that passes RTU frames on as they are
     transport: Literal["tcp", "rtu-over-tcp"] = "tcp"
-    host: Text
+    host: Annotated[Text, AfterValidator(checked_host)]
     port: Annotated[Count, Field(ge=1, le=65535)] = 502
 
     @property

@@ -125,6 +125,26 @@ def not_zero(scale: float) -> float:
     return scale
 
 
+def modicon(number: int) -> str:
+    """Say what to write for a register's number as manuals give it, such as 40001; empty for any other."""
+    for digits in (10_000, 100_000):
+        kind, register = divmod(number - 1, digits)
+        if kind in (3, 4) and 0 <= register < min(digits, 0x10000):
+            function = "holding" if kind == 4 else "input"
+            return (
+                "looks like a number of a manual, which counts from 1 and puts the kind of register first: "
+                f'write register = {register} and function = "{function}"'
+            )
+    return ""
+
+
+def _on_the_wire(number: object) -> object:
+    """Raise `ValueError` for a register beyond those of the wire that a manual's number explains."""
+    if type(number) is int and number > 0xFFFF and (words := modicon(number)):
+        raise ValueError(f"{number} {words}")
+    return number
+
+
 ChannelName = Annotated[
     str,
     Field(min_length=1, max_length=128, pattern=r"^[A-Za-z0-9_.-]+$"),
@@ -134,7 +154,7 @@ Input = Annotated[Count, Field(ge=0, le=63)]
 Scale = Annotated[Finite, Field(ge=-1e9, le=1e9), AfterValidator(not_zero)]
 PollPeriod = Annotated[Number, Field(ge=0.005, le=3600)]
 Timeout = Annotated[Number, Field(ge=0.01, le=60)]
-Register = Annotated[Count, Field(ge=0, le=0xFFFF)]
+Register = Annotated[Count, BeforeValidator(_on_the_wire), Field(ge=0, le=0xFFFF)]
 Word = Annotated[Count, BeforeValidator(_any_base), Field(ge=0, le=0xFFFF_FFFF_FFFF_FFFF)]
 Text = Annotated[str, Field(min_length=1, max_length=256, pattern=r"^[^\x00-\x1f\x7f]+$")]
 FaultName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=64)]

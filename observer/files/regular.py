@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from observer.errors import ConfigError, LogError, UserError
+from observer.files.toml_slips import sentence as slip_sentence
 
 MOST_BYTES = 4_000_000
 """Of a configuration or a record of an adoption."""
@@ -64,15 +65,20 @@ def read_regular(path: Path, most_bytes: int, what: str) -> bytes:
 
 def read_toml(path: Path, what: str = "a configuration with --config") -> dict[str, Any]:
     """Return the table of a TOML file, `what` it is to be. Raises `ConfigError`."""
+    text, data = "", b""
     try:
-        text = read_regular(path, MOST_BYTES, "a TOML file").decode("utf-8")
+        data = read_regular(path, MOST_BYTES, "a TOML file")
+        text = data.decode("utf-8-sig")  # some editors mark UTF-8 at its beginning
         if _LONG_KEY.search(text):
             raise ConfigError(f"{path}: holds more than {MOST_DEPTH} nested tables; a configuration is flat")
         table = tomllib.loads(text)
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file; give the path of {what}") from None
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: cannot be read as text ({error}); give a TOML file in UTF-8") from None
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ConfigError(
+            f"{path}: line {line} holds a character in another encoding; in the editor, save it as UTF-8"
+        ) from None
     except OSError as error:
         reason = error.strerror or error
         raise ConfigError(f"{path}: cannot be read as text ({reason}); give a TOML file in UTF-8") from None
@@ -81,8 +87,7 @@ def read_toml(path: Path, what: str = "a configuration with --config") -> dict[s
     except RecursionError:
         raise ConfigError(f"{path}: tables nested without end; a configuration is flat") from None
     except ValueError as error:  # not TOML, a number of thousands of digits, a path that no file can have
-        reason = one_line(str(error))
-        raise ConfigError(f"{path}: not valid TOML ({reason}); fix that line") from None
+        raise ConfigError(f"{path}: {slip_sentence(text, one_line(str(error)))}") from None
     depth, entries = _extent(table)
     if depth > MOST_DEPTH:
         raise ConfigError(f"{path}: holds more than {MOST_DEPTH} nested tables; a configuration is flat")

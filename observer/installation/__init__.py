@@ -197,7 +197,7 @@ def write_back(text: str, values: Mapping[str, float]) -> str:
     spacing stay. Values are rounded to five digits, far below any interval. Raises `ConfigError` for one that
     the text does not have.
     """
-    document = tomlkit.parse(text)
+    document = tomlkit.parse(text.removeprefix("\ufeff"))
     for key, value in values.items():
         table, last = _owner(document, key)
         table[last] = rounded(value)
@@ -208,7 +208,7 @@ def with_effects(text: str, effects: Sequence[EffectTable]) -> str:
     """Return the text with an `[[effect]]` table added for each effect."""
     if not effects:
         return text
-    document = tomlkit.parse(text)
+    document = tomlkit.parse(text.removeprefix("\ufeff"))
     tables = document.setdefault("effect", tomlkit.aot())
     for effect in effects:
         table = tomlkit.table()

@@ -6,10 +6,12 @@ value replaced by what was probably meant, and the repaired table checked again 
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import difflib
 import functools
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -19,6 +21,8 @@ from drivers import DRIVER_KINDS
 from drivers.protocol import UNION_TAGS
 from observer.effects.catalogue import KINDS
 from observer.errors import SeveralError
+from observer.files.toml_slips import truth, without_quotes
+from observer.installation.typed import key_name
 from observer.installation.typical_ranges import hint, probable
 from observer.tables.outside import entry_names, is_outside, outside
 
@@ -142,12 +146,57 @@ def _words(detail: ErrorDetails, path: Path) -> str:
     elif kind in {"model_type", "model_attributes_type", "dict_type"}:
         message = f"must be a table, not {shown(given)}; write [{key_of(path, {})}] and its keys below"
     elif kind in {"too_short", "too_long"} and isinstance(given, list | tuple | dict):
-        limit = detail["ctx"].get("min_length", detail["ctx"].get("max_length"))
+        limit = int(detail["ctx"].get("min_length") or detail["ctx"].get("max_length") or 0)
         least = "at least" if kind == "too_short" else "at most"
-        message = f"has {len(given)} entries where {least} {limit} are expected; change the list"
+        message = f"has {len(given)} entries where {least} {limit} are expected; {_shorter(given, limit)}"
+    elif kind in {"list_type", "tuple_type"} and isinstance(given, dict):
+        message = f"there may be several of this table; write [[{key_of(path, {})}]], in two brackets"
     elif isinstance(given, int | float | str | bool):
-        message = f"{message}, not {shown(given)}{hint(path, given)}"
+        message = f"{message}, not {shown(given)}{_meant(detail, path) or hint(path, given)}"
     return message
+
+
+def _shorter(given: Sequence[object] | Mapping[str, object], limit: int) -> str:
+    """What to do about a list of another length: a decimal comma makes two numbers of each."""
+    if len(given) != 2 * limit or not all(type(part) is int for part in given):
+        return "change the list"
+    pairs = zip(*[iter(given)] * 2, strict=True)
+    return f"with decimal points write [{', '.join(f'{whole}.{part}' for whole, part in pairs)}]"
+
+
+def _meant(detail: ErrorDetails, path: Path) -> str:
+    """“; write …”: a number, a truth or a choice as it was probably meant; empty where nothing is likely."""
+    kind, given, key = detail["type"], detail["input"], str(path[-1]) if path else ""
+    meant = ""
+    if kind.startswith(("float_", "int_", "decimal_")) and isinstance(given, str):
+        meant = without_quotes(key, given) or "the number alone, without quotes"
+    elif kind.startswith("bool_"):
+        meant = truth(str(given)) or {"1": "true", "0": "false"}.get(str(given), "true or false")
+    elif kind in ("list_type", "tuple_type") and isinstance(given, str):
+        meant = f'["{given}"], in square brackets'
+    elif kind == "string_type":
+        meant = f'"{given}", in quotes'
+    elif kind == "string_pattern_mismatch" and key in ("name", "axis"):
+        with contextlib.suppress(ValueError):
+            meant = f'"{key_name(str(given))}": letters, digits, _ . and - are allowed'
+    elif kind == "literal_error":
+        meant = _choice(key, str(given), str(detail["ctx"]["expected"]))
+    return f"; write {meant}" if meant else ""
+
+
+def _choice(key: str, given: str, expected: str) -> str:
+    """The choice that a word, or a Modbus function code, probably stands for; empty where none is near."""
+    if key == "function" and (code := given.lstrip("0")) in ("3", "4"):
+        return '"holding", which is function 3' if code == "3" else '"input", which is function 4'
+    if key == "byte_order" and given in ("big", "little"):
+        return f'word_order = "{given}", or byte_order = "{"CDAB" if given == "little" else "ABCD"}"'
+    choices = re.findall(r"'([^']*)'", expected)
+    by_lower = {choice.lower(): choice for choice in choices}
+    word = {"real": "float32", "float": "float32", "int": "int16", "word": "uint16", "dint": "int32"}.get(
+        given.lower(), given.lower()
+    )
+    close = difflib.get_close_matches(word, list(by_lower), n=1)
+    return f'"{by_lower[close[0]]}"' if close else ""
 
 
 def shown(value: object) -> str:

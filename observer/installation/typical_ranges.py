@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from drivers.protocol import modicon
 from observer.physics.constants import ZERO_DEGC_K
 
 
@@ -138,6 +139,8 @@ def hint(path: tuple[int | str, ...], value: object) -> str:
 
 def doubt(path: tuple[int | str, ...], value: float) -> str | None:
     """Why a value looks wrong, None where it is usual."""
+    if str(path[-1]) in ("register", "status_register", "first_register") and (words := modicon(int(value))):
+        return f"{value:g} {words}; leave it only if the manual counts on the wire"
     typical = TYPICAL.get(pattern_of(path))
     if typical is None or typical.holds(value):
         return None

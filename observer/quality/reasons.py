@@ -191,7 +191,8 @@ _REMEDIES = {
 }
 _EXCEPTIONS = {
     1: 'the device does not know this function: give function = "holding" or "input"',
-    2: "the device has no such register: check register, counted from 0, and first_register",
+    2: "the device has no such register: check register, counted from 0 (40001 or 30001 of a manual is 0), "
+    "function and first_register",
     3: "the device rejects so many registers: check register and type",
     4: "the device failed to read its own data: check its lamps and its manual",
     6: "the device is busy: raise period_s, and check for a second master",

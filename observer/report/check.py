@@ -205,7 +205,7 @@ def _finite(value: float) -> float | None:
 def doubts(config: Installation) -> list[str]:
     """Settings that are valid but unlikely to be intended, a sentence each."""
     return [
-        *_unusual(config.model_dump(exclude_unset=True)),
+        *_unusual(config.model_dump(exclude_unset=True, by_alias=True)),
         *_same_places(config),
         *_short_strokes(config),
         *_shared_registers(config),

@@ -53,7 +53,23 @@ def checked_path(path: Path) -> Path:
     """Return a path as it is. Raises `ValueError` for one that no file can have."""
     if "\0" in str(path) or len(str(path)) > 4096:
         raise ValueError(f"{str(path)[:40]!r} is no path of a file; fix it")
+    if any(unicodedata.category(c) == "Cc" for c in str(path)):
+        raise ValueError(
+            f"{str(path)[:40]!r} holds a tab or a line break, made by a backslash and the letter behind it; "
+            "write / instead"
+        )
     return path
+
+
+def checked_host(host: str) -> str:
+    """Return the name or address of a computer as it is. Raises `ValueError` for one with more around it."""
+    name = host.rpartition("://")[2].rstrip("/")
+    computer, colon, port = name.rpartition(":")
+    if colon and ":" not in computer and port.isdigit():
+        raise ValueError(f'{host!r} holds the port as well; write "{computer}", and port = {port}')
+    if name != host:
+        raise ValueError(f'{host!r} is more than a computer\'s name or address; write "{name}"')
+    return host
 
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
