@@ -39,7 +39,7 @@ BUILD := $(UV) build --python $(PYTHON) --no-create-gitignore --build-constraint
 .DELETE_ON_ERROR:
 # `make -j demo test` would make the environment for both at once.
 .NOTPARALLEL:
-.PHONY: help env runtime demo test unit system processors slow nightly coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign integrity fleet-scaling config-mutants mutants reference figures docs container-check operations-check lock dist wheels sbom clean
+.PHONY: help env runtime demo test unit system processors slow nightly coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign integrity first-day fleet-scaling config-mutants mutants reference figures docs container-check operations-check lock dist wheels sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -119,6 +119,9 @@ forecast-campaign: $(READY)  ## do temperatures and error of the next hour lie w
 
 integrity: $(READY)  ## is what is called good right, whatever is wrong with the readings? 60 faults, 12 machines; or go on
 	$(BIN)/python -m campaigns.integrity.trial $(ARGS)
+
+first-day: $(READY)  ## 24 machines as most users have them, configured by init: is the error good, and right? Or go on
+	$(BIN)/python -m campaigns.first_day $(ARGS)
 
 fleet-scaling: $(READY)  ## logs a second by one worker and by two, in pairs; ARGS="--logs 400 --pairs 3"
 	$(BIN)/python -m campaigns.fleet.scaling $(ARGS)

@@ -1,0 +1,41 @@
+"""The campaign of the first day: what it makes of a machine, and how it counts."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from campaigns.first_day.judge import row_of, runs
+from campaigns.first_day.promise import DEVELOPMENT, JUDGED, bound_width, share, wideness, worst
+
+
+def test_a_shift_goes_through_the_product_as_init_configures_it(tmp_path: Path) -> None:
+    [row] = row_of(2, 0.02, tmp_path)
+    assert float(row["hours"]) == pytest.approx(0.02)
+    assert 0 < int(row["steps"]) <= 72
+    assert 0.0 < float(row["rms_um"]) < 30.0
+    assert (tmp_path / "machine-2" / "truth.csv.gz").exists()
+
+
+def test_figures_are_sums_over_machines() -> None:
+    rows = [
+        {"good": "1", "steps": "4", "sigmas_um": "4", "squares_um2": "4", "bounds_um": "0", "late_s": "5"},
+        {"good": "3", "steps": "4", "sigmas_um": "12", "squares_um2": "12", "bounds_um": "0", "late_s": ""},
+    ]
+    rows = [row | {"bounded_half_um": "0"} for row in rows]
+    assert share(rows, "good", "steps") == 50.0
+    assert wideness(rows) == 2.0
+    assert bound_width(rows) == 0.0
+    assert math.isinf(worst(rows, "late_s"))
+
+
+def test_runs_are_counted_once_each() -> None:
+    assert runs(np.array([True, True, False, True, False])) == 2
+
+
+def test_judged_machines_are_none_of_those_for_development() -> None:
+    assert not set(DEVELOPMENT) & set(JUDGED)
+    assert len(JUDGED) == 24

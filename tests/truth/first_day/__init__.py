@@ -1,0 +1,1 @@
+"""Machines as most users have them: sensors on housings and nut bracket, stop-and-go work."""
