@@ -16,6 +16,7 @@ import can
 from can.interfaces.slcan import slcanBus
 
 from drivers.can_reader import BusReader, SilentBusError, Take, bus_error
+from drivers.connecting import why_not_opened
 from drivers.places import CanTable
 from drivers.protocol import Clock, Decoded, Deliver, DriverStatus, faulty
 from drivers.socketcand import SocketcandBus
@@ -131,7 +132,8 @@ class BusDriver:
             except SilentBusError as error:
                 post(self._silenced, str(error))
             except Exception as error:  # noqa: BLE001  (an interface may raise anything, and is opened again)
-                post(self._failed, str(error) or type(error).__name__)
+                lost = str(error) or type(error).__name__
+                post(self._failed, lost if reader else why_not_opened(error, self._bus.channel))
                 has_read = reader is not None and reader.has_read
                 delay_s = RETRY_S if has_read else min(2.0 * delay_s, MOST_RETRY_S)
             stop.wait(delay_s)

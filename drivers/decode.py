@@ -40,6 +40,17 @@ def bytes_of(words: Sequence[int], order: ByteOrder = "ABCD") -> bytes:
     return struct.pack(f"{'>' if order in ('ABCD', 'CDAB') else '<'}{len(words)}H", *ordered)
 
 
+def words_of(raw: float, kind: str, order: ByteOrder) -> list[int]:
+    """The words in which a number came, by its type and order: the reverse of `bytes_of` and `raw_of`.
+
+    Raises `struct.error` or `OverflowError` where the type does not hold the number.
+    """
+    number = raw if kind.startswith("float") else round(raw)
+    data = struct.pack(_FORMAT[kind], number)
+    words = list(struct.unpack(f"{'>' if order in ('ABCD', 'CDAB') else '<'}{len(data) // 2}H", data))
+    return words if order in ("ABCD", "BADC") else words[::-1]
+
+
 def raw_of(data: bytes, kind: str) -> float:
     """The number encoded in the bytes of a value, before scaling."""
     number: float = struct.unpack(_FORMAT[kind], data)[0]

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 from pymodbus.transport.serialtransport import create_serial_connection
 
+from drivers.connecting import why_not_opened
 from drivers.decode import MAX_REGISTERS
 from drivers.modbus import ModbusAddress
 from drivers.modbus_frames import (
@@ -271,10 +272,9 @@ class Line:
                     )
                 else:
                     transport, _ = await loop.create_connection(lambda: wire, address.host, address.port)
-        except TimeoutError:
-            self._failure = loop.time(), "no answer to the attempt to connect"
-        except (OSError, ValueError) as error:
-            self._failure = loop.time(), str(error)
+        except (OSError, ValueError) as error:  # a time-out is an OSError
+            place = address.host if address.transport == "serial" else f"{address.host}:{address.port}"
+            self._failure = loop.time(), why_not_opened(error, place)
         else:
             self._failure = None
             self._wire, self._transport = wire, transport

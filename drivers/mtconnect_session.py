@@ -19,6 +19,7 @@ import httpx
 from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
+from drivers.connecting import why_not_opened
 from drivers.mtconnect import MtConnectSettings
 from drivers.places import MtConnectChannel
 from drivers.polled import LostError, PolledValue, SourceTimes
@@ -139,6 +140,8 @@ class MtConnectSession:
             raise LostError("timeout", f"{url} does not answer in time") from None
         except httpx.TimeoutException:
             raise LostError("timeout", f"{url} does not answer in time") from None
+        except httpx.ConnectError as error:
+            raise LostError("disconnected", why_not_opened(error, self._url)) from None
         except (httpx.HTTPError, httpx.InvalidURL, OSError, ValueError) as error:
             raise LostError("disconnected", f"{url}: {error or type(error).__name__}") from None
         return document(data, kind, url)

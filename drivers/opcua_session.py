@@ -30,6 +30,7 @@ from asyncua.ua.uaerrors import (
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey, RSAPublicKey
 
+from drivers.connecting import why_not_opened
 from drivers.opcua import OpcUaSettings
 from drivers.places import OpcUaChannel
 from drivers.polled import LostError, PolledValue, SourceTimes
@@ -65,6 +66,8 @@ async def connect(server: OpcUaSettings, now: Clock) -> OpcUaSession:
         raise LostError("disconnected", f"{server.url} does not answer{_unless(server)}") from None
     except (OSError, ValueError, UaError) as error:
         await _end(client)
+        if isinstance(error, OSError) and error.filename is None:
+            raise LostError("disconnected", why_not_opened(error, server.url)) from None
         raise LostError("disconnected", f"{server.url}{_why_not(error, server)}") from None
     except asyncio.CancelledError:
         await _end(client)

@@ -210,6 +210,7 @@ def _wires(config: Installation) -> dict[str, Any]:
     """The values that every device delivers within a few seconds. Raises `UserError` for an unusable file."""
     from observer.align.plausibility import Limits
     from observer.live.one_look import look
+    from observer.live.wire_doubts import doubt_values
 
     limits, column = Limits.of(config), {name: j for j, name in enumerate(config.channels)}
 
@@ -217,6 +218,7 @@ def _wires(config: Installation) -> dict[str, Any]:
         return limits.doubt(column[channel], value) if channel in column else None
 
     found = look(config.open_drivers(), doubt)
+    doubt_values(config, found)
     for name, heartbeat_s in config.heartbeats_s.items():
         for driver in found["drivers"].values():
             if (one := driver["channels"].get(name)) is not None and one["fault"] == "silent":

@@ -98,18 +98,24 @@ def _found(driver: Driver, seen: _Seen, implausible: Implausible) -> dict[str, A
         "last_error": status.last_error,
         "rate_Hz": seen.rate_Hz(),
         "period_s": driver.period_s,
-        "channels": {channel: _channel(channel, seen, now_s, implausible) for channel in driver.channels},
+        "channels": {
+            channel: _channel(channel, seen, now_s, implausible, status.last_error)
+            for channel in driver.channels
+        },
     }
 
 
-def _channel(channel: str, seen: _Seen, now_s: float, implausible: Implausible) -> dict[str, Any]:
+def _channel(
+    channel: str, seen: _Seen, now_s: float, implausible: Implausible, last_error: str | None
+) -> dict[str, Any]:
     value, fault, arrived_s = seen.newest.get(channel, (math.nan, "never_came", math.nan))
     doubt = None if fault else implausible(channel, value)
+    explained = last_error if fault in ("disconnected", "tiny_number") else None
     return {
         "value": None if fault else value,
         "fault": fault,
         "age_s": None if math.isnan(arrived_s) else now_s - arrived_s,
         "implausible": doubt,
         "usable": fault is None and doubt is None,
-        "remedy": remedy_for(fault, doubt),
+        "remedy": explained or remedy_for(fault, doubt),
     }

@@ -168,6 +168,6 @@ def _rate(driver: dict[str, Any]) -> str:
 
 
 def _errors(driver: dict[str, Any]) -> str:
-    if not driver["errors"] and not driver["last_error"]:
-        return ""
-    return f"{driver['errors']} errors, the last: {driver['last_error'] or 'unknown'}"[:120]
+    if not driver["connected"] or (not driver["errors"] and not driver["last_error"]):
+        return ""  # the remedy of its channels is the reason
+    return f"{driver['errors']} errors, the last: {driver['last_error'] or 'unknown'}"

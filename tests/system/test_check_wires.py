@@ -88,9 +88,10 @@ def test_a_missing_device_is_reported(plant, tmp_path):
     assert "not connected" in printed
     assert "disconnected" in printed
     assert "usable" in printed
-    assert "t1_degC, t2_degC, t3_degC, t4_degC, t5_degC: check that the device is on" in " ".join(
+    assert f"t1_degC, t2_degC, t3_degC, t4_degC, t5_degC: nothing listens at 127.0.0.1:{port}" in " ".join(
         printed.split()
     )
+    assert "Errno" not in printed
 
 
 def test_a_position_in_mm_is_reported(plant, tmp_path):
