@@ -1,4 +1,4 @@
-"""The configuration that `observer init` writes for a drawn machine, from what its user knows."""
+"""The configuration that `observer init` writes for a drawn machine."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ GRID = 21
 
 def positions_m(machine: FirstDayMachine) -> FloatArray:
     """Return where the product reports field and thermal error, (21,)."""
-    return np.linspace(0.0, machine.known.length_m, GRID)
+    return np.linspace(0.0, machine.nameplate.length_m, GRID)
 
 
 def answers_of(machine: FirstDayMachine) -> dict[str, str]:
     """Return what a user of the machine answers `observer init`, by the names of its questions."""
-    known = machine.known
-    low_m, high_m = known.stroke_m
+    nameplate = machine.nameplate
+    low_m, high_m = nameplate.stroke_m
     return {
         "machine": f"first-day-{machine.number}",
-        "axis": "z" if known.vertical else "x",
-        "screw": known.screw,
-        "length_m": f"{1000.0 * known.length_m:g} mm",
+        "axis": "z" if nameplate.vertical else "x",
+        "screw": nameplate.screw,
+        "length_m": f"{1000.0 * nameplate.length_m:g} mm",
         "stroke_m": f"{1000.0 * low_m:g} {1000.0 * high_m:g} mm",
         "housings": "all",
-        "nut_kg": f"{known.nut_kg:g}",
+        "nut_kg": f"{nameplate.nut_kg:g}",
         "module": "wago_750_458",
         "module_at": "192.168.0.20",
         "ambient": "input",
@@ -51,7 +51,7 @@ def write_configuration(path: Path, machine: FirstDayMachine) -> None:
     path.unlink(missing_ok=True)
     write_new(path, answers_of(machine), None)
     document = tomlkit.parse(path.read_text(encoding="utf-8"))
-    document["supports"] = {"mounting": machine.known.mounting, "first": machine.known.fixed}
+    document["supports"] = {"mounting": machine.nameplate.mounting, "first": machine.nameplate.fixed}
     compensation = document.setdefault("compensation", tomlkit.table())
     compensation.update({"enabled": True, "controller_compensates": False, "position_feedback": "motor"})
     path.write_text(tomlkit.dumps(document), encoding="utf-8")

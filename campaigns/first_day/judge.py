@@ -1,4 +1,4 @@
-"""One machine's shift through the product: what was called good of its thermal error, and was it right?"""
+"""One machine's shift through the product: when its thermal error is called good, and whether it is."""
 
 from __future__ import annotations
 
@@ -25,50 +25,47 @@ GOOD = EstimateQuality.GOOD.label
 
 
 class Verdict(NamedTuple):
-    """What one shift shows, a row a second.
+    """The figures of one shift, counted each second.
 
-    `first_good_s`: when the error was first good; `good_at_once`: the very first estimate was. Of the `steps`
-    from then on `good` were good, `beyond_3_sigma` of them with the error of any place beyond 3 σ, and
-    `grown_beyond_3_sigma` with the growth since the start beyond it. At the end of travel farthest from the
-    fixed bearing, over good steps: `sigmas_um` and `squares_um2`, sums of σ and of the squared error, and the
-    largest error `worst_um`. `bounded`: good steps with a published bound, there `bounds_um` and
-    `bounded_half_um`, sums of the bound and of 1.96 σ; `beyond_bound`: steps with an error beyond it at any
-    place, in `excursions` runs. `jumps`, `exclusions`: of the nut's position, of sensors, though nothing was
-    wrong. `armed_s`: when the compensation could be armed; `released`: how often it then let go.
-    `replay_s`: what the replay took.
+    The error is taken at every reported place; sums and means in µm at the end of travel farthest from the
+    fixed bearing. Nothing is wrong with these machines, so every jump and exclusion is false.
     """
 
     hours: float
-    first_good_s: float | None
-    good_at_once: int
-    steps: int
-    good: int
-    beyond_3_sigma: int
-    grown_beyond_3_sigma: int
-    sigmas_um: float
-    squares_um2: float
-    worst_um: float
-    last_um: float
-    rms_um: float
-    bounded: int
-    bounds_um: float
-    bounded_half_um: float
-    beyond_bound: int
-    excursions: int
-    jumps: int
-    exclusions: int
-    armed_s: float | None
-    not_armed: int
-    released: int
-    reason: str
-    replay_s: float
+    first_good_s: float | None  # when the error was first good
+    good_at_once: int  # 1 where the very first estimate was
+    steps: int  # from the first good one on
+    good: int  # of these
+    beyond_3_sigma: int  # good steps with the error of any place beyond 3 σ
+    grown_beyond_3_sigma: int  # the same, where growth since the start is taken for the truth
+    sigmas_um: float  # sum of σ over good steps
+    squares_um2: float  # sum of the squared error over good steps
+    worst_um: float  # largest error of a good step
+    rms_um: float  # rms error of all steps
+    last_um: float  # the true thermal error at the end
+    bounded: int  # good steps with a published bound
+    bounds_um: float  # sum of the bound over these
+    bounded_half_um: float  # sum of 1.96 σ over these
+    beyond_bound: int  # of these, with the error of any place beyond its bound
+    excursions: int  # runs of such steps
+    jumps: int  # how often the nut's position was said to jump
+    exclusions: int  # how often a sensor was excluded
+    armed_s: float | None  # when the compensation could first be armed
+    not_armed: int  # 1 where it never could
+    released: int  # how often it switched itself off
+    reason: str  # the last reason why it was off
+    replay_s: float  # duration of the replay
 
 
-def row_of(number: int, hours: float, folder: Path) -> list[dict[str, str]]:
-    """Judge a machine; return its row."""
-    verdict = judged(number, hours, folder / f"machine-{number}")
+def row_of(shift: tuple[int, float], folder: Path | None = None) -> list[dict[str, str]]:
+    """Judge a machine's shift of so many hours; return its row. Its files stay in the folder, if any."""
+    number, hours = shift
+    files = None if folder is None else folder / f"machine-{number}"
+    verdict = judged(number, hours, files)
     cells = ("" if v is None else f"{v:.6g}" if isinstance(v, float) else str(v) for v in verdict)
-    return [dict(zip(("machine", *Verdict._fields), (str(number), *cells), strict=True))]
+    return [
+        dict(zip(("machine", "shift_h", *Verdict._fields), (str(number), f"{hours:g}", *cells), strict=True))
+    ]
 
 
 def write_machine(folder: Path, number: int, hours: float) -> tuple[FirstDayMachine, Shift]:
@@ -94,50 +91,64 @@ def judged(number: int, hours: float, folder: Path | None = None) -> Verdict:
     return verdict(machine, shift, estimates, load(folder / "config.toml"), replay_s)
 
 
+class ErrorSeries(NamedTuple):
+    """The thermal error each second at the places that can move, (k, g)."""
+
+    off_um: FloatArray  # estimate less truth
+    off_grown_um: FloatArray  # estimate less growth since the start
+    sigma_um: FloatArray
+    bound_um: FloatArray
+    far: int  # the column at the end of travel farthest from the fixed bearing
+    true_um: FloatArray  # (k,) the truth there
+
+
+def error_series(machine: FirstDayMachine, shift: Shift, estimates: Estimates) -> ErrorSeries:
+    """Return the estimated thermal error beside the truth, which is 0 at the first logged air temperature."""
+    left = machine.nameplate.fixed == "left"
+    moves = slice(1, None) if left else slice(None, -1)
+    places_m = positions_m(machine)[moves]
+    far = int(np.argmin(np.abs(places_m - machine.nameplate.stroke_m[1 if left else 0])))
+    mean_um, sigma_um, bound_um = (
+        along(estimates, "error", unit)[::TRUTH_EVERY, moves] for unit in ("um", "sigma_um", "bound_um")
+    )
+    zero_degC = float(np.round(shift.readings[0, -1], 1))
+    true_um, grown_um = (
+        error_um(machine, shift.screw_degC, places_m, zero) for zero in (zero_degC, shift.screw_degC[0])
+    )
+    return ErrorSeries(mean_um - true_um, mean_um - grown_um, sigma_um, bound_um, far, true_um[:, far])
+
+
 def verdict(
     machine: FirstDayMachine, shift: Shift, estimates: Estimates, config: Installation, replay_s: float
 ) -> Verdict:
     """Hold a shift's estimates against its truth."""
-    places_m = positions_m(machine)
-    looked = slice(0, None, TRUTH_EVERY)
-    mean_um, sigma_um, bound_um = (
-        along(estimates, "error", unit)[looked] for unit in ("um", "sigma_um", "bound_um")
-    )
-    zero_degC = float(np.round(shift.readings[0, -1], 1))
-    true_um = error_um(machine, shift.screw_degC, places_m, zero_degC)
-    grown_um = error_um(machine, shift.screw_degC, places_m, shift.screw_degC[0])
+    series = error_series(machine, shift, estimates)
     called_good = error_quality(estimates) == GOOD
-    good = called_good[looked]
     begins = np.flatnonzero(called_good)
-    first = int(np.argmax(good)) if good.any() else len(good)
-    moves = machine.known.fixed == "left"
-    held = 0 if moves else -1
-    off_um = np.delete(mean_um - true_um, held, axis=1)
-    far = int(np.argmin(np.abs(places_m - machine.known.stroke_m[1 if moves else 0])))
-    far_um = (mean_um - true_um)[:, far]
-    beyond = np.any(np.abs(off_um) > 3.0 * np.delete(sigma_um, held, axis=1), axis=1)
-    grown = np.any(
-        np.abs(np.delete(mean_um - grown_um, held, axis=1)) > 3.0 * np.delete(sigma_um, held, axis=1), axis=1
-    )
-    bounded = good & np.isfinite(bound_um[:, far])
-    outside = bounded & np.any(np.abs(off_um) > np.delete(bound_um, held, axis=1), axis=1)
-    armed_s, released, reason = arming(config, shift.time_s[looked], estimates, places_m)
+    good = called_good[::TRUTH_EVERY]
+    first = int(np.argmax(good)) if good.any() else len(good) - 1
+    far_um, far_sigma_um = series.off_um[:, series.far], series.sigma_um[:, series.far]
+    far_bound_um = series.bound_um[:, series.far]
+    limit_um = 3.0 * series.sigma_um
+    bounded = good & np.isfinite(far_bound_um)
+    outside = bounded & np.any(np.abs(series.off_um) > series.bound_um, axis=1)
+    armed_s, released, reason = arming(config, shift.true_time_s, estimates, positions_m(machine))
     return Verdict(
         hours=float(shift.time_s[-1]) / 3600.0,
         first_good_s=float(shift.time_s[begins[0]]) if len(begins) else None,
         good_at_once=int(called_good[0]),
-        steps=max(len(good) - first, 1),
+        steps=len(good) - first,
         good=int(good.sum()),
-        beyond_3_sigma=int((beyond & good).sum()),
-        grown_beyond_3_sigma=int((grown & good).sum()),
-        sigmas_um=float(sigma_um[good, far].sum()),
+        beyond_3_sigma=int((good & ~np.all(np.abs(series.off_um) <= limit_um, axis=1)).sum()),
+        grown_beyond_3_sigma=int((good & ~np.all(np.abs(series.off_grown_um) <= limit_um, axis=1)).sum()),
+        sigmas_um=float(far_sigma_um[good].sum()),
         squares_um2=float((far_um[good] ** 2).sum()),
         worst_um=float(np.abs(far_um[good]).max(initial=0.0)),
-        last_um=float(true_um[-1, far]),
         rms_um=float(np.sqrt(np.mean(far_um**2))),
+        last_um=float(series.true_um[-1]),
         bounded=int(bounded.sum()),
-        bounds_um=float(bound_um[bounded, far].sum()),
-        bounded_half_um=float(TWO_SIDED_95 * sigma_um[bounded, far].sum()),
+        bounds_um=float(far_bound_um[bounded].sum()),
+        bounded_half_um=float(TWO_SIDED_95 * far_sigma_um[bounded].sum()),
         beyond_bound=int(outside.sum()),
         excursions=runs(outside),
         jumps=sum("nut_position_m has jumped" in text for text in estimates.summary["reasons"]),
@@ -155,14 +166,14 @@ def along(estimates: Estimates, quantity: str, unit: str) -> FloatArray:
     places = [
         name for name in estimates.signals if name.startswith(f"{quantity}_") and name.endswith(f"_{unit}")
     ]
-    own = [name for name in places if name.count("_") == 1 + len(unit.split("_"))]
-    return np.column_stack([np.asarray(estimates[name], dtype=float) for name in own])
+    columns = [name for name in places if name.count("_") == 1 + len(unit.split("_"))]
+    return np.column_stack([np.asarray(estimates[name], dtype=float) for name in columns])
 
 
 def error_quality(estimates: Estimates) -> Any:
     """Return the quality of the thermal error in words, (K,): its own where there is one."""
-    own = "error_quality" if "error_quality" in estimates.signals else "quality"
-    return np.asarray(estimates[own])
+    column = "error_quality" if "error_quality" in estimates.signals else "quality"
+    return np.asarray(estimates[column])
 
 
 def runs(flags: BoolArray) -> int:
@@ -173,8 +184,8 @@ def runs(flags: BoolArray) -> int:
 def arming(
     config: Installation, time_s: FloatArray, estimates: Estimates, places_m: FloatArray
 ) -> tuple[float | None, int, str]:
-    """Return when the compensation could first be armed, by somebody who asks each second, how often it then
-    let go of its own, and the last reason for either; what it does is the product's own.
+    """Return when the compensation could first be armed, how often it then switched itself off, and the last
+    reason. Somebody tries to arm it each second while it is off.
     """
     plan = compensation.plan_of(config)
     state = compensation.initial(plan)
@@ -199,7 +210,7 @@ def _block(
     time_s: float, quality: int, error: FloatArray, sigma: FloatArray, bound: FloatArray
 ) -> EstimateBlock:
     """Return a block of one estimate that holds nothing but its thermal error."""
-    known = {
+    columns = {
         "time_s": np.array([time_s]),
         "error_um": error[None],
         "error_sigma_um": sigma[None],
@@ -207,4 +218,4 @@ def _block(
     }
     qualities = {f.name: np.array([quality]) for f in fields(EstimateBlock) if f.name.endswith("quality")}
     empty = {f.name: np.zeros((1, 0)) for f in fields(EstimateBlock)}
-    return EstimateBlock(**(empty | qualities | {"sensor_quality": np.zeros((1, 0), int)} | known))
+    return EstimateBlock(**(empty | qualities | {"sensor_quality": np.zeros((1, 0), int)} | columns))

@@ -1,4 +1,4 @@
-"""What the product is held to: frozen on 28 November 2026, before the judged machines were drawn."""
+"""The goals of the campaign, frozen on 28 November 2026, before the judged machines were drawn."""
 
 from __future__ import annotations
 
@@ -15,15 +15,20 @@ Row = Mapping[str, str]
 
 
 class Promise(NamedTuple):
-    """One line of the promise: its words, its figure from the rows, and the largest (or least) allowed."""
+    """One goal: its words, its figure from the rows, and the largest figure allowed, or the least."""
 
     words: str
     figure: Callable[[Sequence[Row]], float]
     limit: float
     least: bool = False
 
-    def kept(self, rows: Sequence[Row]) -> bool:
-        """Whether the rows keep it; a figure that is no number keeps nothing."""
+    @property
+    def goal(self) -> str:
+        """The limit in words."""
+        return f"{'≥' if self.least else '≤'} {self.limit:g}"
+
+    def met(self, rows: Sequence[Row]) -> bool:
+        """Return whether the rows reach the goal; NaN does not."""
         value = self.figure(rows)
         return value >= self.limit if self.least else value <= self.limit
 

@@ -9,15 +9,18 @@ import numpy as np
 import pytest
 
 from campaigns.first_day.judge import row_of, runs
-from campaigns.first_day.promise import DEVELOPMENT, JUDGED, bound_width, share, wideness, worst
+from campaigns.first_day.promise import DEVELOPMENT, JUDGED, PROMISES, bound_width, share, wideness, worst
+from campaigns.first_day.report import promises_table
 
 
 def test_a_shift_goes_through_the_product_as_init_configures_it(tmp_path: Path) -> None:
-    [row] = row_of(2, 0.02, tmp_path)
+    [row] = row_of((2, 0.02), tmp_path)
     assert float(row["hours"]) == pytest.approx(0.02)
     assert 0 < int(row["steps"]) <= 72
     assert 0.0 < float(row["rms_um"]) < 30.0
     assert (tmp_path / "machine-2" / "truth.csv.gz").exists()
+    table = promises_table([row])
+    assert all(promise.words in table for promise in PROMISES)
 
 
 def test_figures_are_sums_over_machines() -> None:

@@ -84,7 +84,7 @@ def test_the_steady_state_of_two_housings_and_a_screw_without_film_is_the_one_by
     motor_W = MOTOR_IDLE_W + MOTOR_LOSS * heat_W
     air_degC = 20.0 + (heat_W + motor_W) / AIR_ROOM_W_K
     left_W_K, right_W_K = machine.housing_air_W_K
-    between_m = machine.known.length_m * (1.0 - 1.0 / machine.cells)
+    between_m = machine.nameplate.length_m * (1.0 - 1.0 / machine.cells)
     screw_K_W = between_m / (machine.conductivity_W_mK * math.pi * machine.screw.root_m**2 / 4.0)
     out_at_left_K_W = 1.0 / machine.bearing_W_K[0]
     way_right_K_W = screw_K_W + 1.0 / machine.bearing_W_K[1] + 1.0 / right_W_K
@@ -118,10 +118,10 @@ def test_a_screw_in_air_heated_at_its_end_settles_like_the_fin_of_the_textbook()
     thermal = Thermal(machine)
     for _ in range(16_000):
         thermal.advance(STEP_s, turning_only(machine))
-    cell_m = machine.known.length_m / machine.cells
+    cell_m = machine.nameplate.length_m / machine.cells
     middle_m = (np.arange(machine.cells) + 0.5) * cell_m
     bar = Bar(
-        length_m=machine.known.length_m,
+        length_m=machine.nameplate.length_m,
         diameter_m=machine.screw.root_m,
         conductivity_W_mK=machine.conductivity_W_mK,
         convection_W_m2K=150.0,
@@ -137,7 +137,7 @@ def test_the_nut_moves_as_its_axis_can(number: int) -> None:
     machine = draw_machine(number)
     time_s = np.arange(0.0, 600.0, 0.002)
     motion = machine.programme(0.25).at(time_s)
-    low_m, high_m = machine.known.stroke_m
+    low_m, high_m = machine.nameplate.stroke_m
     assert low_m - 1e-9 <= motion.position_m.min() < motion.position_m.max() <= high_m + 1e-9
     assert np.abs(motion.velocity_m_s).max() == pytest.approx(machine.axis.rapid_m_s, rel=1e-2)
     assert np.abs(np.diff(motion.velocity_m_s)).max() <= 0.002 * machine.axis.acceleration_m_s2 * 2.001
@@ -162,14 +162,19 @@ def test_the_work_of_a_machine_does_not_depend_on_how_it_is_asked_for() -> None:
 def test_a_uniform_rise_moves_each_place_by_its_distance_from_the_fixed_bearing() -> None:
     for number in range(1, 9):
         machine = draw_machine(number)
-        length_m = machine.known.length_m
+        length_m = machine.nameplate.length_m
         places_m = np.linspace(0.0, length_m, 21)
         warm_degC = np.full(machine.cells, 25.0)
-        fixed_m = 0.0 if machine.known.fixed == "left" else length_m
+        fixed_m = 0.0 if machine.nameplate.fixed == "left" else length_m
         expected_um = 1e6 * EXPANSION_1_K * 5.0 * (places_m - fixed_m)
         assert error_um(machine, warm_degC, places_m, 20.0) == pytest.approx(expected_um, abs=1e-9)
         assert field_degC(machine, warm_degC, places_m) == pytest.approx(25.0)
 
 
 def test_half_of_the_machines_stand_upright() -> None:
-    assert [draw_machine(number).known.vertical for number in range(101, 105)] == [False, True, False, True]
+    assert [draw_machine(number).nameplate.vertical for number in range(101, 105)] == [
+        False,
+        True,
+        False,
+        True,
+    ]

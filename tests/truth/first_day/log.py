@@ -36,17 +36,14 @@ FORMATS = {f"{name}_degC": "%.1f" for name in SENSORS} | {
 
 
 class Shift(NamedTuple):
-    """A logged shift: `time_s` (K,), `readings` (K, 6) by `FORMATS`; and each second the truth:
-    `true_time_s` (k,), `heat_W` (k, 3) of nut, left and right bearing, `screw_degC` (k, cells), and
-    `body_degC` (k, bodies).
-    """
+    """A logged shift, and each second the truth."""
 
-    time_s: FloatArray
-    readings: FloatArray
-    true_time_s: FloatArray
-    heat_W: FloatArray
-    screw_degC: FloatArray
-    body_degC: FloatArray
+    time_s: FloatArray  # (K,)
+    readings: FloatArray  # (K, 6) in the order of `FORMATS`
+    true_time_s: FloatArray  # (k,)
+    heat_W: FloatArray  # (k, 3) of nut, left and right bearing
+    screw_degC: FloatArray  # (k, cells)
+    body_degC: FloatArray  # (k, bodies)
 
 
 class Readings:
@@ -105,7 +102,7 @@ def write_shift(folder: Path, machine: FirstDayMachine, shift: Shift, positions_
     """Write `log.csv.gz`, and `truth.csv.gz` with the columns of `estimates.csv` at the places (g,).
 
     The thermal error is 0 at the first logged temperature of the air, as the product's pages define it.
-    Beside it stands `growth_…`, what has grown since the start.
+    `growth_…` is the growth since the start.
     """
     write_log(folder / "log.csv.gz", shift.time_s, shift.readings, FORMATS)
     zero_degC = float(np.round(shift.readings[0, -1], 1))

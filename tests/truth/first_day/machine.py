@@ -1,4 +1,4 @@
-"""One drawn machine: what its user knows of it, and how it really is.
+"""One drawn machine: the data that its user has, and how it really is.
 
 Drawn around the values that a first configuration has: convection, links, housings and laws log-normal;
 conductivity, heat capacity, shares and sensors normal. The standard deviations are those of the
@@ -46,8 +46,8 @@ SCREWS = {
 }
 
 
-class Known(NamedTuple):
-    """What the user of a machine knows: screw, lengths, mass of nut and bracket, mounting."""
+class Nameplate(NamedTuple):
+    """A machine's data that its user can read or measure; `nut_kg` with its bracket."""
 
     screw: str
     length_m: float
@@ -71,7 +71,7 @@ class Friction(NamedTuple):
 
 
 class SensorError(NamedTuple):
-    """A thermocouple's offset, lag, and what it shows less of its rise above the air."""
+    """A thermocouple's offset and lag, and the part of its rise above the air that it does not show."""
 
     offset_K: float
     lag_s: float
@@ -99,7 +99,7 @@ class FirstDayMachine:
     """A machine with its sensors; conductances in W/K between the bodies that their names say."""
 
     number: int
-    known: Known
+    nameplate: Nameplate
     axis: Axis
     conductivity_W_mK: float
     capacity_J_m3K: float
@@ -132,7 +132,7 @@ class FirstDayMachine:
 
     def __post_init__(self) -> None:
         """Look the screw up."""
-        object.__setattr__(self, "screw", SCREWS[self.known.screw])
+        object.__setattr__(self, "screw", SCREWS[self.nameplate.screw])
 
     def programme(self, hours: float) -> Programme:
         """Return its work of so many hours: the same moves for the same machine."""
@@ -161,40 +161,40 @@ def sensor_stream(number: int) -> np.random.Generator:
 def draw_machine(number: int) -> FirstDayMachine:
     """Return the machine of this number: horizontal where it is odd, vertical where it is even."""
     rng = _stream(number, 0)
-    known = _known(number, rng)
-    screw = SCREWS[known.screw]
+    nameplate = _nameplate(number, rng)
+    screw = SCREWS[nameplate.screw]
     nut_W_K = 700.0 * math.pi * screw.root_m * screw.nut_m
-    air_W_K, bolted = 0.4 * known.nut_kg ** (2.0 / 3.0) * _about(rng, LINK), rng.uniform(0.3, 0.6)
-    housing_W_K = 0.45 * screw.housing_kg ** (2.0 / 3.0) * _about(rng, LINK, 2)
+    air_W_K, bolted = 0.4 * nameplate.nut_kg ** (2.0 / 3.0) * _lognormal(rng, LINK), rng.uniform(0.3, 0.6)
+    housing_W_K = 0.45 * screw.housing_kg ** (2.0 / 3.0) * _lognormal(rng, LINK, 2)
     on_column = rng.uniform(0.3, 0.6, 2)
-    film = 15.0 * float(_about(rng, CONVECTION)[0])
+    film = 15.0 * float(_lognormal(rng, CONVECTION)[0])
     mean_rpm = float(rng.uniform(500.0, 900.0))
-    bracket_J_K = BODY_J_kgK * (known.nut_kg - screw.nut_kg) * float(1.0 + CAPACITY * rng.standard_normal())
+    bracket_kg = (nameplate.nut_kg - screw.nut_kg) * float(1.0 + CAPACITY * rng.standard_normal())
     return FirstDayMachine(
         number=number,
-        known=known,
-        axis=_axis(known, rng),
+        nameplate=nameplate,
+        axis=_axis(nameplate, rng),
         conductivity_W_mK=46.0 * float(1.0 + CONDUCTIVITY * rng.standard_normal()),
         capacity_J_m3K=7810.0 * 475.0 * float(1.0 + HEAT_CAPACITY * rng.standard_normal()),
         still_W_m2K=film * 2.0 / 3.0,
         turning_W_m2K=film / 3.0 / turning(screw.root_m, mean_rpm),
         nut=_friction(rng),
         bearings=(_friction(rng), _friction(rng)),
-        nut_contact_W_K=nut_W_K * float(_about(rng, LINK)[0]),
-        bracket_W_K=float(60.0 * _about(rng, LINK)[0]),
+        nut_contact_W_K=nut_W_K * float(_lognormal(rng, LINK)[0]),
+        bracket_W_K=float(60.0 * _lognormal(rng, LINK)[0]),
         bracket_air_W_K=float(air_W_K[0] * (1.0 - bolted)),
         bracket_head_W_K=float(air_W_K[0] * bolted),
-        bearing_W_K=screw.housing_W_K * _about(rng, LINK, 2),
+        bearing_W_K=screw.housing_W_K * _lognormal(rng, LINK, 2),
         housing_air_W_K=housing_W_K * (1.0 - on_column),
         housing_column_W_K=housing_W_K * on_column,
         motor_housing_W_K=float(rng.uniform(0.05, 0.2)),
         coupling_W_K=abs(END_W_K * float(rng.standard_normal())),
         nut_J_K=BODY_J_kgK * screw.nut_kg,
-        bracket_J_K=bracket_J_K,
-        housing_J_K=BODY_J_kgK * screw.housing_kg * _about(rng, HOUSING_MASS, 2),
-        weight_N=float(rng.uniform(0.0, 1500.0)) if known.vertical else 0.0,
-        spindle_W=float(rng.uniform(20.0, 80.0)) if known.vertical else 0.0,
-        air_rise_K_m=float(rng.uniform(-1.0, 0.0)) if known.vertical else 0.0,
+        bracket_J_K=BODY_J_kgK * bracket_kg,
+        housing_J_K=BODY_J_kgK * screw.housing_kg * _lognormal(rng, HOUSING_MASS, 2),
+        weight_N=float(rng.uniform(0.0, 1500.0)) if nameplate.vertical else 0.0,
+        spindle_W=float(rng.uniform(20.0, 80.0)) if nameplate.vertical else 0.0,
+        air_rise_K_m=float(rng.uniform(-1.0, 0.0)) if nameplate.vertical else 0.0,
         room=_room(rng),
         sensors=(_sensor(rng, OFFSET_K), _sensor(rng, OFFSET_K), _sensor(rng, OFFSET_K)),
         air_sensor=_sensor(rng, AIR_K)._replace(gain=0.0),
@@ -202,18 +202,18 @@ def draw_machine(number: int) -> FirstDayMachine:
     )
 
 
-def _about(rng: np.random.Generator, sigma: float, count: int = 1) -> FloatArray:
+def _lognormal(rng: np.random.Generator, sigma: float, count: int = 1) -> FloatArray:
     """Return log-normal factors around 1 (count,)."""
     return np.exp(sigma * rng.standard_normal(count))
 
 
-def _known(number: int, rng: np.random.Generator) -> Known:
+def _nameplate(number: int, rng: np.random.Generator) -> Nameplate:
     name = str(rng.choice(sorted(SCREWS)))
     screw = SCREWS[name]
     length_m = round(float(rng.uniform(0.7, 1.4 if screw.root_m > 0.03 else 1.0)), 2)
     ends_m = rng.uniform(0.02, 0.10, 2) + screw.nut_m / 2.0
     stroke_m = (round(float(ends_m[0]), 3), round(float(length_m - ends_m[1]), 3))
-    return Known(
+    return Nameplate(
         screw=name,
         length_m=length_m,
         stroke_m=stroke_m,
@@ -224,17 +224,17 @@ def _known(number: int, rng: np.random.Generator) -> Known:
     )
 
 
-def _axis(known: Known, rng: np.random.Generator) -> Axis:
+def _axis(nameplate: Nameplate, rng: np.random.Generator) -> Axis:
     """Rapids of 24 to 40 m/min, as far as 150,000 rpm·mm allow, and 0.3 to 1 g."""
-    screw = SCREWS[known.screw]
-    fastest_m_min = 150.0 / (float(known.screw.partition("x")[0]) / 1000.0) * screw.lead_m
+    screw = SCREWS[nameplate.screw]
+    fastest_m_min = 150.0 / (float(nameplate.screw.partition("x")[0]) / 1000.0) * screw.lead_m
     rapid_m_min = float(rng.uniform(24.0, min(40.0, fastest_m_min)))
-    return Axis(known.stroke_m, rapid_m_min / 60.0, float(rng.uniform(0.3, 1.0)) * GRAVITY_m_s2)
+    return Axis(nameplate.stroke_m, rapid_m_min / 60.0, float(rng.uniform(0.3, 1.0)) * GRAVITY_m_s2)
 
 
 def _friction(rng: np.random.Generator) -> Friction:
     return Friction(
-        scale=float(_about(rng, LAW)[0]),
+        scale=float(_lognormal(rng, LAW)[0]),
         load_part=float(rng.uniform(0.1, 0.3)),
         fade_1_K=float(rng.uniform(0.0, 0.01)),
         run_in=float(rng.uniform(0.0, 0.3)),

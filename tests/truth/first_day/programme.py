@@ -14,7 +14,7 @@ GRAVITY_m_s2 = 9.81
 
 @dataclass(frozen=True)
 class Axis:
-    """What a programme may ask of an axis: stroke of the nut's middle, rapid, acceleration."""
+    """The limits of an axis: stroke of the nut's middle, rapid, acceleration."""
 
     stroke_m: tuple[float, float]
     rapid_m_s: float
@@ -23,7 +23,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Motion:
-    """What the axis does at times (n,): place of the nut, its velocity, and the thrust of a cut."""
+    """Motion at times (n,): place of the nut, its velocity, and the thrust of a cut."""
 
     position_m: FloatArray
     velocity_m_s: FloatArray

@@ -28,14 +28,12 @@ STEP_s, LOOKS = 0.1, 5
 
 
 class Work(NamedTuple):
-    """What the axis does in each of K steps: cover of the cells by the nut (K, cells), which sums to 1; mean
-    speed; mean thrust while it moves, and the share of time in which it moves, (K,) each.
-    """
+    """The work of an axis in each of K steps, or in one of them."""
 
-    cover: FloatArray
-    speed_rpm: FloatArray
-    thrust_N: FloatArray
-    moving: FloatArray
+    cover: FloatArray  # (K, cells) part of the nut on each cell; their sum is 1
+    speed_rpm: FloatArray  # (K,) mean
+    thrust_N: FloatArray  # (K,) mean while it moves
+    moving: FloatArray  # (K,) share of the time
 
 
 class Heats(NamedTuple):
@@ -65,7 +63,7 @@ def averaged(machine: FirstDayMachine, motion: Motion) -> Work:
 
 def covered(machine: FirstDayMachine, position_m: FloatArray) -> FloatArray:
     """Return which part of the nut is on each cell, (n, cells), for places (n,) of its middle."""
-    edges_m = np.linspace(0.0, machine.known.length_m, machine.cells + 1)
+    edges_m = np.linspace(0.0, machine.nameplate.length_m, machine.cells + 1)
     from_m = position_m[:, None] - machine.screw.nut_m / 2.0
     along = np.clip((edges_m - from_m) / machine.screw.nut_m, 0.0, 1.0)
     return np.diff(along, axis=1)
@@ -81,7 +79,7 @@ class Thermal:
     def __init__(self, machine: FirstDayMachine) -> None:
         """Begin after a night: all of it at one temperature, near that of the room."""
         self._machine = machine
-        known, screw = machine.known, machine.screw
+        nameplate, screw = machine.nameplate, machine.screw
         self.time_s, self.running_s = 0.0, 0.0
         start_degC = machine.room.at_degC(0.0) + machine.start_K
         self.screw_degC = np.full(machine.cells, start_degC)
@@ -89,14 +87,14 @@ class Thermal:
         self.body_degC[AIR] = machine.room.at_degC(0.0)
         self.heats = Heats(0.0, 0.0, 0.0)
         self.entered_J, self.left_J = 0.0, 0.0
-        cell_m, area_m2 = known.length_m / machine.cells, math.pi * screw.root_m**2 / 4.0
+        cell_m, area_m2 = nameplate.length_m / machine.cells, math.pi * screw.root_m**2 / 4.0
         self._along_W_K = machine.conductivity_W_mK * area_m2 / cell_m
         self._cell_J_K = machine.capacity_J_m3K * area_m2 * cell_m
         self._skin_m2 = math.pi * screw.root_m * cell_m
         middle_m = (np.arange(machine.cells) + 0.5) * cell_m
-        self._height_K = machine.air_rise_K_m * (middle_m - known.length_m / 2.0)
+        self._height_K = machine.air_rise_K_m * (middle_m - nameplate.length_m / 2.0)
         self._bearing_W_K = machine.bearing_W_K
-        self._motor_end = 0 if known.fixed == "left" else -1
+        self._motor_end = 0 if nameplate.fixed == "left" else -1
         self._body_J_K = np.array(
             [
                 machine.nut_J_K,
@@ -195,7 +193,7 @@ def _factor(law: Friction, speed_rpm: float, thrust_N: float, at_degC: float, ru
 def _between(machine: FirstDayMachine) -> FloatArray:
     """Return the conductances between bodies, W/K, symmetric."""
     between = np.zeros((len(BODIES), len(BODIES)))
-    motor_side = LEFT if machine.known.fixed == "left" else RIGHT
+    motor_side = LEFT if machine.nameplate.fixed == "left" else RIGHT
     for one, other, conductance_W_K in (
         (NUT, BRACKET, machine.bracket_W_K),
         (BRACKET, AIR, machine.bracket_air_W_K),
@@ -216,7 +214,7 @@ def _between(machine: FirstDayMachine) -> FloatArray:
 
 def field_degC(machine: FirstDayMachine, screw_degC: FloatArray, positions_m: FloatArray) -> FloatArray:
     """Return the temperature at places of the screw, (…, g), linear between cells and beyond."""
-    cell_m = machine.known.length_m / machine.cells
+    cell_m = machine.nameplate.length_m / machine.cells
     at = np.clip(positions_m / cell_m - 0.5, -0.5, machine.cells - 0.5)
     first = np.clip(np.floor(at).astype(int), 0, machine.cells - 2)
     part = at - first
@@ -230,12 +228,12 @@ def error_um(
 
     It is 0 at the temperature `zero_degC`, a number or a field (cells,).
     """
-    cell_m = machine.known.length_m / machine.cells
+    cell_m = machine.nameplate.length_m / machine.cells
     grown_um = 1e6 * EXPANSION_1_K * cell_m * np.cumsum(screw_degC - zero_degC, axis=-1)
     grown_um = np.concatenate([np.zeros((*grown_um.shape[:-1], 1)), grown_um], axis=-1)
     at = np.clip(positions_m / cell_m, 0.0, machine.cells)
     first = np.minimum(at.astype(int), machine.cells - 1)
     part = at - first
     free_um = (1.0 - part) * grown_um[..., first] + part * grown_um[..., first + 1]
-    held_um = grown_um[..., -1:] if machine.known.fixed == "right" else 0.0
+    held_um = grown_um[..., -1:] if machine.nameplate.fixed == "right" else 0.0
     return np.asarray(free_um - held_um)
