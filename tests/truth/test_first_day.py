@@ -148,7 +148,15 @@ def test_the_nut_moves_as_its_axis_can(number: int) -> None:
 def test_a_longer_shift_begins_like_a_shorter_one() -> None:
     machine = draw_machine(2)
     short, long = shift_of(machine, 0.02), shift_of(machine, 0.03)
-    assert np.array_equal(short.readings, long.readings[: len(short.readings)])
+    assert np.array_equal(short.readings, long.readings[: len(short.readings)], equal_nan=True)
+
+
+def test_temperatures_come_every_half_second_in_counts_of_a_tenth() -> None:
+    readings = shift_of(draw_machine(1), 0.01).readings
+    degC = readings[:, [0, 1, 2, 5]]
+    assert np.array_equal(np.isfinite(degC).all(axis=1), np.arange(len(degC)) % 5 == 0)
+    assert degC[::5] * 10.0 == pytest.approx(np.round(degC[::5] * 10.0), abs=1e-9)
+    assert np.isfinite(readings[:, 3:5]).all()
 
 
 def test_the_work_of_a_machine_does_not_depend_on_how_it_is_asked_for() -> None:

@@ -1,4 +1,7 @@
-"""A shift of a machine as its user logs it, ten rows a second, and the truth beside it, a row a second."""
+"""A shift of a machine as the service records it, ten rows a second, and the truth, a row a second.
+
+The position is in each row, temperatures only where the module has converted them.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +50,7 @@ class Shift(NamedTuple):
 
 
 class Readings:
-    """The thermocouple module: lag, gain, offset, noise, and a count of 0.1 °C every half second."""
+    """The thermocouple module: lag, gain, offset, noise, and every half second a count of 0.1 °C."""
 
     def __init__(self, machine: FirstDayMachine, start_degC: FloatArray) -> None:
         """Begin with sensors as warm as what they sit on: bracket, left and right housing, air (4,)."""
@@ -57,18 +60,17 @@ class Readings:
         self._offset_K, self._lag_s, self._shown = offset_K, lag_s, 1.0 - gain
         self._sensor_degC = start_degC.copy()
         self._due_s = 0.0
-        self._count_degC = start_degC
 
     def after(self, time_s: float, at_degC: FloatArray) -> FloatArray:
-        """Return what the module's registers say (4,) at a time, a step after the last, in °C."""
+        """Return the readings (4,) at a time, a step after the last, in °C; NaN between conversions."""
         self._sensor_degC += (at_degC - self._sensor_degC) * (STEP_s / np.maximum(self._lag_s, STEP_s))
-        if time_s >= self._due_s - STEP_s / 2.0:
-            self._due_s += CONVERSION_s
-            air_degC = self._sensor_degC[-1]
-            shown_degC = air_degC + self._shown * (self._sensor_degC - air_degC) + self._offset_K
-            noisy_degC = shown_degC + self._machine.noise_K * self._rng.standard_normal(len(shown_degC))
-            self._count_degC = np.round(noisy_degC / COUNT_K) * COUNT_K
-        return self._count_degC
+        if time_s < self._due_s - STEP_s / 2.0:
+            return np.full(len(at_degC), np.nan)
+        self._due_s += CONVERSION_s
+        air_degC = self._sensor_degC[-1]
+        shown_degC = air_degC + self._shown * (self._sensor_degC - air_degC) + self._offset_K
+        noisy_degC = shown_degC + self._machine.noise_K * self._rng.standard_normal(len(shown_degC))
+        return np.asarray(np.round(noisy_degC / COUNT_K) * COUNT_K)
 
 
 def shift_of(machine: FirstDayMachine, hours: float) -> Shift:
