@@ -21,6 +21,8 @@ from tests.truth.first_day.machine import FirstDayMachine, draw_machine
 from tests.truth.first_day.thermal import error_um
 
 TWO_SIDED_95 = 1.96
+POSITION = "nut_position_m"
+"""The nut's position is right and comes in time, so every reason that names its channel is a false jump."""
 GOOD = EstimateQuality.GOOD.label
 
 
@@ -48,12 +50,13 @@ class Verdict(NamedTuple):
     bounded_half_um: float  # sum of 1.96 σ over these
     beyond_bound: int  # of these, with the error of any place beyond its bound
     excursions: int  # runs of such steps
-    jumps: int  # how often the nut's position was said to jump
+    jumps: int  # reasons that name the nut's position
     exclusions: int  # how often a sensor was excluded
     armed_s: float | None  # when the compensation could first be armed
     not_armed: int  # 1 where it never could
     released: int  # how often it switched itself off
     reason: str  # the last reason why it was off
+    not_good: str  # the reason that kept most steps from being good
     replay_s: float  # duration of the replay
 
 
@@ -130,6 +133,7 @@ def verdict(
     far_um, far_sigma_um = series.off_um[:, series.far], series.sigma_um[:, series.far]
     far_bound_um = series.bound_um[:, series.far]
     limit_um = 3.0 * series.sigma_um
+    reasons: dict[str, int] = estimates.summary["reasons"]
     bounded = good & np.isfinite(far_bound_um)
     outside = bounded & np.any(np.abs(series.off_um) > series.bound_um, axis=1)
     armed_s, released, reason = arming(config, shift.true_time_s, estimates, positions_m(machine))
@@ -151,12 +155,13 @@ def verdict(
         bounded_half_um=float(TWO_SIDED_95 * far_sigma_um[bounded].sum()),
         beyond_bound=int(outside.sum()),
         excursions=runs(outside),
-        jumps=sum("nut_position_m has jumped" in text for text in estimates.summary["reasons"]),
+        jumps=sum(POSITION in reason for reason in reasons),
         exclusions=sum(runs(np.asarray(estimates[f"quality_{name}"]) == "excluded") for name in SENSORS),
         armed_s=armed_s,
         not_armed=int(armed_s is None),
         released=released,
         reason=reason,
+        not_good=max(reasons, key=lambda text: reasons[text], default=""),
         replay_s=replay_s,
     )
 

@@ -21,6 +21,7 @@ def machines_table(rows: Sequence[Row]) -> str:
     lines = [" ".join(f"{head:>{WIDTH}}" for head in heads)]
     ordered = sorted(rows, key=lambda row: (float(row["shift_h"]), int(row["machine"])))
     lines += [" ".join(f"{row[name][:WIDTH] or '–':>{WIDTH}}" for name in SHOWN) for row in ordered]
+    lines += [f"{row['machine']}: {row['not_good']}" for row in ordered if row["not_good"]]
     return "\n".join(lines)
 
 

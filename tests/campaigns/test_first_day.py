@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow
 import pytest
 
-from campaigns.first_day.judge import row_of, runs
+import observer
+from campaigns.first_day.judge import error_quality, row_of, runs, write_machine
 from campaigns.first_day.promise import DEVELOPMENT, JUDGED, PROMISES, bound_width, share, wideness, worst
 from campaigns.first_day.report import promises_table
 
@@ -33,6 +36,16 @@ def test_figures_are_sums_over_machines() -> None:
     assert wideness(rows) == 2.0
     assert bound_width(rows) == 0.0
     assert math.isinf(worst(rows, "late_s"))
+
+
+@pytest.mark.parametrize(("more", "expected"), [({}, "starting"), ({"error_quality": ["good"]}, "good")])
+def test_an_error_is_judged_by_its_own_quality_where_it_has_one(
+    tmp_path: Path, more: dict[str, list[str]], expected: str
+) -> None:
+    write_machine(tmp_path, 1, 0.005)
+    estimates = observer.load(tmp_path / "config.toml").replay(tmp_path / "log.csv.gz")
+    table = pyarrow.table({"time_s": [0.0], "quality": ["starting"], **more})
+    assert list(error_quality(replace(estimates, _table=table))) == [expected]
 
 
 def test_runs_are_counted_once_each() -> None:
