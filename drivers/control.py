@@ -14,6 +14,10 @@ class ControlError(Exception):
     """The control cannot be reached, refuses, or does not obey; the text says which."""
 
 
+class ControlUnreachableError(ControlError):
+    """The control does not answer, or cannot be reached; it may again."""
+
+
 @dataclass(frozen=True, slots=True)
 class AxisCorrection:
     """The thermal error that a control takes out, in the machine's coordinates; it subtracts it.
@@ -42,7 +46,8 @@ class ReadBack:
 class ControlLink(Protocol):
     """A control that takes out an error, at its own rate, and ramps to zero when the sign of life stops.
 
-    Each function waits for an answer at most for a time of its own and raises `ControlError`.
+    Each function waits for an answer at most for a time of its own and raises `ControlError`. After a
+    `ControlUnreachableError` the next function connects again, without switching the control off.
     """
 
     def open(self) -> None:

@@ -1,18 +1,20 @@
 """A control behind Modbus TCP holding registers, in the layout of docs/how-to/compensate.md.
 
-One correction is one request, so that a control never sees half of one. Nothing is retried automatically.
+One correction is one request, so that a control never sees half of one. No request is repeated here.
 """
 
 from __future__ import annotations
 
 import logging
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
-from drivers.control import AxisCorrection, ControlError, ReadBack
+from drivers.control import AxisCorrection, ControlError, ControlUnreachableError, ReadBack
 
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)  # `ControlError` carries it all
 
@@ -43,12 +45,6 @@ class ModbusControlLink:
     def open(self) -> None:
         """Connect, and switch the control off, whatever it was before. Raises `ControlError`."""
         self._client.close()  # type: ignore[no-untyped-call]
-        try:
-            connected = self._client.connect()  # type: ignore[no-untyped-call]
-        except (OSError, ModbusException) as error:
-            raise ControlError(f"{self._where} cannot be reached: {error}") from None
-        if not connected:
-            raise ControlError(f"{self._where} cannot be reached; is the control on?")
         self._write([LAYOUT, OFF])
 
     def write(self, correction: AxisCorrection, valid_s: float) -> None:
@@ -76,11 +72,12 @@ class ModbusControlLink:
         _, command, _, count, _, reference, offset, slope, first, last = _HEAD.unpack_from(data)
         table = data[_HEAD.size :]
         error = struct.unpack(f">{len(table) // 4}i", table)
-        if command == FOLLOW and count == len(error) and beat != self._beat and state == _FOLLOWING:
-            raise ControlError(f"{self._where} does not see the sign of life advance")
         correction = AxisCorrection(reference, offset, slope, first, last, error)
         text = _REASONS.get(reason, f"reason {reason}") if reason else None
-        return ReadBack(correction, state == _FOLLOWING and command == FOLLOW and count == len(error), text)
+        is_following = state == _FOLLOWING and command == FOLLOW and count == len(error)
+        if is_following and beat != self._beat:
+            text = text or "it does not see the sign of life advance"
+        return ReadBack(correction, is_following, text)
 
     def release(self) -> None:
         """Make the control go to zero by its own ramp, and disconnect. Raises `ControlError`."""
@@ -93,25 +90,32 @@ class ModbusControlLink:
             self._client.close()  # type: ignore[no-untyped-call]
 
     def _write(self, words: list[int]) -> None:
-        try:
+        with self._reached():
             answer = self._client.write_registers(self._first, words, device_id=self._unit_id)
-        except (OSError, ModbusException) as error:
-            raise ControlError(f"{self._where} does not answer: {error}") from None
         self._refuse_error(answer, "writing")
 
     def _read(self, offset: int, count: int) -> list[int]:
-        try:
+        with self._reached():
             answer = self._client.read_holding_registers(
                 self._first + offset, count=count, device_id=self._unit_id
             )
-        except (OSError, ModbusException) as error:
-            raise ControlError(f"{self._where} does not answer: {error}") from None
         self._refuse_error(answer, "reading")
         if len(answer.registers) != count:
             raise ControlError(
                 f"{self._where} was asked for {count} registers and gave {len(answer.registers)}"
             )
         return list(answer.registers)
+
+    @contextmanager
+    def _reached(self) -> Iterator[None]:
+        """A connection for one request; raises `ControlUnreachableError` where there is none or no answer."""
+        try:
+            if not self._client.connected and not self._client.connect():  # type: ignore[no-untyped-call]
+                raise ControlUnreachableError(f"{self._where} cannot be reached; is the control on?")
+            yield
+        except (OSError, ModbusException) as error:
+            self._client.close()  # type: ignore[no-untyped-call]
+            raise ControlUnreachableError(f"{self._where} does not answer: {error}") from None
 
     def _refuse_error(self, answer: ModbusPDU, what: str) -> None:
         if answer.isError():

@@ -7,7 +7,7 @@ import contextlib
 import secrets
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,9 @@ from typing import Any
 import structlog
 
 from observer.archive.client import Archivist
-from observer.control.compensation import LATE_PERIODS, initial, plan_of
+from observer.control.compensation import CompensationState, plan_of, valid_s
 from observer.control.compensator import Compensator
 from observer.control.steering import NoControl, Steering
-from observer.control.zero import ZeroPoint
 from observer.errors import ConfigError
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack, shifted
 from observer.estimate.pipeline import MachineModel
@@ -73,19 +72,21 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
             snapshot = shifted(snapshot, moved_s)
         clock = ServiceClock() if renewal.new_time else clock
         desk = _alarm_desk(ready, None if desk is None else desk.kept(moved_s))
-        zero = None if snapshot is None or snapshot.compensation is None else snapshot.compensation.zero
+        compensation = None if snapshot is None else snapshot.compensation
         snapshot = carried(
             snapshot, before.fit, ready.fit,
             lambda: carried_over(renewal.snapshot, renewal.last, before.machine, ready.machine),
         )  # fmt: skip
         if trial is not None:
             trial.in_force(ready.config)
-        return _service(ready, clock, renewals, trial, path, desk, snapshot, zero=zero, alone=False)
+        return _service(
+            ready, clock, renewals, trial, path, desk, snapshot, compensation=compensation, alone=False
+        )
 
-    file, start, gap, zero = config.checkpoint_file, None, None, None
+    file, start, gap, compensation = config.checkpoint_file, None, None, None
     if file is not None:
-        start, gap, zero = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s)
-    service = _service(ready, clock, renewals, trial, path, desk, start, gap, zero, alone=True)
+        start, gap, compensation = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s)
+    service = _service(ready, clock, renewals, trial, path, desk, start, gap, compensation, alone=True)
     if trial is None:
         run(service, seconds, anew)
         return
@@ -132,15 +133,15 @@ def _service(
     desk: AlarmDesk | None,
     start: Snapshot | None,
     gap: GapState | None = None,
-    zero: ZeroPoint | None = None,
+    compensation: CompensationState | None = None,
     *,
     alone: bool,
 ) -> Service:
     """Put the parts of the daemon together; `start` is the state from which the pipeline continues, None if
     cold.
 
-    `alone` requires that no other service has the axis; `gap` and `zero` are the known state of the
-    prediction's gap and of the machine's zero for a cold start.
+    `alone` requires that no other service has the axis; `gap` and `compensation` are the known state of the
+    prediction's gap and of the compensation for a cold start.
     """
     config, machine, pipeline = ready.config, ready.machine, ready.machine.pipeline()
     instance = secrets.token_hex(4)
@@ -152,10 +153,9 @@ def _service(
     }
     observers: list[StepObserver] = []
     if config.compensation.enabled:
-        held = None if start is None else start.compensation
-        if held is None and zero is not None:
-            held = replace(initial(plan_of(config)), zero=zero)
-        compensator = Compensator(config, machine.plant.layout.position_m, instance, held)
+        if start is not None and start.compensation is not None:
+            compensation = start.compensation
+        compensator = Compensator(config, machine.plant.layout.position_m, instance, compensation)
         observers.append(
             CompensationObserver(
                 compensator,
@@ -246,7 +246,7 @@ def _control(config: Installation) -> Steering | NoControl:
     from drivers.control_modbus import ModbusControlLink  # noqa: PLC0415  (the bus library is imported only when it is used)
 
     link = ModbusControlLink(at.host, at.port, at.unit_id, at.first_register, at.timeout_s)
-    return Steering(link, LATE_PERIODS * config.estimator.period_s)
+    return Steering(link, valid_s(plan_of(config)), at.follow_s)
 
 
 def run(

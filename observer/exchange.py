@@ -303,7 +303,7 @@ class Command:
 
     `refused` is the reason if it was rejected already and is only to be recorded. `asked_s` is the
     moment on the monotonic clock. `answer` takes the outcome from any thread and waits for nothing. `about`
-    is the alarm that is acknowledged, None for all.
+    is the alarm that is acknowledged, None for all; `without` the sensors that arming may do without.
     """
 
     kind: str
@@ -312,6 +312,7 @@ class Command:
     answer: Callable[[Outcome], None]
     refused: str | None = None
     about: str | None = None
+    without: tuple[str, ...] = ()
 
 
 def plain_name(text: str, most: int = _NAME_LENGTH) -> str:

@@ -98,8 +98,10 @@ class ControlProcess:
 
     def __init__(self, args: argparse.Namespace) -> None:
         self._compensation = RateLimitedTable(args.rate_um_s, args.limit_um, args.dead_man_s)
-        self._port = args.port
+        self._port, self._scan_s = args.port, args.scan_s
         self._altered = False
+        self._unread: list[list[int]] = []
+        self._status: list[int] = self._state_registers()
 
     async def run(self) -> None:
         """Serve until standard input is closed."""
@@ -118,13 +120,29 @@ class ControlProcess:
             loop.call_soon_threadsafe(ended.set)
 
         threading.Thread(target=listen, daemon=True).start()
-        before_s = loop.time()
+        before_s = scanned_s = loop.time()
         while not ended.is_set():
             await asyncio.sleep(STEP_S)
             now_s = loop.time()
             self._compensation.advance(now_s - before_s)
             before_s = now_s
+            if self._scan_s and now_s - scanned_s >= self._scan_s:
+                scanned_s = now_s
+                self._scan()
         await server.shutdown()  # type: ignore[no-untyped-call]
+
+    def _scan(self) -> None:
+        """Read the registers that were written, in order, and set the status, as a PLC does once a scan."""
+        unread, self._unread = self._unread, []
+        for words in unread:
+            self._compensation.write(words)
+        self._status = self._state_registers()
+
+    def _state_registers(self) -> list[int]:
+        it = self._compensation
+        table = [word for um in it.now_um for word in divmod(round(1e3 * um) & 0xFFFFFFFF, 1 << 16)]
+        largest = divmod(round(1e3 * max([0.0, *map(abs, it.now_um)])), 1 << 16)
+        return [1, it.state, it.reason, it.beat, *largest, len(it.now_um), 0, *table]
 
     def _obey(self, command: dict[str, Any]) -> None:
         self._altered = command.get("alter", self._altered)
@@ -146,10 +164,12 @@ class ControlProcess:
         if function in WRITES:
             if address != 0:
                 return ExcCodes.ILLEGAL_ADDRESS
-            return it.write([int(word) for word in written or []])
-        table = [word for um in it.now_um for word in divmod(round(1e3 * um) & 0xFFFFFFFF, 1 << 16)]
-        largest = divmod(round(1e3 * max([0.0, *map(abs, it.now_um)])), 1 << 16)
-        state = [1, it.state, it.reason, it.beat, *largest, len(it.now_um), 0, *table]
+            words = [int(word) for word in written or []]
+            if not self._scan_s:
+                return it.write(words)
+            self._unread.append(words)
+            return None
+        state = self._status if self._scan_s else self._state_registers()
         current[STATE : STATE + len(state)] = state
         if self._altered:
             current[17] ^= 1
@@ -163,6 +183,7 @@ def main() -> None:
     parser.add_argument("--rate-um-s", type=float, default=5.0, help="how fast it compensates at most")
     parser.add_argument("--limit-um", type=float, default=300.0, help="what it refuses to go beyond")
     parser.add_argument("--dead-man-s", type=float, default=2.0, help="how long a sign of life holds at most")
+    parser.add_argument("--scan-s", type=float, default=0.0, help="how often it reads what was written")
     logging.basicConfig(level=logging.CRITICAL)
     asyncio.run(ControlProcess(parser.parse_args()).run())
 

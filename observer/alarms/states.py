@@ -69,6 +69,11 @@ KINDS: dict[str, AlarmKind] = {
     "disk": AlarmKind(
         "major", 10.0, 60.0, False, "free space or fix the folder that recordings are written to"
     ),
+    "compensation": AlarmKind(
+        "major", 0.0, 0.0, True,
+        "remove the cause that the alarm names, check that `observer health` shows good estimates, then arm "
+        "again with `observer arm`",
+    ),
     "clock": AlarmKind(
         "minor", 0.0, 60.0, True,
         "check the computer's time service; compare times before and after with care",

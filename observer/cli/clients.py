@@ -19,8 +19,6 @@ from observer.cli.options import (
     HashOption,
     JsonOption,
     MachineOption,
-    OneAxisOption,
-    OneMachineOption,
     SecondsOption,
     TimeoutOption,
 )
@@ -94,7 +92,6 @@ def _print_answer(
 
 
 _COMMANDS = {
-    "arm": "Arm the compensation of one axis; exit code 0 if it is then armed, else 1.",
     "disarm": "Switch the compensation of one axis off; exit code 0 if it is then off, else 1.",
     "zero": "Report that one axis has just been homed or probed, so that its compensation starts from a "
     "new zero; exit code 0 if it does, else 1.",
@@ -106,9 +103,9 @@ def _command_verb(kind: str) -> Callable[..., None]:
     """The verb that gives a running service the command `kind` and prints the outcome."""
 
     def give(
-        machine: OneMachineOption,
-        axis: OneAxisOption,
         connect: ConnectOption = DEFAULT_ENDPOINT,
+        machine: MachineOption = "*",
+        axis: AxisOption = "*",
         timeout_s: TimeoutOption = 5.0,
         client: ClientOption = None,
         config_hash: HashOption = None,
@@ -126,15 +123,12 @@ def _give(
     timeout_s: float,
     client: Path | None,
     config_hash: str | None,
-    about: str | None = None,
+    parameters: dict[str, str] | None = None,
 ) -> None:
     """Give a running service a command and print the outcome."""
     from observer.publish.ask import command
 
-    for option, name in (("--machine", machine), ("--axis", axis)):
-        if "*" in name:
-            raise UserError(f"{option}: {name} may be several; name the one that is meant")
-    answer = command(kind, connect, machine, axis, timeout_s, _client(client), config_hash, about)
+    answer = command(kind, connect, machine, axis, timeout_s, _client(client), config_hash, parameters)
     _print_answer(answer, lambda document: document.get("done") is True)
 
 
@@ -143,11 +137,31 @@ for _kind, _help in _COMMANDS.items():
 
 
 @verbs.command()
+def arm(
+    connect: ConnectOption = DEFAULT_ENDPOINT,
+    machine: MachineOption = "*",
+    axis: AxisOption = "*",
+    without: Annotated[
+        list[str] | None, typer.Option(help="A sensor that may be excluded or missing; can be repeated.")
+    ] = None,
+    timeout_s: TimeoutOption = 5.0,
+    client: ClientOption = None,
+    config_hash: HashOption = None,
+) -> None:
+    """Arm the compensation of one axis; exit code 0 if it is then armed and its control follows, else 1."""
+    names = [name for text in without or () for name in text.split(",")]
+    if strange := [name for name in names if not re.fullmatch(r"[A-Za-z0-9_.-]{1,64}", name)]:
+        raise UserError(f"--without: {strange[0]!r} is not the name of a sensor")
+    parameters = {"without": ",".join(names)} if names else None
+    _give("arm", machine, axis, connect, timeout_s, client, config_hash, parameters)
+
+
+@verbs.command()
 def acknowledge(
-    machine: OneMachineOption,
-    axis: OneAxisOption,
     alarm: Annotated[str | None, typer.Argument(help="Its id; all of them if left out.")] = None,
     connect: ConnectOption = DEFAULT_ENDPOINT,
+    machine: MachineOption = "*",
+    axis: AxisOption = "*",
     timeout_s: TimeoutOption = 5.0,
     client: ClientOption = None,
     config_hash: HashOption = None,
@@ -155,4 +169,5 @@ def acknowledge(
     """Acknowledge an alarm of one axis; exit code 0 if that is noted, else 1."""
     if alarm is not None and not re.fullmatch(r"[A-Za-z0-9_.-]{1,250}", alarm):
         raise UserError(f"{alarm!r} is not an alarm; `observer watch` lists them")
-    _give("acknowledge", machine, axis, connect, timeout_s, client, config_hash, alarm)
+    parameters = None if alarm is None else {"id": alarm}
+    _give("acknowledge", machine, axis, connect, timeout_s, client, config_hash, parameters)

@@ -68,10 +68,8 @@ def _name(option: typer.CallbackParam, text: str) -> str:
     return text
 
 
-MachineOption = Annotated[str, typer.Option(help="Machine; * for any.", callback=_name)]
-AxisOption = Annotated[str, typer.Option(help="Axis; * for any.", callback=_name)]
-OneMachineOption = Annotated[str, typer.Option("--machine", help="Which machine.", callback=_name)]
-OneAxisOption = Annotated[str, typer.Option("--axis", help="Which axis.", callback=_name)]
+MachineOption = Annotated[str, typer.Option(help="Machine; * for the one that answers.", callback=_name)]
+AxisOption = Annotated[str, typer.Option(help="Axis; * for the one that answers.", callback=_name)]
 TimeoutOption = Annotated[float, typer.Option(min=0.1, help="Seconds to wait for an answer.")]
 ClientOption = Annotated[
     Path | None, typer.Option("--client", help="Client credentials: certificates and password (TOML).")

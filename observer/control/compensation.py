@@ -1,20 +1,22 @@
 """The correction of the thermal error for a control: a table over the travel and a straight line.
 
-Pure: estimates go in, frozen states come out. Everything is the *error* in the machine's coordinates: where
-the nut stands minus where its encoder says it stands. The table and the line follow the estimate at a
-limited rate, with a limited gradient, and only while the compensation is armed. It is armed by hand, and the
-first estimate that is not good, that comes late, or that lies beyond the absolute limit, disarms it for good:
-it is armed again by hand only. So does the first whose bound (how far a sensor's fault may have shifted
-it) is beyond that limit, or is unknown although the estimator has bounds.
+Pure: estimates go in, frozen states come out. All values are the *error* in the machine's coordinates: the
+nut's position minus the position that its encoder shows. The table and the line follow the estimate at a
+limited rate, with a limited gradient, while the compensation is armed. A person arms it.
 
-A machine that is homed or probed is set to zero at a place and a time, whatever the thermal error there was.
-From then on the compensation is the error since: less the error there and then, everywhere (`zeroed`).
+`doubt_about` decides whether an estimate may be compensated. While it may not, the last values are held for
+the hold time. After that the compensation is released: it is off, its values go to zero at the limited rate,
+and a person has to arm it again.
+
+A machine that is homed or probed is set to zero at a place and a time, whatever the thermal error was.
+After that the compensation is the change of the error: the error less that at this place and time (`zeroed`).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from datetime import datetime
 from typing import NamedTuple
 
 import numpy as np
@@ -24,11 +26,13 @@ from observer.control.zero import NEVER, ZeroPoint, since
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray
 
 LATE_PERIODS = 3.0
-"""An armed compensation whose next estimate does not come within so many periods is off."""
+"""An estimate is late when it does not come within so many periods."""
 NOT_ARMED = "not armed yet"
+SINCE_RESTART = "not armed since the restart; arm again"
 _ROUNDING_UM = 1e-6
 """Rounding of sums along the table stays below this; published values have as many digits."""
 _MISSED = "the machine was zeroed while the error there was unknown; zero it again, then arm"
+_EPOCH_FROM_S = 1e8  # a smaller time counts from the start of a log
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +53,7 @@ class CompensationPlan:
     and slope by least squares. `bounded` says that the estimator knows bounds, so that none is a doubt.
     `zero_at_m` is where on the screw the machine is set to zero, NaN if where the nut stands; `absorbs_all`
     says that this absorbs the whole error there, not only what the compensation in force left of it.
+    `hold_s` is how long the last values are held while an estimate may not be compensated.
     """
 
     screw_m: FloatArray
@@ -61,7 +66,8 @@ class CompensationPlan:
     rate_um_s: float
     gradient_um_m: float
     limit_um: float
-    late_s: float
+    hold_s: float
+    period_s: float
     bounded: bool
     zero_at_m: float
     absorbs_all: bool
@@ -71,8 +77,11 @@ class CompensationPlan:
 class CompensationState:
     """What is in force: `table_um` (n,), and the line by its values at both ends of the travel, (2,), µm.
 
-    `reason` says why it is off, None while it is armed; `time_s` is that of the last estimate it followed.
-    `limited` says that rate or gradient keep it from where the estimate is. `zero` is what it counts from.
+    `reason` says why it is off, None while it is armed; `time_s` is that of the last step. `limited` says
+    that rate or gradient keep it from where the estimate is; the gradient alone keeps it by `cut_um` at
+    most. `zero` is what it counts from. While values are held, `doubt` is the reason and `held_since_s` the
+    time of the first such estimate, else NaN. `released` is the sentence of the last release, `released_s`
+    its time, until a person arms or disarms.
     """
 
     reason: str | None
@@ -81,11 +90,28 @@ class CompensationState:
     ends_um: FloatArray
     limited: bool = False
     zero: ZeroPoint = NEVER
+    cut_um: float = 0.0
+    held_since_s: float = math.nan
+    doubt: str = ""
+    released: str = ""
+    released_s: float = math.nan
 
     @property
     def armed(self) -> bool:
-        """Whether a control may use it."""
+        """Whether it follows the estimates, or holds its values."""
         return self.reason is None
+
+    @property
+    def in_force(self) -> bool:
+        """Whether there are values for a control: armed, or on the way to zero after a release."""
+        return self.armed or bool(self.table_um.any() or self.ends_um.any())
+
+    @property
+    def phase(self) -> str:
+        """`following`, `holding`, `releasing` or `off`."""
+        if self.armed:
+            return "following" if math.isnan(self.held_since_s) else "holding"
+        return "releasing" if self.in_force else "off"
 
 
 def plan_of(config: Config) -> CompensationPlan:
@@ -110,7 +136,8 @@ def plan_of(config: Config) -> CompensationPlan:
         rate_um_s=settings.rate_limit_um_s,
         gradient_um_m=settings.gradient_limit_um_m,
         limit_um=settings.limit_um,
-        late_s=LATE_PERIODS * config.estimator.period_s,
+        hold_s=settings.hold_s,
+        period_s=config.estimator.period_s,
         bounded=config.integrity.enabled and config.estimator.screens,
         zero_at_m=math.nan if settings.zero_at_m is None else settings.zero_at_m,
         absorbs_all=settings.zero_after == "homing",
@@ -127,29 +154,51 @@ def table_of(plan: CompensationPlan, grid_m: FloatArray, error_um: FloatArray) -
     return np.asarray(plan.direction * np.interp(plan.screw_m, grid_m, error_um))
 
 
-class _Goal(NamedTuple):
-    """The targets of table and line: the whole error, then what the limits leave; `why_not` if there are
-    none.
-    """
+class _Target(NamedTuple):
+    """Where table and line should be: the whole error, and what the gradient limit leaves of it."""
 
     whole_um: FloatArray
     table_um: FloatArray
     ends_um: FloatArray
-    why_not: str | None
+    cut_um: float
 
 
-def _goal(plan: CompensationPlan, zero: ZeroPoint, block: EstimateBlock, grid_m: FloatArray) -> _Goal:
-    """Return the targets of an estimate, a block of one. The limit holds for the error and for that since the
-    zero.
+def _target(plan: CompensationPlan, zero: ZeroPoint, block: EstimateBlock, grid_m: FloatArray) -> _Target:
+    """Return the target of an estimate, a block of one, since a zero."""
+    whole_um = table_of(plan, grid_m, since(zero, block).error_um)
+    table_um, line = within_gradient(plan, whole_um), line_of(plan, whole_um)
+    arms_m = plan.machine_m[[0, -1]] - plan.reference_m
+    slope_cut_um_m = float(plan.fit[1] @ whole_um) - line.slope_um_m
+    cut_um = max(np.abs(whole_um - table_um).max(), np.abs(slope_cut_um_m * arms_m).max())
+    cut_um = float(cut_um) if cut_um > _ROUNDING_UM else 0.0
+    return _Target(whole_um, table_um, line.offset_um + line.slope_um_m * arms_m, cut_um)
+
+
+def doubt_about(
+    plan: CompensationPlan, zero: ZeroPoint, block: EstimateBlock, grid_m: FloatArray
+) -> str | None:
+    """Return why an estimate, a block of one, may not be compensated; None if it may.
+
+    This is the only place that judges its quality, its size and its bound. The limit holds for the error and
+    for that since the zero.
     """
-    found = since(zero, block)
-    whole_um = table_of(plan, grid_m, found.error_um)
-    line = line_of(plan, whole_um)
-    ends_um = line.offset_um + line.slope_um_m * (plan.machine_m[[0, -1]] - plan.reference_m)
+    quality = EstimateQuality(block.quality[0])
+    if quality != EstimateQuality.GOOD or not np.isfinite(block.error_um[0]).all():
+        return f"the estimate is {quality.label}"
+    target = _target(plan, zero, block, grid_m)
     absolute_um = table_of(plan, grid_m, block.error_um[0])
-    largest_um = float(np.abs(np.concatenate([absolute_um, whole_um, ends_um])).max())
-    why_not = _why_beyond(plan, largest_um, np.interp(plan.screw_m, grid_m, found.bound_um))
-    return _Goal(whole_um, within_gradient(plan, whole_um), ends_um, why_not)
+    largest_um = float(np.abs(np.concatenate([absolute_um, target.whole_um, target.ends_um])).max())
+    if largest_um > plan.limit_um:
+        return f"the error of {largest_um:.0f} µm is beyond compensation.limit_um = {plan.limit_um:g} µm"
+    bound_um = np.interp(plan.screw_m, grid_m, since(zero, block).bound_um)
+    if np.isnan(bound_um).any():
+        return "how much a faulty sensor could hide is not known" if plan.bounded else None
+    if bound_um.max() > plan.limit_um:
+        return (
+            f"a faulty sensor could hide {bound_um.max():.0f} µm, allowed are {plan.limit_um:g} µm "
+            "(compensation.limit_um)"
+        )
+    return None
 
 
 def line_of(plan: CompensationPlan, table_um: FloatArray) -> CompensationLine:
@@ -192,33 +241,128 @@ def advance(
     grid_m: FloatArray,
     *,
     arm: bool = False,
+    cause: str | None = None,
 ) -> CompensationState:
-    """Return the state after an estimate, a block of one; `arm` says that somebody has armed by hand.
+    """Return the state after an estimate, a block of one; `arm` says that a person has armed it.
 
-    Arming starts from the values last in force (zero after a cold start), and needs a good estimate.
+    `cause` says why the estimate is not good, or may not be used, where that is known. Arming starts from the
+    values in force, which are zero once a release has ended.
     """
-    quality, time_s = EstimateQuality(block.quality[0]), float(block.time_s[0])
-    error_um = block.error_um[0]
-    if quality != EstimateQuality.GOOD or not np.isfinite(error_um).all():
-        if state.armed:
-            return off(state, f"the estimate of {time_s:.3f} is {quality.label}; arm again")
-        return off(state, f"the estimate is {quality.label}, so it cannot be armed") if arm else state
-    if not state.armed and not arm:
-        return state
-    elapsed_s = time_s - state.time_s if state.armed else 0.0
-    goal = _goal(plan, state.zero, block, grid_m)
-    why_not = None if goal.why_not is None else f"{goal.why_not}; arm again"
-    if not 0.0 <= elapsed_s <= plan.late_s:
-        why_not = f"no estimate came for {elapsed_s:.3g} s; arm again"
+    time_s = float(block.time_s[0])
+    doubt = doubt_about(plan, state.zero, block, grid_m)
+    if cause is not None and (doubt is None or block.quality[0] != EstimateQuality.GOOD):
+        doubt = cause
+    if not state.armed:
+        state = _toward_zero(plan, state, time_s)
+        if not arm:
+            return state
+        why_not = _MISSED if state.zero.missed else doubt
+        if why_not is not None:
+            return replace(state, reason=f"{why_not}, so it cannot be armed")
+        state = replace(state, reason=None, released="", released_s=math.nan)
     if state.zero.missed:
-        why_not = _MISSED
-    if why_not is not None:
-        return off(state, why_not)
-    table_um = toward(state.table_um, goal.table_um, plan.rate_um_s * elapsed_s)
-    ends_um = toward(state.ends_um, goal.ends_um, plan.rate_um_s * elapsed_s)
-    there = (table_um, goal.whole_um), (ends_um, goal.ends_um)
+        return replace(released(state, _MISSED), time_s=time_s)
+    if doubt is not None:
+        return hold(plan, state, time_s, doubt, latest=cause is not None)
+    if (late := _late(plan, state, time_s)) is not None:
+        return late
+    target, most_um = _target(plan, state.zero, block, grid_m), _most_um(plan, state, time_s)
+    table_um = toward(state.table_um, target.table_um, most_um)
+    ends_um = toward(state.ends_um, target.ends_um, most_um)
+    there = (table_um, target.whole_um), (ends_um, target.ends_um)
     limited = not all(np.allclose(now_um, to_um, rtol=0.0, atol=_ROUNDING_UM) for now_um, to_um in there)
-    return CompensationState(None, time_s, table_um, ends_um, limited, state.zero)
+    return CompensationState(None, time_s, table_um, ends_um, limited, state.zero, target.cut_um)
+
+
+def hold(
+    plan: CompensationPlan, state: CompensationState, time_s: float, doubt: str, *, latest: bool = True
+) -> CompensationState:
+    """Return the state at a time at which the estimate may not be compensated, because of `doubt`.
+
+    An armed one holds its values, and is released once that has lasted for the hold time. Unless `latest`,
+    the doubt with which the hold began remains the reason.
+    """
+    if not state.armed:
+        return _toward_zero(plan, state, time_s)
+    if (late := _late(plan, state, time_s)) is not None:
+        return late
+    since_s = time_s if math.isnan(state.held_since_s) else state.held_since_s
+    doubt = doubt if latest or not state.doubt else state.doubt
+    state = replace(state, time_s=time_s, held_since_s=since_s, doubt=doubt)
+    return released(state, doubt) if time_s - since_s >= plan.hold_s else state
+
+
+def released(state: CompensationState, cause: str) -> CompensationState:
+    """Return an armed state after its release at its own time; one that is off stays as it is."""
+    if not state.armed:
+        return state
+    sentence = f"switched off at {_clock(state.time_s)}: {cause}; arm again"
+    return replace(
+        state, reason=sentence, held_since_s=math.nan, doubt="", released=sentence, released_s=state.time_s
+    )
+
+
+def off(state: CompensationState, reason: str) -> CompensationState:
+    """Return the state after a person has disarmed it; its values go to zero from where they are."""
+    return replace(state, reason=reason, held_since_s=math.nan, doubt="", released="", released_s=math.nan)
+
+
+def at_zero(state: CompensationState) -> CompensationState:
+    """Return a state that is off without values: nobody follows it, so there is nothing to ramp."""
+    zero_um = np.zeros_like(state.table_um), np.zeros_like(state.ends_um)
+    return replace(state, table_um=zero_um[0], ends_um=zero_um[1], limited=False)
+
+
+def after_restart(plan: CompensationPlan, state: CompensationState) -> CompensationState:
+    """Return what a start takes over from an earlier service: off and at zero, released if it was armed."""
+    state = released(state, "the service ended or began anew")
+    return replace(
+        initial(plan),
+        reason=state.released or SINCE_RESTART,
+        time_s=state.time_s,
+        zero=state.zero,
+        released=state.released,
+        released_s=state.released_s,
+    )
+
+
+def _late(plan: CompensationPlan, state: CompensationState, time_s: float) -> CompensationState | None:
+    """The release of a state whose values had lapsed before `time_s`; None if they had not."""
+    elapsed_s = time_s - state.time_s
+    if math.isnan(elapsed_s) or 0.0 <= elapsed_s <= valid_s(plan):
+        return None
+    return released(replace(state, time_s=time_s), f"no estimate came for {elapsed_s:.3g} s")
+
+
+def valid_s(plan: CompensationPlan) -> float:
+    """Return how long values may be used without newer ones, s: until an estimate is late, then the hold."""
+    return LATE_PERIODS * plan.period_s + plan.hold_s
+
+
+def _most_um(plan: CompensationPlan, state: CompensationState, time_s: float) -> float:
+    """The largest change of a value in a step; after a pause it is that of one period, never a jump."""
+    elapsed_s = time_s - state.time_s
+    return plan.rate_um_s * min(max(elapsed_s, 0.0), plan.period_s) if math.isfinite(elapsed_s) else 0.0
+
+
+def _toward_zero(plan: CompensationPlan, state: CompensationState, time_s: float) -> CompensationState:
+    """The state of what is off, with its values nearer to zero by the rate."""
+    most_um, zero_um = _most_um(plan, state, time_s), np.zeros(1)
+    return replace(
+        state,
+        time_s=time_s,
+        table_um=toward(state.table_um, zero_um, most_um),
+        ends_um=toward(state.ends_um, zero_um, most_um),
+        limited=False,
+        cut_um=0.0,
+    )
+
+
+def _clock(time_s: float) -> str:
+    """A time for people: hour, minute and second, or seconds where a log counts from its own start."""
+    if not time_s > _EPOCH_FROM_S:
+        return f"{time_s:.1f} s"
+    return f"{datetime.fromtimestamp(time_s).astimezone():%H:%M:%S}"
 
 
 def zeroed(
@@ -231,53 +375,40 @@ def zeroed(
 ) -> CompensationState:
     """Return the state after the machine has been set to zero at `at_m` on the screw, at an estimate's time.
 
-    While it is off nobody follows it, so table and line are those of the new zero at once. Armed, it stays so
-    if the zero absorbed only what the compensation had left: at `at_m` nothing changes then, and elsewhere
-    the rate limit holds. If it absorbed the whole error, table and line would have to jump: it is off, to be
-    armed again. Where the error at `at_m` is not known, nothing can be armed until a zero that is.
+    If the zero absorbed only what the values in force had left, at `at_m` nothing changes, and an armed
+    compensation stays armed. If it absorbed the whole error, an armed one is released. Where the error at
+    `at_m` is not known, nothing can be armed until a zero whose error is known.
     """
-    why_not = _why_not_zeroed(block, at_m) or _goal(plan, NEVER, block, grid_m).why_not
-    if why_not is not None:
+    if (refusal := _zero_refusal(plan, block, grid_m, at_m)) is not None:
         missed = replace(state, zero=replace(state.zero, missed=True))
-        return off(missed, f"{by} has zeroed the machine, but {why_not}; zero it again, then arm")
-    stays = state.armed and not plan.absorbs_all
-    left_um = plan.direction * float(np.interp(at_m, plan.screw_m, state.table_um)) if stays else 0.0
+        missed = released(missed, f"{by} has zeroed the machine while the error there is not known")
+        return replace(missed, reason=refusal)
+    left_um = 0.0 if plan.absorbs_all else float(np.interp(at_m, plan.screw_m, state.table_um))
     columns = (block.error_um, block.error_sigma_um, block.error_bound_um)
     error_um, sigma_um, bound_um = (float(np.interp(at_m, grid_m, column[0])) for column in columns)
-    zero = ZeroPoint(float(block.time_s[0]), at_m, error_um - left_um, sigma_um, bound_um, by)
-    if stays:
-        return replace(state, zero=zero)
-    goal = _goal(plan, zero, block, grid_m)
-    reason = f"{by} has zeroed the machine; arm again" if state.armed else state.reason
-    if state.zero.missed:
-        reason = NOT_ARMED
-    return CompensationState(reason, state.time_s, goal.table_um, goal.ends_um, zero=zero)
+    absorbed_um = error_um - plan.direction * left_um
+    zero = ZeroPoint(float(block.time_s[0]), at_m, absorbed_um, sigma_um, bound_um, by)
+    if not state.armed:
+        return replace(state, zero=zero, reason=NOT_ARMED if state.zero.missed else state.reason)
+    state = replace(state, zero=zero)
+    return released(state, f"{by} has zeroed the machine") if plan.absorbs_all else state
 
 
-def _why_not_zeroed(block: EstimateBlock, at_m: float) -> str | None:
-    """Why the error at a place on the screw is not known from an estimate; None if it is."""
-    quality = EstimateQuality(block.quality[0])
-    if quality != EstimateQuality.GOOD or not np.isfinite(block.error_um).all():
-        return f"the estimate is {quality.label}"
-    if not math.isfinite(at_m):
-        return "the nut's position is not known (compensation.zero_at_m can give it)"
-    return None
-
-
-def _why_beyond(plan: CompensationPlan, error_um: float, bound_um: FloatArray) -> str | None:
-    """Why an error of this size, with these bounds at the table's points, may not be used; None if it
-    may.
-    """
-    if error_um > plan.limit_um:
-        return f"the error of {error_um:.0f} µm is beyond limit_um = {plan.limit_um:g}"
-    if np.isnan(bound_um).any():
-        return "the error's bound is not known" if plan.bounded else None
-    widest_um = float(bound_um.max())
-    if widest_um <= plan.limit_um:
+def _zero_refusal(
+    plan: CompensationPlan, block: EstimateBlock, grid_m: FloatArray, at_m: float
+) -> str | None:
+    """Why the error at a place on the screw is not known from an estimate, and what helps; None if it is."""
+    doubt = doubt_about(plan, NEVER, block, grid_m)
+    if doubt is None and math.isfinite(at_m):
         return None
-    return f"the error's bound of {widest_um:.0f} µm is beyond compensation.limit_um = {plan.limit_um:g} µm"
-
-
-def off(state: CompensationState, reason: str) -> CompensationState:
-    """Return the state disarmed; its values stay, for the next arming to start from."""
-    return replace(state, reason=reason)
+    if doubt is None:
+        return (
+            "zero refused: the nut's position is not known. Give compensation.zero_at_m, or zero again once "
+            "the position comes, then arm"
+        )
+    if block.quality[0] != EstimateQuality.GOOD:
+        return f"zero refused: {doubt}. Zero again once `observer health` shows good estimates, then arm"
+    return (
+        f"zero refused: {doubt}. Zeroing again does not help before that is less: wait, add a sensor "
+        "(`observer check` says which), or raise limit_um; then zero again and arm"
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,14 +13,19 @@ from observer.config import Config
 from observer.control.compensation import (
     CompensationState,
     advance,
+    after_restart,
+    at_zero,
+    hold,
     initial,
     line_through,
     off,
     plan_of,
+    released,
+    valid_s,
     zeroed,
 )
-from observer.control.zero import ZeroPoint, since, zero_document
-from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock
+from observer.control.zero import since, zero_document
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Quality
 from observer.model.rod.supports import error_at
 from observer.process.clock import stepped
 
@@ -32,110 +38,148 @@ class Compensator:
         config: Config,
         grid_m: FloatArray,
         instance: str = "",
-        held: CompensationState | None = None,
+        earlier: CompensationState | None = None,
     ) -> None:
         """Plan the compensation of a configuration whose `[compensation]` is enabled.
 
-        `held` is what one before held: off, with its values for the next arming to start from.
+        `earlier` is the state of an earlier service: its zero stays, and if it was armed this is a release.
         """
         self._instance = instance
         self._plan = plan_of(config)
-        self._state = held or initial(self._plan)
+        self._state = initial(self._plan) if earlier is None else after_restart(self._plan, earlier)
         self._offset_s = 0.0
         self._grid_m = grid_m
         nuts = [s.position_channel for s in config.source if s.position_channel is not None]
         self._nut_channel = nuts[0] if nuts else None
-        self._asked = False
+        self._sensors = [s.name for s in config.sensor]
+        self._sensor_channels = {s.channel for s in config.sensor}
+        self._arm_without: Sequence[str] | None = None
         self._zero_by: str | None = None
+        self._sequence = 0
+
+    @property
+    def state(self) -> CompensationState:
+        """What is in force, or was last."""
+        return self._state
 
     @property
     def reason(self) -> str | None:
         """Why it is off; None while it is armed."""
         return self._state.reason
 
-    def arm(self) -> None:
-        """Ask for the compensation to be armed with the next estimate, if that is good."""
-        self._asked = True
+    def arm(self, without: Sequence[str] = ()) -> None:
+        """Ask for the compensation to be armed with the next estimate, if that is good.
+
+        It has to use every sensor but those in `without`.
+        """
+        self._arm_without = tuple(without)
 
     def disarm(self, reason: str) -> None:
-        """Switch it off, and forget who asked for it to be armed; what is off keeps its reason."""
-        if self._state.armed or self._asked:
-            self._state = off(self._state, reason)
-        self._asked = False
+        """Switch it off, as a person has asked for; what is off keeps its reason, and its alarm ends."""
+        is_asked, self._arm_without = self._arm_without is not None, None
+        reason = reason if self._state.armed or is_asked else self._state.reason or reason
+        self._state = off(self._state, reason)
+
+    def release(self, cause: str) -> None:
+        """Switch it off for a cause that is no person's wish, and forget who asked for it to be armed."""
+        if self._arm_without is not None and not self._state.armed:
+            self._state = replace(self._state, reason=f"{cause}; arm again")
+        self._arm_without = None
+        self._state = released(self._state, cause)
+
+    def release_unfollowed(self, cause: str) -> None:
+        """Release it while the control does not follow: there is nothing to ramp."""
+        if self._state.in_force:
+            self._state = at_zero(released(self._state, cause))
 
     def zero(self, by: str) -> None:
         """Note that the machine has been zeroed; the next estimate counts from there."""
-        self._zero_by, self._asked = by, False
-
-    @property
-    def zero_point(self) -> ZeroPoint:
-        """What the compensation counts from, and whether a later zero was missed."""
-        return self._state.zero
-
-    @property
-    def held(self) -> CompensationState:
-        """What is in force, or was last."""
-        return self._state
+        self._zero_by, self._arm_without = by, None
 
     def see_clock(self, offset_s: float) -> None:
-        """Note how far the computer's clock is ahead of the service's time; if it was set, disarm.
+        """Note how far the computer's clock is ahead of the service's time; if it was set, release.
 
         A control compares the time up to which a document holds with a clock of its own.
         """
         self._offset_s = offset_s
         if (why := stepped(offset_s)) is not None:
-            self.disarm(f"{why}; arm again")
+            self.release(why)
 
-    def step(self, block: EstimateBlock, frame: FrameBlock, sequence: int) -> dict[str, Any]:
-        """Follow an estimate, a block of one; return the document to publish."""
-        asked, self._asked = self._asked, False
+    def step(
+        self, block: EstimateBlock, frame: FrameBlock, sequence: int, cause: str | None = None
+    ) -> dict[str, Any]:
+        """Follow an estimate, a block of one; return the document to publish.
+
+        `cause` says why it may not be used although it is good, None where it may.
+        """
+        without, self._arm_without = self._arm_without, None
         if self._zero_by is not None:
             at_m = self._plan.zero_at_m
             at_m = self._nut_m(frame) if math.isnan(at_m) else at_m
             self._state = zeroed(self._plan, self._state, block, self._grid_m, at_m, self._zero_by)
             self._zero_by = None
-        self._state = advance(self._plan, self._state, block, self._grid_m, arm=asked)
-        return {
-            "time_s": float(block.time_s[0]),
-            "sequence": sequence,
-            "instance": self._instance,
-            "valid_until_s": float(block.time_s[0]) + self._plan.late_s + min(0.0, self._offset_s),
-            "armed": self._state.armed,
-            "reason": self._state.reason,
-            **self._values(block),
-            "zero": self._zero_document(),
-            "nut": self._nut(block, frame),
-            "quality": EstimateQuality(block.quality[0]).label,
-        }
+        refusal = None if without is None else self._sensor_refusal(block, without)
+        self._state = advance(
+            self._plan,
+            self._state,
+            block,
+            self._grid_m,
+            arm=without is not None and refusal is None,
+            cause=cause or self._cause(block, frame),
+        )
+        if refusal is not None and not self._state.armed:
+            self._state = replace(self._state, reason=refusal)
+        quality = EstimateQuality(block.quality[0]).label
+        document = self._document(float(block.time_s[0]), sequence, quality)
+        return document | self._doubts(block) | {"nut": self._nut(block, frame)}
 
     def fail(self, time_s: float, sequence: int, reason: str) -> dict[str, Any]:
-        """Disarm because a step gave no estimate; return the document to publish."""
-        self.disarm(f"{reason}; arm again")
+        """Take a step that gave no estimate; return the document to publish."""
+        if self._arm_without is not None and not self._state.armed:
+            self._state = replace(self._state, reason=f"{reason}, so it cannot be armed")
+        self._arm_without = None
+        self._state = hold(self._plan, self._state, time_s, reason)
         if self._zero_by is not None:
-            missed = replace(self._state.zero, missed=True)
-            self._state = replace(self._state, zero=missed, reason=f"{reason}; zero it again, then arm")
+            self._state = replace(self._state, zero=replace(self._state.zero, missed=True))
+            self._state = released(self._state, f"{self._zero_by} has zeroed the machine, but {reason}")
+            self._state = replace(self._state, reason=f"zero refused: {reason}; zero it again, then arm")
             self._zero_by = None
-        off = {"time_s": time_s, "sequence": sequence, "instance": self._instance}
-        off |= {"valid_until_s": time_s, "armed": False}
-        values = dict.fromkeys((*_VALUES, "nut"))
+        return self._document(time_s, sequence, "invalid")
+
+    def ended(self) -> dict[str, Any]:
+        """The last document of a service that ends: off, so that nobody waits until the values lapse."""
+        reason = "the service has ended; arm again once it runs"
+        state, self._state = self._state, at_zero(off(self._state, reason))
+        document = self._document(state.time_s, self._sequence, "invalid") | {"valid_until_s": state.time_s}
+        self._state = state
+        return document
+
+    def _document(self, time_s: float, sequence: int, quality: str) -> dict[str, Any]:
+        """What is published in each step; the doubts and the nut are those of an estimate."""
+        state, self._sequence = self._state, sequence
         return {
-            **off,
-            "reason": self._state.reason,
-            **values,
-            "zero": self._zero_document(),
-            "quality": "invalid",
+            "time_s": time_s,
+            "sequence": sequence,
+            "instance": self._instance,
+            "valid_until_s": time_s + valid_s(self._plan) + min(0.0, self._offset_s),
+            "armed": state.armed,
+            "phase": state.phase,
+            "reason": state.reason,
+            "hold_reason": state.doubt or None,
+            "released_s": None if math.isnan(state.released_s) else state.released_s,
+            **self._values(),
+            "zero": zero_document(state.zero, self._plan.direction, self._plan.zero_m),
+            "nut": None,
+            "quality": quality,
         }
 
-    def _values(self, block: EstimateBlock) -> dict[str, Any]:
-        """Table and line in force; all null while it is off, so that nobody takes them for good."""
+    def _values(self) -> dict[str, Any]:
+        """Table and line in force; all null where there are none, so that nobody takes them for good."""
         plan, state = self._plan, self._state
-        if not state.armed:
+        if not state.in_force:
             return dict.fromkeys(_VALUES)
         line = line_through(plan, state.ends_um)
         on_line = line.offset_um + line.slope_um_m * (plan.machine_m - plan.reference_m)
-        found = since(state.zero, block)
-        sigma_um = np.interp(plan.screw_m, self._grid_m, found.sigma_um)
-        bound_um = np.interp(plan.screw_m, self._grid_m, found.bound_um)
         return {
             "reference_m": plan.reference_m,
             "offset_um": round(line.offset_um, 6),
@@ -143,19 +187,59 @@ class Compensator:
             "off_line_um": round(float(np.max(np.abs(state.table_um - on_line))), 6),
             "position_m": np.round(plan.machine_m, 9).tolist(),
             "error_um": np.round(state.table_um, 6).tolist(),
-            "sigma_um": np.round(sigma_um, 6).tolist(),
-            "bound_um": None if np.isnan(bound_um).any() else np.round(bound_um, 6).tolist(),
+            "sigma_um": None,
+            "bound_um": None,
             "limited": state.limited,
+            "gradient_cut_um": round(state.cut_um, 6),
         }
+
+    def _doubts(self, block: EstimateBlock) -> dict[str, Any]:
+        """σ and bound of an estimate along the table; null where they are not known, and while it is off."""
+        if not self._state.armed:
+            return {}
+        errors = since(self._state.zero, block)
+        columns_um = {"sigma_um": errors.sigma_um, "bound_um": errors.bound_um}
+        tables_um = {n: np.interp(self._plan.screw_m, self._grid_m, um) for n, um in columns_um.items()}
+        return {
+            name: np.round(table_um, 6).tolist() if np.isfinite(table_um).all() else None
+            for name, table_um in tables_um.items()
+        }
+
+    def _sensor_refusal(self, block: EstimateBlock, without: Sequence[str]) -> str | None:
+        """Why it may not be armed with the sensors that a good estimate uses; None if it may."""
+        names = ", ".join(self._sensors)
+        if strange := [name for name in without if name not in self._sensors]:
+            return f"there is no sensor {', '.join(strange)}; the sensors are {names}"
+        qualities = zip(self._sensors, block.sensor_quality[0].tolist(), strict=True)
+        unused = {name: Quality(quality).label for name, quality in qualities if quality != Quality.GOOD}
+        missing = {name: label for name, label in unused.items() if name not in without}
+        if not missing or block.quality[0] != EstimateQuality.GOOD:
+            return None
+        states = ", ".join(f"{name} is {label}" for name, label in missing.items())
+        options = " ".join(f"--without {name}" for name in unused)
+        return f"{states}; repair the sensor, or arm without it: `observer arm {options}`"
+
+    def _cause(self, block: EstimateBlock, frame: FrameBlock) -> str | None:
+        """Why an estimate is not good, by the first input or sensor that fails; None where none does."""
+        if block.quality[0] == EstimateQuality.GOOD:
+            return None
+        qualities = dict(zip(frame.channels, frame.quality[0].tolist(), strict=True))
+        ages_s = dict(zip(frame.channels, frame.age_s[0].tolist(), strict=True))
+        inputs = sorted(qualities, key=lambda channel: channel != self._nut_channel)
+        for channel in inputs:
+            if qualities[channel] != Quality.GOOD and channel not in self._sensor_channels:
+                what = "position from the control" if channel == self._nut_channel else f"value of {channel}"
+                age_s = ages_s[channel]
+                return f"no {what}" + (f" for {age_s:.1f} s" if math.isfinite(age_s) else " yet")
+        sensors = zip(self._sensors, block.sensor_quality[0].tolist(), strict=True)
+        unused = [f"{name} is {Quality(q).label}" for name, q in sensors if q != Quality.GOOD]
+        return f"{unused[0]}, and the estimate is {_label(block)}" if unused else None
 
     def _nut_m(self, frame: FrameBlock) -> float:
         """Where the nut stands on the screw; NaN where that is not known."""
         if self._nut_channel is None:
             return math.nan
         return float(frame.values[0, frame.channels.index(self._nut_channel)])
-
-    def _zero_document(self) -> dict[str, Any] | None:
-        return zero_document(self._state.zero, self._plan.direction, self._plan.zero_m)
 
     def _nut(self, block: EstimateBlock, frame: FrameBlock) -> dict[str, Any] | None:
         """Where the nut stands and the estimated error there since the zero, not limited; None where either
@@ -176,7 +260,11 @@ class Compensator:
         }
 
 
+def _label(block: EstimateBlock) -> str:
+    return EstimateQuality(block.quality[0]).label
+
+
 _VALUES = (
     "reference_m", "offset_um", "slope_um_m", "off_line_um", "position_m", "error_um", "sigma_um", "bound_um",
-    "limited",
+    "limited", "gradient_cut_um",
 )  # fmt: skip

@@ -1,8 +1,8 @@
-"""Write the compensation to a control, in a thread; release the control whenever in doubt.
+"""Write the compensation to a control, in a thread; release the control when it does not follow.
 
-It decides nothing. What the loop's compensation publishes as armed is written; the first document
-that is not armed, a failed write and the end of the service release the control. A sign of life is only
-sent with a document from the loop, so that to the control a stalled loop looks like a dead one.
+It decides nothing. The values that the loop's compensation publishes are written. The first document without
+values, a control that does not follow in time and the end of the service release the control. A sign of life
+is only sent with a document from the loop, so that to the control a stalled loop looks like a dead one.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from typing import Any
 
 import structlog
 
-from drivers.control import AxisCorrection, ControlError, ControlLink
+from drivers.control import AxisCorrection, ControlError, ControlLink, ControlUnreachableError
 
 _ATTEMPTS = 2
+_LOOK_S = 0.02  # between two looks at a control that does not follow yet
 
 log = structlog.get_logger()
 
@@ -31,18 +32,23 @@ class _Job:
 
 
 class Steering:
-    """Writes to one control; the loop never waits for it. `valid_s` is how long a document holds."""
+    """Writes to one control; the loop never waits for it.
 
-    def __init__(self, control: ControlLink, valid_s: float) -> None:
+    `valid_s` is how long a document holds, and so how long a control may be out of reach; `follow_s` is how
+    long it may take to report that it follows what was written.
+    """
+
+    def __init__(self, control: ControlLink, valid_s: float, follow_s: float) -> None:
         self._control = control
-        self._valid_s = valid_s
+        self._valid_s, self._follow_s = valid_s, follow_s
         self._changed = threading.Condition()
         self._next: _Job | None = None
         self._closing = False
         self._armed = False
         self._failure: str | None = None
         self._written: AxisCorrection | None = None
-        self._held = False
+        self._holds_until_s: float | None = None
+        self._is_open = False
         self._thread = threading.Thread(target=self._live, name="control", daemon=True)
         self._thread.start()
 
@@ -53,14 +59,19 @@ class Steering:
             return "control: its thread has ended; restart the service"
         return self._failure
 
+    @property
+    def is_pending(self) -> bool:
+        """Whether values are being written and it is not known yet that the control follows them."""
+        return self._armed and self._holds_until_s is None and self.failure is None
+
     def take(self, document: Mapping[str, Any]) -> None:
-        """Take a document of the compensation; before one is armed, the control is not touched at all."""
-        correction = correction_of(document) if document["armed"] else None
+        """Take a document of the compensation; before one has values, the control is not touched at all."""
+        correction = None if document["error_um"] is None else correction_of(document)
         with self._changed:
             if correction is None and not self._armed:
                 return
             if not self._armed:
-                self._failure = None
+                self._failure, self._holds_until_s = None, None
             self._armed = correction is not None
             self._next = _Job(correction, time.monotonic() + self._valid_s)
             self._changed.notify()
@@ -89,36 +100,63 @@ class Steering:
     def _try(self, job: _Job, correction: AxisCorrection) -> None:
         try:
             self._write(job, correction)
+        except ControlUnreachableError as error:
+            self._written = None
+            if self._holds_until_s is None or time.monotonic() > self._holds_until_s:
+                self._fail(error)
         except Exception as error:  # whatever it is, it is reported and the control released
             if not isinstance(error, ControlError):
                 log.error("control failed", error=repr(error), exc_info=True)
-            self._failure = f"control: {str(error) or type(error).__name__}"
-            self._let_go()
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        self._failure = f"control: {str(error) or type(error).__name__}"
+        self._let_go()
 
     def _write(self, job: _Job, correction: AxisCorrection) -> None:
-        """Verify what was written last, write, and verify again."""
-        if self._written is not None:
-            self._check(self._written)
-        else:
-            self._held = True
+        """Verify what was written last, write, and wait until the control follows."""
+        if not self._is_open:
+            self._is_open = True
             self._control.open()
+        elif self._written is not None and (problem := self._problem(self._written)) is not None:
+            raise ControlError(problem)
         if time.monotonic() > job.until_s:
             raise ControlError(f"nothing could be written for {self._valid_s:g} s")
         try:
             self._control.write(correction, self._valid_s)
+        except ControlUnreachableError:
+            raise
         except ControlError as error:
             raise ControlError(f"{error}{self._why()}") from None
-        self._check(correction)
-        self._written = correction
+        if self._is_followed(correction):
+            self._written = correction
+            self._holds_until_s = time.monotonic() + self._valid_s
 
-    def _check(self, written: AxisCorrection) -> None:
+    def _is_followed(self, correction: AxisCorrection) -> bool:
+        """Wait until the control follows a correction; False where it is to be released meanwhile.
+
+        Raises `ControlError` where it does not follow in time.
+        """
+        until_s = time.monotonic() + self._follow_s
+        while (problem := self._problem(correction)) is not None:
+            if time.monotonic() >= until_s:
+                raise ControlError(problem)
+            with self._changed:
+                if self._changed.wait_for(self._is_to_release, _LOOK_S):
+                    return False
+        return True
+
+    def _is_to_release(self) -> bool:
+        return self._closing or (self._next is not None and self._next.correction is None)
+
+    def _problem(self, written: AxisCorrection) -> str | None:
+        """How the control does not follow what was written, None if it does."""
         back = self._control.read_back()
         if back.reason is not None or not back.following:
-            raise ControlError(f"it does not follow: {back.reason or 'it is off'}")
+            return f"it does not follow: {back.reason or 'it is off'}"
         if back.correction != written:
-            raise ControlError(
-                "it reads back something other than was written; find out what else writes to it"
-            )
+            return "it reads back something other than was written; find out what else writes to it"
+        return None
 
     def _why(self) -> str:
         """The control's own reason for refusing, if it gives one."""
@@ -131,19 +169,20 @@ class Steering:
     def _let_go(self) -> None:
         """Release the control, once; where that fails, its dead-man does it."""
         self._written = None
-        for _ in range(_ATTEMPTS if self._held else 0):
+        for _ in range(_ATTEMPTS if self._is_open else 0):
             try:
                 self._control.release()
                 break
             except ControlError as error:
                 log.warning("control not released; its dead-man takes it to zero", error=str(error))
-        self._held = False
+        self._is_open = False
 
 
 class NoControl:
     """Writes nowhere, where no control is named."""
 
     failure: str | None = None
+    is_pending = False
 
     def take(self, document: Mapping[str, Any]) -> None:
         """Leave a document out."""

@@ -8,7 +8,6 @@ in it is ever executed. The same bytes begin a recording made after a warm start
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from importlib.metadata import version
@@ -27,10 +26,10 @@ from observer.estimators.selftest import SelfTestState
 from observer.kernels.codes import COMMON_S, FIRST_S, HELD_S, HELD_UNTIL_S, LATCH_S
 from observer.quality.gap import GapState
 
-SINCE_RESTART = "not armed since the restart; arm again"
 _FORMAT = b"ballscrew-observer checkpoint 1\n"
 _MOST_BYTES = 64_000_000
-_MOMENTS = frozenset({"time_s", "last_s", "begin_s"})  # fields that hold a moment of the service's time
+_MOMENTS = frozenset({"time_s", "last_s", "begin_s", "held_since_s", "released_s"})
+"""The fields that hold a moment of the service's time."""
 
 
 class UnfitError(Exception):
@@ -241,33 +240,32 @@ def _moved(value: Any, by_s: float) -> Any:
 
 
 def _compensation(plain: Any, fit: CheckpointFit) -> CompensationState | None:
-    """What a compensation held, off; None where there is none. Set up otherwise, the machine's zero stays."""
-    if fit.compensation is None or not isinstance(plain, dict):
+    """The state of a compensation; None where there is none.
+
+    Where it is set up otherwise now, its values are those of a cold start: its zero stays, and whether it was
+    armed or released.
+    """
+    cold = fit.compensation
+    state = plain.get("state") if isinstance(plain, dict) else None
+    if cold is None or not isinstance(state, dict):
         return None
     if plain.get("setup") != fit.setup:
-        return _only_zero(plain.get("state"), fit.compensation)
-    state = plain.get("state")
-    if isinstance(state, dict):  # an armed one has no reason; it gets that of a restart, whatever it had
-        state = state | {"reason": SINCE_RESTART}
-    held: CompensationState = _filled(fit.compensation, state, "compensation")
-    if not (np.isfinite(held.table_um).all() and np.isfinite(held.ends_um).all()):
+        state = {name: state[name] for name in _WHATEVER_SETUP if name in state}
+    plain_state = _plain(cold) | state
+    is_armed = plain_state["reason"] is None
+    plain_state["reason"] = cold.reason if is_armed else plain_state["reason"]
+    filled: CompensationState = _filled(cold, plain_state, "compensation")
+    if not (np.isfinite(filled.table_um).all() and np.isfinite(filled.ends_um).all()):
         return None
-    return replace(held, reason=SINCE_RESTART)
+    return replace(filled, reason=None) if is_armed else filled
+
+
+_WHATEVER_SETUP = ("reason", "time_s", "zero", "released", "released_s")
 
 
 def _remembered(like: Any, plain: Any, name: str) -> Any:
     """What aligner or self-test remembered; None where it is not in the checkpoint."""
     return None if like is None or plain is None else _filled(like, plain, name)
-
-
-def _only_zero(plain: Any, cold: CompensationState) -> CompensationState | None:
-    """A compensation from a cold start, but for where the machine was set to zero; None if that is unfit."""
-    try:
-        zero = _filled(cold.zero, plain.get("zero") if isinstance(plain, dict) else None, "zero")
-    except UnfitError:
-        return None
-    never = math.isnan(zero.time_s) and not zero.missed
-    return None if never else replace(cold, zero=zero, reason=SINCE_RESTART)
 
 
 def _gap(plain: Any, fit: CheckpointFit) -> GapState | None:

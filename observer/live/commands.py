@@ -60,10 +60,13 @@ class Commands:
         return answers or [lambda: (False, _NOBODY.get(command.kind, ""))]
 
     def after_step(self, tick_s: float) -> None:
-        """Answer with the outcome of the commands in the step."""
+        """Answer the commands whose outcome is known after the step; the others wait for the next one."""
         obeyed, self._obeyed = self._obeyed, []
         for command, answer in obeyed:
-            self._close(command, Outcome(*answer(), tick_s))
+            if (outcome := answer()) is None:
+                self._obeyed.append((command, answer))
+            else:
+                self._close(command, Outcome(*outcome, tick_s))
 
     def _close(self, command: Command, outcome: Outcome) -> None:
         if command.refused is None:  # else the sender has been answered already

@@ -27,7 +27,7 @@ from observer.live.commands import Commands
 from observer.live.observers import Step, StepObserver
 from observer.live.renewal import Renewal, Renewals
 from observer.live.wires import Wires
-from observer.quality.conditions import Facts
+from observer.quality.conditions import Condition, Facts
 from observer.quality.health import HEALTH_PERIOD_S, Health, assess
 from observer.record.recorder import NoRecorder, Recorder
 
@@ -182,6 +182,7 @@ class _Cycles:
         self._estimate: EstimateQuality | None = None
         self._had_estimate = False
         self._failure: str | None = None
+        self._observed: tuple[Condition, ...] = ()
         self._health: Health | None = None
         self._sent_s = self._looked_s = -math.inf
 
@@ -253,6 +254,9 @@ class _Cycles:
         self._service.recorder.tick(float(frame.time_s[0]), self._standing)
         changed |= self._frame is None or bool((frame.quality != self._frame.quality).any())
         self._frame = frame
+        observed = tuple(found for observer in self._service.observers for found in observer.conditions())
+        changed |= observed != self._observed
+        self._observed = observed
         self._commands.after_step(time_s)
         now_s = self._service.clock.now()
         if changed or now_s - self._looked_s >= _LOOK_S:
@@ -333,6 +337,7 @@ class _Cycles:
             *((None, None) if gap is None else (gap.figures, gap.departure)),
             service.sensors,
             self._used_sensors(),
+            self._observed,
         )
         health = assess(facts)
         for observer in service.observers:

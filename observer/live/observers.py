@@ -11,16 +11,16 @@ from typing import Any
 
 import structlog
 
+from observer.control.compensation import CompensationState
 from observer.control.compensator import Compensator
 from observer.control.steering import NoControl, Steering
-from observer.control.zero import ZeroPoint
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, UnfitError, load, pack, recent, unpack
 from observer.exchange import Command
 from observer.files.folders import make_folder, write_whole
 from observer.frames import EstimateBlock, FrameBlock, Inputs, Reading
 from observer.live.zero_signal import ZeroSignal
 from observer.quality.alarms import AlarmDesk
-from observer.quality.conditions import Condition
+from observer.quality.conditions import Condition, Trouble
 from observer.quality.gap import GapState
 from observer.quality.health import HEALTH_PERIOD_S
 
@@ -28,8 +28,8 @@ _END_S = 0.1
 _CONTROL_END_S = 0.3
 
 Publish = Callable[[Mapping[str, Any]], None]
-Answer = Callable[[], tuple[bool, str]]
-"""Whether a command was done, and its outcome in words; asked after the next step."""
+Answer = Callable[[], tuple[bool, str] | None]
+"""Whether a command was done, and its outcome in words; asked after each step until that is known."""
 
 log = structlog.get_logger()
 
@@ -81,7 +81,11 @@ class StepObserver:
         """Take the conditions of a health report."""
 
     def notices(self) -> tuple[str, ...]:
-        """Reasons for health."""
+        """Reasons for health, in words."""
+        return ()
+
+    def conditions(self) -> tuple[Condition, ...]:
+        """Problems for health and alarms; a change of them is reported at once."""
         return ()
 
     def health(self) -> dict[str, Any]:
@@ -116,6 +120,12 @@ class CompensationObserver(StepObserver):
     ) -> None:
         self._compensator, self._publish, self._rival, self._control = compensator, publish, rival, control
         self._signal = signal
+        self._logged = compensator.state
+
+    def begin(self) -> None:
+        """Log the release that the end of an earlier service was."""
+        if self._logged.released:
+            log.warning("compensation released", reason=self._logged.released)
 
     def hear(self, reading: Reading) -> None:
         """Watch the signal."""
@@ -131,27 +141,34 @@ class CompensationObserver(StepObserver):
         compensator = self._compensator
         compensator.see_clock(step.clock_offset_s)
         if (rival := self._rival()) is not None:
-            compensator.disarm(f"{rival}, then arm again")
-        if self._control.failure is not None and compensator.reason is None:
-            compensator.disarm(f"{self._control.failure}; arm again")
+            compensator.release(rival)
+        if self._control.failure is not None:
+            compensator.release_unfollowed(self._control.failure)
         lost = None if self._signal is None else self._signal.lost(step.now_s)
-        if lost is not None and compensator.reason is None:
-            compensator.disarm(f"{lost}; arm again")
-        self._send(compensator.step(step.estimate, step.frame, step.sequence))
+        self._send(compensator.step(step.estimate, step.frame, step.sequence, lost))
 
     def miss(self, time_s: float, sequence: int, reason: str) -> None:
-        """Disarm."""
+        """Hold the values, or go on to zero."""
         self._send(self._compensator.fail(time_s, sequence, reason))
 
     def _send(self, document: Mapping[str, Any]) -> None:
         self._publish(document)
         self._control.take(document)
+        self._log(self._compensator.state)
+
+    def _log(self, state: CompensationState) -> None:
+        """Log each release, and the begin of each hold."""
+        if state.released and state.released != self._logged.released:
+            log.warning("compensation released", reason=state.released)
+        elif state.doubt and not self._logged.doubt:
+            log.info("compensation holds its values", reason=state.doubt)
+        self._logged = state
 
     def obey(self, command: Command) -> Answer | None:
-        """Arm, disarm or set to zero; a reset disarms too, and is answered by the estimator."""
+        """Arm, disarm or set to zero; a reset releases too, and is answered by the estimator."""
         before = self._compensator.reason
         if command.kind == "arm":
-            self._compensator.arm()
+            self._compensator.arm(command.without)
             return self._armed
         if command.kind == "disarm":
             self._compensator.disarm(f"disarmed by {command.by}; arm again")
@@ -160,33 +177,41 @@ class CompensationObserver(StepObserver):
             self._compensator.zero(command.by)
             return self._zeroed
         if command.kind == "reset":
-            self._compensator.disarm("the estimator was restarted; arm again")
+            self._compensator.release(f"{command.by} has reset the estimator")
         return None
 
-    def _armed(self) -> tuple[bool, str]:
+    def _armed(self) -> tuple[bool, str] | None:
+        """The outcome of arming; None until it is known whether the control follows."""
         reason = self._compensator.reason
+        if reason is None and self._control.is_pending:
+            return None
         return reason is None, "armed" if reason is None else f"not armed: {reason}"
 
     def _zeroed(self) -> tuple[bool, str]:
-        zero, reason = self._compensator.zero_point, self._compensator.reason
+        zero, reason = self._compensator.state.zero, self._compensator.reason
         if zero.missed:
-            return False, f"not zeroed: {reason}"
+            return False, reason or ""
         text = f"zeroed at {zero.at_m:.4g} m on the screw, where the error was {zero.error_um:.4g} µm"
         return True, text if reason is None else f"{text}; off: {reason}"
 
-    def notices(self) -> tuple[str, ...]:
-        """Why the control does not follow, and whether a zero was missed."""
-        failure, missed = self._control.failure, self._compensator.zero_point.missed
-        found = [] if failure is None else [failure]
-        found += [self._compensator.reason or ""] if missed else []
-        return tuple(f"compensation: {text}" for text in found)
+    def conditions(self) -> tuple[Condition, ...]:
+        """The last release, until a person arms or disarms, and a zero that was refused."""
+        state, found = self._compensator.state, []
+        if state.released:
+            found.append(Condition(Trouble.RELEASED, detail=state.released, since_s=state.released_s))
+        if state.zero.missed and state.reason != state.released:
+            found.append(Condition(Trouble.NOT_ZEROED, detail=state.reason or ""))
+        return tuple(found)
 
     def remember(self, snapshot: Snapshot) -> Snapshot:
         """Add the table and line in force."""
-        return replace(snapshot, compensation=self._compensator.held)
+        return replace(snapshot, compensation=self._compensator.state)
 
     def finish(self, _snapshot: Snapshot | None) -> None:
-        """Release the control."""
+        """Release the control; where it was armed, the next start raises the alarm."""
+        if self._compensator.reason is None:
+            log.warning("compensation released", reason="the service ends")
+            self._publish(self._compensator.ended())
         if not self._control.close(_CONTROL_END_S):
             log.warning("the control could not be released in time; its dead-man takes it to zero")
 
@@ -223,24 +248,23 @@ class AlarmObserver(StepObserver):
 
 def stored(
     path: Path, fit: CheckpointFit, now_s: float, oldest_s: float
-) -> tuple[Snapshot | None, GapState | None, ZeroPoint | None]:
+) -> tuple[Snapshot | None, GapState | None, CompensationState | None]:
     """The service's state when it last ran, None for a cold start; the log says which and why.
 
-    Also the last known state of the prediction's gap and of the machine's zero, however old;
-    None without.
+    Also the last known state of the prediction's gap and of the compensation, however old; None without.
     """
     gap: GapState | None = None
-    zero: ZeroPoint | None = None
+    compensation: CompensationState | None = None
     try:
         snapshot = load(path, fit)
         gap = None if snapshot.gap is None else replace(snapshot.gap, time_s=math.nan)
-        zero = None if snapshot.compensation is None else snapshot.compensation.zero
+        compensation = snapshot.compensation
         recent(snapshot, now_s, oldest_s)
     except UnfitError as error:
         log.warning("cold start", checkpoint=str(path), reason=str(error))
-        return None, gap, zero
+        return None, gap, compensation
     log.info("warm start", checkpoint=str(path), age_s=round(now_s - snapshot.tick_s, 3))
-    return snapshot, snapshot.gap, zero
+    return snapshot, snapshot.gap, compensation
 
 
 def carried(
@@ -289,6 +313,11 @@ class Keeper(StepObserver):
     def notices(self) -> tuple[str, ...]:
         """Why the last checkpoint could not be written."""
         return (f"checkpoint: {self._reason}",) if self._reason else ()
+
+    def obey(self, _command: Command) -> Answer | None:
+        """Write the state after the next step: a command may have armed the compensation."""
+        self._given_s = -math.inf
+        return None
 
     def finish(self, snapshot: Snapshot | None) -> None:
         """Begin to write a snapshot."""

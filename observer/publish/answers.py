@@ -202,7 +202,9 @@ class Responder:
             by = plain_name(query.parameters.get("by") or "") or "somebody"
             answer = partial(self._answer_later, kind, query)
             about = plain_name(query.parameters.get("id") or "", _LONGEST_ID) or None
-            self._commands.append(Command(kind, by, time.monotonic(), answer, refused, about))
+            without = query.parameters.get("without") or ""
+            names = tuple(plain_name(name) for name in without[:_LONGEST_ID].split(",") if name)
+            self._commands.append(Command(kind, by, time.monotonic(), answer, refused, about, names))
         if refused is not None:
             with query:
                 query.reply_err(refused)

@@ -58,23 +58,64 @@ def command(
     timeout_s: float,
     client: Client | None = None,
     digest: str | None = None,
-    about: str | None = None,
+    parameters: Mapping[str, str] | None = None,
 ) -> Reply:
     """Send a command to a running service; `done` in the answer says whether it was carried out.
 
-    The command names the configuration it is meant for, by its hash `digest`; where none is given, it is the
-    one in force now. `about` names the alarm that is acknowledged.
+    `machine` and `axis` may be `*` where one service answers. The command names the configuration it is meant
+    for, by its hash `digest`; where none is given, it is the one in force now. `parameters` are further ones,
+    such as the `id` of the alarm that is acknowledged.
     """
     until_s = time.monotonic() + timeout_s
-    if digest is None:
-        config = ask(connect, machine, axis, "config", timeout_s, client)
+    if digest is None or "*" in (machine, axis):
+        config = _only_config(connect, machine, axis, timeout_s, client)
         if config.document is None:
             return config
-        digest = config.document.get("hash")
+        machine, axis = config.source
+        digest = digest or config.document.get("hash")
     if not isinstance(digest, str) or not _HASH.fullmatch(digest):
         return Reply(None, f"the hash of the configuration of {machine}/{axis} is none; nothing was asked")
-    wanted = f"command/{kind}?config={digest};by={_myself()}" + (f";id={about}" if about else "")
+    further = "".join(f";{name}={value}" for name, value in (parameters or {}).items())
+    wanted = f"command/{kind}?config={digest};by={_myself()}{further}"
     return ask(connect, machine, axis, wanted, max(0.1, until_s - time.monotonic()), client)
+
+
+def _only_config(connect: str, machine: str, axis: str, timeout_s: float, client: Client | None) -> Reply:
+    """The configuration of the one service that a command can be meant for, or a sentence that lists them."""
+    if "*" not in (machine, axis):
+        return ask(connect, machine, axis, "config", timeout_s, client)
+    until_s = time.monotonic() + timeout_s
+    first = ask(connect, machine, axis, "config", timeout_s, client)
+    if first.document is None:
+        return first
+    try:
+        session = zenoh.open(client_config((connect,), client))
+    except zenoh.ZError:
+        return Reply(None, f"the service at {connect} answered and is gone; ask again")
+    try:
+        left_s = max(_QUERY_S, until_s - time.monotonic())
+        replies = session.get(f"ballscrew/{machine}/{axis}/config", timeout=left_s)
+        keys = [str(reply.ok.key_expr).split("/") for reply in replies if reply.ok is not None]
+    finally:
+        close_within(session, 1.0)
+    names = sorted({"/".join(plain_name(part) for part in key[1:3]) for key in keys if len(key) == 4})
+    if len(names) > 1:
+        return Reply(None, _several(names, connect))
+    return first
+
+
+def _several(names: list[str], connect: str) -> str:
+    """The services that a command without names could be meant for."""
+    first, second = names[0].split("/")
+    return (
+        f"several services answer at {connect}: {_listed(names)}; name the one that is meant, such as "
+        f"--machine {first} --axis {second}"
+    )
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - _MOST} more" if len(names) > _MOST else ""
+    return ", ".join(names[:_MOST]) + more
 
 
 def _myself() -> str:
@@ -157,6 +198,4 @@ def _sentence(found: list[str], connect: str, wanted: str) -> str:
     """The axes that are there, the first of them by name, and how to select one."""
     if len(found) == 1:
         return f"at {connect} answers {found[0]}, not {wanted}; name it with --machine and --axis"
-    more = f" and {len(found) - _MOST} more" if len(found) > _MOST else ""
-    names = ", ".join(found[:_MOST]) + more
-    return f"at {connect} answer {names}, not {wanted}; name one with --machine and --axis"
+    return f"at {connect} answer {_listed(found)}, not {wanted}; name one with --machine and --axis"

@@ -51,6 +51,7 @@ _ALARMS: dict[Trouble | Fault, tuple[str, str, str | None]] = {
     Trouble.HEAT_HIGH: ("heat_high", "", None),
     Trouble.HEAT_LOW: ("heat_low", "", None),
     Trouble.HEATS_TOGETHER: ("heat_off_law", "", None),
+    Trouble.RELEASED: ("compensation", "released", None),
 }
 """For each condition that calls somebody to the machine: the kind of alarm, its target where the condition
 has none, and the name that distinguishes it from others of its kind.

@@ -40,6 +40,12 @@ class Trouble(Enum):
     HEAT_HIGH = auto()
     HEAT_LOW = auto()
     HEATS_TOGETHER = auto()
+    RELEASED = auto()
+    NOT_ZEROED = auto()
+
+
+OF_COMPENSATION = (Trouble.RELEASED, Trouble.NOT_ZEROED)
+"""The kinds that say nothing of the estimates."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +90,8 @@ class Facts:
     valid estimate has been there; `failure` is the error of the last cycle; `findings` those of the self-test
     and the screening; `notices` are more reasons, in words; `gap` the figures of the open-loop prediction,
     `departure` what is beyond its tolerances; `sensors` maps the sensors' channels to their names;
-    `used_sensors` are the names of those that the last estimate uses.
+    `used_sensors` are the names of those that the last estimate uses; `observed` are the problems beside the
+    estimates, such as those of the compensation.
     """
 
     time_s: float
@@ -105,6 +112,7 @@ class Facts:
     departure: Departure | None = None
     sensors: Mapping[str, str] = field(default_factory=dict)
     used_sensors: frozenset[str] = frozenset()
+    observed: tuple[Condition, ...] = ()
 
     @property
     def degraded_sensors(self) -> tuple[str, ...]:
@@ -132,8 +140,10 @@ def of_channel(name: str, quality: Quality, fault: str | None = None) -> Conditi
 
 
 def conditions(facts: Facts) -> tuple[Condition, ...]:
-    """All problems; an unexplained one only where nothing else is found."""
-    return tuple(_found(facts)) or tuple(_unexplained(facts))
+    """All problems; an unexplained one only where nothing else than the compensation is found."""
+    found = tuple(_found(facts))
+    is_explained = any(condition.kind not in OF_COMPENSATION for condition in found)
+    return found if is_explained else (*found, *_unexplained(facts))
 
 
 def _found(facts: Facts) -> Iterator[Condition]:
@@ -156,6 +166,7 @@ def _found(facts: Facts) -> Iterator[Condition]:
         yield Condition(Trouble.PUBLISHING, detail=facts.publish.reason)
     if facts.departure is not None:
         yield of_departure(facts.departure)
+    yield from facts.observed
     for notice in facts.notices:
         yield Condition(Trouble.NOTICE, detail=notice)
     if abs(facts.clock_offset_s) > STEP_S:

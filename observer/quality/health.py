@@ -9,7 +9,7 @@ from typing import Any
 
 from observer.estimators.selftest import Fault
 from observer.frames import EstimateQuality, Quality
-from observer.quality.conditions import Condition, Facts, Trouble, conditions
+from observer.quality.conditions import OF_COMPENSATION, Condition, Facts, Trouble, conditions
 from observer.quality.reasons import sentence
 from observer.record.recorder import RecordStatus
 
@@ -110,18 +110,20 @@ def _quality(facts: Facts) -> EstimateQuality:
 
 
 def _state(facts: Facts, found: Iterable[Condition]) -> str:
-    """The state of the service: good beside an unused sensor, as long as nothing else is wrong."""
+    """The state of the service: good as long as all problems are beside the estimates."""
     if facts.failure:
         return EstimateQuality.INVALID.label
     if facts.estimate is None or (facts.estimate == EstimateQuality.INVALID and not facts.had_estimate):
         return "starting"
-    if facts.estimate == EstimateQuality.GOOD and not all(_is_of_unused_sensor(c, facts) for c in found):
+    if facts.estimate == EstimateQuality.GOOD and not all(_is_beside_the_estimates(c, facts) for c in found):
         return EstimateQuality.DEGRADED.label
     return facts.estimate.label
 
 
-def _is_of_unused_sensor(condition: Condition, facts: Facts) -> bool:
-    """Whether a condition is about sensors alone that the estimate does not use."""
+def _is_beside_the_estimates(condition: Condition, facts: Facts) -> bool:
+    """Whether a condition is about the compensation alone, or about sensors that are not used."""
+    if condition.kind in OF_COMPENSATION:
+        return True
     if condition.kind is Trouble.CHANNEL:
         return facts.sensors.get(condition.about) in facts.degraded_sensors
     names = {condition.about, condition.other} - {""}

@@ -89,6 +89,8 @@ _SENTENCES: dict[Trouble | Fault, str] = {
     "temperature in {detail} h of running{trend}",
     Trouble.HEATS_TOGETHER: "all heats that depend on {about} are {value:.2f} times what was learnt in "
     "{detail} h of running: that channel reads wrong, or the film or all lubrication has changed",
+    Trouble.RELEASED: "compensation {detail}",
+    Trouble.NOT_ZEROED: "compensation: {detail}",
     Fault.BIASED: "{about} and the model disagree by {value:+.2g} σ on average: an offset, a position, "
     "or film and ambient",
     Fault.COLOURED: "the residual of {about} is not noise: each sample deviates as the last did "

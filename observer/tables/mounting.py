@@ -51,6 +51,8 @@ class ModbusControl(Section):
     first_register: Annotated[Count, Field(ge=0, le=0xFF00)] = 0  #: where its registers begin
     #: how long an answer is waited for, in a thread of its own
     timeout_s: Annotated[Positive, Field(ge=0.01, le=5.0)] = 0.2
+    #: how long the control may take to report that it follows what was written
+    follow_s: Annotated[NonNegative, Field(le=4.0)] = 1.0
 
 
 MOST_POINTS = 50
@@ -73,9 +75,11 @@ class Compensation(Section):
     points: Annotated[Count, Field(ge=2, le=200)] = 21  #: points of the table
     rate_limit_um_s: Positive = 1.0  #: largest rate of change of the compensation, anywhere in the travel
     gradient_limit_um_m: Positive = 100.0  #: largest slope of table and line
-    #: the compensation disarms if the error, or its [bound](../how-to/compensate.md#arm-it), exceeds this
-    #: anywhere in the travel
+    #: the compensation is released if the error, or its [bound](../how-to/compensate.md#arm-it), exceeds
+    #: this anywhere in the travel for longer than `hold_s`
     limit_um: Positive = 200.0
+    #: how long the last values are held while the estimate may not be used, before they go to zero
+    hold_s: Annotated[NonNegative, Field(le=600.0)] = 10.0
     #: a channel whose rise from 0 to 1 says that the [machine was set to
     #: zero](../how-to/compensate.md#a-new-zero); – is by command only
     zero_channel: Channel | None = None

@@ -223,7 +223,7 @@ class Checkpoint(Section):
 
 AlarmKind = Literal[
     "sensor_fault", "sensor_stuck", "sensor_disagrees", "heat_high", "heat_low", "heat_off_law",
-    "model_inconsistent", "wire", "disk", "clock", "estimate",
+    "model_inconsistent", "wire", "disk", "compensation", "clock", "estimate",
 ]  # fmt: skip
 
 

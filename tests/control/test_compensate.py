@@ -16,7 +16,7 @@ from observer.control import compensation
 from observer.control.compensation import CompensationPlan, CompensationState
 from observer.control.compensator import Compensator
 from observer.errors import ConfigError
-from observer.frames import EstimateBlock, FloatArray, FrameBlock, Layout
+from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout
 from observer.installation import parse
 from tests.logs.machines import table
 from tests.logs.simulated import frames
@@ -24,7 +24,7 @@ from tests.publish.blocks import block
 
 ON = {"enabled": True, "controller_compensates": False, "position_feedback": "motor"}
 GRID = np.linspace(0.0, 0.4, 9)
-LAYOUT = Layout(("nut",), GRID, ("a",), True)
+LAYOUT = Layout(("nut",), GRID, ("a", "b", "c"), True)
 
 
 def machine(**keys: Any) -> Config:
@@ -132,45 +132,96 @@ def test_it_starts_from_zero_and_goes_at_its_rate() -> None:
     assert not state.limited
 
 
+def held(plan: CompensationPlan, state: CompensationState, seconds: float, **made: Any) -> CompensationState:
+    """The state after estimates, one every half second, that may not be used."""
+    for time_s in np.arange(state.time_s + 0.5, state.time_s + seconds + 0.1, 0.5):
+        error_um = made.get("error_um", np.full(9, 5.0))
+        state = compensation.advance(
+            plan,
+            state,
+            estimate(error_um, time_s, **{k: v for k, v in made.items() if k != "error_um"}),
+            GRID,
+        )
+    return state
+
+
 @pytest.mark.parametrize("quality", [1, 2, 3])
-def test_anything_but_good_switches_it_off_until_a_hand_arms_it_again(quality: int) -> None:
-    plan = compensation.plan_of(machine())
-    error_um = np.linspace(0.0, 8.0, 9)
-    state = followed(plan, error_um, 20.0)
-    lost = compensation.advance(plan, state, estimate(error_um, state.time_s + 0.5, quality), GRID)
-    assert not lost.armed
-    assert "arm again" in lost.reason
-    again = compensation.advance(plan, lost, estimate(error_um, state.time_s + 1.0), GRID)
-    assert not again.armed
+def test_values_are_held_through_a_doubt_that_is_shorter_than_the_hold_time(quality: int) -> None:
+    plan = compensation.plan_of(machine(hold_s=4.0))
+    state = followed(plan, np.full(9, 5.0), 20.0)
+    holding = held(plan, state, 4.0, quality=quality)
+    assert (holding.phase, holding.armed) == ("holding", True)
+    np.testing.assert_array_equal(holding.table_um, state.table_um)
+    back = compensation.advance(plan, holding, estimate(np.full(9, 6.0), holding.time_s + 0.5), GRID)
+    assert back.phase == "following"
+    np.testing.assert_allclose(back.table_um, 5.5)  # at its rate: one period's way
+    again = held(plan, back, 4.0, quality=quality)
+    assert again.armed  # the hold begins anew
+
+
+@pytest.mark.parametrize("quality", [1, 2, 3])
+def test_a_doubt_that_lasts_releases_it_and_the_values_go_to_zero_at_the_rate(quality: int) -> None:
+    plan = compensation.plan_of(machine(hold_s=4.0, rate_limit_um_s=2.0))
+    state = followed(plan, np.full(9, 5.0), 20.0)
+    lost = held(plan, state, 4.5, quality=quality)
+    assert (lost.phase, lost.armed) == ("releasing", False)
+    assert (
+        lost.reason
+        == f"switched off at {lost.time_s:.1f} s: the estimate is {EstimateQuality(quality).label}; arm again"
+    )
+    assert (lost.released, lost.released_s) == (lost.reason, lost.time_s)
+    np.testing.assert_array_equal(lost.table_um, state.table_um)
+    later = held(plan, lost, 1.0)  # good estimates do not arm it
+    np.testing.assert_allclose(later.table_um, 3.0)
+    np.testing.assert_allclose(later.ends_um, 3.0)
+    end = held(plan, later, 3.0)
+    assert end.phase == "off"
+    np.testing.assert_array_equal(end.table_um, 0.0)
     refused = compensation.advance(
-        plan, again, estimate(error_um, state.time_s + 1.5, quality), GRID, arm=True
+        plan, end, estimate(np.full(9, 5.0), end.time_s + 0.5, quality), GRID, arm=True
     )
     assert not refused.armed
     assert "cannot be armed" in refused.reason
-    armed = compensation.advance(plan, again, estimate(error_um, state.time_s + 2.0), GRID, arm=True)
+    assert refused.released == lost.reason  # the alarm stays
+    armed = compensation.advance(plan, refused, estimate(np.full(9, 5.0), end.time_s + 1.0), GRID, arm=True)
+    assert (armed.armed, armed.released) == (True, "")
+    np.testing.assert_array_equal(armed.table_um, 0.0)
+
+
+def test_without_a_hold_time_the_first_doubt_releases_it() -> None:
+    plan = compensation.plan_of(machine(hold_s=0.0))
+    assert held(plan, followed(plan, np.full(9, 5.0), 20.0), 0.5, quality=2).phase == "releasing"
+    with pytest.raises(ConfigError, match=r"hold_s"):
+        machine(hold_s=-1.0)
+    with pytest.raises(ConfigError, match=r"hold_s"):
+        machine(hold_s=601.0)
+
+
+def test_arming_while_the_values_go_to_zero_continues_from_where_they_are() -> None:
+    plan = compensation.plan_of(machine(hold_s=0.0, rate_limit_um_s=1.0))
+    lost = held(plan, held(plan, followed(plan, np.full(9, 5.0), 20.0), 0.5, quality=2), 2.0)
+    armed = compensation.advance(plan, lost, estimate(np.full(9, 5.0), lost.time_s + 0.5), GRID, arm=True)
     assert armed.armed
-    np.testing.assert_array_equal(armed.table_um, state.table_um)
+    np.testing.assert_allclose(armed.table_um, 2.5)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_an_error_beyond_the_absolute_limit_switches_it_off(sign: float) -> None:
-    plan = compensation.plan_of(machine(limit_um=40.0))
+def test_an_error_beyond_the_absolute_limit_is_not_followed_and_releases_it(sign: float) -> None:
+    plan = compensation.plan_of(machine(limit_um=40.0, hold_s=2.0))
     state = followed(plan, np.full(9, sign * 39.9), 5.0)
     assert state.armed
     beyond = np.full(9, sign * 39.9)
     beyond[4] = sign * 41.0  # one place of the travel is enough
-    lost = compensation.advance(plan, state, estimate(beyond, state.time_s + 0.5), GRID)
-    assert lost.reason == "the error of 41 µm is beyond limit_um = 40; arm again"
+    lost = held(plan, state, 2.5, error_um=beyond)
+    assert lost.reason.endswith(": the error of 41 µm is beyond compensation.limit_um = 40 µm; arm again")
     np.testing.assert_array_equal(lost.table_um, state.table_um)  # not cut to the limit
-    refused = compensation.advance(plan, lost, estimate(beyond, state.time_s + 1.0), GRID, arm=True)
+    refused = compensation.advance(plan, lost, estimate(beyond, lost.time_s + 0.5), GRID, arm=True)
     assert not refused.armed
-    back = compensation.advance(plan, refused, estimate(np.zeros(9), state.time_s + 1.5), GRID)
-    assert not back.armed
     assert compensation.plan_of(machine()).limit_um == 200.0
 
 
-def test_a_bound_beyond_the_limit_switches_it_off_and_keeps_it_from_being_armed() -> None:
-    plan = compensation.plan_of(machine(limit_um=20.0))
+def test_a_bound_beyond_the_limit_releases_it_and_keeps_it_from_being_armed() -> None:
+    plan = compensation.plan_of(machine(limit_um=20.0, hold_s=0.0))
     error_um = np.full(9, 5.0)
     state = compensation.advance(
         plan, compensation.initial(plan), estimate(error_um, 100.0, bound_um=20.0), GRID, arm=True
@@ -179,7 +230,7 @@ def test_a_bound_beyond_the_limit_switches_it_off_and_keeps_it_from_being_armed(
     wide = estimate(error_um, 100.5)
     wide.error_bound_um[0, 4] = 41.0  # one place of the travel is enough
     lost = compensation.advance(plan, state, wide, GRID)
-    assert lost.reason == "the error's bound of 41 µm is beyond compensation.limit_um = 20 µm; arm again"
+    assert "a faulty sensor could hide 41 µm, allowed are 20 µm (compensation.limit_um)" in lost.reason
     back = compensation.advance(plan, lost, estimate(error_um, 101.0), GRID)
     assert not back.armed
     wide.time_s[0] = 101.5
@@ -190,12 +241,12 @@ def test_a_bound_beyond_the_limit_switches_it_off_and_keeps_it_from_being_armed(
 
 
 @pytest.mark.parametrize("nowhere", [np.full((1, 9), np.nan), np.zeros((0, 0))])
-def test_where_bounds_are_to_be_had_one_that_is_not_known_switches_it_off(nowhere: FloatArray) -> None:
-    plan = compensation.plan_of(machine())
+def test_where_bounds_are_to_be_had_one_that_is_not_known_releases_it(nowhere: FloatArray) -> None:
+    plan = compensation.plan_of(machine(hold_s=0.0))
     state = followed(plan, np.full(9, 5.0), 5.0)
     unknown = replace(estimate(np.full(9, 5.0), state.time_s + 0.5), error_bound_um=nowhere)
     lost = compensation.advance(plan, state, unknown, GRID)
-    assert lost.reason == "the error's bound is not known; arm again"
+    assert "how much a faulty sensor could hide is not known" in lost.reason
     assert not compensation.advance(plan, lost, unknown, GRID, arm=True).armed
 
 
@@ -219,13 +270,18 @@ def test_an_estimator_without_bounds_compensates_as_ever(tables: dict[str, Any])
     assert document["bound_um"] is None
 
 
-def test_an_estimate_that_comes_late_or_backwards_switches_it_off() -> None:
-    plan = compensation.plan_of(machine())
+def test_an_estimate_after_the_values_have_lapsed_or_from_the_past_releases_it() -> None:
+    plan = compensation.plan_of(machine(hold_s=4.0))
     state = followed(plan, np.full(9, 2.0), 5.0)
-    for time_s in (state.time_s + plan.late_s + 0.01, state.time_s - 0.5):
-        assert not compensation.advance(plan, state, estimate(np.full(9, 2.0), time_s), GRID).armed
+    in_time = estimate(np.full(9, 9.0), state.time_s + compensation.valid_s(plan))
+    late = compensation.advance(plan, state, in_time, GRID)
+    assert late.armed
+    np.testing.assert_allclose(late.table_um, 2.5)  # one period's way, however long the pause was
+    for time_s in (state.time_s + compensation.valid_s(plan) + 0.01, state.time_s - 0.5):
+        lost = compensation.advance(plan, state, estimate(np.full(9, 2.0), time_s), GRID)
+        assert "no estimate came for" in lost.released
     unknown = compensation.advance(plan, state, estimate(np.full(9, np.nan), state.time_s + 0.5), GRID)
-    assert not unknown.armed
+    assert unknown.phase == "holding"
 
 
 def at(config: Config, time_s: float, nut_m: float) -> FrameBlock:
@@ -247,7 +303,7 @@ def test_the_document_is_null_while_off_and_whole_while_armed() -> None:
     assert document["armed"] is True
     assert document["reason"] is None
     assert (document["time_s"], document["sequence"], document["quality"]) == (11.0, 9, "good")
-    assert document["valid_until_s"] == pytest.approx(12.5)
+    assert document["valid_until_s"] == pytest.approx(11.0 + 1.5 + 10.0)  # three periods, and the hold
     assert document["position_m"] == pytest.approx(np.linspace(0.3, 0.1, 21))
     assert document["error_um"] == pytest.approx((-50.0 * np.linspace(0.1, 0.3, 21)).tolist())
     assert document["slope_um_m"] == pytest.approx(50.0)
@@ -260,16 +316,78 @@ def test_the_document_is_null_while_off_and_whole_while_armed() -> None:
     }  # fmt: skip
 
 
-def test_a_step_that_fails_switches_it_off() -> None:
+def test_steps_that_fail_are_held_and_then_release_it() -> None:
+    config = machine(hold_s=1.0)
+    compensator = Compensator(config, GRID)
+    compensator.arm()
+    good = compensator.step(estimate(np.zeros(9), 10.0), at(config, 10.0, 0.2), 0)
+    failed = [compensator.fail(10.5 + 0.5 * k, k, "ValueError: no") for k in range(3)]
+    assert [document["armed"] for document in failed] == [True, True, False]
+    assert failed[0]["hold_reason"] == "ValueError: no"
+    assert failed[2]["reason"] == "switched off at 11.5 s: ValueError: no; arm again"
+    assert set(failed[0]) == set(good)
+
+
+def degraded(time_s: float, *sensors: int, quality: int = 2) -> EstimateBlock:
+    made = estimate(np.full(9, 5.0), time_s, quality)
+    made.sensor_quality[0, list(sensors)] = 4
+    return made
+
+
+def test_the_reason_of_a_release_names_the_input_that_failed() -> None:
+    config = machine(hold_s=1.0)
+    compensator = Compensator(config, GRID)
+    compensator.arm()
+    compensator.step(estimate(np.full(9, 5.0), 10.0), at(config, 10.0, 0.2), 0)
+    for time_s in (10.5, 11.0, 11.5):
+        frame = at(config, time_s, float("nan"))
+        frame.age_s[0, frame.channels.index("x_m")] = time_s - 10.1
+        document = compensator.step(degraded(time_s), frame, 0)
+    assert document["reason"] == "switched off at 11.5 s: no position from the control for 1.4 s; arm again"
+    other = Compensator(config, GRID)
+    other.arm()
+    other.step(estimate(np.full(9, 5.0), 10.0), at(config, 10.0, 0.2), 0)
+    for time_s in (10.5, 11.0, 11.5):
+        document = other.step(degraded(time_s, 1), at(config, time_s, 0.2), 0)
+    assert "b is excluded, and the estimate is degraded" in document["reason"]
+
+
+def test_arming_is_refused_while_a_sensor_is_excluded_unless_it_is_named() -> None:
+    config = machine()
+    compensator = Compensator(config, GRID)
+
+    def armed(*without: str) -> dict[str, Any]:
+        compensator.arm(without)
+        document = compensator.step(degraded(10.0, 1, 2, quality=0), at(config, 10.0, 0.2), 0)
+        compensator.disarm("by hand")
+        return document
+
+    for without in ((), ("b",), ("a",)):
+        document = armed(*without)
+        assert not document["armed"]
+        assert "c is excluded" in document["reason"]
+        assert "`observer arm --without b --without c`" in document["reason"]
+    assert "there is no sensor d; the sensors are a, b, c" in armed("d")["reason"]
+    assert armed("b", "c")["armed"]
+
+
+def test_a_sensor_that_is_excluded_later_leaves_it_armed_while_the_estimate_is_good() -> None:
     config = machine()
     compensator = Compensator(config, GRID)
     compensator.arm()
-    compensator.step(estimate(np.zeros(9), 10.0), at(config, 10.0, 0.2), 0)
-    failed = compensator.fail(10.5, 1, "ValueError: no")
-    later = compensator.step(estimate(np.zeros(9), 11.0), at(config, 11.0, 0.2), 2)
-    assert failed["armed"] is later["armed"] is False
-    assert failed["reason"] == later["reason"] == "ValueError: no; arm again"
-    assert set(failed) == set(later)
+    compensator.step(estimate(np.full(9, 5.0), 10.0), at(config, 10.0, 0.2), 0)
+    assert compensator.step(degraded(10.5, 1, quality=0), at(config, 10.5, 0.2), 1)["phase"] == "following"
+
+
+def test_a_value_that_the_gradient_limit_cuts_says_by_how_much() -> None:
+    config = machine(rate_limit_um_s=1e3, gradient_limit_um_m=50.0)
+    compensator = Compensator(config, GRID)
+    compensator.arm()
+    for k in range(3):
+        document = compensator.step(estimate(150.0 * GRID, 10.0 + 0.5 * k), at(config, 10.0, 0.2), k)
+    # 150 µm/m over the 0.1 m from the reference to each end, of which 50 µm/m are allowed
+    assert document["gradient_cut_um"] == pytest.approx(10.0)
+    assert document["limited"]
 
 
 def test_a_nut_that_is_nowhere_has_no_error() -> None:

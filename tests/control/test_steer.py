@@ -16,7 +16,8 @@ from tests.patience import Stopwatch, until
 pytestmark = pytest.mark.system
 VALID_S = 0.5
 RATE_UM_S = 100.0
-OFF = {"armed": False}
+FOLLOW_S = 0.3
+OFF = {"armed": False, "error_um": None}
 
 
 def document(*error_um: float) -> dict[str, object]:
@@ -28,8 +29,8 @@ def document(*error_um: float) -> dict[str, object]:
     }  # fmt: skip
 
 
-def steering(port: int) -> Steering:
-    return Steering(ModbusControlLink("127.0.0.1", port, 1, 0, 0.3), VALID_S)
+def steering(port: int, valid_s: float = VALID_S) -> Steering:
+    return Steering(ModbusControlLink("127.0.0.1", port, 1, 0, 0.3), valid_s, FOLLOW_S)
 
 
 def hold(steered: Steering, payload: dict[str, object], wanted, timeout_s: float = 10.0) -> None:
@@ -164,9 +165,51 @@ class _OffBetween(ModbusControlLink):
 def test_a_rejected_write_is_reported_with_the_controls_own_reason():
     with simulated_control() as control:
         between = _OffBetween("127.0.0.1", control.port, 1, 0, 0.3)
-        steered = Steering(between, VALID_S)
+        steered = Steering(between, VALID_S, FOLLOW_S)
         hold(steered, document(1.0, 2.0), lambda: control.largest_um >= 2.0)
         between.control = control
         hold(steered, document(1.0, 2.0), lambda: steered.failure is not None)
         assert "refuses writing: Modbus exception 6; it was switched off at the control" in steered.failure
+        assert steered.close(1.0)
+
+
+@pytest.mark.parametrize("scan_s", [0.015, 0.1, 0.2])
+def test_a_control_that_sets_its_status_in_its_next_scan_follows(scan_s):
+    with simulated_control("--rate-um-s", "100", "--scan-s", str(scan_s), "--dead-man-s", "20") as control:
+        steered = steering(control.port, valid_s=5.0)
+        steered.take(document(1.0, 2.0))
+        assert steered.is_pending  # nobody can know yet
+        hold(steered, document(1.0, 2.0), lambda: control.largest_um >= 2.0 or steered.failure)
+        until(lambda: not steered.is_pending)
+        for step in range(20):  # also with each later table
+            table = document(1.0, 2.0 + 0.01 * step)
+            steered.take(table)
+            until(lambda um=2.0 + 0.01 * step: control.largest_um >= um - 1e-9 or steered.failure)
+        assert steered.failure is None
+        assert steered.close(1.0)
+
+
+def test_a_control_that_never_follows_is_reported_after_the_time_it_was_given():
+    with simulated_control("--scan-s", "1000") as control:
+        steered = steering(control.port, valid_s=5.0)
+        watch = Stopwatch()
+        steered.take(document(1.0, 2.0))
+        until(lambda: not steered.is_pending)
+        assert watch.took_s() >= FOLLOW_S
+        assert steered.failure == "control: it does not follow: it is off"
+        steered.take(OFF)
+        assert steered.close(1.0)
+
+
+def test_a_control_that_is_out_of_reach_for_less_than_a_document_holds_keeps_following():
+    with simulated_control("--dead-man-s", "20") as control:
+        steered = steering(control.port, valid_s=20.0)
+        hold(steered, document(1.0, 2.0), lambda: control.largest_um >= 2.0)
+        control.process.send_signal(signal.SIGSTOP)
+        watch = Stopwatch()
+        hold(steered, document(1.0, 2.0), lambda: watch.took_s() > 1.0)  # three requests time out
+        control.process.send_signal(signal.SIGCONT)
+        hold(steered, document(1.0, 3.0), lambda: control.largest_um >= 3.0)
+        assert steered.failure is None
+        assert control.status()["state"] == 1
         assert steered.close(1.0)

@@ -211,16 +211,23 @@ def test_any_invalid_content_is_reported(rig, fit, document, where):
     assert where in {"compensation", "tick_s"} or document == whole.get(where)
 
 
-def test_a_compensation_keeps_its_values_and_is_off(rig, fit):
+def test_a_checkpoint_says_that_a_compensation_was_armed_whatever_its_setup_is_now(rig, fit):
     held = compensation.CompensationState(None, 5.0, np.array([1.0, -2.0]), np.array([0.5, 1.5]), True)
     like = replace(held, reason="not armed yet", table_um=np.zeros(2), ends_um=np.zeros(2))
     fit = replace(fit, setup="a", compensation=like)
     data = pack(replace(rig[1], compensation=held), fit)
     again = unpack(data, fit).compensation
-    assert not again.armed
+    assert again.armed
     np.testing.assert_array_equal(again.table_um, held.table_um)
     np.testing.assert_array_equal(again.ends_um, held.ends_um)
-    assert unpack(data, replace(fit, setup="b")).compensation is None  # set up otherwise since
+    other = unpack(data, replace(fit, setup="b")).compensation
+    assert other.armed
+    np.testing.assert_array_equal(other.table_um, 0.0)  # its table is that of another setup
+    older = cbor2.loads(data[64:])
+    del older["compensation"]["state"]["released_s"]  # as an earlier version wrote it
+    body = cbor2.dumps(older)
+    earlier = unpack(data[:32] + hashlib.sha256(body).digest() + body, fit).compensation
+    assert math.isnan(earlier.released_s)
 
 
 def test_where_the_machine_was_set_to_zero_outlives_age_and_another_setup(tmp_path, rig, fit):
@@ -235,7 +242,8 @@ def test_where_the_machine_was_set_to_zero_outlives_age_and_another_setup(tmp_pa
     np.testing.assert_array_equal(other.table_um, 0.0)
     path = tmp_path / "m-x.checkpoint"
     path.write_bytes(data)
-    assert stored(path, fit, rig[1].tick_s + 1e6, 900.0)[::2] == (None, zero)
+    snapshot, _, earlier = stored(path, fit, rig[1].tick_s + 1e6, 900.0)
+    assert (snapshot, earlier.zero) == (None, zero)
     later = shifted(unpack(data, fit), 7.0).compensation
     assert later.zero == replace(zero, time_s=12.0)
 

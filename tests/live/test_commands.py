@@ -10,9 +10,9 @@ import pytest
 import structlog
 
 from observer.align.aligner import blocks_of_log, commands_of, faults_of, frames_of_log
+from observer.control.compensation import NOT_ARMED, CompensationState
 from observer.control.compensator import Compensator
 from observer.control.steering import NoControl
-from observer.control.zero import NEVER
 from observer.errors import UserError
 from observer.estimate.pipeline import Pipeline
 from observer.estimate.replay import estimates_of
@@ -170,6 +170,7 @@ class _Loop:
 
 def test_the_answer_says_what_was_really_done():
     loop, answers = _Loop(), []
+    beyond = "the error of 300 µm is beyond compensation.limit_um = 200 µm, so it cannot be armed"
     loop.step(_command("disarm", answers))
     loop.step(_command("arm", answers), quality=2)
     loop.step(_command("arm", answers))
@@ -183,15 +184,15 @@ def test_the_answer_says_what_was_really_done():
     assert loop.document["armed"] is False
     assert loop.resets == 1
     loop.step()
-    assert loop.document["reason"] == "the estimator was restarted; arm again"
+    assert loop.document["reason"].endswith(": anna@desk has reset the estimator; arm again")
     assert [(outcome.done, outcome.text) for outcome in answers] == [
         (True, "it was off already: not armed yet"),
         (False, "not armed: the estimate is degraded, so it cannot be armed"),
         (True, "armed"),
         (True, "disarmed"),
-        (False, "not armed: the error of 300 µm is beyond limit_um = 200; arm again"),
+        (False, f"not armed: {beyond}"),
         (False, "not armed: disarmed by anna@desk; arm again"),
-        (True, "it was off already: the error of 300 µm is beyond limit_um = 200; arm again"),
+        (True, f"it was off already: {beyond}"),
         (True, "armed"),
         (True, "the estimator restarts"),
     ]
@@ -235,7 +236,7 @@ def test_everything_asked_is_logged_and_recorded(tmp_path):
     assert len(answers) == 1  # who was refused knows already
 
 
-async def test_a_foreign_message_disarms_and_shows_in_health():
+async def test_a_foreign_message_releases_the_compensation_and_shows_in_health():
     rival = "another program publishes on ballscrew/m/x/heat (instance 0b0b0b0b); end one of the two"
 
     class Shared(FakePublisher):
@@ -247,16 +248,16 @@ async def test_a_foreign_message_disarms_and_shows_in_health():
 
     class Follower:
         def __init__(self) -> None:
-            self.disarmed: list[str] = []
+            self.released: list[str] = []
 
-        reason = held = None
-        zero_point = NEVER
+        reason = NOT_ARMED
+        state = CompensationState(NOT_ARMED, 0.0, np.zeros(2), np.zeros(2))
 
         def see_clock(self, offset_s):
             pass
 
-        def disarm(self, reason):
-            self.disarmed.append(reason)
+        def release(self, cause):
+            self.released.append(cause)
 
         def step(self, *_):
             return b"{}"
@@ -269,12 +270,12 @@ async def test_a_foreign_message_disarms_and_shows_in_health():
 
     def until():
         if len(publisher.estimates) >= 3:
-            assert publisher.rival or not follower.disarmed
+            assert publisher.rival or not follower.released
             publisher.rival = rival
         return any(rival in reason for h in publisher.healths for reason in h["reasons"])
 
     await _serve(service, until)
-    assert follower.disarmed[0] == f"{rival}, then arm again"
+    assert follower.released[0] == rival
     assert publisher.healths[-1]["instance"] == "0a0a0a0a"
 
 

@@ -10,8 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from drivers.protocol import DriverStatus
+from observer.control.compensation import NOT_ARMED, CompensationState
 from observer.control.steering import NoControl
-from observer.control.zero import ZeroPoint
 from observer.estimate.pipeline import Pipeline
 from observer.estimate.replay import estimates_of
 from observer.files.logs import read_log
@@ -100,13 +100,13 @@ async def test_a_failing_step_is_reported_and_the_watchdog_not_fed():
 class _Follower:
     """In the place of a compensator: returns what it was given."""
 
-    held = reason = None
-    zero_point = ZeroPoint()
+    reason = NOT_ARMED
+    state = CompensationState(NOT_ARMED, 0.0, np.zeros(2), np.zeros(2))
 
     def see_clock(self, offset_s):
         assert offset_s == 0.0
 
-    def step(self, block, frame, sequence):
+    def step(self, block, frame, sequence, cause):
         return f"step {sequence} {block.time_s[0] == frame.time_s[0]}".encode()
 
     def fail(self, time_s, sequence, reason):

@@ -13,6 +13,7 @@ from observer.frames import Reading
 from observer.live.commands import Commands
 from observer.live.observers import CompensationObserver, Step
 from observer.live.zero_signal import ZeroSignal
+from observer.quality.conditions import Trouble
 from observer.record.recorder import Recorder
 from tests.control.test_compensate import GRID, at, estimate, machine
 from tests.logs.recordings import CHANNELS
@@ -48,7 +49,7 @@ class _Loop:
     """Signal, commands and compensation, driven step by step."""
 
     def __init__(self, recorder: Recorder) -> None:
-        self.config = machine(zero_channel="homed", rate_limit_um_s=1e3, gradient_limit_um_m=1e3)
+        self.config = machine(zero_channel="homed", hold_s=1.0, rate_limit_um_s=1e3, gradient_limit_um_m=1e3)
         self.compensator, self.documents = Compensator(self.config, GRID), []
         self.observer = CompensationObserver(
             self.compensator, self.documents.append, lambda: None, NoControl(), ZeroSignal("homed", 1.5)
@@ -76,29 +77,34 @@ def test_a_rise_zeroes_and_is_recorded_as_a_command_and_silence_disarms(tmp_path
     assert loop.step(0.0)["armed"]
     homed = loop.step(0.0, 1.0, 0.0)
     assert not homed["armed"]
-    assert homed["reason"] == "homed@signal has zeroed the machine; arm again"
+    assert homed["reason"] == "switched off at 11.0 s: homed@signal has zeroed the machine; arm again"
     assert homed["zero"]["error_um"] == 30.0
     loop.compensator.arm()
     assert loop.step(0.0)["armed"]
     for _ in range(2):
         silent = loop.step()
+    assert silent["phase"] == "following"
+    silent = loop.step()
+    assert silent["hold_reason"] == "homed, which reports a new zero, has no value"
+    silent = loop.step()
     assert silent["armed"]
     silent = loop.step()
-    assert silent["reason"] == "homed, which reports a new zero, has no value; arm again"
+    assert silent["reason"].endswith(": homed, which reports a new zero, has no value; arm again")
+    (released,) = loop.observer.conditions()
+    assert (released.kind, released.detail) == (Trouble.RELEASED, silent["reason"])
     loop.step(1.0, quality=2)
-    assert loop.observer.notices() == (
-        "compensation: homed@signal has zeroed the machine, but the estimate is degraded; "
-        "zero it again, then arm",
-    )
+    _, refused = loop.observer.conditions()
+    assert refused.kind is Trouble.NOT_ZEROED
+    assert refused.detail.startswith("zero refused: the estimate is degraded")
     assert recorder.close(5.0)
     (path,) = tmp_path.glob("*.csv")
     flags = [flags for flags in read_log(path, CHANNELS).flags if flags]
     assert flags[0] == "!zero=done by homed%40signal"
-    assert flags[1].startswith("!zero=refused to homed%40signal: not zeroed: ")
+    assert flags[1].startswith("!zero=refused to homed%40signal: zero refused: ")
 
 
-def test_a_successful_zero_gives_no_notice() -> None:
+def test_a_compensation_that_was_never_armed_has_no_condition() -> None:
     observer = CompensationObserver(
         Compensator(machine(), GRID), lambda _document: None, lambda: None, NoControl()
     )
-    assert observer.notices() == ()
+    assert observer.conditions() == ()

@@ -38,7 +38,8 @@ to a core); waiting for a peer that is gone takes seconds, again and again.
 UNKNOWN_W = 100.0
 # Such heats leave the bound of the error wide for minutes, beyond the default limit_um of a compensation.
 COMPENSATION = {
-    "enabled": True, "controller_compensates": False, "position_feedback": "motor", "limit_um": 1000.0
+    "enabled": True, "controller_compensates": False, "position_feedback": "motor", "limit_um": 1000.0,
+    "hold_s": 0.5,
 }  # fmt: skip
 START_S = 2 * PATIENCE_S  # libraries are loaded, and being good has to be earned
 

@@ -57,7 +57,7 @@ def test_reset_and_disarm_are_done_recorded_and_replayed_to_the_last_bit(tmp_pat
                 assert done.returncode == 0, done.stdout + done.stderr
                 assert json.loads(done.stdout)["text"] == text
             until(lambda: seen.documents["compensation"][-1]["armed"] is False, 20)
-            assert "restarted" in seen.documents["compensation"][-1]["reason"]
+            assert "has reset the estimator" in seen.documents["compensation"][-1]["reason"]
             seen.wait_until_good()
             assert give("disarm").returncode == 0
             wrong = give("reset", "--config-hash", "0123456789abcdef")

@@ -1,0 +1,1 @@
+"""How often a compensation is released without an alarm, over faults that are drawn."""
