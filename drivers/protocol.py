@@ -125,17 +125,24 @@ def not_zero(scale: float) -> float:
     return scale
 
 
-def modicon(number: int) -> str:
-    """Say what to write for a register's number as manuals give it, such as 40001; empty for any other."""
+def register_of_manual(number: int) -> tuple[str, int] | None:
+    """Return function and register on the wire of a manual's number, such as 40001; None for any other."""
     for digits in (10_000, 100_000):
         kind, register = divmod(number - 1, digits)
         if kind in (3, 4) and 0 <= register < min(digits, 0x10000):
-            function = "holding" if kind == 4 else "input"
-            return (
-                "looks like a number of a manual, which counts from 1 and puts the kind of register first: "
-                f'write register = {register} and function = "{function}"'
-            )
-    return ""
+            return ("holding" if kind == 4 else "input"), register
+    return None
+
+
+def modicon(number: int) -> str:
+    """Say what to write for a register's number as manuals give it; empty for any other."""
+    found = register_of_manual(number)
+    if found is None:
+        return ""
+    return (
+        "looks like a number of a manual, which counts from 1 and puts the kind of register first: "
+        f'write register = {found[1]} and function = "{found[0]}"'
+    )
 
 
 def _on_the_wire(number: object) -> object:

@@ -102,28 +102,49 @@ def run(
 _QUESTIONS = {
     "machine": "Name of the machine, such as lathe-7",
     "axis": "Its axis",
-    "screw": "Screw, diameter x lead in mm, such as 40 x 10",
+    "screw": "Screw, nominal diameter x lead in mm, such as 40 x 10; any size",
     "steel": "Its steel: bearing, case, carbon, stainless",
     "length_m": "Length between the bearings, such as 1000 mm or 1.0 m",
-    "stroke_m": "Stroke of the nut's middle from the left bearing, such as 150 800 mm",
-    "housings": "Housings that carry a thermocouple, of nut, left and right (bearings), or none",
-    "nut_kg": "Mass of the nut with what is bolted to it, in kg, if you know it",
-    "housing_kg": "Mass of a bearing's housing, in kg, if you know it",
-    "sensors_m": "Positions of the thermocouples on the screw from there, such as 50 500 950 mm",
+    "stroke_m": "Stroke of the nut's middle: both ends from the bearing you count as left (the upper one "
+    "of a vertical axis), such as 150 800 mm",
+    "mounting": "How bearings hold the screw: fixed-supported, fixed-fixed, fixed-free, floating or unknown",
+    "fixed_end": "Which end is fixed: left or right (upper or lower)",
+    "housings": "Housings that carry a thermocouple: nut, left, right (upper, lower), several, all or none",
+    "nut_kg": "Mass of the nut with what is bolted to it, in kg; Enter if you do not know it",
+    "housing_kg": "Mass of a bearing's housing, in kg; Enter if you do not know it",
+    "sensors_m": "Thermocouples on the screw itself: distance from the left bearing, such as 50 500 950 mm; "
+    "Enter if there are none",
     "module": "Module that reads them: wago_750_458, icpdas_m7018, micro800_tc2, css_canmod_temp, "
-    "peak_mu_thermocouple1",
-    "module_at": "Its address: 192.168.0.20, /dev/ttyUSB0 or can0",
+    "peak_mu_thermocouple1, or other",
+    "module_bus": "other module: its bus, modbus (TCP or serial), or other",
+    "module_at": "Address of the module: 192.168.0.20, 192.168.0.20:502, /dev/ttyUSB0 or can0",
+    "transport": "What that address speaks: tcp (Modbus TCP), or rtu-over-tcp (a serial server)",
+    "module_unit": "Modbus unit of the module (slave address)",
+    "function": "other module: its registers are holding (function 3, 4xxxx) or input (function 4, 3xxxx)",
+    "first_register": "other module: register of the first temperature, from 0, or as in the manual (40001)",
+    "type": "other module: type of a value: int16, uint16, int32, uint32, float32, float64",
+    "word_order": "other module: big where the high word comes first, little where the low one does",
+    "degrees_per_count": "other module: °C of one count, such as 0.1; Enter for 0.1 (1 of float)",
+    "step": "other module: registers from one temperature to the next; Enter if they follow each other",
+    "inputs": "other module: number of its inputs",
+    "fault_code": "other module: what it sends for an open input, such as 32767 or 0x7FFF; Enter if unknown",
     "ambient": "Air temperature, such as 21.5 °C, or input: the module's next input",
-    "control": "Where the position comes from: canopen, modbus, can, opcua, mtconnect, or none yet",
-    "control_at": "Its address: 192.168.0.21, can0, /dev/ttyACM0, opc.tcp://192.168.0.21:4840, "
+    "control": "Where the position comes from: canopen, modbus, can, opcua, mtconnect, other, or none yet",
+    "control_at": "Address of the control: 192.168.0.21, can0, /dev/ttyACM0, opc.tcp://192.168.0.21:4840, "
     "http://192.168.0.21:5000",
     "node_id": "canopen: the drive's node",
-    "counts_per_m": "canopen, modbus: counts per metre of nut travel, negative the other way",
-    "position_register": "modbus: first register of the position, from 0 (40001 is 0)",
-    "speed_register": "modbus: register of the speed in rpm, if there is one",
+    "counts_per_m": "canopen, modbus: counts per metre; negative if the control counts towards the left "
+    "bearing",
+    "position_register": "modbus: first register of the position, from 0, or the manual's number (40001)",
+    "position_type": "modbus: type of the position: int16, uint16, int32, uint32, float32, float64",
+    "position_word_order": "modbus: big where the position's high word comes first, little for the low one",
+    "speed_register": "modbus: register of the screw's speed in rpm; Enter if there is none",
     "dbc": "can: the DBC file",
-    "position_signal": "Position: can: AxisStatus.NutPosition; opcua: ns=2;s=X.Position; mtconnect: Xpos",
-    "speed_signal": "The screw's speed in rpm likewise, if there is one",
+    "position_signal": "Name of the position there, such as AxisStatus.NutPosition (can), ns=2;s=X.Position "
+    "(opcua), Xpos (mtconnect)",
+    "speed_signal": "Name of the screw's speed in rpm, likewise; Enter if there is none",
+    "shown_at_ends_m": "What the control shows with the nut at the left, and at the right end of its stroke, "
+    "such as 0 650 mm; Enter if you do not know",
 }
 """Each is an option of `init`, and is asked where that is not given."""
 _USUAL = {
@@ -131,10 +152,22 @@ _USUAL = {
     "axis": "x",
     "screw": "40x10",
     "steel": "bearing",
+    "mounting": "unknown",
+    "fixed_end": "left",
     "module": "wago_750_458",
+    "module_bus": "modbus",
+    "transport": "tcp",
+    "module_unit": "1",
+    "function": "input",
+    "first_register": "0",
+    "type": "int16",
+    "word_order": "big",
+    "inputs": "8",
     "ambient": "input",
     "control": "none",
     "position_register": "0",
+    "position_type": "int32",
+    "position_word_order": "big",
 }
 """Their defaults, as `Answers` has them, which is slow to import."""
 

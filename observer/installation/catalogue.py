@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
@@ -51,6 +53,46 @@ SCREWS = {
 """By nominal diameter and lead in mm."""
 
 
+_DIAMETERS_MM, _LEADS_MM = (6.0, 200.0), (0.5, 120.0)
+"""Of the ball screws that are made."""
+
+
+def size_of(name: str) -> tuple[float, float]:
+    """Nominal diameter and lead in mm by a screw's name, such as `40x12`. Raises `ValueError`."""
+    diameter, _, lead = name.partition("x")
+    try:
+        size = float(diameter), float(lead)
+    except ValueError:
+        size = math.nan, math.nan
+    for value, (low, high) in zip(size, (_DIAMETERS_MM, _LEADS_MM), strict=True):
+        if not low <= value <= high:
+            raise ValueError("give nominal diameter x lead in mm, as stamped on the nut, such as 40 x 12")
+    return size
+
+
+def screw_of(name: str) -> CatalogueScrew:
+    """The screw of a size: of the catalogue, or scaled by diameter from the nearest there.
+
+    Torque, masses and conductances grow with powers of the diameter that fit the catalogue.
+    """
+    if name in SCREWS:
+        return SCREWS[name]
+    diameter_mm, lead_mm = size_of(name)
+    sizes = {listed: size_of(listed) for listed in SCREWS}
+    nearest = min(sizes, key=lambda n: (abs(sizes[n][0] - diameter_mm), abs(sizes[n][1] - lead_mm)))
+    like, ratio = SCREWS[nearest], diameter_mm / sizes[nearest][0]
+    return CatalogueScrew(
+        lead_mm,
+        round(diameter_mm - (sizes[nearest][0] - like.root_mm) * min(1.0, ratio), 1),
+        round(like.nut_mm * ratio),
+        round(like.torque_Nm * ratio**2.5, 3),
+        round(like.bearing_W_rpm * ratio, 4),
+        round(like.nut_kg * ratio**2, 2),
+        round(like.housing_kg * ratio**2.5, 1),
+        round(like.housing_W_K * ratio**1.5, 1),
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Steel:
     """A screw's steel, near room temperature."""
@@ -88,8 +130,13 @@ MODULES = {
     "peak_mu_thermocouple1": Module("PEAK MU-Thermocouple1", CAN_INPUTS["peak_mu_thermocouple1"], 0.3, 0.1),
 }
 
-CONTROLS = ("canopen", "modbus", "can", "opcua", "mtconnect", "none")
-"""A source of the nut's position."""
+OTHER = "other"
+"""The answer for a module, a bus or a mounting that is not in the list."""
+CONTROLS = ("canopen", "modbus", "can", "opcua", "mtconnect", "none", OTHER)
+"""A source of the nut's position; `other` is a bus that no driver speaks."""
+MOUNTINGS = {"fixed-supported": "L-II", "fixed-fixed": "L-III", "fixed-free": "L-IV", "floating": "L-I"}
+"""By the words of a drawing, as `[supports] mounting` has them."""
+TYPES = ("int16", "uint16", "int32", "uint32", "float32", "float64")
 
 
 def _typed(read: Callable[[str], Any]) -> BeforeValidator:
@@ -120,27 +167,72 @@ def _ascending(ends: tuple[float, float]) -> tuple[float, float]:
     return ends
 
 
+def _sized(name: str) -> str:
+    size_of(name)
+    return name
+
+
+def _side(text: str) -> str:
+    word = text.strip().lower()
+    return _SIDES.get(word, word)
+
+
+def _function(text: str) -> str:
+    word = text.strip().lower()
+    return {"3": "holding", "03": "holding", "4": "input", "04": "input"}.get(word, word)
+
+
+def _code(text: str) -> str:
+    word = text.strip().replace(",", ".")
+    try:
+        if word:
+            int(word, 0) if word.lower().startswith("0x") else float(word)
+    except ValueError:
+        raise ValueError("give the number that stands for an open input, such as 32767 or 0x7FFF") from None
+    return word
+
+
+def _shown_at_ends(text: str) -> tuple[float, float] | None:
+    if not text.strip():
+        return None
+    found = re.fullmatch(
+        r"\s*([+-]?\d+(?:[.,]\d+)?)\s*(mm|m)?[\s;]+(?:to |bis |and |und )?([+-]?\d+(?:[.,]\d+)?)\s*(mm|m)\s*",
+        text,
+    )
+    if found is None:
+        raise ValueError("give both readings with their unit, that of the left end first, such as 0 650 mm")
+    left, right = (float(found[k].replace(",", ".")) for k in (1, 3))
+    factor = 1e-3 if found[4] == "mm" else 1.0
+    if left == right:
+        raise ValueError("both readings are the same; give that of the left end, then that of the right")
+    return round(left * factor, 9), round(right * factor, 9)
+
+
 def _one_of(names: Collection[str]) -> AfterValidator:
     def known(given: str) -> str:
         if given not in names:
-            raise ValueError(f"not known; give one of {', '.join(names)}")
+            raise ValueError(f"not in the list; give one of {', '.join(names)}")
         return given
 
     return AfterValidator(known)
 
 
 @dataclass(frozen=True, slots=True)
-class OfControl:
-    """The controls for which a question is asked."""
+class Of:
+    """To which answers of an earlier question, or of one of `Answers`' properties, a question belongs."""
 
-    names: tuple[str, ...]
+    question: str
+    answers: tuple[str, ...]
+
+    def belongs(self, given: Answers) -> str:
+        """To what a question belongs that is not to be asked; empty where it is."""
+        answer = getattr(given, self.question)
+        if {answer} & set(self.answers) if isinstance(answer, str) else set(answer) & set(self.answers):
+            return ""
+        return f"belongs to {_CALLED.get(self.question, option(self.question))} {' or '.join(self.answers)}"
 
 
-@dataclass(frozen=True, slots=True)
-class OfHousings:
-    """The housings, for any of which a question is asked."""
-
-    names: tuple[str, ...]
+_CALLED = {"wire": "a module on", "described_on": "--module other on", "reads_pairs": "registers of type"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,9 +260,13 @@ TYPICAL_MASS, TYPICAL_LINK = 0.2, 0.4
 """How well a typical mass, and a typical conductance, are known, relative."""
 
 
+_SIDES = {"upper": "left", "top": "left", "lower": "right", "bottom": "right"}
+"""On a vertical axis the upper bearing counts as left."""
+
+
 def _housings(text: str) -> tuple[str, ...]:
     """Some of `HOUSINGS`, in their order."""
-    words = text.lower().replace(",", " ").split()
+    words = [_SIDES.get(word, word) for word in text.lower().replace(",", " ").split() if word != "and"]
     if words in ([], ["none"]):
         return ()
     if words == ["all"]:
@@ -180,49 +276,76 @@ def _housings(text: str) -> tuple[str, ...]:
     return tuple(name for name in HOUSINGS if name in words)
 
 
-_BY_NAME = OfControl(("can", "opcua", "mtconnect"))
-_BY_COUNT = OfControl(("canopen", "modbus"))
-_MODBUS = OfControl(("modbus",))
-
-
 def option(name: str) -> str:
     """The command-line option of a field of `Answers`."""
     return f"--{name.replace('_', '-')}"
+
+
+_BY_NAME = Of("control", ("can", "opcua", "mtconnect"))
+_BY_COUNT = Of("control", ("canopen", "modbus"))
+_MODBUS = Of("control", ("modbus",))
+_DESCRIBED = Of("described_on", ("modbus",))
 
 
 class Answers(BaseModel):
     """One machine's answers, in the order in which they are asked; lengths count from the screw's left end.
 
     `sensors_m` may be left out where `housings` carry thermocouples, which are the module's first inputs.
-    `ambient` is a temperature in °C, or `"input"`: the module's next input after the sensors.
+    `ambient` is a temperature in °C, or `"input"`: the module's next input after the sensors. Of a module
+    that is not in the list, `first_register` and the answers after it say where its values are.
+    `shown_at_ends_m` is what the control shows with the nut at the left and the right end of its stroke.
     """
 
     model_config = ConfigDict(validate_assignment=True)
 
     machine: Annotated[str, _typed(typed.key_name)] = "machine"
     axis: Annotated[str, _typed(typed.key_name)] = "x"
-    screw: Annotated[str, _typed(typed.screw_name), _one_of(SCREWS)] = "40x10"
+    screw: Annotated[str, _typed(typed.screw_name), AfterValidator(_sized)] = "40x10"
     steel: Annotated[str, _one_of(STEELS)] = "bearing"
     length_m: Annotated[float, _typed(typed.length_m), Field(gt=1e-9)]
     stroke_m: Annotated[
         tuple[float, float], _typed(partial(typed.places_m, count=2)), AfterValidator(_ascending)
     ]
+    mounting: Annotated[str, _one_of((*MOUNTINGS, "unknown"))] = "unknown"
+    fixed_end: Annotated[
+        str, _typed(_side), _one_of(("left", "right")), Of("mounting", ("fixed-supported", "fixed-free"))
+    ] = "left"
     housings: Annotated[tuple[str, ...], _typed(_housings)] = ()
-    nut_kg: Annotated[float | None, _typed(_mass_kg), OfHousings(("nut",))] = None
-    housing_kg: Annotated[float | None, _typed(_mass_kg), OfHousings(("left", "right"))] = None
+    nut_kg: Annotated[float | None, _typed(_mass_kg), Of("housings", ("nut",))] = None
+    housing_kg: Annotated[float | None, _typed(_mass_kg), Of("housings", ("left", "right"))] = None
     sensors_m: Annotated[tuple[float, ...], _typed(_places_or_none)] = ()
-    module: Annotated[str, _one_of(MODULES)] = "wago_750_458"
-    module_at: str
+    module: Annotated[str, _one_of((*MODULES, OTHER))] = "wago_750_458"
+    module_bus: Annotated[str, _one_of(("modbus", OTHER)), Of("module", (OTHER,))] = "modbus"
+    module_at: Annotated[str, Of("module_bus", ("modbus",))]
+    transport: Annotated[str, _one_of(("tcp", "rtu-over-tcp")), Of("wire", ("ethernet",))] = "tcp"
+    module_unit: Annotated[int, Field(ge=0, le=255), Of("wire", ("ethernet", "serial"))] = 1
+    function: Annotated[str, _typed(_function), _one_of(("holding", "input")), _DESCRIBED] = "input"
+    first_register: Annotated[int, Field(ge=0, le=0xFFFF), _DESCRIBED] = 0
+    type: Annotated[str, _typed(str.lower), _one_of(TYPES), _DESCRIBED] = "int16"
+    word_order: Annotated[str, _one_of(("big", "little")), Of("reads_pairs", TYPES[2:])] = "big"
+    degrees_per_count: Annotated[float | None, _typed(typed.number), Field(ge=1e-9, le=1e3), _DESCRIBED] = (
+        None
+    )
+    step: Annotated[int | None, Field(ge=1, le=1000), _DESCRIBED] = None
+    inputs: Annotated[int, Field(ge=1, le=64), _DESCRIBED] = 8
+    fault_code: Annotated[str, _typed(_code), _DESCRIBED] = ""
     ambient: Annotated[float | Literal["input"], _typed(_air)] = "input"
     control: Annotated[str, _one_of(CONTROLS)] = "none"
-    control_at: Annotated[str, OfControl((*_BY_COUNT.names, *_BY_NAME.names))]
-    node_id: Annotated[int, OfControl(("canopen",))]
+    control_at: Annotated[str, Of("control", (*_BY_COUNT.answers, *_BY_NAME.answers))]
+    node_id: Annotated[int, Of("control", ("canopen",))]
     counts_per_m: Annotated[float, _typed(typed.number), _BY_COUNT]
     position_register: Annotated[int, _MODBUS] = 0
+    position_type: Annotated[str, _typed(str.lower), _one_of(TYPES), _MODBUS] = "int32"
+    position_word_order: Annotated[str, _one_of(("big", "little")), _MODBUS] = "big"
     speed_register: Annotated[int | None, _MODBUS] = None
-    dbc: Annotated[str, OfControl(("can",))]
+    dbc: Annotated[str, Of("control", ("can",))]
     position_signal: Annotated[str, _BY_NAME]
     speed_signal: Annotated[str, _BY_NAME] = ""
+    shown_at_ends_m: Annotated[
+        tuple[float, float] | None,
+        _typed(_shown_at_ends),
+        Of("control", (*_BY_COUNT.answers, *_BY_NAME.answers)),
+    ] = None
 
     @property
     def thermocouples(self) -> tuple[str, ...]:
@@ -234,3 +357,33 @@ class Answers(BaseModel):
     def has_speed(self) -> bool:
         """Whether the control reports the screw's speed."""
         return self.speed_register is not None or bool(self.speed_signal)
+
+    @property
+    def described_on(self) -> str:
+        """The bus of a module that is not in the list, empty for one that is."""
+        return self.module_bus if self.module == OTHER else ""
+
+    @property
+    def reads_pairs(self) -> str:
+        """The type of a described module's numbers, empty for a module of the list."""
+        return self.type if self.described_on == "modbus" else ""
+
+    @property
+    def wire(self) -> str:
+        """What the module's address belongs to: `ethernet`, `serial`, `can`, or none yet."""
+        if self.module in CAN_INPUTS or (self.module == OTHER and self.module_bus == OTHER):
+            return "can" if self.module in CAN_INPUTS else ""
+        return "serial" if typed.is_serial(getattr(self, "module_at", "")) else "ethernet"
+
+    @property
+    def reader(self) -> Module:
+        """The module that reads the thermocouples."""
+        if self.module != OTHER:
+            return MODULES[self.module]
+        step_K = 0.0 if self.type.startswith("float") else self.scale
+        return Module("a module by its registers", self.inputs, 0.5, max(0.1, round(0.3 * step_K, 2)))
+
+    @property
+    def scale(self) -> float:
+        """The degrees of one count of a described module: usual ones where they were not given."""
+        return self.degrees_per_count or (1.0 if self.type.startswith("float") else 0.1)

@@ -6,12 +6,12 @@ import math
 
 from observer.installation.catalogue import (
     HOUSINGS,
-    SCREWS,
     TYPICAL_LINK,
     TYPICAL_MASS,
     Answers,
     BODY_J_kgK,
     NUT_FILM_W_m2K,
+    screw_of,
 )
 from observer.installation.first_tables import FileTable, Note
 
@@ -25,7 +25,7 @@ def bodies(answers: Answers) -> list[FileTable]:
 
 
 def _body(name: str, answers: Answers) -> list[FileTable]:
-    screw, body = SCREWS[answers.screw], HOUSINGS[name]
+    screw, body = screw_of(answers.screw), HOUSINGS[name]
     given_kg, usual_kg = (
         (answers.nut_kg, screw.nut_kg) if name == "nut" else (answers.housing_kg, screw.housing_kg)
     )

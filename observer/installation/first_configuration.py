@@ -16,17 +16,18 @@ from observer.errors import UserError, has_extra
 from observer.installation import parse
 from observer.installation.catalogue import (
     HOUSINGS,
-    MODULES,
+    MOUNTINGS,
+    OTHER,
     SCREWS,
     STEELS,
     Answers,
-    OfControl,
-    OfHousings,
+    Of,
     option,
+    screw_of,
 )
 from observer.installation.first_bodies import bodies
 from observer.installation.first_tables import FileTable, Note, as_text, inline
-from observer.installation.first_wires import check_wires, control_tables, module_table
+from observer.installation.first_wires import check_wires, control_tables, module_tables
 
 Ask = Callable[[str, str | None, str], str]
 """Asks for a field of `Answers`, with its default and what is wrong so far; returns what was typed."""
@@ -87,12 +88,8 @@ def answers(
 
 def _belongs(found: Answers, metadata: Sequence[object]) -> str:
     """To which other answer a question belongs that is not to be asked; empty where it is."""
-    for of in metadata:
-        if isinstance(of, OfControl) and found.control not in of.names:
-            return f"belongs to --control {' or '.join(of.names)}, not to {found.control}"
-        if isinstance(of, OfHousings) and not set(of.names) & set(found.housings):
-            return f"belongs to --housings {' or '.join(of.names)}"
-    return ""
+    reasons = (of.belongs(found) for of in metadata if isinstance(of, Of))
+    return next(filter(None, reasons), "")
 
 
 def _set(found: Answers, name: str, text: str) -> str:
@@ -145,9 +142,10 @@ def compose(answers: Answers) -> str:
         *_sources(answers),
         *bodies(answers),
         *_sensors(answers),
-        module_table(answers),
+        *_supports(answers),
+        *module_tables(answers),
+        *control_tables(answers),
     ]
-    parts += control_tables(answers)
     parts += [
         FileTable(
             "[publish]",
@@ -162,12 +160,23 @@ def compose(answers: Answers) -> str:
     ]
     if has_extra("page"):
         parts.append(FileTable("[page]", {"listen": "127.0.0.1:8080"}, "for browsers on this computer"))
-    return _HEAD + "".join(f"\n{as_text(part)}" for part in parts)
+    no_driver = [
+        what
+        for what, bus in (("the module", answers.module_bus), ("the control", answers.control))
+        if bus == OTHER
+    ]
+    head = _HEAD + (_NO_DRIVER.format(what=" and ".join(no_driver)) if no_driver else "")
+    return head + "".join(f"\n{as_text(part)}" for part in parts)
 
 
 _HEAD = """\
 # Written by `observer init`. Values marked "look" are typical ones: correct them where you know better.
 # Every key: docs/reference/configuration.md. Ask what it means:  observer check --config <this file>
+"""
+_NO_DRIVER = """\
+#
+# No driver speaks the bus of {what}. Either write the values to a log and replay it
+# (docs/how-to/record-and-replay.md), or write a driver, one file (docs/how-to/add-a-driver.md).
 """
 _NO_LAW = """no channel gives the speed, so the heats have no law; they are estimated
 # For `simulate`, `calibrate` and `discover` deliver a channel screw_speed_rpm, and give speed_channel with
@@ -176,7 +185,8 @@ _INSULATED = {"kind": "insulated"}
 
 
 def _machine(answers: Answers) -> list[FileTable]:
-    screw, steel = SCREWS[answers.screw], STEELS[answers.steel]
+    screw, steel = screw_of(answers.screw), STEELS[answers.steel]
+    unlisted = "" if answers.screw in SCREWS else "; scaled from the nearest size in the list"
     about = {
         "length_m": Note(answers.length_m, "between the bearings; all positions count from its left end"),
         "diameter_m": Note(round(screw.root_mm / 1000, 6), "look: between the grooves"),
@@ -192,7 +202,7 @@ def _machine(answers: Answers) -> list[FileTable]:
     keys = f"names the Zenoh keys: ballscrew/{answers.machine}/{answers.axis}/…"
     return [
         FileTable("[machine]", {"name": answers.machine, "axis": answers.axis}, keys),
-        FileTable("[screw]", about, f"{answers.screw} mm, of {answers.steel} steel"),
+        FileTable("[screw]", about, f"{answers.screw} mm, of {answers.steel} steel{unlisted}"),
         FileTable("[surface]", {"convection_W_m2K": film}),
         FileTable("[ambient]", air),
         FileTable(
@@ -204,7 +214,7 @@ def _machine(answers: Answers) -> list[FileTable]:
 
 
 def _sources(answers: Answers) -> list[FileTable]:
-    screw = SCREWS[answers.screw]
+    screw = screw_of(answers.screw)
     nut: dict[str, object] = {
         "name": "nut",
         "shape": "nut",
@@ -212,7 +222,7 @@ def _sources(answers: Answers) -> list[FileTable]:
         "stroke_m": Note(list(answers.stroke_m), "where the middle of the nut travels"),
     }
     bearing: dict[str, object] = {}
-    if answers.control != "none":
+    if answers.control not in ("none", OTHER):
         nut |= {"position_channel": "nut_position_m", "lead_m": screw.lead_mm / 1000}
     about = _NO_LAW
     if answers.has_speed:
@@ -242,8 +252,20 @@ def _sources(answers: Answers) -> list[FileTable]:
 def _sensors(answers: Answers) -> list[FileTable]:
     places: list[dict[str, object]] = [{"on": HOUSINGS[name].node} for name in answers.housings]
     places += [{"position_m": at} for at in answers.sensors_m]
-    noise_K = MODULES[answers.module].noise_K
+    noise_K = answers.reader.noise_K
     return [
         FileTable("[[sensor]]", {"name": name, "channel": f"{name}_degC", **place, "noise_K": noise_K})
         for name, place in zip(answers.thermocouples, places, strict=True)
     ]
+
+
+def _supports(answers: Answers) -> list[FileTable]:
+    """How the ends are held, where that is known."""
+    if answers.mounting == "unknown":
+        return []
+    keys: dict[str, object] = {"mounting": Note(MOUNTINGS[answers.mounting], answers.mounting)}
+    if answers.mounting in ("fixed-supported", "fixed-free"):
+        keys["first"] = Note(answers.fixed_end, "the fixed end; upper is left on a vertical axis")
+    if answers.mounting == "fixed-fixed":
+        keys["preload_N"] = Note(0.0, "pre-tension of the cold screw, if it is stretched")
+    return [FileTable("[supports]", keys)]

@@ -87,11 +87,17 @@ def degC(text: str) -> float:
 
 
 def screw_name(text: str) -> str:
-    """Return nominal diameter and lead in mm as the catalogue spells them: `40 x 10`, `Ø40×10 mm`."""
-    found = re.fullmatch(
-        r"ø?\s*(\d+)(?:[.,]0+)?\s*(?:mm)?\s*[x×*/]\s*(\d+)(?:[.,]0+)?\s*(?:mm)?", text.strip().lower()
-    )
-    return f"{found[1]}x{found[2]}" if found else text.strip()
+    """Return nominal diameter and lead in mm as the catalogue spells them: `40 x 10`, `16x2,5 mm`."""
+    number = r"(\d+(?:[.,]\d+)?)"
+    found = re.fullmatch(rf"ø?\s*{number}\s*(?:mm)?\s*[x×*/]\s*{number}\s*(?:mm)?", text.strip().lower())
+    if found is None:
+        return text.strip()
+    return "x".join(f"{float(size.replace(',', '.')):g}" for size in found.groups())
+
+
+def is_serial(place: str) -> bool:
+    """Whether an address is that of a serial port."""
+    return place.startswith("/") or place.upper().startswith("COM")
 
 
 def key_name(text: str) -> str:

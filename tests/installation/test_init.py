@@ -28,6 +28,7 @@ GIVEN = {
 }
 OF_CONTROL = {
     "none": {},
+    "other": {},
     "canopen": {"control_at": "can0", "node_id": "5", "counts_per_m": "1e6"},
     "modbus": {"control_at": "192.168.0.21:1502", "counts_per_m": "-1e6", "speed_register": "2"},
     "can": {
@@ -57,9 +58,9 @@ def test_every_module_with_every_control_passes_the_check(module, control, tmp_p
     write_new(path, given | {"control": control} | OF_CONTROL[control], None)
     config = examine(path)
     assert config.undelivered() == []
-    with_speed = control not in {"canopen", "none"}
+    with_speed = control not in {"canopen", "none", "other"}
     assert all((source.law is not None) == with_speed for source in config.source)
-    assert config.source[0].position_channel == (None if control == "none" else "nut_position_m")
+    assert config.source[0].position_channel == (None if control in {"none", "other"} else "nut_position_m")
 
 
 @pytest.mark.parametrize("installed", [True, False])
@@ -166,7 +167,9 @@ def test_missing_answers_are_asked_until_they_are_valid():
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"screw": "41x3"}, "--screw: '41x3': not known; give one of 16x5"),
+        ({"screw": "other"}, "--screw: 'other': give nominal diameter x lead in mm, as stamped on the nut"),
+        ({"screw": "400x3"}, "--screw: '400x3': give nominal diameter x lead in mm"),
+        ({"module": "wago_458"}, "'wago_458': not in the list; give one of wago_750_458"),
         ({"stroke_m": "0.8"}, "--stroke-m: '0.8': write 2 places with their unit"),
         ({"sensors_m": "a,b"}, "--sensors-m: 'a,b': write the places with their unit"),
         ({"sensors_m": ",".join(["0.1"] * 9)}, "9 inputs are needed"),
