@@ -22,7 +22,8 @@ if TYPE_CHECKING:  # the other commands start without the search
 def calibrate(
     log_paths: Sequence[Path], config_path: Path, output: Path, progress: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Fit the free parameters and the process noise; write `config.toml` and `calibration.json`.
+    """Fit the free parameters and the process noise; write `calibration.json`, and `config.toml` where the
+    fitted values are better than the configured ones.
 
     Returns the content of `calibration.json`.
     """

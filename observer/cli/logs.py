@@ -258,7 +258,11 @@ def calibrate(
     config: ConfigOption,
     output: OutputOption,
 ) -> None:
-    """Fit the parameters that the configuration declares free; write config.toml and calibration.json."""
+    """Fit the parameters that the configuration declares free; write config.toml and calibration.json.
+
+    The last log, or the end of a single one, is held back. A fit that predicts it worse than the configured
+    values do is not written: exit code 1.
+    """
     from observer import app as parts
 
     with advancing("calibrate") as progress:
@@ -271,11 +275,17 @@ def calibrate(
     warn([*result["not_told"], *result["doubts"]])
     for key, value in (result["left"] | result["process_noise"]).items():
         echo(f"{key} = {value:g}")
-    gap = result["gap"]
-    echo(f"open-loop gap {gap['before_rms_K']:g} K rms before, {gap['after_rms_K']:g} K after")
-    if result["kept"] is not None:
-        show_sentence(result["kept"])
-    echo(f"written to {output}: config.toml, calibration.json")
+    for part, gap in (
+        ("whole log", result["gap"]),
+        (f"held back, {result['held_back']['seconds'] / 60.0:.0f} min", result["held_back"]),
+    ):
+        echo(f"open-loop gap ({part}) {gap['before_rms_K']:g} K rms before, {gap['after_rms_K']:g} K after")
+    if result["kept"] is None:
+        echo(f"written to {output}: config.toml, calibration.json")
+        return
+    show_sentence(result["kept"])
+    echo(f"written to {output}: calibration.json, and no config.toml")
+    raise typer.Exit(1)
 
 
 @verbs.command()

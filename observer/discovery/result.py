@@ -42,6 +42,11 @@ def calibration_result(calibration: Calibration, noise: Mapping[str, float]) -> 
             **_error(calibration.error),
             "per_sensor": {name: _error(error) for name, error in calibration.per_sensor.items()},
         },
+        "held_back": {
+            "seconds": calibration.held_back.seconds,
+            **_error(calibration.held_back.error),
+            "per_sensor": {name: _error(error) for name, error in calibration.held_back.per_sensor.items()},
+        },
     }
 
 

@@ -1,15 +1,16 @@
-"""Fit the free parameters of a configuration to logs: a hypothesis without effects, on every row.
+"""Fit the free parameters of a configuration to logs: a hypothesis without effects.
 
 The heat of every source comes from its law, the prediction is open loop (an estimator would absorb model
 errors), and the parameters minimise the weighted squares of the residuals of the 30 s means. Nuisance
 parameters vary within their tolerances, so that an offset or a loss at an end is not taken for film or heat,
-and the intervals include their uncertainty. Pure: logs come in as frames.
+and the intervals include their uncertainty. A free parameter is fitted within its physical range, with its
+tolerance as a prior. Pure: logs come in as frames.
 (Output-error method; Ljung 1999, §7.)
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -21,11 +22,12 @@ from observer.fit.evidence import gather
 from observer.fit.forward import Forward
 from observer.fit.hypothesis import Fit, fit_null
 from observer.fit.parameters import FILM, free_keys, info_of, replaced
+from observer.fit.prior import prior_of
 from observer.fit.problem import Problem
 from observer.fit.run_in import running_in_of
-from observer.fit.runs import LEAST_S, Run, prepare_all
-from observer.fit.tolerance import calibration_tolerances, remaining_tolerances
-from observer.frames import FloatArray, FrameBlock
+from observer.fit.runs import BLOCK_S, LEAST_S, Run, calibration_tick_s, prepare_all
+from observer.fit.tolerance import calibration_tolerances, remaining_tolerances, tolerances
+from observer.frames import BoolArray, FloatArray, FrameBlock
 from observer.tables.sections import law_channels
 
 SEEN_SIGMA = 3.0
@@ -143,13 +145,26 @@ class ErrorRms:
 
 
 @dataclass(frozen=True, slots=True)
+class HeldBack:
+    """The open-loop error on the held-back part of the logs, before and after a fit to the other part.
+
+    `seconds` is the length of that part, `per_sensor` the error by sensor.
+    """
+
+    seconds: float
+    error: ErrorRms
+    per_sensor: dict[str, ErrorRms]
+
+
+@dataclass(frozen=True, slots=True)
 class Calibration:
     """The result of a calibration.
 
-    `config` carries the fitted values, or those configured where they are no better, which `kept` then says
-    in a sentence; `left` are the remaining tolerances of the fitted ones, and how heats run in, by the
-    configuration's keys; `obstacles` names the free parameters that are not identifiable from these logs
-    (they keep their values) or poorly determined, and why. `error` is over all sensors, `per_sensor` by name.
+    `config` has the fitted values, or the configured ones where `kept` says in a sentence why no fitted value
+    is better. `left` are the remaining tolerances of the fitted ones, and how heats run in, by the
+    configuration's keys. `obstacles` names the free parameters that are not identifiable from these logs
+    (they keep their values) or poorly determined, and why. `error` is over all sensors and the whole logs,
+    `per_sensor` by name.
     """
 
     config: Config
@@ -158,6 +173,7 @@ class Calibration:
     obstacles: tuple[Obstacle, ...]
     error: ErrorRms
     per_sensor: dict[str, ErrorRms]
+    held_back: HeldBack
     kept: str | None = None
 
     @property
@@ -176,6 +192,11 @@ def calibrate(
 ) -> Calibration:
     """Fit the free parameters of a configuration to one or more runs, each with its own initial state.
 
+    The last of several runs, or the end of a single one, is held back at first. If a fit to the other part
+    predicts the held-back part worse than the configured values do, the fit is repeated without losses at
+    the ends and friction that settles: short logs cannot tell these from heat. If that is worse too, the
+    configured values are kept. Otherwise the fit is continued on all runs.
+
     `progress(evaluations, rms_K)` is called after each prediction. Raises `ConfigError` where a free key
     does not exist, `LogError` where the logs are too short, or no parameter is identifiable.
     """
@@ -187,45 +208,85 @@ def calibrate(
     def watch(predicted: Sequence[FloatArray]) -> None:
         nonlocal evaluations
         evaluations += 1
-        progress(evaluations, _rms(np.vstack(_missed(prepared, predicted))))
+        progress(evaluations, _rms(np.vstack(_missed(forward, predicted))))
 
-    forward = Forward(config, prepared, watch, by_row=True)
+    forward = Forward(config, prepared, watch, tick_s=calibration_tick_s(prepared))
     noise_K = np.array([s.noise for s in config.sensor])
     evidence = gather(forward.runs, noise_K, proves=False)
-    whole = Problem(config, keys, forward, evidence, within=calibration_tolerances)
+    whole = Problem(config, keys, forward, evidence, within=calibration_tolerances, prior_of=prior_of)
     white = replace(whole, evidence=replace(evidence, groups=()))
     identified, obstacles = distinguishable(config, keys, white.derivatives(config).columns, prepared)
     if not identified:
         why = " ".join(map(describe, obstacles))
         raise LogError(f"none of the free parameters is identifiable from the logs: {why}")
-    fit = fit_null(replace(whole, keys=identified), config)
+    whole = replace(whole, keys=identified)
+    trial = replace(whole, evidence=gather(forward.runs, noise_K))
+    for within in (calibration_tolerances, tolerances):
+        fit, held_back, kept = _judged(replace(whole, within=within), replace(trial, within=within))
+        if kept is None:
+            break
     fitted = _fitted(fit)
-    after = replaced(config, {f.key: f.value for f in fitted})
-    before_K, after_K = (_missed(prepared, forward(c)) for c in (config, after))
-    overall, per_sensor = _errors(config, before_K, after_K)
-    doubts = _doubts(fit.problem, fitted)
+    overall, per_sensor = _errors(whole, fit.config, whole.evidence.used)
     left = remaining_tolerances(config, fit.relative_sigma) | running_in_of(fit, prepared)
-    if (kept := _kept(overall, per_sensor)) is not None:
-        after = config
-    return Calibration(after, fitted, left, obstacles + doubts, overall, per_sensor, kept)
+    after = config if kept is not None else replaced(config, {f.key: f.value for f in fitted})
+    every = obstacles + _doubts(fit.problem, fitted)
+    return Calibration(after, fitted, left, every, overall, per_sensor, held_back, kept)
 
 
-def _kept(error: ErrorRms, per_sensor: Mapping[str, ErrorRms]) -> str | None:
-    """Say why the configured values are kept where the gap of the fitted ones is larger.
+def _judged(whole: Problem, trial: Problem) -> tuple[Fit, HeldBack, str | None]:
+    """Fit to the part of the logs that is not held back, and, if that predicts the held-back part no worse
+    than the configured values do, to the whole logs.
 
-    A displacement may gain what thermocouples lose, by the larger factor: K and µm have no common measure.
+    Return the last fit, its judgement, and why the configured values are kept.
     """
-    um = np.array([(e.before_rms_K, e.after_rms_K) for e in per_sensor.values() if e.unit != "K"]).reshape(
-        -1, 2
-    )
+    config = whole.config
+    fit = fit_null(trial, config)
+    held_back = _held_back(trial, fit.config)
+    kept = _why_kept(config, held_back)
+    if kept is None:
+        fit = fit_null(whole, fit.config)
+        again = _held_back(trial, fit.config)
+        every = HeldBack(0.0, *_errors(whole, fit.config, whole.evidence.used))
+        kept = _why_kept(config, again) or _why_kept(config, every)
+    return fit, held_back, kept
+
+
+def _held_back(trial: Problem, after: Config) -> HeldBack:
+    """The error on the held-back part, before and after a fit to the other part."""
+    evidence, seconds = trial.evidence, 0.0
+    proof = evidence.proof
+    for run in np.unique(evidence.run[proof]):
+        time_s = evidence.time_s[proof & (evidence.run == run)]
+        seconds += float(np.ptp(time_s)) + BLOCK_S
+    return HeldBack(seconds, *_errors(trial, after, proof))
+
+
+def _why_kept(config: Config, judged: HeldBack) -> str | None:
+    """Say why the configured values are kept where the error after a fit is larger; None where it is not.
+
+    It may be larger over all thermocouples, or at one of them and beyond its noise. A displacement may gain
+    what thermocouples lose, by the larger factor: K and µm have no common measure. Of the whole logs
+    (0 held-back seconds) only the error over all counts.
+    """
+    error, per_sensor = judged.error, judged.per_sensor
+    part = f"the {judged.seconds / 60.0:.0f} min of log that were held back" if judged.seconds else "the logs"
+    if not per_sensor:
+        return f"the configured values are kept: no sensor has a value in {part}"
+    um = np.array([(e.before_rms_K, e.after_rms_K) for e in per_sensor.values() if e.unit != "K"])
     before, after = np.sqrt(np.mean(um**2, axis=0)) if len(um) else (1.0, 1.0)
-    if error.after_rms_K * after <= error.before_rms_K * before:
+    worse = error.after_rms_K * after > error.before_rms_K * before
+    where, shown = "", error
+    if not worse and judged.seconds and not len(um):
+        for sensor in config.sensor:
+            own = per_sensor.get(sensor.name)
+            if own is not None and own.after_rms_K > max(own.before_rms_K, sensor.noise):
+                worse, where, shown = True, f" at {sensor.name}", own
+    if not worse:
         return None
     return (
-        f"nothing better than the configured values was found, and they are kept: they leave an open-loop "
-        f"gap of {error.before_rms_K:.3g} K rms, and the fitted ones {error.after_rms_K:.3g} K; the fit "
-        "allows for offsets, losses at the ends and whatever else [tolerance] leaves open, and a prediction "
-        "has none of it"
+        f"the configured values are kept: fitted ones predict {part} worse, {shown.after_rms_K:.3g} K rms"
+        f"{where} instead of {shown.before_rms_K:.3g} K; record a longer log, from a cold start through "
+        "warming up to cooling down, and correct what is roughly known in the configuration"
     )
 
 
@@ -251,26 +312,27 @@ def _doubts(problem: Problem, fitted: Sequence[FittedParameter]) -> tuple[Obstac
     return tuple(doubts)
 
 
-def _missed(runs: Sequence[Run], predicted: Sequence[FloatArray]) -> list[FloatArray]:
+def _missed(forward: Forward, predicted: Sequence[FloatArray]) -> list[FloatArray]:
     """Measured minus predicted 30 s means of each run, (b, s); NaN where nothing was measured."""
-    return [run.measured_degC - p for run, p in zip(runs, predicted, strict=True)]
+    return [run.ticks.measured_degC - p for run, p in zip(forward.runs, predicted, strict=True)]
 
 
-def _errors(
-    config: Config, before_K: Sequence[FloatArray], after_K: Sequence[FloatArray]
-) -> tuple[ErrorRms, dict[str, ErrorRms]]:
-    before, after = np.vstack(before_K), np.vstack(after_K)
+def _errors(problem: Problem, after: Config, rows: BoolArray) -> tuple[ErrorRms, dict[str, ErrorRms]]:
+    """The errors on some rows (n,) before and after a fit: over all thermocouples, and by sensor."""
+    before_K, after_K = (problem.error_K(c)[rows] for c in (problem.config, after))
+    sensor = problem.evidence.sensor[rows]
+    sensors = problem.config.sensor
     per_sensor = {
-        s.name: ErrorRms(_rms(before[:, i]), _rms(after[:, i]), s.unit)
-        for i, s in enumerate(config.sensor)
-        if np.isfinite(before[:, i]).any()
+        s.name: ErrorRms(_rms(before_K[sensor == i]), _rms(after_K[sensor == i]), s.unit)
+        for i, s in enumerate(sensors)
+        if (sensor == i).any()
     }
-    thermal = [s.kind == "temperature" for s in config.sensor]
-    return ErrorRms(_rms(before[:, thermal]), _rms(after[:, thermal])), per_sensor
+    thermal = np.array([s.kind == "temperature" for s in sensors])[sensor]
+    return ErrorRms(_rms(before_K[thermal]), _rms(after_K[thermal])), per_sensor
 
 
 def _rms(residual_K: FloatArray) -> float:
-    return float(np.sqrt(np.nanmean(residual_K**2)))
+    return float(np.sqrt(np.nanmean(residual_K**2))) if residual_K.size else 0.0
 
 
 def _long_enough(runs: Sequence[Run]) -> None:

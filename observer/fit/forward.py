@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from observer.config import Config, untied
 from observer.effects.terms import Body
 from observer.fit.bend import Bend, unbent
-from observer.fit.runs import Run, driven, mean_over
+from observer.fit.runs import TICK_S, Run, driven, mean_over
 from observer.fit.steps import Cache, SteppedRun, driving
 from observer.frames import FloatArray, Inputs
 from observer.model.build import build_plant
@@ -47,7 +47,7 @@ class Forward:
 
     Results that depend only on the runs are computed once, those that depend on parameters are cached: a
     prediction with other heats costs a simulation, one with another film the building of a plant as well. In
-    ticks (see `steps`), or `by_row`; `watch` is called with every prediction.
+    ticks of `tick_s` (see `steps`), row by row where that is 0; `watch` is called with every prediction.
     """
 
     def __init__(
@@ -56,15 +56,15 @@ class Forward:
         runs: Sequence[Run],
         watch: Callable[[list[FloatArray]], None] | None = None,
         *,
-        by_row: bool = False,
+        tick_s: float = TICK_S,
     ) -> None:
-        self._watch, self._by_row = watch, by_row
+        self._watch, self._by_row = watch, tick_s == 0.0
         config = untied(config)
         plant = build_plant(config).sensors_only()
         self._modes = len(plant.mode_index)
         self._tables = [m.table for m in plant.moving]
         self._shows = np.array([s.shows for s in config.sensor])
-        self.runs = tuple(SteppedRun(run, config, plant, by_row=by_row) for run in runs)
+        self.runs = tuple(SteppedRun(run, config, plant, tick_s=tick_s) for run in runs)
         self._plants, self._means = Cache[Plant](MOST_KEPT), Cache[list[FloatArray]](MOST_KEPT)
 
     def __call__(self, config: Config) -> list[FloatArray]:

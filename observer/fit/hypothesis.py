@@ -213,7 +213,10 @@ class Fit:
         """The covariance (p, p) of free and effects' parameters in their units."""
         used = self.problem.evidence.used
         J = self.marginal(used)(self.jacobian[used])
-        return np.asarray(np.linalg.pinv(J.T @ J) * np.multiply.outer(self.scale, self.scale))
+        information = J.T @ J
+        f = len(self.problem.keys)
+        information[:f, :f] += np.diag(self.problem.prior_weight**2)
+        return np.asarray(np.linalg.pinv(information) * np.multiply.outer(self.scale, self.scale))
 
     @property
     def half_width(self) -> FloatArray:
@@ -323,16 +326,18 @@ def fit_effects(
             free = problem.derivatives(at(theta))
         return np.hstack([free.columns, _by_effects(problem, at(theta), parameters)])
 
-    found = minimise(
-        lambda theta: problem.residual(at(theta)),
-        slope,
-        lambda columns: marginal(columns[used]),
+    rows = len(used)
+    minimum = minimise(
+        lambda theta: np.concatenate([problem.residual(at(theta)), problem.from_prior(theta[:f])]),
+        lambda theta: np.vstack([slope(theta), np.eye(f, len(theta)) * problem.prior_weight[:, None]]),
+        lambda columns: np.concatenate([marginal(columns[:rows][used]), columns[rows:]]),
         theta,
         Range(low, high, np.where(np.arange(len(theta)) < f, MOST_STEP, np.inf)),
         Stop(STEPS, LITTLE, SMALL, rival),
     )
-    values = found.theta[f:] * scale[f:]
-    return Fit(problem, at(found.theta), tuple(parameters), values, found.residual, found.jacobian, scale)
+    values = minimum.theta[f:] * scale[f:]
+    residual, jacobian = minimum.residual[:rows], minimum.jacobian[:rows]
+    return Fit(problem, at(minimum.theta), tuple(parameters), values, residual, jacobian, scale)
 
 
 def with_effects(config: Config, parameters: Sequence[EffectParameter], values: FloatArray) -> Config:

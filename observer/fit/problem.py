@@ -15,6 +15,7 @@ from observer.effects.terms import Lag, Term
 from observer.fit.evidence import GROWTH_SHARE, SLOW_SHARE, Evidence, gather
 from observer.fit.forward import Forward
 from observer.fit.parameters import bounds_of, get, put, scale_of
+from observer.fit.prior import Prior
 from observer.fit.runs import Run
 from observer.fit.steps import Cache
 from observer.fit.tolerance import Scope, tolerances
@@ -61,7 +62,8 @@ class Derivatives:
 @dataclass(frozen=True)
 class Problem:
     """The runs, their evidence and free parameters; once known, the derivatives by these and the nuisance
-    parameters. `within` yields the latter from a configuration and a number of runs.
+    parameters. `within` yields the latter from a configuration and a number of runs; `prior_of` is what is
+    known of the free parameters before the fit.
     """
 
     config: Config
@@ -71,6 +73,7 @@ class Problem:
     by_free: Derivatives | None = None
     nuisance: NuisanceColumns | None = None
     within: Callable[[Config, int], Iterable[tuple[Config, Scope]]] = tolerances
+    prior_of: Callable[[Config, Sequence[str]], Prior] | None = None
 
     @classmethod
     def of(cls, config: Config, keys: tuple[str, ...], runs: Sequence[Run]) -> Problem:
@@ -88,8 +91,26 @@ class Problem:
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the free parameters, (f,) each."""
+        if self.prior is not None:
+            return self.prior.low, self.prior.high
         low, high = np.array([bounds_of(self.config, key) for key in self.keys]).reshape(-1, 2).T
         return low, high
+
+    @cached_property
+    def prior(self) -> Prior | None:
+        """What is known of the free parameters before the fit."""
+        return None if self.prior_of is None else self.prior_of(self.config, self.keys)
+
+    @cached_property
+    def prior_weight(self) -> FloatArray:
+        """The scale of each free parameter in its standard deviations before the fit, (f,)."""
+        return np.zeros(len(self.keys)) if self.prior is None else self.scale / self.prior.sigma
+
+    def from_prior(self, theta: FloatArray) -> FloatArray:
+        """The configured values minus other ones, (f,) in their scales, in standard deviations before the
+        fit: a prior acts as one more measurement of each free parameter.
+        """
+        return np.asarray(self.prior_weight * (self.free_values(self.config) / self.scale - theta))
 
     def predicted(self, config: Config) -> FloatArray:
         """The prediction of every row, (n,), °C."""

@@ -12,14 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from observer.config import Config
 from observer.estimators import packing
 from observer.estimators.steps import StepCache, chunks
+from observer.fit.evidence import FITTED_SHARE, MARGIN_SHARE
 from observer.fit.parameters import thermal_only
-from observer.fit.runs import prepare_all
+from observer.fit.runs import prepare_all, thinned
 from observer.frames import FloatArray, FrameBlock, Inputs
 from observer.kernels import record, run_kalman
 from observer.model.build import build_plant
@@ -28,34 +30,78 @@ from observer.model.plant import Plant
 
 MOST_ROWS = 3000
 """In all runs together: the filter runs some eighty times."""
+CLOSEST_S = 2.0
+"""Least time between two rows used: heats and field change more slowly than that."""
 FIELD_BOUNDS_K_SQRT_S, HEAT_BOUNDS_W_SQRT_S = (1e-4, 0.1), (1e-3, 1e2)
 _SWEEPS = 2
 FIELD = "estimator.field_noise_K_sqrt_s"
 
 
-def fit_noise(config: Config, runs: Sequence[Sequence[FrameBlock]]) -> dict[str, float]:
+def fit_noise(
+    config: Config,
+    runs: Sequence[Sequence[FrameBlock]],
+    progress: Callable[[int], None] = lambda _evaluations: None,
+) -> dict[str, float]:
     """Return the most likely `estimator.field_noise_K_sqrt_s` and `source.<name>.random_walk_W_sqrt_s`.
 
-    Call it with the calibrated configuration. Of a long run only the part around the largest change of
-    heat is used, of its thermocouples only. First the field's noise is fitted, then the heats', then the
-    field's again. Raises `LogError` as `prepare` does.
+    The last of several runs, or the end of a single one, is held back. Nothing is returned if the configured
+    noise makes that part more likely.
+
+    Call it with the calibrated configuration. First the field's noise is fitted, then the heats', then the
+    field's again. `progress(evaluations)` is called after each run of the filter. Raises `LogError` as
+    `prepare` does.
     """
     config = thermal_only(config)
-    plant, unit_Q = build_plant(config), _unit_field_noise(config)
-    drive = Drive(config, plant)
-    prepared = prepare_all(config, runs)
-    each = MOST_ROWS // len(prepared)
-    logs = [liveliest(drive.run(drive.initial(), run.frames)[1], each) for run in prepared]
+    configured, unit_Q = build_plant(config), _unit_field_noise(config)
+    parts = evidence_of_noise(config, configured, runs)
+    evaluations = 0
+
+    def cost(plant: Plant) -> float:
+        nonlocal evaluations
+        evaluations += 1
+        progress(evaluations)
+        return -sum(innovations_log_likelihood(plant, log) for log in parts.fitted)
 
     def with_field_noise(plant: Plant) -> tuple[Plant, float]:
-        noise = _most_likely_field_noise(plant, unit_Q, logs)
+        noise = _most_likely_field_noise(plant, unit_Q, cost)
         return replace(plant, field_noise_Q=noise**2 * unit_Q), noise
 
-    plant, _ = with_field_noise(plant)
-    walks = fit_process_noise(plant, logs)
-    _, noise = with_field_noise(replace(plant, random_walk_W2_s=walks**2))
+    plant, _ = with_field_noise(configured)
+    walks = fit_process_noise(plant, cost)
+    plant, noise = with_field_noise(replace(plant, random_walk_W2_s=walks**2))
+    if innovations_log_likelihood(plant, parts.held_back) < innovations_log_likelihood(
+        configured, parts.held_back
+    ):
+        return {}
     names = [f"source.{s.name}.random_walk_W_sqrt_s" for s in config.source if s.estimate and not s.follows]
     return {FIELD: noise} | dict(zip(names, walks.tolist(), strict=True))
+
+
+class NoiseEvidence(NamedTuple):
+    """The rows of logs to which noise is fitted, run by run, and those that are held back."""
+
+    fitted: list[Inputs]
+    held_back: Inputs
+
+
+def evidence_of_noise(config: Config, plant: Plant, runs: Sequence[Sequence[FrameBlock]]) -> NoiseEvidence:
+    """Return the evidence in some runs for the noise of a configuration without displacements.
+
+    Of rows closer than the estimator's period and `CLOSEST_S` only some are used, and of a long part only the
+    stretch around the largest change of heat.
+    """
+    drive = Drive(config, plant)
+    close = [
+        thinned(run.frames, max(config.estimator.period_s, CLOSEST_S)) for run in prepare_all(config, runs)
+    ]
+    logs = [drive.run(drive.initial(), frames)[1] for frames in close]
+    if len(logs) == 1:
+        rows = len(logs[0])
+        end, begin = round(FITTED_SHARE * rows), round((FITTED_SHARE + MARGIN_SHARE) * rows)
+        logs = [logs[0].part(0, end), logs[0].part(begin)]
+    *fitted, held_back = logs
+    each = MOST_ROWS // len(fitted)
+    return NoiseEvidence([liveliest(log, each) for log in fitted], liveliest(held_back, MOST_ROWS))
 
 
 def liveliest(inputs: Inputs, rows: int) -> Inputs:
@@ -71,32 +117,30 @@ def _unit_field_noise(config: Config) -> FloatArray:
     return build_plant(config.model_copy(update={"estimator": settings})).field_noise_Q
 
 
-def _most_likely_field_noise(plant: Plant, unit_Q: FloatArray, logs: Sequence[Inputs]) -> float:
-    def cost(log10_noise: float) -> float:
-        trial = replace(plant, field_noise_Q=10.0 ** (2.0 * log10_noise) * unit_Q)
-        return -sum(innovations_log_likelihood(trial, log) for log in logs)
+def _most_likely_field_noise(plant: Plant, unit_Q: FloatArray, cost: Callable[[Plant], float]) -> float:
+    def cost_of(log10_noise: float) -> float:
+        return cost(replace(plant, field_noise_Q=10.0 ** (2.0 * log10_noise) * unit_Q))
 
-    return float(10.0 ** least(cost, *np.log10(FIELD_BOUNDS_K_SQRT_S).tolist()))
+    return float(10.0 ** least(cost_of, *np.log10(FIELD_BOUNDS_K_SQRT_S).tolist()))
 
 
-def fit_process_noise(plant: Plant, logs: Sequence[Inputs]) -> FloatArray:
-    """Return the `random_walk_W_sqrt_s` (m_e,) of the estimated heats that makes the logs most likely.
+def fit_process_noise(plant: Plant, cost: Callable[[Plant], float]) -> FloatArray:
+    """Return the `random_walk_W_sqrt_s` (m_e,) of the estimated heats for which `cost(plant)` is least.
 
     First one factor common to all heats, then each heat in turn, twice; each by a bounded search over log10.
     """
 
-    def cost(log10_walk: FloatArray) -> float:
-        trial = replace(plant, random_walk_W2_s=10.0 ** (2.0 * log10_walk))
-        return -sum(innovations_log_likelihood(trial, log) for log in logs)
+    def cost_of(log10_walk: FloatArray) -> float:
+        return cost(replace(plant, random_walk_W2_s=10.0 ** (2.0 * log10_walk)))
 
     low, high = np.log10(HEAT_BOUNDS_W_SQRT_S)
     walk = np.clip(0.5 * np.log10(np.maximum(plant.random_walk_W2_s, 1e-300)), low, high)
-    shift = least(lambda d: cost(np.clip(walk + d, low, high)), low - walk.max(), high - walk.min())
+    shift = least(lambda d: cost_of(np.clip(walk + d, low, high)), low - walk.max(), high - walk.min())
     walk = np.clip(walk + shift, low, high)
     if len(walk) > 1:
         for j in list(range(len(walk))) * _SWEEPS:
             own = np.arange(len(walk)) == j
-            walk[j] = least(lambda v, own=own: cost(np.where(own, v, walk)), low, high)  # type: ignore[misc]
+            walk[j] = least(lambda v, own=own: cost_of(np.where(own, v, walk)), low, high)  # type: ignore[misc]
     return np.asarray(10.0**walk)
 
 
@@ -117,8 +161,8 @@ def innovations_log_likelihood(plant: Plant, inputs: Inputs) -> float:
 
 
 def least(cost: Callable[[float], float], low: float, high: float) -> float:
-    """Return where a function of a logarithm to base 10 is least, to 0.02."""
+    """Return where a function of a logarithm to base 10 is least, to 0.05."""
     from scipy.optimize import minimize_scalar  # noqa: PLC0415  (slow to import)
 
-    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 0.02})
+    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 0.05})
     return float(found.x)

@@ -194,16 +194,16 @@ MOST_KEPT, MOST_ROWS_KEPT = 16, 2
 
 
 class SteppedRun:
-    """A run with its inputs for any configuration: in ticks, or, exact and some tens of times slower, row by
-    row.
+    """A run with its inputs for any configuration: in ticks of `tick_s`, or, where that is 0, row by row,
+    which is exact and, with close rows, some tens of times slower.
 
     For ticks the nuts' paths are followed once, each row weighted by the nut's heat in the initial
     configuration.
     """
 
-    def __init__(self, run: Run, config: Config, plant: Plant, *, by_row: bool = False) -> None:
-        self.run, self._by_row = run, by_row
-        self.ticks = rows_of(run) if by_row else ticks_of(run)
+    def __init__(self, run: Run, config: Config, plant: Plant, *, tick_s: float = TICK_S) -> None:
+        self.run, self._by_row = run, tick_s == 0.0
+        self.ticks = rows_of(run) if self._by_row else ticks_of(run, tick_s)
         ends = np.append(self.ticks.first[1:], len(run.frames)) - 1
         self._ends_s = run.frames.time_s[ends]
         self._rows_kept, self._driven = Cache[Inputs](MOST_ROWS_KEPT), Cache[Driving](MOST_KEPT)
@@ -213,7 +213,7 @@ class SteppedRun:
         self._lags = Cache[FloatArray](MOST_KEPT)
         sources = realise(config).config.source
         self._strokes = [mean_stretch(sources[m.index], config.screw) for m in plant.moving]
-        self._weight = [] if by_row else self._weights(config, plant)
+        self._weight = [] if self._by_row else self._weights(config, plant)
 
     @property
     def row_s(self) -> float:

@@ -95,14 +95,14 @@ def _of_parts(config: Config) -> Iterator[tuple[Config, Scope]]:
     fitted are left out.
     """
     known = candidates(config)
-    for key, _, share in _beside(config):
+    for key, _, share in tolerances_of_parts(config):
         if share > 0.0 and key in known and key not in (config.calibrate.free or ()):
             yield put(config, {key: (1.0 + share) * get(config, key)}), "whole"
 
 
-def _beside(config: Config) -> Iterator[tuple[str, str, float]]:
-    """Of each link, node and sensor with a tolerance of its own: its parameter, the key of its tolerance, and
-    that tolerance, relative.
+def tolerances_of_parts(config: Config) -> Iterator[tuple[str, str, float]]:
+    """Yield, for each link, node and sensor with a tolerance of its own, its parameter, the key of its
+    tolerance, and that tolerance, relative.
     """
     for link in config.link:
         yield f"{link.key}.factor", f"{link.key}.tolerance", config.tolerance.of_link(link.tolerance)
@@ -139,7 +139,7 @@ def remaining_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str
     Heats keep their `law_uncertainty`: they depart from their law at each start, even with a known scale,
     whose own tolerance is that of the fit and of what friction differs from one log to the next.
     """
-    left = {own: min(sigma[key], share) for key, own, share in _beside(config) if key in sigma}
+    left = {own: min(sigma[key], share) for key, own, share in tolerances_of_parts(config) if key in sigma}
     for source in config.source:
         own_keys = {f"source.{source.name}.{name}" for name in PARAMETERS["source"]} & sigma.keys()
         if own_keys:

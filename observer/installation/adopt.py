@@ -207,7 +207,7 @@ def _found(folder: Path, config: Path, *, candidate: bool) -> Path:
     if not path.is_file() or (not candidate and result.get("verdict", "named") != "named"):
         raise ConfigError(
             f"{folder}: holds no configuration to adopt (config.toml); `observer discover` writes one only "
-            "where it has named an effect, `observer calibrate` always"
+            "where it has named an effect, `observer calibrate` only where the fitted values are better"
         )
     searched = result.get("config_sha256")
     if searched is None:

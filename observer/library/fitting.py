@@ -75,31 +75,38 @@ def about(source: bytes, names: Sequence[str]) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class FittedLogs:
-    """The result of a calibration: the content of `calibration.json`, and the text of `config.toml`."""
+    """The result of a calibration: the content of `calibration.json`, and the text of `config.toml`, None
+    where no fitted value is better than the configured ones.
+    """
 
     document: dict[str, Any]
-    text: str
+    text: str | None
 
     def write(self, folder: Path) -> None:
-        """Write both into a folder."""
-        (folder / "config.toml").write_text(self.text, encoding="utf-8")
+        """Write `calibration.json` into a folder, and `config.toml` if there is one."""
+        if self.text is not None:
+            (folder / "config.toml").write_text(self.text, encoding="utf-8")
         write_json(folder / "calibration.json", self.document)
 
 
 def fitted(
     config: Installation, source: bytes, logs: Sequence[Log], progress: Callable[[str], None]
 ) -> FittedLogs:
-    """Fit the free parameters and the process noise. Raises `ConfigError` or `LogError`."""
+    """Fit the free parameters and, where fitted values are better than configured ones, the process noise.
+
+    `progress(stage)` is called about every second. Raises `ConfigError` or `LogError`.
+    """
     from observer.discovery.result import calibration_result
     from observer.estimate.replay import nut_paths
     from observer.fit.calibrate import calibrate as fit
     from observer.fit.process_noise import fit_noise
 
     runs = runs_of(logs, config)
-    found = fit(config, runs.frames, lambda n, rms_K: progress(f"fit {n}: {rms_K:.4f} K rms"))
-    progress("process noise by maximum likelihood")
-    noise = fit_noise(found.config, runs.frames)
-    result = calibration_result(found, noise) | {"doubts": runs.odd, "kept": found.kept}
+    calibration = fit(config, runs.frames, lambda n, rms_K: progress(f"fit {n}: {rms_K:.4f} K rms"))
+    better = calibration.kept is None
+    noise = fit_noise(calibration.config, runs.frames, lambda n: progress(f"noise {n}")) if better else {}
+    result = calibration_result(calibration, noise) | {"doubts": runs.odd, "kept": calibration.kept}
     result["nut_path"] = {log.path.name: nut_paths(config, log) for log in logs}
     result = about(source, [log.path.name for log in logs]) | result
-    return FittedLogs(result, write_back(text_of(source), found.written | noise))
+    text = write_back(text_of(source), calibration.written | noise) if better else None
+    return FittedLogs(result, text)

@@ -114,11 +114,13 @@ class Machine:
     def calibrate(
         self, logs: GivenLog | Sequence[GivenLog], *, progress: Callable[[str], None] = lambda _text: None
     ) -> CalibrationResult:
-        """Fit the parameters that the configuration declares free to a log, or to a list of logs. Raises
-        `UserError`.
+        """Fit the parameters that the configuration declares free to a log, or to a list of logs.
+
+        The last log, or the end of a single one, is held back. A fit that predicts it worse than the
+        configured values do leaves the machine as it is. Raises `UserError`.
         """
         found = fitted(self.config, self.source, as_several(logs, self.config), progress)
-        return CalibrationResult(self.of_text(found.text, self.file), found)
+        return CalibrationResult(self if found.text is None else self.of_text(found.text, self.file), found)
 
     @in_words
     def discover(
@@ -219,7 +221,9 @@ class Machine:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CalibrationResult:
-    """The result of a calibration: `machine` is the one with the fitted values."""
+    """The result of a calibration: `machine` has the fitted values, or the configured ones where the fitted
+    ones are no better.
+    """
 
     machine: Machine
     _found: FittedLogs
@@ -230,18 +234,27 @@ class CalibrationResult:
         return values_in(self.document["calibrated"])
 
     @property
+    def kept(self) -> str | None:
+        """Why the configured values are kept, None where the fitted ones are better."""
+        reason: str | None = self.document["kept"]
+        return reason
+
+    @property
     def document(self) -> Mapping[str, Any]:
         """The content of `calibration.json`."""
         return self._found.document
 
     @in_words
     def write(self, folder: str | Path) -> None:
-        """Write `config.toml` and `calibration.json` into a folder. Raises `UserError`."""
+        """Write `calibration.json` into a folder, and `config.toml` where a fitted value is better than the
+        configured one. Raises `UserError`.
+        """
         with results_in(Path(folder)) as part:
             self._found.write(part)
 
     def __repr__(self) -> str:
-        return "\n".join(f"{key} = {value}" for key, value in self.values.items())
+        lines = [f"{key} = {value}" for key, value in self.values.items()]
+        return "\n".join(lines if self.kept is None else [*lines, self.kept])
 
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(repr(self))}</pre>"

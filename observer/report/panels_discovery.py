@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from observer.fit.evidence import PROOF, UNUSED, Evidence
-from observer.fit.runs import TICK_S, TICKS_IN_MEAN
+from observer.fit.runs import BLOCK_S
 from observer.frames import FloatArray
 from observer.report.panels import CATEGORIES, FAINT, INK, QUIET, RC, elapsed, scale_limit
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MEAN_S = TICK_S * TICKS_IN_MEAN
+MEAN_S = BLOCK_S
 WIDTH, NARROW = 9.4, 4.9
 """Of a drawing in inches, at 72 units of SVG each; and of the same drawing for a phone."""
 LEFT, RIGHT, BETWEEN = 1.05, 0.1, 0.1

@@ -58,7 +58,8 @@ def test_known_parameters_are_found_with_intervals_that_cover() -> None:
         found = calibrate(config, [[made_log(truth, seed)]])
         for fitted in found.fitted:
             hits += fitted.ci95[0] <= TRUE[fitted.key] <= fitted.ci95[1]
-            assert fitted.value == pytest.approx(TRUE[fitted.key], rel=0.01)
+            # the tolerances of 30 % draw what the log shows to 3 % by a hundredth of the 30 %, each
+            assert fitted.value == pytest.approx(TRUE[fitted.key], rel=0.02)
     # 36 intervals of 95 %: fewer than 30 would be a chance of 1 in 500 were they independent
     assert hits >= 30
 
@@ -196,3 +197,27 @@ def test_a_fit_that_runs_into_a_bound_says_so() -> None:
     found = calibrate(config, [[log]])
     [doubt] = found.obstacles
     assert describe(doubt).startswith(f"{FILM}: the fit stops at its bound of ")
+
+
+def test_a_fit_that_predicts_the_held_back_part_worse_is_not_kept() -> None:
+    """A sensor that drifts only while the fit looks at it: the film that explains it is wrong afterwards."""
+    config = machine(tolerance={"offset_K": 0.0, "ambient_K": 0.0})
+    log = made_log(config, 3)
+    begins = np.arange(len(log)) < 0.6 * len(log)
+    log.values[:, 0] += np.where(begins, np.linspace(0.0, 12.0, len(log)), 0.0)
+    found = calibrate(config, [[log]])
+    assert found.held_back.error.after_rms_K > found.held_back.error.before_rms_K
+    assert found.kept is not None
+    assert "held back" in found.kept
+    assert found.config == config
+    assert found.written == {}
+
+
+def test_the_held_back_part_is_the_end_of_one_log_and_the_last_of_several() -> None:
+    config = machine(tolerance={"heat_per_log": 0.0})
+    truth = replaced(config, TRUE)
+    one = calibrate(config, [[made_log(truth, 1)]])
+    assert one.held_back.seconds == pytest.approx(0.3 * 6000.0, rel=0.05)
+    assert one.held_back.error.after_rms_K < 0.1 * one.held_back.error.before_rms_K
+    two = calibrate(config, [[made_log(truth, 1)], [made_log(truth, 2, heater_W=30.0, minutes=50.0)]])
+    assert two.held_back.seconds == pytest.approx(3000.0, rel=0.02)

@@ -166,7 +166,7 @@ def test_means_over_ticks_are_those_of_the_rows_however_a_sensor_lags(lag_s: flo
     lags = [SensorLag(kind="sensor_lag", target="t3", time_constant_s=lag_s)] if lag_s else []
     config = with_effects(*lags)
     run = prepare(config, list(frames_of_log(read_log(RIG / log), AlignPlan.of(config))), log)
-    forward, by_row = Forward(config, [run]), Forward(config, [run], by_row=True)
+    forward, by_row = Forward(config, [run]), Forward(config, [run], tick_s=0.0)
     ticks = forward.runs[0].ticks
     rows = by_row._rows(by_row._setting(config), by_row.runs[0])[1].ends
     mean = ticks.mean[np.repeat(np.arange(len(ticks.first)), np.diff([*ticks.first, len(rows)]))]

@@ -7,8 +7,13 @@ import numpy as np
 from observer.config import Config
 from observer.estimators.kalman import KalmanEstimator
 from observer.fit.calibrate import calibrate
-from observer.fit.process_noise import FIELD, MOST_ROWS, fit_noise, innovations_log_likelihood, liveliest
-from observer.fit.runs import joined
+from observer.fit.process_noise import (
+    FIELD,
+    evidence_of_noise,
+    fit_noise,
+    innovations_log_likelihood,
+    liveliest,
+)
 from observer.frames import EstimateQuality
 from observer.installation import parse
 from observer.model.build import build_plant
@@ -40,9 +45,8 @@ def test_the_noise_of_the_rig_lets_the_filter_keep_its_sensors() -> None:
 def test_no_other_noise_is_more_likely() -> None:
     _, blocks = rig()
     config, noise = calibrated_rig()
-    plant = build_plant(config)
-    drive = Drive(config, plant)
-    inputs = liveliest(drive.run(drive.initial(), joined(blocks))[1], MOST_ROWS)
+    [inputs], held_back = evidence_of_noise(config, build_plant(config), [blocks])
+    assert inputs.time_s[-1] < held_back.time_s[0]
     best = innovations_log_likelihood(build_plant(_with(config, noise)), inputs)
     for key, value in noise.items():
         for factor in (1 / 3, 3.0):
