@@ -30,6 +30,8 @@ def answers_of(machine: FirstDayMachine) -> dict[str, str]:
         "screw": nameplate.screw,
         "length_m": f"{1000.0 * nameplate.length_m:g} mm",
         "stroke_m": f"{1000.0 * low_m:g} {1000.0 * high_m:g} mm",
+        "mounting": nameplate.mounting,
+        "fixed_end": nameplate.fixed,
         "housings": "all",
         "nut_kg": f"{nameplate.nut_kg:g}",
         "module": "wago_750_458",
@@ -44,14 +46,10 @@ def answers_of(machine: FirstDayMachine) -> dict[str, str]:
 
 
 def write_configuration(path: Path, machine: FirstDayMachine) -> None:
-    """Write what `observer init` writes, and how the screw is held, which it does not ask.
-
-    The compensation is enabled with its defaults, so that it can be armed.
-    """
+    """Write what `observer init` writes, with the compensation enabled so that it can be armed."""
     path.unlink(missing_ok=True)
     write_new(path, answers_of(machine), None)
     document = tomlkit.parse(path.read_text(encoding="utf-8"))
-    document["supports"] = {"mounting": machine.nameplate.mounting, "first": machine.nameplate.fixed}
     compensation = document.setdefault("compensation", tomlkit.table())
     compensation.update({"enabled": True, "controller_compensates": False, "position_feedback": "motor"})
     path.write_text(tomlkit.dumps(document), encoding="utf-8")

@@ -11,9 +11,11 @@ import pyarrow
 import pytest
 
 import observer
+from campaigns.first_day.configuration import write_configuration
 from campaigns.first_day.judge import error_quality, row_of, runs, write_machine
 from campaigns.first_day.promise import DEVELOPMENT, JUDGED, PROMISES, bound_width, share, wideness, worst
 from campaigns.first_day.report import promises_table
+from tests.truth.first_day.machine import draw_machine
 
 
 def test_a_shift_goes_through_the_product_as_init_configures_it(tmp_path: Path) -> None:
@@ -24,6 +26,18 @@ def test_a_shift_goes_through_the_product_as_init_configures_it(tmp_path: Path) 
     assert (tmp_path / "machine-2" / "truth.csv.gz").exists()
     table = promises_table([row])
     assert all(promise.words in table for promise in PROMISES)
+
+
+@pytest.mark.parametrize("number", [1, 2, 6])
+def test_a_configuration_has_what_the_user_of_the_machine_can_say(tmp_path: Path, number: int) -> None:
+    nameplate = draw_machine(number).nameplate
+    write_configuration(tmp_path / "config.toml", draw_machine(number))
+    config = observer.load(tmp_path / "config.toml").config
+    assert config.screw.length_m == nameplate.length_m
+    assert config.source[0].stroke_m == nameplate.stroke_m
+    assert config.supports is not None
+    assert config.supports.first == nameplate.fixed
+    assert config.compensation.enabled
 
 
 def test_figures_are_sums_over_machines() -> None:

@@ -219,7 +219,7 @@ def _nameplate(number: int, rng: np.random.Generator) -> Nameplate:
         stroke_m=stroke_m,
         nut_kg=round(screw.nut_kg + float(rng.uniform(4.0, 12.0)), 1),
         vertical=number % 2 == 0,
-        mounting="L-II" if rng.random() < 0.5 else "L-IV",
+        mounting="fixed-supported" if rng.random() < 0.5 else "fixed-free",
         fixed="left" if rng.random() < 0.7 else "right",
     )
 
