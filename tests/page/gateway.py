@@ -31,6 +31,7 @@ DOCUMENTS: dict[str, Any] = {
     "config": {"config": {
         "source": [{"name": "nut", "position_channel": "nut_position_m", "stroke_m": [0.2, 0.8]}],
         "sensor": [{"name": "t3", "channel": "t3_degC", "position_m": 0.5}],
+        "compensation": {"reverse": False, "zero_m": 0.0, "gradient_limit_um_m": 100.0},
     }},
     "readings": {**HEAD, "channels": {
         "t3_degC": {"value": None, "quality": "missing", "age_s": 3.0},
@@ -41,7 +42,8 @@ DOCUMENTS: dict[str, Any] = {
               "quality": "degraded"},
     "error": {**HEAD, "position_m": PLACES_M, "error_um": [0.0, 20.0, 41.0], "sigma_um": [1.0] * 3,
               "quality": "degraded"},
-    "compensation": {**HEAD, "armed": True, "reason": None, "position_m": PLACES_M,
+    "compensation": {**HEAD, "armed": True, "phase": "following", "reason": None, "hold_reason": None,
+                     "released_s": None, "gradient_cut_um": 0.0, "position_m": PLACES_M,
                      "error_um": [0.0, 19.0, 40.0]},
     "health": {"time_s": NOW_S, "state": "degraded", "reasons": [NASTY],
                "channels": {"t3_degC": {"quality": "missing", "age_s": 3.0, "fault": "open circuit"}}},

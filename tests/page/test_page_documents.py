@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import itertools
 import json
 import ssl
@@ -14,6 +15,7 @@ import pytest
 from observer.page.guard import COOKIE
 from tests.page.browser import CHROMIUM, SIZES, chromium
 from tests.page.gateway import DOCUMENTS, NASTY, crowd, crowd_estimate, estimate, gateway, send, send_all
+from tests.patience import until
 from tests.publish.people import Authority, secret
 
 pytestmark = [
@@ -139,6 +141,67 @@ def test_documents_are_shown_and_never_run(anna, sealed):
         send(process, "alarms", {**DOCUMENTS["alarms"], "alarms": []})
         page.wait_for_selector("#alarms .calm")
         assert problems == []
+
+
+def _compensation(**changes) -> dict:
+    return DOCUMENTS["compensation"] | changes
+
+
+def _drawn_um(page) -> list[float | None]:
+    """What the panel of the error draws as the compensation, at its places."""
+    with page.expect_download() as saved:
+        page.click("#p3 .tools button:text-is('CSV')")
+    rows = csv.DictReader(Path(saved.value.path()).read_text(encoding="utf-8-sig").splitlines())
+    return [float(row["compensation_um"]) if row["compensation_um"] else None for row in rows]
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_the_compensation_is_drawn_along_the_screw_with_the_sign_of_the_error(anna, sealed, reverse):
+    """The error is 0, 20 and 41 µm at 0, 0.5 and 1 m of the screw; the machine's zero is at 1 m or at 0."""
+    url, _, process = sealed
+    config = {"compensation": {"reverse": reverse, "zero_m": 1.0 if reverse else 0.0}}
+    table = {"error_um": [-40.0, -19.0, -1.0] if reverse else [1.0, 19.0, 40.0]}
+    documents = DOCUMENTS | {
+        "config": {"config": DOCUMENTS["config"]["config"] | config},
+        "compensation": _compensation(**table),
+    }
+    with closing(anna.new_page()) as page:
+        page.goto(url)
+        send_all(process, documents, estimate(7))
+        page.wait_for_selector("#c-error canvas")
+        until(lambda: _drawn_um(page) == [1.0, 19.0, 40.0])
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"gradient_cut_um": 12.34}, "compensation armed; the gradient limit of 100 µm/m cuts up to 12.3 µm"),
+        (
+            {"phase": "holding", "hold_reason": "no position"},
+            "compensation holds its last values: no position",
+        ),
+        ({"armed": False, "phase": "releasing", "reason": "late"}, "compensation goes to zero: late"),
+        ({"armed": False, "phase": "off", "reason": "late", "position_m": None}, "compensation off: late"),
+    ],
+)
+def test_the_page_says_what_the_compensation_does(anna, sealed, changes, words):
+    url, _, process = sealed
+    with closing(anna.new_page()) as page:
+        page.goto(url)
+        send_all(process, DOCUMENTS | {"compensation": _compensation(**changes)}, estimate(7))
+        until(lambda: page.inner_text("#comp-words") == words)
+
+
+def test_good_estimates_with_a_released_compensation_are_good_and_the_headline_says_so(anna, sealed):
+    url, _, process = sealed
+    reason = "switched off at 04:11:01: no position from the control for 0.4 s; arm again"
+    off = _compensation(armed=False, phase="off", reason=reason, released_s=1.0, position_m=None)
+    health = DOCUMENTS["health"] | {"state": "good", "reasons": [f"compensation {reason}"]}
+    with closing(anna.new_page()) as page:
+        page.goto(url)
+        send_all(process, DOCUMENTS | {"compensation": off, "health": health}, estimate(7))
+        until(lambda: page.inner_text("#words") == f"Estimates are good. Compensation is off: {reason}")
+        assert page.inner_text("#state") == "Good"
 
 
 def test_a_report_is_opened_and_the_command_that_adopts_it_copied(anna, sealed):

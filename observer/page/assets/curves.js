@@ -55,6 +55,20 @@ function drawHeatsPast() {
   ])]);
 }
 
+// the compensation along the screw: the machine may count from another zero, and in the other direction
+function compensationAlongScrew(compensation, places_m) {
+  const { zero_m = 0, reverse = false } = store.config?.compensation ?? {}, sign = reverse ? -1 : 1;
+  const points = (compensation?.position_m ?? []).map((x, i) => [zero_m + sign * x, sign * compensation.error_um[i]]).sort((a, b) => a[0] - b[0]);
+  return places_m.map((x) => along(points.map((point) => point[0]), points.map((point) => point[1]), x));
+}
+
+function compensationWords({ armed, phase, reason, hold_reason, gradient_cut_um }) {
+  if (!armed) return `compensation ${phase === "releasing" ? "goes to zero" : "off"}: ${reason ?? "not armed"}`;
+  if (phase === "holding") return `compensation holds its last values: ${hold_reason}`;
+  const limit = store.config?.compensation?.gradient_limit_um_m;
+  return `compensation armed${gradient_cut_um ? `; the gradient limit${limit ? ` of ${number(limit, 0)} µm/m` : ""} cuts up to ${number(gradient_cut_um)} µm` : ""}`;
+}
+
 function drawError() {
   const now = view(), position_m = store.documents.error?.position_m, held = Boolean(store.held);
   const compensation = held ? null : store.documents.compensation;
@@ -73,10 +87,10 @@ function drawError() {
     if (has) tidyLegend(box);
   }
   const data = [position_m.map(mm), now.error_um.map(orNull), now.error_um.map((e, i) => plus(e, now.sigma_um[i], 2)), now.error_um.map((e, i) => plus(e, now.sigma_um[i], -2))];
-  if (has) data.push(position_m.map((x) => along(compensation.position_m, compensation.error_um, x)));
+  if (has) data.push(compensationAlongScrew(compensation, position_m));
   error.set(data);
   box.dataset.sequence = held ? "" : String(store.documents.error.sequence);
-  say("comp-words", compensation ? (compensation.armed ? "compensation armed" : `compensation off: ${compensation.reason ?? "not armed"}`) : "");
+  say("comp-words", compensation ? compensationWords(compensation) : "");
 }
 
 // of all places the one that moves most
@@ -124,7 +138,10 @@ const heatTable = () => liveTable(() => names.split(",").flatMap((n) => [`heat_$
 const places = () => store.documents.field?.position_m.map((x) => Number(mm(x).toFixed(3))) ?? [];
 const fieldTable = () => liveTable(() => places().flatMap((x) => [`field_${x}_degC`, `field_${x}_sigma_K`, `field_${x}_bound_K`]),
   (row) => places().flatMap((_, i) => [row.temperature_degC[i], row.sigma_K?.[i], row.bound_K?.[i]]));
-const errorTable = () => ({ columns: ["position_mm", "error_um", "sigma_um", "bound_um"], rows: (store.documents.error?.position_m ?? []).map((x, i) => [Number(mm(x).toFixed(3)), view().error_um[i], view().sigma_um[i], view().bound_um?.[i]]) });
+const errorTable = () => {
+  const position_m = store.documents.error?.position_m ?? [], compensation_um = compensationAlongScrew(store.held ? null : store.documents.compensation, position_m);
+  return { columns: ["position_mm", "error_um", "sigma_um", "bound_um", "compensation_um"], rows: position_m.map((x, i) => [Number(mm(x).toFixed(3)), view().error_um[i], view().sigma_um[i], view().bound_um?.[i], compensation_um[i]]) };
+};
 const aheadTable = () => { const { at, mean, sigma, unit } = aheadNow(), { at_s, position_m } = store.documents.forecast ?? {}; return { columns: ["time_s", "position_mm", `expected_${unit}`, "sigma"], rows: mean.map((m, k) => [at_s[k], mm(position_m[at]), m, sigma[k]]) }; };
 
 export function startCurves() {
@@ -132,7 +149,7 @@ export function startCurves() {
   offer("p3", { table: errorTable, view: errorView }); offer("p6", { table: aheadTable, view: aheadView });
   onNews(["heat", "estimate", "view", "hello"], drawHeats);
   onNews(["rows", "heat", "hello", "span"], drawHeatsPast);
-  onNews(["error", "span-error", "compensation", "view", "rows"], drawError);
+  onNews(["error", "span-error", "compensation", "config", "view", "rows"], drawError);
   onNews(["forecast", "span-forecast", "hello"], drawForecast);
   onNews(["theme", "view", "notes"], redraw);
 }

@@ -17,13 +17,14 @@ const SILENT = ["×", "Stale", "Nothing comes from the service; what is shown is
 const headline = (word, unused, { sensors_used, sensors }) => unused.length ? `${word}, without ${unused.join(", ")} (${sensors_used} of ${sensors} sensors)` : word;
 
 export function drawState() {
-  const { health, estimate } = store.documents;
+  const { health, estimate, compensation } = store.documents;
   if (!health && !estimate) return;
   const silent = silence() !== null, state = silent ? "stale" : health?.state ?? estimate.quality;
   const [sign, verdict, words] = silent ? SILENT : WORDS[state] ?? ["?", state, ""];
   const word = health && state === "good" ? headline(verdict, health.degraded_sensors ?? [], health) : verdict;
   document.body.dataset.state = state;
-  say("sign", sign); say("state", word); say("words", words);
+  const released = state === "good" && known(compensation?.released_s) ? `Estimates are good. Compensation is off: ${compensation.reason}` : null;
+  say("sign", sign); say("state", word); say("words", released ?? words);
   // what the alarm above says already is not said again
   const alarm = worst(), reasons = (health?.reasons ?? []).filter((reason) => reason !== alarm?.reason);
   if (byId("reasons").dataset.shown !== reasons.join("\n")) {
@@ -87,11 +88,11 @@ function drawFigures() {
   if (heats.length) figure("f-heat", `${number(heats.reduce((a, b) => a + b, 0))} W`, `from ${heats.length}`);
   if (lost) figure("f-nut", "–", "position lost");
   else if (known(nut_m)) figure("f-nut", `${number(mm(nut_m), 0)} mm`, speed ? `${number(now.channels[speed], 0)} rpm` : "");
-  figure("f-comp", compensation ? (compensation.armed ? "armed" : "off") : "not set up", "");
+  figure("f-comp", compensation ? (compensation.armed ? "armed" : "off") : "not set up", { holding: "holds its last values", releasing: "goes to zero" }[compensation?.phase] ?? (compensation?.gradient_cut_um ? "cut by the gradient limit" : ""));
 }
 
 export function startHero() {
-  onNews(["health", "estimate", "hello", "alarms"], drawState);
+  onNews(["health", "estimate", "hello", "alarms", "compensation"], drawState);
   onNews(["alarms"], drawAlarm);
   onNews(["view", "field", "readings", "compensation", "error"], drawFigures);
 }
