@@ -39,7 +39,7 @@ BUILD := $(UV) build --python $(PYTHON) --no-create-gitignore --build-constraint
 .DELETE_ON_ERROR:
 # `make -j demo test` would make the environment for both at once.
 .NOTPARALLEL:
-.PHONY: help env runtime demo test unit system processors slow nightly coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign alarms-observed forecast-campaign integrity first-day fleet-scaling config-mutants mutants reference figures docs container-check operations-check lock dist wheels sbom clean
+.PHONY: help env runtime demo test unit system processors slow nightly coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign releases-campaign alarms-observed forecast-campaign integrity first-day fleet-scaling config-mutants mutants reference figures docs container-check operations-check lock dist wheels sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -110,6 +110,9 @@ rods-campaign: $(READY)  ## search heated rods for what is hidden in them, or go
 
 alarms-campaign: $(READY)  ## how often alarms of heats are false on simulated months, and how early wear is reported
 	$(BIN)/python -m campaigns.alarms.trial $(ARGS)
+
+releases-campaign: $(READY)  ## a thousand drawn faults of an armed compensation: each release has one alarm
+	$(BIN)/python -m campaigns.releases $(ARGS)
 
 alarms-observed: $(READY)  ## every alarm of rough machines by the real observer, over simulated weeks; or go on
 	$(BIN)/python -m campaigns.alarms.observed

@@ -268,6 +268,15 @@ KEYS = {
         needs="compensation",
         rated=True,
         panel=True,
+        figures=(
+            KeyFigure(
+                "armed", "Whether the compensation is armed.", "compensation_armed", "Compensation/Armed",
+                labelled=False,
+            ),
+            KeyFigure(
+                "phase", "What it does: following, holding, releasing or off.", node="Compensation/Phase"
+            ),
+        ),
     ),
     "config": Key(
         'JSON `{"hash", "instance", "config"}`: the configuration in force and its hash, '

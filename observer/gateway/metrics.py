@@ -53,6 +53,9 @@ class _Figures(Collector):
         states: Rows = [({"state": q.label}, float(q.label == state)) for q in EstimateQuality]
         yield self._family("state", "The state of the service.", states)
         yield self._family("alarms", "How many alarms there are.", self._alarms())
+        raised = self._latest.document("alarms").get("alarms", ())
+        since = [({n: a[n] for n in ("id", "severity", "state")}, a["since_s"]) for a in raised]
+        yield self._family("alarm_since_timestamp_seconds", "Since when each alarm is raised.", since)
         for name, key in KEYS.items():
             document = self._latest.document(name) if key.figures else {}
             quality = document.get("quality") if key.rated else None

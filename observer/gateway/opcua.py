@@ -99,7 +99,10 @@ def values(latest: Latest) -> Iterator[Value]:
         for figure in key.figures if document else ():
             yield from _values(figure, document, "stale" if silent else own)
     if alarms := latest.document("alarms"):
-        words = [f"{a['severity']} {a['id']} ({a['state']}): {a['reason']}" for a in alarms["alarms"]]
+        words = [
+            f"{a['severity']} {a['id']} ({a['state']}): {a['reason']}; {a['remedy']}"
+            for a in alarms["alarms"]
+        ]
         own = "stale" if silent else "good"
         yield Value(("Alarms", "Raised"), words, own, alarms["time_s"])
         yield Value(("Alarms", "Count"), float(len(words)), own, alarms["time_s"])

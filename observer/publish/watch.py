@@ -142,7 +142,7 @@ def health_table(
         connected = Text(words, style="green" if is_connected else "red")
         drivers.add_row(Text(name), connected, *(_number(_float(driver.get(key)), 0) for key in _COUNTED))
     recording = Text(f"recording  {_word(health.get('recording'))}", style="dim")
-    return Group(title, *_reasons(health), *_alarms(alarms, remedies=True), channels, drivers, recording)
+    return Group(title, *_reasons(health), *_alarms(alarms), channels, drivers, recording)
 
 
 def without_sensors(health: Mapping[str, Any], counted: Mapping[str, Any]) -> str:
@@ -171,14 +171,14 @@ def _reasons(health: Mapping[str, Any]) -> list[Text]:
     return [Text(f"• {_word(reason)}", style="yellow") for reason in _items(health.get("reasons"))]
 
 
-def _alarms(document: Mapping[str, Any], *, remedies: bool = False) -> list[Text]:
-    """A line for each alarm: severity, state and reason; below it, on demand, the remedy."""
+def _alarms(document: Mapping[str, Any]) -> list[Text]:
+    """A line for each alarm: severity, state and reason; below it the remedy."""
     lines = []
     for alarm in map(_table, _items(document.get("alarms"))):
         severity, state = _word(alarm.get("severity")), _word(alarm.get("state"))
         line = f"▲ {severity} {_word(alarm.get('id'))} ({state}): {_word(alarm.get('reason'))}"
         lines.append(Text(line, style="yellow" if severity == "minor" else "red"))
-        if remedies and isinstance(remedy := alarm.get("remedy"), str):
+        if isinstance(remedy := alarm.get("remedy"), str):
             lines.append(Text(f"  to do: {_word(remedy)}"))
     bands = _table(document.get("bands")).items()
     learning = [

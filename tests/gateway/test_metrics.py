@@ -51,6 +51,8 @@ def test_a_scrape_has_every_figure_with_its_quality():
     assert sum(found["ballscrew_state"].values()) == 1.0
     assert found["ballscrew_cycles_total"] == {_of(): 70.0}
     assert found["ballscrew_driver_reconnects_total"] == {_of(driver="axis"): 1.0}
+    (since,) = found["ballscrew_alarm_since_timestamp_seconds"]
+    assert dict(since) | {"id": "sensor_fault.t2.open_circuit", "state": "unacknowledged"} == dict(since)
     assert found["ballscrew_alarms"][_of(severity="major", state="unacknowledged")] == 1.0
     assert found["ballscrew_learned"] == {_of(parameter="surface.convection_W_m2K"): 14.5}
     assert found["ballscrew_forecast_settled_timestamp_seconds"] == {_of(quality="good"): 1234.5}

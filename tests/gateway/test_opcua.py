@@ -57,7 +57,9 @@ async def test_estimates_have_their_quality_as_status():
                 state = await _until_read(client, "Health", "State", status=ua.StatusCodes.Good)
                 assert state.Value.Value == "degraded"
                 raised = await _until_read(client, "Alarms", "Raised", status=ua.StatusCodes.Good)
-                assert raised.Value.Value == ["major sensor_fault.t2.open_circuit (unacknowledged): open"]
+                assert raised.Value.Value == [
+                    f"major sensor_fault.t2.open_circuit (unacknowledged): open; {ALARM['remedy']}"
+                ]
                 if quality == "good":
                     await _assert_every_part(client)
 

@@ -69,12 +69,14 @@ def user(folder: Path, name: str, password: str) -> Client:
 
 
 @contextmanager
-def published(scheme: str = "tcp", digest: str = "ab12", compensates: bool = True, **settings):
+def published(
+    scheme: str = "tcp", digest: str = "ab12", compensates: bool = True, axis: str = "z", **settings
+):
     """A publisher that is a router, and its endpoint; it is commanded by hand."""
     endpoint = f"{scheme}/127.0.0.1:{free_port()}"
     publish = Publish.model_validate({"mode": "router", "listen": (endpoint,), **settings})
     made = ZenohPublisher(
-        "lathe-7", "z", publish, f'{{"hash":"{digest}"}}', LAYOUT, "0a0a0a0a", compensates=compensates
+        "lathe-7", axis, publish, f'{{"hash":"{digest}"}}', LAYOUT, "0a0a0a0a", compensates=compensates
     )
     made.start()
     wait(lambda: made.status.connected)

@@ -1,6 +1,9 @@
 """Commands reach the loop by their exact key and the configuration's hash only, and say what was done."""
 
+import contextlib
 import json
+import subprocess
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -12,6 +15,7 @@ from hypothesis import strategies as st
 from observer.exchange import Outcome, plain_name
 from observer.publish import ask as asking
 from observer.publish.session import session_config
+from tests.patience import PATIENCE_S, PAUSE_S
 from tests.patience import until as wait
 from tests.publish.people import PREFIX, ask, published, session
 from tests.publish.router import free_port
@@ -236,3 +240,66 @@ def test_a_compensation_is_there_only_where_it_is_switched_on():
         assert ask(opened, f"{PREFIX}/compensation") == [
             '{"sequence":null,"sensors_used":0,"sensors":2,"armed":false}'
         ]
+
+
+@contextlib.contextmanager
+def _obedient(*axes: str):
+    """Services of these axes at one endpoint that carry out every command, and the commands that they got."""
+    taken, ended = [], threading.Event()
+    with contextlib.ExitStack() as stack:
+        first, endpoint = stack.enter_context(published(axis=axes[0]))
+        others = [published(axis=axis, connect=(endpoint,)) for axis in axes[1:]]
+        services = [first, *(stack.enter_context(other)[0] for other in others)]
+
+        def carry_out() -> None:
+            while not ended.wait(PAUSE_S):
+                for service in services:
+                    for command in service.commands():
+                        taken.append(command)
+                        command.answer(Outcome(True, "as asked", 12.5))
+
+        with ThreadPoolExecutor(1) as pool:
+            done = pool.submit(carry_out)
+            yield endpoint, taken
+            ended.set()
+            done.result()
+
+
+def _typed(*words: str) -> subprocess.CompletedProcess[str]:
+    """What the program answers to a command line."""
+    command = [sys.executable, "-m", "observer", *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+
+
+@pytest.mark.system
+def test_a_command_needs_no_names_where_one_service_answers():
+    with _obedient("z") as (endpoint, taken):
+        for kind in ("arm", "disarm", "zero", "reset", "acknowledge"):
+            done = _typed(kind, "--connect", endpoint)
+            assert done.returncode == 0, done.stdout + done.stderr
+        assert _typed("disarm", "--connect", endpoint, "--axis", "z").returncode == 0
+        done = _typed("arm", "--connect", endpoint, "--without", "right_housing", "--without", "t1,t2")
+        assert done.returncode == 0, done.stdout + done.stderr
+    assert [command.kind for command in taken] == [
+        "arm", "disarm", "zero", "reset", "acknowledge", "disarm", "arm"
+    ]  # fmt: skip
+    assert taken[0].without == ()
+    assert taken[-1].without == ("right_housing", "t1", "t2")
+
+
+@pytest.mark.system
+def test_where_several_services_answer_a_command_lists_them_and_reaches_none():
+    with _obedient("x", "z") as (endpoint, taken):
+        wait(lambda: "several" in _typed("reset", "--connect", endpoint).stdout)  # once both have met
+        done = _typed("reset", "--connect", endpoint)
+        assert done.returncode == 1
+        assert f"several services answer at {endpoint}: lathe-7/x, lathe-7/z; name the one" in done.stdout
+        count = len(taken)
+        assert _typed("reset", "--connect", endpoint, "--axis", "x").returncode == 0
+        assert len(taken) == count + 1
+
+
+def test_a_strange_name_of_a_sensor_is_refused_before_anything_is_asked():
+    done = _typed("arm", "--without", "t1;id=x")
+    assert done.returncode == 2
+    assert "--without: 't1;id=x' is not the name of a sensor" in done.stderr
