@@ -272,7 +272,7 @@ def calibrate(
         echo(f"{key} = {fitted['value']:g} ({low:g} … {high:g}), was {fitted['before']:g}")
     for regimes in result["nut_path"].values():
         warn_of_paths(regimes)
-    warn([*result["not_told"], *result["doubts"]])
+    warn([*result["not_told"], *result["doubts"], *result["left_out"]])
     for key, value in (result["left"] | result["process_noise"]).items():
         echo(f"{key} = {value:g}")
     for part, gap in (

@@ -275,6 +275,20 @@ def thinned(frames: FrameBlock, every_s: float) -> FrameBlock:
     return FrameBlock(channels=frames.channels, path=path, **arrays)
 
 
+def without_rows(frames: FrameBlock, doubtful: BoolArray) -> FrameBlock:
+    """Return the frames without some rows (K,), which then are an outage; nuts' paths lack their samples."""
+    rows = np.flatnonzero(~doubtful)
+    path = {}
+    for name, p in frames.path.items():
+        count = np.diff(p.offset)
+        sample = np.flatnonzero(np.repeat(~doubtful, count)) + p.offset[0]
+        offset = np.append(0, np.cumsum(count[rows]))
+        path[name] = NutPath(p.time_s[sample], p.position_m[sample], offset, p.driven_m_s[sample])
+    arrays = {key: getattr(frames, key)[rows] for key in _ROWS}
+    arrays["dt_s"] = np.diff(arrays["time_s"], prepend=arrays["time_s"][:1])
+    return FrameBlock(channels=frames.channels, path=path, **arrays)
+
+
 def part(frames: FrameBlock, begin: int, end: int) -> FrameBlock:
     """Return the frames from row `begin` up to `end`; the first step has no length."""
     path = {name: p._replace(offset=p.offset[begin : end + 1].copy()) for name, p in frames.path.items()}

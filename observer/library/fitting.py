@@ -98,14 +98,23 @@ def fitted(
     """
     from observer.discovery.result import calibration_result
     from observer.estimate.replay import nut_paths
+    from observer.estimate.sound import sound_frames
     from observer.fit.calibrate import calibrate as fit
     from observer.fit.process_noise import fit_noise
 
     runs = runs_of(logs, config)
-    calibration = fit(config, runs.frames, lambda n, rms_K: progress(f"fit {n}: {rms_K:.4f} K rms"))
+    progress("looking for doubtful parts")
+    named = zip(runs.frames, logs, strict=True)
+    sound = [sound_frames(config, blocks, log.path.name) for blocks, log in named]
+    frames, left_out = [[log.frames] for log in sound], [text for log in sound for text in log.left_out]
+    try:
+        calibration = fit(config, frames, lambda n, rms_K: progress(f"fit {n}: {rms_K:.4f} K rms"))
+    except LogError as error:
+        raise LogError("; ".join([str(error), *left_out])) from None
     better = calibration.kept is None
-    noise = fit_noise(calibration.config, runs.frames, lambda n: progress(f"noise {n}")) if better else {}
+    noise = fit_noise(calibration.config, frames, lambda n: progress(f"noise {n}")) if better else {}
     result = calibration_result(calibration, noise) | {"doubts": runs.odd, "kept": calibration.kept}
+    result["left_out"] = left_out
     result["nut_path"] = {log.path.name: nut_paths(config, log) for log in logs}
     result = about(source, [log.path.name for log in logs]) | result
     text = write_back(text_of(source), calibration.written | noise) if better else None
