@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import unicodedata
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,19 @@ def printable(text: str) -> str:
         if unicodedata.category(character) in _COMMANDING and character not in "\n\t"
         else character
         for character in text
+    )
+
+
+def readable_json(document: Any, **options: Any) -> str:
+    """Return a document as JSON in which `µm` stays as it is; only control characters are escapes.
+
+    `options` are those of `json.dumps`.
+    """
+    return "".join(
+        json.dumps(character)[1:-1]
+        if unicodedata.category(character) in _COMMANDING and character != "\n"
+        else character
+        for character in json.dumps(document, ensure_ascii=False, **options)
     )
 
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from observer.errors import LogError
 from observer.estimate.pipeline import MachineModel
-from observer.files.folders import results_in, write_json
+from observer.files.documents import write_json
+from observer.files.folders import results_in
 from observer.files.logs import suffix_of
 from observer.files.writer import TableWriter
 from observer.frames import FloatArray

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from observer.align.aligner import AlignPlan
 from observer.errors import ConfigError
 from observer.estimate.pipeline import MachineModel
-from observer.files.folders import results_in, write_json
+from observer.files.documents import write_json
+from observer.files.folders import results_in
 from observer.installation import Installation, load
 from observer.library.fitting import RunsOfLogs, about, fitted, runs_of
 from observer.library.given import channels_of

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import time
 from collections.abc import Callable
@@ -24,7 +23,7 @@ from observer.cli.options import (
 )
 from observer.errors import UserError
 from observer.process import shutdown
-from observer.terminal import echo, print_for_people
+from observer.terminal import echo, print_for_people, readable_json
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -87,7 +86,7 @@ def _print_answer(
     if answer.document is not None and for_people is not None:
         print_for_people(for_people(answer.document))
     else:
-        echo(answer.problem if answer.document is None else json.dumps(answer.document))
+        echo(answer.problem if answer.document is None else readable_json(answer.document))
     shutdown.leave(0 if answer.document is not None and is_good(answer.document) else 1)
 
 

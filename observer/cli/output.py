@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -12,6 +11,7 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any, TextIO
 
 from observer.errors import UserError
+from observer.files.documents import result_text
 from observer.terminal import echo, print_for_people, printable
 
 if TYPE_CHECKING:
@@ -123,6 +123,6 @@ def _bar() -> Progress:
 def show(found: Any, as_json: bool, as_text: Callable[[Any], RenderableType]) -> None:
     """Print what was found, for programs or for people."""
     if as_json:
-        echo(json.dumps(found, indent=2, allow_nan=False))
+        echo(result_text(found))
         return
     print_for_people(as_text(found))

@@ -44,12 +44,14 @@ def sound_frames(config: Config, blocks: Sequence[FrameBlock], name: str) -> Sou
         return SoundFrames(frames, left_out)
     lost_s, total_s = float(frames.dt_s[degraded].sum()), float(frames.dt_s.sum())
     causes = " and ".join(_lost_inputs(config, frames, degraded))
-    sentence = f"{name}: {lost_s:.0f} s of {total_s:.0f} s are left out, because {causes} could not be trusted"
+    sentence = (
+        f"{name}: {lost_s:.0f} s of {total_s:.0f} s are left out, because {causes} could not be trusted"
+    )
     return SoundFrames(without_rows(frames, degraded), (*left_out, sentence))
 
 
 def _lost_inputs(config: Config, frames: FrameBlock, degraded: BoolArray) -> list[str]:
-    """The inputs without a usable value in doubtful rows (K,); the nuts' positions where every input has one."""
+    """The inputs without a usable value in doubtful rows (K,); the nuts' positions where each has one."""
     sensors = {sensor.channel for sensor in config.sensor}
     bad = (frames.quality[degraded] != Quality.GOOD).any(axis=0)
     lost = [name for name, is_bad in zip(frames.channels, bad, strict=True) if is_bad and name not in sensors]
@@ -59,7 +61,7 @@ def _lost_inputs(config: Config, frames: FrameBlock, degraded: BoolArray) -> lis
 def _without_excluded(
     machine: MachineModel, frames: FrameBlock, name: str
 ) -> tuple[FrameBlock, tuple[str, ...]]:
-    """The frames without the readings of sensors while the estimator excludes them, and sentences about these."""
+    """The frames without the readings of sensors while they are excluded, and a sentence about each."""
     excluded = _excluded(machine, frames)
     if not excluded.any():
         return frames, ()

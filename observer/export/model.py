@@ -14,7 +14,7 @@ from observer.config import Config
 from observer.export import sequence
 from observer.export.data import Exportable, force_slots, plant_constants, unit_of
 from observer.export.form import Form, Kind, Slot, identifiers
-from observer.files.folders import write_json
+from observer.files.documents import write_json
 from observer.model.generator import generator, known_columns, output_names
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import stat
@@ -10,7 +9,6 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from observer.errors import ConfigError, UserError
 
@@ -117,11 +115,6 @@ def results_in(folder: Path) -> Iterator[Path]:
     finally:
         shutil.rmtree(part, ignore_errors=True)
         _remove_empty(made)
-
-
-def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write a result for programs; raises `ValueError` on NaN, which JSON does not know."""
-    path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _missing(folder: Path) -> list[Path]:

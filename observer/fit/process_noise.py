@@ -33,6 +33,8 @@ MOST_ROWS = 3000
 CLOSEST_S = 2.0
 """Least time between two rows used: heats and field change more slowly than that."""
 FIELD_BOUNDS_K_SQRT_S, HEAT_BOUNDS_W_SQRT_S = (1e-4, 0.1), (1e-3, 1e2)
+AT_BOUND = 0.5
+"""A noise that ends above this part of its bound is not determined by the log."""
 _SWEEPS = 2
 FIELD = "estimator.field_noise_K_sqrt_s"
 
@@ -45,7 +47,7 @@ def fit_noise(
     """Return the most likely `estimator.field_noise_K_sqrt_s` and `source.<name>.random_walk_W_sqrt_s`.
 
     The last of several runs, or the end of a single one, is held back. Nothing is returned if the configured
-    noise makes that part more likely.
+    noise makes that part more likely, or if the log allows for any noise, up to its bound.
 
     Call it with the calibrated configuration. First the field's noise is fitted, then the heats', then the
     field's again. `progress(evaluations)` is called after each run of the filter. Raises `LogError` as
@@ -69,9 +71,9 @@ def fit_noise(
     plant, _ = with_field_noise(configured)
     walks = fit_process_noise(plant, cost)
     plant, noise = with_field_noise(replace(plant, random_walk_W2_s=walks**2))
-    if innovations_log_likelihood(plant, parts.held_back) < innovations_log_likelihood(
-        configured, parts.held_back
-    ):
+    before, after = (innovations_log_likelihood(p, parts.held_back) for p in (configured, plant))
+    largest = max(noise / FIELD_BOUNDS_K_SQRT_S[1], float(np.max(walks)) / HEAT_BOUNDS_W_SQRT_S[1])
+    if after < before or largest > AT_BOUND:
         return {}
     names = [f"source.{s.name}.random_walk_W_sqrt_s" for s in config.source if s.estimate and not s.follows]
     return {FIELD: noise} | dict(zip(names, walks.tolist(), strict=True))

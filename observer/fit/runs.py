@@ -261,7 +261,8 @@ def tail(frames: FrameBlock, begin: int) -> FrameBlock:
 def thinned(frames: FrameBlock, every_s: float) -> FrameBlock:
     """Return frames at least `every_s` apart, as a service with that period makes them of the same readings.
 
-    The paths of nuts keep all their samples; a frame's value is that of its last row.
+    The paths of nuts keep all their samples. A value is that of the last row, and fresh where one of the rows
+    brought one.
     """
     number = np.floor((frames.time_s - frames.time_s[0]) / every_s + 1e-6)
     last = np.flatnonzero(np.diff(number, append=np.inf))
@@ -270,6 +271,7 @@ def thinned(frames: FrameBlock, every_s: float) -> FrameBlock:
     path = {name: p._replace(offset=p.offset[np.append(0, last + 1)]) for name, p in frames.path.items()}
     arrays = {key: getattr(frames, key)[last] for key in _ROWS}
     first = np.append(0, last[:-1] + 1)
+    arrays["fresh"] = np.logical_or.reduceat(frames.fresh, first, axis=0)
     arrays["dt_s"] = np.add.reduceat(frames.dt_s, first)
     arrays["dt_s"][0] = 0.0
     return FrameBlock(channels=frames.channels, path=path, **arrays)

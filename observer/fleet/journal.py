@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from observer.errors import UserError
-from observer.files.folders import write_json
+from observer.files.documents import write_json
 from observer.fleet.jobs import Job, Verb
 from observer.history.history import Method
 

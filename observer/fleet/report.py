@@ -5,7 +5,6 @@ The page shows which machines lack what, and whose bearings run hot.
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import statistics
@@ -20,6 +19,7 @@ import numpy as np
 from observer.files.folders import results_in
 from observer.fleet.journal import Row, rows_in
 from observer.report.page import Html, document, paragraph, safe, section, table, tiles
+from observer.terminal import readable_json
 
 NEAR = 0.2
 """Speeds within this fraction of each other are compared; beyond it friction depends on speed."""
@@ -167,7 +167,7 @@ def flattened(row: Row) -> dict[str, Any]:
     """Return a row as cells: texts and numbers."""
     found = row["found"]
     cells: dict[str, Any] = {key: row[key] for key in _FIRST}
-    cells["logs"] = json.dumps(row["logs"])
+    cells["logs"] = readable_json(row["logs"])
     cells |= {key: float(found[key]) for key in ("rows", "duration_s", "good") if key in found}
     cells |= {key: found[key] for key in ("type", "verdict") if key in found}
     cells |= {f"heat_mean_{name}_W": heat_W for name, heat_W in found.get("heat_mean_W", {}).items()}
@@ -178,7 +178,7 @@ def flattened(row: Row) -> dict[str, Any]:
     if "gap" in found:
         cells |= {f"gap_{key}": found["gap"][key] for key in ("before_rms_K", "after_rms_K")}
     lists = ("effects", "alternatives", "doubts", "not_told")
-    cells |= {key: json.dumps(found[key]) for key in lists if key in found}
+    cells |= {key: readable_json(found[key]) for key in lists if key in found}
     return {key: None if isinstance(c, float) and not math.isfinite(c) else c for key, c in cells.items()}
 
 

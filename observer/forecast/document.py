@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,8 @@ from observer.frames import BoolArray, EstimateBlock, EstimateQuality, FloatArra
 from observer.model.plant import Plant
 
 MOST_TIMES, MOST_PLACES = 61, 21
+HOTTEST_degC = 1000.0
+"""No model holds beyond: steel softens, and oil burns long before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,10 +37,39 @@ class Forecast:
 def forecast(
     config: Config, plant: Plant, state: EstimatorState, program: Program, hours: float, within_um: float
 ) -> Forecast:
-    """Forecast from a state on. Raises `ValueError` where the estimate is none to go ahead from."""
+    """Forecast from a state on. Raises `ValueError` where the estimate is none to go ahead from, or as
+    `plausible`.
+    """
     begin = runner(plant, config.estimator, state, program)
     settled, between_s, sooner = when(begin, program, travel_of(config, plant.layout.position_m), within_um)
-    return Forecast(state.time_s, program, ahead(begin, program, 3600.0 * hours), settled, between_s, sooner)
+    block = ahead(begin, program, 3600.0 * hours)
+    return plausible(Forecast(state.time_s, program, block, settled, between_s, sooner))
+
+
+def plausible(found: Forecast) -> Forecast:
+    """Return a forecast of which every number is finite.
+
+    Where it settles is left out if that is beyond all limits. Raises `ValueError` with the cause if the hours
+    ahead are.
+    """
+    block, settled = found.ahead, found.settled
+    if not _within_limits(block.field_degC, block.field_sigma_K, block.error_um, block.error_sigma_um):
+        raise ValueError(
+            f"within {block.time_s[-1] / 3600.0:.3g} h the laws heat the screw beyond {HOTTEST_degC:g} °C; "
+            "check in the configuration the heat laws (torque_Nm, heat_W_rpm, scale), the film, and effects "
+            "by which a heat grows as the screw warms"
+        )
+    spread = (a for a in (settled.field_sigma_K, settled.error_sigma_um) if a is not None)
+    if _within_limits(settled.field_degC, settled.error_um, *spread):
+        return found
+    none = replace(settled, after_s=None, field_sigma_K=None, error_sigma_um=None)
+    return replace(found, settled=none, between_s=None, warm_up=None)
+
+
+def _within_limits(field_degC: FloatArray, *others: FloatArray) -> bool:
+    """Whether a field is finite and no hotter than `HOTTEST_degC`, and other values are finite."""
+    finite = all(bool(np.isfinite(values).all()) for values in (field_degC, *others))
+    return finite and bool(np.max(np.abs(field_degC), initial=0.0) <= HOTTEST_degC)
 
 
 def travel_of(config: Config, x_m: FloatArray) -> BoolArray:
@@ -68,7 +99,10 @@ def document(
         return np.round(values[np.ix_(times, places)], 4).tolist() if values.shape[1] else None
 
     def along(values: FloatArray | None) -> list[float] | None:
-        return None if values is None or not values.size else np.round(values[places], 4).tolist()
+        if values is None or not values.size or not np.isfinite(values).all():
+            return None
+        rounded: list[float] = np.round(values[places], 4).tolist()
+        return rounded
 
     after_s, between_s, sooner = found.settled.after_s, found.between_s, found.warm_up
     reason = None if good else f"the estimate that it begins from is {quality.label}"

@@ -24,7 +24,7 @@ from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import Chunk
 from observer.forecast.ahead import CALM, Runner, ahead, runner, runner_by_law
-from observer.forecast.document import Forecast, travel_of
+from observer.forecast.document import Forecast, plausible, travel_of
 from observer.forecast.known import KnownRunIn, known_run_in, run_from_starts
 from observer.forecast.program import Program
 from observer.forecast.settling import MOST_S as LONGEST_S
@@ -228,7 +228,7 @@ def forecast_by_all(
     if sooner is not None:
         sooner = likely(sooner, program, runners[0], drawn[0], travel, within_um)
     blocks = [ahead(begin, program, 3600.0 * hours) for _, begin in begins]
-    return Forecast(now_s, program, mixture(blocks, weight), settled, between_s, sooner)
+    return plausible(Forecast(now_s, program, mixture(blocks, weight), settled, between_s, sooner))
 
 
 def counts_of(weight: FloatArray) -> NDArray[np.int64]:

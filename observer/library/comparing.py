@@ -13,7 +13,8 @@ import numpy as np
 
 from observer.errors import ConfigError, check_choice
 from observer.estimators.design.spread import NotDefined, spread
-from observer.files.folders import results_in, write_json
+from observer.files.documents import write_json
+from observer.files.folders import results_in
 from observer.files.logs import Log
 from observer.files.regular import read_toml
 from observer.installation import Installation

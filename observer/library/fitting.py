@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from observer.align.aligner import AlignPlan, doubts, frames_of_log, read_in, refuse_implausible
 from observer.align.unit_errors import Misread, read_rightly
 from observer.errors import LogError
-from observer.files.folders import write_json
+from observer.files.documents import write_json
 from observer.files.logs import Log
 from observer.fit.parameters import lawless
 from observer.frames import FrameBlock

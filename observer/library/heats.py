@@ -14,7 +14,8 @@ from observer.config import Output
 from observer.errors import LogError, UserError
 from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import heat_columns, history_summary, inputs_of, nut_paths, speeds
-from observer.files.folders import results_in, write_json
+from observer.files.documents import write_json
+from observer.files.folders import results_in
 from observer.files.logs import Log
 from observer.files.writer import MemoryTable
 from observer.frames import Inputs

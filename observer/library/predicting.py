@@ -15,7 +15,8 @@ from observer.estimate.checkpoint import CheckpointFit
 from observer.estimate.open_loop import OpenLoop
 from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import estimates_of, program_of, simulated_columns, start_of
-from observer.files.folders import results_in, write_json
+from observer.files.documents import write_json
+from observer.files.folders import results_in
 from observer.files.logs import TIME, Log
 from observer.files.writer import MemoryTable
 from observer.forecast.document import Forecast, document, sentences

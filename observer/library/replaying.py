@@ -12,7 +12,8 @@ from observer.estimate.checkpoint import CheckpointFit
 from observer.estimate.open_loop import OpenLoopGap
 from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import nut_paths, speeds, start_of, write_estimates
-from observer.files.folders import results_in, write_json
+from observer.files.documents import write_json
+from observer.files.folders import results_in
 from observer.files.logs import Log
 from observer.files.writer import MemoryTable, TableSink
 from observer.frames import EstimateBlock, FrameBlock, NutPath

@@ -15,7 +15,7 @@ from observer.discovery.discover import discover as find
 from observer.discovery.result import CANDIDATE, TEST_CYCLE, calibrated_of, discovery_result
 from observer.discovery.suspects import Suspect
 from observer.discovery.workers import WorkerPool
-from observer.files.folders import write_json
+from observer.files.documents import write_json
 from observer.files.writer import write_log
 from observer.frames import FrameBlock
 from observer.installation import Installation, with_effects, write_back

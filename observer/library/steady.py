@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from observer.files.folders import results_in, write_json
+from observer.files.documents import write_json
+from observer.files.folders import results_in
 from observer.files.writer import TableWriter
 from observer.installation import Installation
 from observer.library.cases import CaseFigures, as_document, steady_case

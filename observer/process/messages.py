@@ -6,11 +6,13 @@ import sys
 
 import structlog
 
+from observer.terminal import readable_json
+
 
 def configure(*, as_json: bool) -> None:
     """Set structlog up once, before anything is logged."""
     renderer: structlog.typing.Processor = (
-        structlog.processors.JSONRenderer()
+        structlog.processors.JSONRenderer(serializer=readable_json)
         if as_json
         else structlog.dev.ConsoleRenderer(colors=sys.stderr.isatty())
     )

@@ -58,3 +58,10 @@ def test_thinned_frames_keep_their_time() -> None:
     assert len(every_2_s) == 300
     assert np.sum(every_2_s.dt_s[1:]) == pytest.approx(every_2_s.time_s[-1] - every_2_s.time_s[0])
     assert thinned(made_log(machine(), 1, minutes=10.0), 2.0).time_s[3] == 6.0
+
+
+def test_thinned_frames_bring_the_readings_that_came_between_them() -> None:
+    log = close_rows(0.1)
+    comes = np.arange(len(log)) % 5 == 0
+    log.fresh[:, :3] &= comes[:, None]
+    assert thinned(log, 2.0).fresh.all()

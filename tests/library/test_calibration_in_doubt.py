@@ -75,9 +75,7 @@ def test_what_predicts_the_held_back_part_worse_is_written_by_neither_command_no
         writer.writerow(drifting())
         writer.writerows(zip(*drifting().values(), strict=True))
     output = tmp_path / "command"
-    ended = CliRunner().invoke(
-        app, ["calibrate", str(log), "--config", str(config), "--output", str(output)]
-    )
+    ended = CliRunner().invoke(app, ["calibrate", str(log), "--config", str(config), "--output", str(output)])
     assert ended.exit_code == 1, ended.output
     assert "the configured values are kept" in ended.stdout
     assert "held back" in ended.stdout
