@@ -4,10 +4,10 @@
 alarms, the checkpoint and the alarms' file. Estimates, readings and the control are drawn by its caller.
 After every step it asserts what an operator relies on:
 
-- whenever the compensation goes from armed to not armed and no person has disarmed it, exactly one alarm of
-  its kind is raised anew, with cause and remedy, and health and log have the same cause;
-- without such a release no alarm of its kind is raised anew;
-- what is written to the control never steps by more than the limited rate allows in a period.
+- Each time that the compensation goes off although no person disarms it, exactly one alarm of its kind is
+  raised anew. It has a cause and a remedy, and health and log have the same cause.
+- Without such a release no alarm of its kind is raised anew.
+- A written value never moves by more than the limited rate allows in a period.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import structlog
 
+from observer.control.compensation import plan_of, valid_s
 from observer.control.compensator import Compensator
 from observer.control.steering import NoControl
 from observer.estimate.checkpoint import CheckpointFit, Snapshot
@@ -75,7 +76,7 @@ def _machine() -> tuple[Installation, MachineModel]:
 
 @dataclass
 class StepInput:
-    """What is drawn for one step: by default everything is well."""
+    """The drawn inputs of one step: by default all are good."""
 
     error_um: float = 20.0
     bound_um: float = 5.0
@@ -106,7 +107,7 @@ class DrawnControl(NoControl):
 
 @dataclass
 class Tally:
-    """What the steps of an axis have shown."""
+    """Counts over the steps of an axis."""
 
     steps: int = 0
     releases: int = 0
@@ -138,12 +139,14 @@ class CompensatedAxis:
     ) -> list[Outcome]:
         """Take one step of the loop with these commands; returns their outcomes."""
         drawn = self._step_input = step_input or StepInput()
+        if PERIOD_S + drawn.pause_s > valid_s(plan_of(self._config)):
+            self._last_um = None  # the values have lapsed: the control has gone to zero by its own ramp
         self.time_s += PERIOD_S + drawn.pause_s
         outcomes: list[Outcome] = []
-        asked = [self._command(kind, outcomes, without) for kind in commands]
+        requests = [self._command(kind, outcomes, without) for kind in commands]
         self._person_disarms = "disarm" in commands
         with structlog.testing.capture_logs() as logs:
-            self._commands.before_step(asked, self.time_s)
+            self._commands.before_step(requests, self.time_s)
             block, frame = self._estimate(drawn), self._frame(drawn)
             self._control.failure, self._control.is_pending = drawn.control_failure, drawn.is_pending
             if drawn.failure is None:
@@ -184,9 +187,9 @@ class CompensatedAxis:
         """A person has seen all alarms."""
         self._desk.acknowledge(None)
 
-    def _start(self, earlier: Any) -> None:
+    def _start(self, earlier_state: Any) -> None:
         layout = self._machine.layout
-        self._compensator = Compensator(self._config, GRID_M, "0a0a0a0a", earlier)
+        self._compensator = Compensator(self._config, GRID_M, "0a0a0a0a", earlier_state)
         self._control = DrawnControl()
         self._documents: list[dict[str, Any]] = []
         self._observer = CompensationObserver(
@@ -274,7 +277,7 @@ class CompensatedAxis:
         tally.causes[cause] = tally.causes.get(cause, 0) + 1
 
     def _assert_rate(self) -> None:
-        """Assert that what is written moves by at most the rate; what starts, and what ends, is near zero."""
+        """Assert that written values move by at most the rate, and that they begin and end near zero."""
         before_um, now_um = self._last_um, self._control.written_um
         self._last_um = now_um
         if before_um is None and now_um is None:

@@ -47,13 +47,14 @@ class CompensationLine:
 class CompensationPlan:
     """Range and rate of a compensation.
 
-    `screw_m`, `machine_m` (n,) are the table's points on the screw and in the machine, whose zero is `zero_m`
-    on the screw and which runs in its `direction`, +1 or −1. `reference_m` is the line's reference in the
-    machine's coordinates, `reference` the point of the table next to it; `fit` (2, n) gives a line's offset
-    and slope by least squares. `bounded` says that the estimator knows bounds, so that none is a doubt.
-    `zero_at_m` is where on the screw the machine is set to zero, NaN if where the nut stands; `absorbs_all`
-    says that this absorbs the whole error there, not only what the compensation in force left of it.
-    `hold_s` is how long the last values are held while an estimate may not be compensated.
+    - `screw_m`, `machine_m` (n,): the table's points on the screw, and in the machine's coordinates.
+    - `zero_m`, `direction`: the machine's zero on the screw, and the direction in which it counts, +1 or −1.
+    - `reference_m`, `reference`: the line's reference in the machine, and the table's point nearest to it.
+    - `fit` (2, n): gives a line's offset and slope by least squares.
+    - `hold_s`: the time for which values are held while an estimate may not be compensated.
+    - `bounded`: whether the estimator computes bounds; an unknown bound is a doubt then.
+    - `zero_at_m`: the place on the screw at which the machine is zeroed; NaN: the nut's position.
+    - `absorbs_all`: whether a zero absorbs the whole error, or only the part that was not compensated.
     """
 
     screw_m: FloatArray
@@ -75,13 +76,14 @@ class CompensationPlan:
 
 @dataclass(frozen=True, slots=True)
 class CompensationState:
-    """What is in force: `table_um` (n,), and the line by its values at both ends of the travel, (2,), µm.
+    """The values in force: `table_um` (n,), and `ends_um` (2,), the line's values at the travel's ends, µm.
 
-    `reason` says why it is off, None while it is armed; `time_s` is that of the last step. `limited` says
-    that rate or gradient keep it from where the estimate is; the gradient alone keeps it by `cut_um` at
-    most. `zero` is what it counts from. While values are held, `doubt` is the reason and `held_since_s` the
-    time of the first such estimate, else NaN. `released` is the sentence of the last release, `released_s`
-    its time, until a person arms or disarms.
+    - `reason`: why it is off; None while it is armed.
+    - `time_s`: the time of the last step.
+    - `limited`: whether rate or gradient keep it from the estimate; the gradient cuts `cut_um` at most.
+    - `zero`: the zero from which it counts.
+    - `doubt`, `held_since_s`: while values are held, the reason and the begin; else empty and NaN.
+    - `released`, `released_s`: the last release as a sentence, and its time, until a person arms or disarms.
     """
 
     reason: str | None
@@ -155,7 +157,7 @@ def table_of(plan: CompensationPlan, grid_m: FloatArray, error_um: FloatArray) -
 
 
 class _Target(NamedTuple):
-    """Where table and line should be: the whole error, and what the gradient limit leaves of it."""
+    """The values to approach: the whole error, and table and line within the gradient limit."""
 
     whole_um: FloatArray
     table_um: FloatArray
@@ -222,7 +224,7 @@ def within_gradient(plan: CompensationPlan, table_um: FloatArray) -> FloatArray:
 def toward(now_um: FloatArray, wanted_um: FloatArray, most_um: float) -> FloatArray:
     """Return values that go from `now_um` toward `wanted_um` by at most `most_um` each.
 
-    What held for both, of gradients between neighbours, holds on the way.
+    A limit of the gradient that both keep is kept on the way.
     """
     return now_um + np.clip(wanted_um - now_um, -most_um, most_um)
 
@@ -269,8 +271,8 @@ def advance(
     target, most_um = _target(plan, state.zero, block, grid_m), _most_um(plan, state, time_s)
     table_um = toward(state.table_um, target.table_um, most_um)
     ends_um = toward(state.ends_um, target.ends_um, most_um)
-    there = (table_um, target.whole_um), (ends_um, target.ends_um)
-    limited = not all(np.allclose(now_um, to_um, rtol=0.0, atol=_ROUNDING_UM) for now_um, to_um in there)
+    pairs = (table_um, target.whole_um), (ends_um, target.ends_um)
+    limited = not all(np.allclose(now_um, to_um, rtol=0.0, atol=_ROUNDING_UM) for now_um, to_um in pairs)
     return CompensationState(None, time_s, table_um, ends_um, limited, state.zero, target.cut_um)
 
 
@@ -293,7 +295,7 @@ def hold(
 
 
 def released(state: CompensationState, cause: str) -> CompensationState:
-    """Return an armed state after its release at its own time; one that is off stays as it is."""
+    """Return an armed state after its release at its own time; a state that is off does not change."""
     if not state.armed:
         return state
     sentence = f"switched off at {_clock(state.time_s)}: {cause}; arm again"
@@ -308,7 +310,7 @@ def off(state: CompensationState, reason: str) -> CompensationState:
 
 
 def at_zero(state: CompensationState) -> CompensationState:
-    """Return a state that is off without values: nobody follows it, so there is nothing to ramp."""
+    """Return a state with all values at zero, for a control that does not follow them."""
     zero_um = np.zeros_like(state.table_um), np.zeros_like(state.ends_um)
     return replace(state, table_um=zero_um[0], ends_um=zero_um[1], limited=False)
 
@@ -327,11 +329,15 @@ def after_restart(plan: CompensationPlan, state: CompensationState) -> Compensat
 
 
 def _late(plan: CompensationPlan, state: CompensationState, time_s: float) -> CompensationState | None:
-    """The release of a state whose values had lapsed before `time_s`; None if they had not."""
+    """The release of a state whose values had lapsed before `time_s`; None if they had not.
+
+    A control has gone to zero when values lapse, so there is nothing to ramp.
+    """
     elapsed_s = time_s - state.time_s
     if math.isnan(elapsed_s) or 0.0 <= elapsed_s <= valid_s(plan):
         return None
-    return released(replace(state, time_s=time_s), f"no estimate came for {elapsed_s:.3g} s")
+    lapsed = released(replace(state, time_s=time_s), f"no estimate came for {elapsed_s:.3g} s")
+    return at_zero(lapsed) if elapsed_s > 0.0 else lapsed
 
 
 def valid_s(plan: CompensationPlan) -> float:
@@ -346,7 +352,7 @@ def _most_um(plan: CompensationPlan, state: CompensationState, time_s: float) ->
 
 
 def _toward_zero(plan: CompensationPlan, state: CompensationState, time_s: float) -> CompensationState:
-    """The state of what is off, with its values nearer to zero by the rate."""
+    """The state of a compensation that is off, with its values nearer to zero by the rate."""
     most_um, zero_um = _most_um(plan, state, time_s), np.zeros(1)
     return replace(
         state,
@@ -397,7 +403,7 @@ def zeroed(
 def _zero_refusal(
     plan: CompensationPlan, block: EstimateBlock, grid_m: FloatArray, at_m: float
 ) -> str | None:
-    """Why the error at a place on the screw is not known from an estimate, and what helps; None if it is."""
+    """Why the error at a place on the screw is not known, and the remedy; None where it is known."""
     doubt = doubt_about(plan, NEVER, block, grid_m)
     if doubt is None and math.isfinite(at_m):
         return None

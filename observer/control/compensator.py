@@ -38,15 +38,17 @@ class Compensator:
         config: Config,
         grid_m: FloatArray,
         instance: str = "",
-        earlier: CompensationState | None = None,
+        earlier_state: CompensationState | None = None,
     ) -> None:
         """Plan the compensation of a configuration whose `[compensation]` is enabled.
 
-        `earlier` is the state of an earlier service: its zero stays, and if it was armed this is a release.
+        `earlier_state` is that of an earlier service: its zero stays, and if it was armed this is a release.
         """
         self._instance = instance
         self._plan = plan_of(config)
-        self._state = initial(self._plan) if earlier is None else after_restart(self._plan, earlier)
+        self._state = initial(self._plan)
+        if earlier_state is not None:
+            self._state = after_restart(self._plan, earlier_state)
         self._offset_s = 0.0
         self._grid_m = grid_m
         nuts = [s.position_channel for s in config.source if s.position_channel is not None]
@@ -59,7 +61,7 @@ class Compensator:
 
     @property
     def state(self) -> CompensationState:
-        """What is in force, or was last."""
+        """The state of the compensation after the last step."""
         return self._state
 
     @property
@@ -81,14 +83,14 @@ class Compensator:
         self._state = off(self._state, reason)
 
     def release(self, cause: str) -> None:
-        """Switch it off for a cause that is no person's wish, and forget who asked for it to be armed."""
+        """Switch it off for a cause that no person has asked for; a request to arm it is dropped."""
         if self._arm_without is not None and not self._state.armed:
             self._state = replace(self._state, reason=f"{cause}; arm again")
         self._arm_without = None
         self._state = released(self._state, cause)
 
     def release_unfollowed(self, cause: str) -> None:
-        """Release it while the control does not follow: there is nothing to ramp."""
+        """Release it, without a ramp, because the control does not follow."""
         if self._state.in_force:
             self._state = at_zero(released(self._state, cause))
 
@@ -155,7 +157,7 @@ class Compensator:
         return document
 
     def _document(self, time_s: float, sequence: int, quality: str) -> dict[str, Any]:
-        """What is published in each step; the doubts and the nut are those of an estimate."""
+        """The document of a step; σ, bound and nut are null, because they need an estimate."""
         state, self._sequence = self._state, sequence
         return {
             "time_s": time_s,
@@ -174,7 +176,7 @@ class Compensator:
         }
 
     def _values(self) -> dict[str, Any]:
-        """Table and line in force; all null where there are none, so that nobody takes them for good."""
+        """Table and line in force; all are null while there are no values."""
         plan, state = self._plan, self._state
         if not state.in_force:
             return dict.fromkeys(_VALUES)
@@ -228,28 +230,30 @@ class Compensator:
         inputs = sorted(qualities, key=lambda channel: channel != self._nut_channel)
         for channel in inputs:
             if qualities[channel] != Quality.GOOD and channel not in self._sensor_channels:
-                what = "position from the control" if channel == self._nut_channel else f"value of {channel}"
+                is_position = channel == self._nut_channel
+                value = "position from the control" if is_position else f"value of {channel}"
                 age_s = ages_s[channel]
-                return f"no {what}" + (f" for {age_s:.1f} s" if math.isfinite(age_s) else " yet")
+                return f"no {value}" + (f" for {age_s:.1f} s" if math.isfinite(age_s) else " yet")
         sensors = zip(self._sensors, block.sensor_quality[0].tolist(), strict=True)
         unused = [f"{name} is {Quality(q).label}" for name, q in sensors if q != Quality.GOOD]
         return f"{unused[0]}, and the estimate is {_label(block)}" if unused else None
 
     def _nut_m(self, frame: FrameBlock) -> float:
-        """Where the nut stands on the screw; NaN where that is not known."""
+        """The nut's position on the screw; NaN where it is not known."""
         if self._nut_channel is None:
             return math.nan
         return float(frame.values[0, frame.channels.index(self._nut_channel)])
 
     def _nut(self, block: EstimateBlock, frame: FrameBlock) -> dict[str, Any] | None:
-        """Where the nut stands and the estimated error there since the zero, not limited; None where either
-        is unknown.
+        """The nut's position and the estimated error there since the zero, not limited by rate or gradient.
+
+        None where one of them is not known.
         """
         if block.quality[0] != EstimateQuality.GOOD:
             return None
         position_m, now = np.array([self._nut_m(frame)]), since(self._state.zero, block)
-        found = error_at(position_m, self._grid_m, now.error_um[None], now.sigma_um[None])
-        error_um, sigma_um = (float(value[0]) for value in found)
+        at_nut = error_at(position_m, self._grid_m, now.error_um[None], now.sigma_um[None])
+        error_um, sigma_um = (float(value[0]) for value in at_nut)
         if not math.isfinite(error_um):
             return None
         plan = self._plan

@@ -25,7 +25,7 @@ log = structlog.get_logger()
 
 @dataclass(frozen=True, slots=True)
 class _Job:
-    """What to write, and until when; None releases the control."""
+    """A correction to write until a time; None releases the control."""
 
     correction: AxisCorrection | None
     until_s: float
@@ -34,8 +34,8 @@ class _Job:
 class Steering:
     """Writes to one control; the loop never waits for it.
 
-    `valid_s` is how long a document holds, and so how long a control may be out of reach; `follow_s` is how
-    long it may take to report that it follows what was written.
+    `valid_s` is how long a document holds. A control may be out of reach for as long. `follow_s` is the time
+    that it may take to report that it follows.
     """
 
     def __init__(self, control: ControlLink, valid_s: float, follow_s: float) -> None:

@@ -196,12 +196,12 @@ class CompensationObserver(StepObserver):
 
     def conditions(self) -> tuple[Condition, ...]:
         """The last release, until a person arms or disarms, and a zero that was refused."""
-        state, found = self._compensator.state, []
+        state, conditions = self._compensator.state, []
         if state.released:
-            found.append(Condition(Trouble.RELEASED, detail=state.released, since_s=state.released_s))
+            conditions.append(Condition(Trouble.RELEASED, detail=state.released, since_s=state.released_s))
         if state.zero.missed and state.reason != state.released:
-            found.append(Condition(Trouble.NOT_ZEROED, detail=state.reason or ""))
-        return tuple(found)
+            conditions.append(Condition(Trouble.NOT_ZEROED, detail=state.reason or ""))
+        return tuple(conditions)
 
     def remember(self, snapshot: Snapshot) -> Snapshot:
         """Add the table and line in force."""

@@ -280,6 +280,7 @@ def test_an_estimate_after_the_values_have_lapsed_or_from_the_past_releases_it()
     for time_s in (state.time_s + compensation.valid_s(plan) + 0.01, state.time_s - 0.5):
         lost = compensation.advance(plan, state, estimate(np.full(9, 2.0), time_s), GRID)
         assert "no estimate came for" in lost.released
+        assert lost.in_force == (time_s < state.time_s)  # values that have lapsed are no longer in force
     unknown = compensation.advance(plan, state, estimate(np.full(9, np.nan), state.time_s + 0.5), GRID)
     assert unknown.phase == "holding"
 
