@@ -197,6 +197,13 @@ def test_without_a_hold_time_the_first_doubt_releases_it() -> None:
         machine(hold_s=601.0)
 
 
+@pytest.mark.parametrize("follow_s", [-0.1, 4.1, "soon"])
+def test_a_time_to_follow_that_no_command_would_wait_for_is_rejected(follow_s: object) -> None:
+    control = {"kind": "modbus", "host": "127.0.0.1", "follow_s": follow_s}
+    with pytest.raises(ConfigError, match=r"follow_s"):
+        machine(control=control)
+
+
 def test_arming_while_the_values_go_to_zero_continues_from_where_they_are() -> None:
     plan = compensation.plan_of(machine(hold_s=0.0, rate_limit_um_s=1.0))
     lost = held(plan, held(plan, followed(plan, np.full(9, 5.0), 20.0), 0.5, quality=2), 2.0)

@@ -79,3 +79,33 @@ def test_a_control_is_written_to_while_armed_and_goes_to_zero_whatever_happens_t
             arm()
             daemon.process.kill()
             zero(DEAD_MAN)
+
+
+@pytest.mark.parametrize(
+    ("scan_s", "code", "text"),
+    [(0.3, 0, '"text": "armed"'), (1e4, 1, "not armed: switched off at")],
+)
+def test_arming_is_answered_once_it_is_known_whether_the_control_follows(tmp_path, scan_s, code, text):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant, simulated_control("--scan-s", str(scan_s), "--dead-man-s", "20") as control:
+        table = table_for(plant.wires, mode="router", listen=[endpoint])
+        table["compensation"] = COMPENSATION | {
+            "control": {"kind": "modbus", "host": "127.0.0.1", "port": control.port, "follow_s": 2.0},
+        }  # fmt: skip
+        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
+            heard.wait_until_good()
+            done = subprocess.run(
+                [sys.executable, "-m", "observer", "arm", "--connect", endpoint, "--timeout-s", "30"],
+                cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+            )  # fmt: skip
+            assert done.returncode == code, done.stdout + done.stderr
+            assert text in done.stdout
+            alarms = heard.documents["alarms"][-1]["alarms"]
+            if code == 0:
+                assert control.status()["state"] == 1
+                assert heard.documents["compensation"][-1]["armed"]
+                assert alarms == []
+            else:
+                assert "it does not follow" in done.stdout
+                until(lambda: "it does not follow" in str(heard.documents["alarms"][-1]["alarms"]))
+            daemon.stop()
