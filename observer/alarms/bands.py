@@ -27,6 +27,8 @@ LEAST_SHARE = 0.15
 """A law below this fraction of its largest heat is too small to compare with."""
 SURE = 0.3
 """The largest σ of the estimate, as a fraction of the heat, at which a window counts."""
+UNSURE_H = 1.0
+"""Hours of running with a larger σ, after which that is reported."""
 SMOOTH_H = 6.0
 """Time constant, in hours of running, for smoothing the residual."""
 SETTLE_H = 20.0
@@ -70,7 +72,8 @@ class Band(NamedTuple):
     windows taken; `left` what is left, smoothed, `slow` the same over a longer time and `ran_in` the least
     that was while it ran in, at most 0; `line` (5,) the fading sums of a line through it: 1, t, t²,
     y, t y with t in days after `at_s`; `side` is +1 above the band, -1 below, 0 within; `most_W` the law's
-    largest heat.
+    largest heat. `unsure_h` are the hours of running since the last window that counted, in which the
+    estimate was too uncertain, and `unsure` its σ in parts of the heat in the last of them.
     """
 
     theta: FloatArray
@@ -84,6 +87,8 @@ class Band(NamedTuple):
     at_s: float
     side: int
     most_W: float
+    unsure_h: float = 0.0
+    unsure: float = 0.0
 
 
 def nothing_known() -> Band:
@@ -99,8 +104,12 @@ def learnt(band: Band, window: Window, learn_h: float, deadband: float) -> Band:
     `deadband` is how much more than usual, as a part of it, a heat has to be.
     """
     band = band._replace(most_W=max(band.most_W, window.law_W, window.most_W))
-    if not _is_informative(window, band.most_W):
+    if window.law_W <= LEAST_SHARE * band.most_W:
         return band
+    unsure = window.sigma_W / max(window.heat_W, window.law_W)
+    if unsure >= SURE:
+        return band._replace(unsure_h=band.unsure_h + WINDOW_S / 3600.0, unsure=unsure)
+    band = band._replace(unsure_h=0.0, unsure=0.0)
     y, phi = math.log(max(window.heat_W / window.law_W, _LEAST_RATIO)), _features(window, band.most_W)
     off = y - float(phi @ band.theta)
     hours = WINDOW_S / 3600.0
@@ -135,6 +144,16 @@ def sigma_of(band: Band, phi: FloatArray | None = None) -> float:
     return math.sqrt(band.spread2 * ALIKE_H / SMOOTH_H + float(phi @ band.P @ phi) + _FLOOR**2)
 
 
+def why_unsure(band: Band) -> str | None:
+    """Return why a heat is neither learnt nor compared, None unless that has lasted for `UNSURE_H`."""
+    if band.unsure_h < UNSURE_H:
+        return None
+    return (
+        f"no alarm is possible: its estimate is uncertain by {band.unsure:.0%} of the heat (σ), and "
+        f"{SURE:.0%} is needed; mount a sensor nearer to it, or run `observer calibrate`"
+    )
+
+
 def trend_per_day(band: Band) -> float | None:
     """Return by how much of itself the heat grows a day; None during the first day."""
     n, t, tt, y, ty = band.line
@@ -142,12 +161,6 @@ def trend_per_day(band: Band) -> float | None:
     if n <= 0.0 or spread < (LEAST_DAYS * n) ** 2 / 12.0:
         return None
     return float((n * ty - t * y) / spread)
-
-
-def _is_informative(window: Window, most_W: float) -> bool:
-    """Whether a window is informative."""
-    law_W = window.law_W
-    return law_W > LEAST_SHARE * most_W > 0.0 and window.sigma_W < SURE * max(window.heat_W, law_W)
 
 
 def _features(window: Window, most_W: float) -> FloatArray:
@@ -209,6 +222,8 @@ def band_of(plain: Mapping[str, Any]) -> Band:
     """A band from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is not one."""
     values: dict[str, Any] = {}
     for key, like in nothing_known()._asdict().items():
+        if key in Band._field_defaults and key not in plain:
+            continue  # written by a service that did not keep it
         value = math.nan if key == "at_s" and plain[key] is None else plain[key]
         if isinstance(like, np.ndarray):
             values[key] = np.asarray(value, float)

@@ -258,10 +258,8 @@ def calibrate(
     config: ConfigOption,
     output: OutputOption,
 ) -> None:
-    """Fit the parameters that the configuration declares free; write config.toml and calibration.json.
-
-    The last log, or the end of a single one, is held back. A fit that predicts it worse than the configured
-    values do is not written: exit code 1.
+    """Fit the parameters that the configuration declares free; write config.toml and calibration.json, or
+    end with code 1 if the configured values predict the held-back part of the logs better.
     """
     from observer import app as parts
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from io import StringIO
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.progress import Progress
 
+LINE_S = 10.0
+"""Least time between two lines of progress."""
 _REGIMES = {
     "points": "the position of {name} is sampled fewer than 2.5 times per traverse; its heat is spread "
     "over the positions sampled in the last 20 s",
@@ -98,15 +101,36 @@ def counting(name: str, doing: str, then: str) -> Iterator[Callable[[int, int], 
 
 @contextmanager
 def advancing(name: str) -> Iterator[Callable[..., None]]:
-    """Show a bar for work in stages: call with the stage and, where known, the fraction done."""
+    """Show a bar for work in stages: call with the stage and, where known, the fraction done.
+
+    Where no terminal shows a bar, long work prints a line every `LINE_S`.
+    """
     from rich.markup import escape
 
     with _bar() as bar:
         task = bar.add_task(name, total=None)
-        yield lambda text, done=None: bar.update(
-            task, completed=done, total=None if done is None else 1.0,
-            description=f"{name}: {escape(printable(text))}",
-        )  # fmt: skip
+        print_line = lines(name) if bar.disable and _Shown.progress else None
+
+        def update(text: str, done: float | None = None) -> None:
+            total, shown = None if done is None else 1.0, f"{name}: {escape(printable(text))}"
+            bar.update(task, completed=done, total=total, description=shown)
+            if print_line is not None:
+                print_line(text)
+
+        yield update
+
+
+def lines(name: str, clock: Callable[[], float] = time.monotonic) -> Callable[[str], None]:
+    """Return what prints the stage of long work to standard error, at most every `LINE_S`."""
+    begun_s = last_s = clock()
+
+    def print_line(text: str) -> None:
+        nonlocal last_s
+        if (now_s := clock()) - last_s >= LINE_S:
+            last_s = now_s
+            echo(f"{name}: {text} ({now_s - begun_s:.0f} s)", err=True)
+
+    return print_line
 
 
 def _bar() -> Progress:

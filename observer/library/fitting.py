@@ -108,11 +108,14 @@ def fitted(
     sound = [sound_frames(config, blocks, log.path.name) for blocks, log in named]
     frames, left_out = [[log.frames] for log in sound], [text for log in sound for text in log.left_out]
     try:
-        calibration = fit(config, frames, lambda n, rms_K: progress(f"fit {n}: {rms_K:.4f} K rms"))
+        calibration = fit(
+            config, frames, lambda n, rms_K: progress(f"fit, prediction {n}: {rms_K:.3f} K rms")
+        )
     except LogError as error:
         raise LogError("; ".join([str(error), *left_out])) from None
-    better = calibration.kept is None
-    noise = fit_noise(calibration.config, frames, lambda n: progress(f"noise {n}")) if better else {}
+    better, noise = calibration.kept is None, dict[str, float]()
+    if better:
+        noise = fit_noise(calibration.config, frames, lambda n: progress(f"process noise, trial {n} of 110"))
     result = calibration_result(calibration, noise) | {"doubts": runs.odd, "kept": calibration.kept}
     result["left_out"] = left_out
     result["nut_path"] = {log.path.name: nut_paths(config, log) for log in logs}

@@ -186,6 +186,11 @@ def _alarms(document: Mapping[str, Any]) -> list[Text]:
     ]
     if learning:
         lines.append(Text("usual heats, still being learnt: " + ", ".join(learning), style="dim"))
+    lines += [
+        Text(f"heat of {_word(name)}: {_word(band['unsure'])}", style="yellow")
+        for name, band in bands
+        if isinstance(band, dict) and band.get("unsure") and not band.get("learning")
+    ]
     return lines
 
 

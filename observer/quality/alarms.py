@@ -221,10 +221,12 @@ class AlarmDesk:
     def _band_document(self, band: Band) -> dict[str, Any]:
         trend = bands.trend_per_day(band)
         learn_h = self._settings.learn_h
-        known = band.running_h >= learn_h
+        known, unsure = band.running_h >= learn_h, bands.why_unsure(band)
+        learning = "; ".join(filter(None, (f"{band.running_h:.1f} of {learn_h:g} h of running", unsure)))
         return {
             "known": known,
-            "learning": None if known else f"{band.running_h:.1f} of {learn_h:g} h of running",
+            "learning": None if known else learning,
+            "unsure": unsure,
             "running_h": round(band.running_h, 2),
             "ratio": round(math.exp(bands.more_than_usual(band)), 4) if known else None,
             "sigma": round(bands.sigma_of(band), 4) if known else None,

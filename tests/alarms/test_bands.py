@@ -44,7 +44,25 @@ def test_nothing_is_reported_before_the_usual_is_known():
 def test_an_uninformative_window_is_left_out():
     band = _learnt([13.0] * 50)
     assert bands.learnt(band, _window(9.0, 90.0, law_W=0.5), 30.0, 0.25) == band
-    assert bands.learnt(band, _window(9.0, 13.0)._replace(sigma_W=8.0), 30.0, 0.25) == band
+    unsure = bands.learnt(band, _window(9.0, 13.0)._replace(sigma_W=8.0), 30.0, 0.25)
+    assert unsure._replace(unsure_h=0.0, unsure=0.0) == band
+
+
+@pytest.mark.parametrize("before", [0, 300], ids=["never learnt", "learnt before"])
+def test_a_heat_that_is_too_uncertain_to_learn_gives_the_reason_until_it_is_not(before):
+    band = _learnt([13.0] * before)
+    for k in range(7):
+        assert bands.why_unsure(band) is None or k >= 6
+        band = bands.learnt(band, _window(60.0 + k / 6.0, 13.0)._replace(sigma_W=9.75), 30.0, 0.25)
+    assert "uncertain by 75% of the heat (σ), and 30% is needed" in bands.why_unsure(band)
+    assert bands.why_unsure(bands.band_of(bands.plain_of(band))) == bands.why_unsure(band)
+    assert bands.why_unsure(bands.learnt(band, _window(70.0, 13.0), 30.0, 0.25)) is None
+
+
+def test_a_band_that_an_earlier_service_kept_is_taken_over():
+    plain = bands.plain_of(_learnt([13.0] * 50))
+    del plain["unsure_h"], plain["unsure"]
+    assert bands.band_of(plain).running_h == pytest.approx(50 / 6.0)
 
 
 def test_the_trend_is_that_of_a_heat_that_grows():

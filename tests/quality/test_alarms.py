@@ -179,3 +179,13 @@ def test_a_standing_alarm_is_not_announced_again_after_a_step_of_the_clock(step_
     desk.look(now_s + 61.0, (still,))
     (gone,) = (a for a in desk.document(now_s)["alarms"] if a["kind"] == "clock")
     assert gone["state"] == "returned"
+
+
+def test_a_heat_that_cannot_be_learnt_says_so_on_every_outlet():
+    desk = _desk(learn_h=10.0)
+    uncertain = replace(_estimate(0.0), heat_sigma_W=np.full((1, 3), 15.0))
+    for step in range(int(1.5 * 3600 / STEP_S)):
+        desk.see(replace(uncertain, time_s=np.array([STEP_S * step])), _frame(STEP_S * step), 20.0)
+    band = desk.document(0.0)["bands"]["nut"]
+    assert "uncertain by 75% of the heat" in band["unsure"]
+    assert band["learning"].startswith("0.0 of 10 h of running; no alarm is possible")

@@ -38,7 +38,7 @@ function draw() {
   const held = box.contains(document.activeElement) ? document.activeElement.closest("[data-alarm]")?.dataset.alarm : null;
   const alarms = published.alarms.map((alarm) => alarmWords(alarm, true));
   const bands = Object.entries(published.bands ?? {}).map(([name, band]) => make("tr", {}, make("th", { scope: "row", text: name.replaceAll("_", " ") }), ...(band.known ? [
-    make("td", { class: "n", text: `${number(band.ratio, 2)} ± ${number(band.sigma, 2)} of its usual` }),
+    make("td", { class: "n", text: `${number(band.ratio, 2)} ± ${number(band.sigma, 2)} of its usual${band.unsure ? `; ${band.unsure}` : ""}` }),
     make("td", { class: "n", text: known(band.trend_per_day) ? `${number(100 * band.trend_per_day, 2)} %/day` : "" }),
   ] : [make("td", { colspan: "2", class: "hint", text: `still learning what is usual: ${band.learning ?? `${number(band.running_h)} h of running`}` })])));
   box.replaceChildren(...(alarms.length ? alarms : [make("p", { class: "calm", text: "No alarm." })]), ...(bands.length ? [make("div", { class: "scroll" }, make("table", {}, make("tbody", {}, ...bands)))] : []));
