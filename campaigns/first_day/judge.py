@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import time
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -217,10 +217,11 @@ def _block(
     """Return a block of one estimate that holds nothing but its thermal error."""
     columns = {
         "time_s": np.array([time_s]),
+        "quality": np.array([quality]),
+        "sensor_quality": np.zeros((1, 0), int),
         "error_um": error[None],
         "error_sigma_um": sigma[None],
         "error_bound_um": bound[None],
     }
-    qualities = {f.name: np.array([quality]) for f in fields(EstimateBlock) if f.name.endswith("quality")}
-    empty = {f.name: np.zeros((1, 0)) for f in fields(EstimateBlock)}
-    return EstimateBlock(**(empty | qualities | {"sensor_quality": np.zeros((1, 0), int)} | columns))
+    required = (field.name for field in fields(EstimateBlock) if field.default_factory is MISSING)
+    return EstimateBlock(**({name: np.zeros((1, 0)) for name in required} | columns))
