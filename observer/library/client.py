@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import time
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Generic, TypeVar
 
 import zenoh
 
 from observer.errors import UserError
+from observer.exchange import KINDS
 from observer.library.messages import (
     ServiceAlarms,
     ServiceField,
@@ -20,11 +22,12 @@ from observer.library.messages import (
     documents_of,
     message_from,
 )
-from observer.publish.ask import ask
+from observer.publish.ask import ask, command
 from observer.publish.codec import decode_estimate
 from observer.publish.session import client_config, close_within
 
 Message = TypeVar("Message", ServiceHeat, ServiceField, ServiceThermalError, ServiceHealth, ServiceAlarms)
+_NAMES = re.compile(r"[A-Za-z0-9_.,-]{1,250}")
 _STEP_S, _REPORT_S = 3.0, 15.0
 """A message older than this is stale, unless three of its usual intervals are longer."""
 
@@ -88,8 +91,8 @@ class ServiceStream(Generic[Message]):
 class ServiceClient:
     """A running service: `async with observer.connect(…) as service`.
 
-    `machine` and `axis` identify it. `heat`, `field`, `error`, `health` and `alarms` are streams, each
-    with its `last` message, there from the beginning where the service has one.
+    `machine` and `axis` identify it, `command` gives it commands. `heat`, `field`, `error`, `health` and
+    `alarms` are streams, each with its `last` message, there from the beginning where the service has one.
     """
 
     machine: str
@@ -121,6 +124,29 @@ class ServiceClient:
 
     async def __aexit__(self, *_error: object) -> None:
         await asyncio.to_thread(close_within, self._session, 1.0)
+
+    async def command(self, kind: str, *, without: Sequence[str] = (), alarm: str | None = None) -> str:
+        """Give the service a command; returns its outcome in words.
+
+        `kind` is `arm`, `disarm`, `zero`, `reset` or `acknowledge`. Arming may do `without` sensors that are
+        excluded or missing; `alarm` is the id of the one to acknowledge, None for all. Raises `UserError`
+        with the reason where it is not done.
+        """
+        if kind not in KINDS:
+            raise UserError(f"there is no command {kind!r}; give one of {', '.join(KINDS)}")
+        parameters = {"without": ",".join(without)} if without else {}
+        parameters |= {"id": alarm} if alarm is not None else {}
+        if strange := [text for text in parameters.values() if not _NAMES.fullmatch(text)]:
+            raise UserError(f"{strange[0]!r} is not a name; names consist of letters, digits and _.-")
+        reply = await asyncio.to_thread(
+            command, kind, self._endpoint, self.machine, self.axis, self._timeout_s, parameters=parameters
+        )
+        if reply.document is None:
+            raise UserError(reply.problem)
+        text = str(reply.document.get("text", ""))
+        if reply.document.get("done") is not True:
+            raise UserError(text)
+        return text
 
     async def _ask(self, wanted: str, timeout_s: float) -> dict[str, Any]:
         reply = await asyncio.to_thread(ask, self._endpoint, self.machine, self.axis, wanted, timeout_s, None)

@@ -12,7 +12,7 @@ import observer
 from observer.library.messages import message_from
 from tests.patience import PATIENCE_S
 from tests.publish.router import Router, free_port
-from tests.system.plant import Daemon, Subscriber, machine, table_for
+from tests.system.plant import COMPENSATION, Daemon, Subscriber, machine, table_for
 
 
 @pytest.fixture
@@ -25,6 +25,29 @@ def service(tmp_path: Path) -> Iterator[tuple[Daemon, str]]:
             with Subscriber(endpoint) as seen:
                 seen.wait_until_good()
             yield daemon, endpoint
+
+
+@pytest.mark.system
+async def test_a_client_arms_and_disarms_and_is_refused_with_the_reason(tmp_path: Path) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant:
+        table = table_for(plant.wires, mode="router", listen=[endpoint]) | {"compensation": COMPENSATION}
+        with Daemon(tmp_path, table) as daemon:
+            with Subscriber(endpoint) as heard:
+                heard.wait_until_good()
+            async with observer.connect(endpoint, timeout_s=PATIENCE_S) as client:
+                assert await client.command("arm", without=["t1"]) == "armed"
+                assert await client.command("disarm") == "disarmed"
+                assert await client.command("acknowledge") == "acknowledged: all"
+                for kind, options, reason in (
+                    ("arm", {"without": ["nobody"]}, "there is no sensor nobody; the sensors are t1, "),
+                    ("acknowledge", {"alarm": "none.there"}, "there is no alarm none.there"),
+                    ("arm", {"without": ["t1;id=x"]}, "'t1;id=x' is not a name"),
+                    ("fire", {}, "there is no command 'fire'"),
+                ):
+                    with pytest.raises(observer.UserError, match=reason):
+                        await client.command(kind, **options)
+            daemon.stop()
 
 
 @pytest.mark.system
