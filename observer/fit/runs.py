@@ -285,7 +285,8 @@ def without_rows(frames: FrameBlock, doubtful: BoolArray) -> FrameBlock:
         count = np.diff(p.offset)
         sample = np.flatnonzero(np.repeat(~doubtful, count)) + p.offset[0]
         offset = np.append(0, np.cumsum(count[rows]))
-        path[name] = NutPath(p.time_s[sample], p.position_m[sample], offset, p.driven_m_s[sample])
+        columns = {key: getattr(p, key)[sample] for key in p._fields if key != "offset"}
+        path[name] = p._replace(offset=offset, **columns)
     arrays = {key: getattr(frames, key)[rows] for key in _ROWS}
     arrays["dt_s"] = np.diff(arrays["time_s"], prepend=arrays["time_s"][:1])
     return FrameBlock(channels=frames.channels, path=path, **arrays)
