@@ -9,6 +9,7 @@ one way. What fails lowers the quality of the estimate, and says why; it clears 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -21,6 +22,7 @@ from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs, Layou
 from observer.kernels import codes as of
 from observer.kernels import compare_ways, record, run_selftest
 from observer.kernels.layout import packed
+from observer.kernels.screening import READMIT_S
 from observer.kernels.selftest import OF_HEAT, OF_MOTION, OF_SENSOR
 from observer.model.plant import Plant
 
@@ -62,7 +64,8 @@ class Finding:
     `value` is in the unit of the fault: a mean in σ, a correlation, a ratio to the expected noise, the
     innovation in K, a heat in W, a ratio of ways, a leap in m, what a sensor reads too much in K;
     `expected` is what it is held against, or the σ of the last. `other` is the sensor with which this one was
-    exchanged. `unit` is that of a reading, um where it is a displacement.
+    exchanged. `unit` is that of a reading, um where it is a displacement. `returns_s` is in how long an
+    excluded sensor that agrees again is used, NaN while it does not.
     """
 
     fault: Fault
@@ -72,6 +75,7 @@ class Finding:
     expected: float
     other: str = ""
     unit: str = "K"
+    returns_s: float = math.nan
 
 
 class SelfTestState(NamedTuple):
@@ -256,7 +260,9 @@ def _of_all(layout: Layout, state: EstimatorState, *, now: bool) -> list[tuple[F
             if own[of.CAUSE] == of.SWAPPED:
                 fault, other = Fault.SWAPPED, layout.sensors[int(own[of.OTHER])]
             excess, sigma = float(own[of.EXCESS_K]), float(own[of.EXCESS_SIGMA_K])
-            finding = Finding(fault, name, float(own[of.FIRST_S]), excess, sigma, other, unit)
+            agrees_s = float(own[of.AGREES_S]) if now else 0.0
+            returns_s = max(READMIT_S - agrees_s, 0.0) if agrees_s > 0.0 else math.nan
+            finding = Finding(fault, name, float(own[of.FIRST_S]), excess, sigma, other, unit, returns_s)
             found.append((finding, int(own[of.STEPS])))
     verdict = state.verdict
     if verdict[of.COMMON_K]:

@@ -1,7 +1,7 @@
 cdef double JUMP_SIGMA, LEAST_JUMP_K, DRIFT_K_S, YOUNG_S, _QUIET_S, _FEW, _MEAN_S, LASTS_SAMPLES, LASTS_S
-cdef double _EQUAL_K, _EQUAL_SIGMA, _BACK, _TELLING, _UNREST, _UNREST_SHARE, _EXCESS_S, _READMIT_S, _READMIT_SIGMA
+cdef double _EQUAL_K, _EQUAL_SIGMA, _BACK, _TELLING, _UNREST, _UNREST_SHARE, _EXCESS_S, READMIT_S, _READMIT_SIGMA
 cdef double _READMIT_K2, _COMMON_K2, _APART_K2, _SURPRISE_K2, DECIDED_S, _SETTLING_S, _SURPRISED_S, _TRUST_AIR_K
-cdef double _LEAST_LEAP_K, _LEAP_K_S
+cdef double _LEAST_LEAP_K, _LEAP_K_S, _CLEAR
 
 @cython.locals(opened=bint)
 cdef bint screen(PlantArrays p, Inputs u, Py_ssize_t k, double gate_sigma, Running state, Work work) noexcept nogil
@@ -28,7 +28,7 @@ cdef bint open_offset(PlantArrays p, Py_ssize_t i, double variance_K2, double[:,
 cdef void open_common(PlantArrays p, double variance_K2, double[:, ::1] P) noexcept nogil
 @cython.locals(released=bint, share=double)
 cdef bint refuse(PlantArrays p, Inputs u, Py_ssize_t k, double gate_sigma, Running state, Work work) noexcept nogil
-@cython.locals(sigma_K=double, back_K=double, proves=bint, near=bint)
-cdef inline void look_for_return(Py_ssize_t i, double since_s, double[:, ::1] guard, Work work) noexcept nogil
+@cython.locals(sigma_K=double, size_K=double, back_K=double, exchanged=bint, clear=bint, proves=bint, near=bint)
+cdef inline void look_for_return(Py_ssize_t i, double since_s, double noise_K, double[:, ::1] guard, Work work) noexcept nogil
 @cython.locals(readmitted=bint, share=double)
 cdef bint remember(PlantArrays p, Inputs u, Py_ssize_t k, Py_ssize_t i, Running state, Work work) noexcept nogil

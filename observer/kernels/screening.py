@@ -7,8 +7,8 @@ place are swapped; steps in proportion to the rise above the air are a gain; any
 explained. Who is at fault where readings depart slowly, the bank beside the estimate finds out
 (`observer.estimators.bank`). An excluded sensor comes back only after it has agreed for ten minutes with what
 was estimated without it, and with its offset open. Agreement proves little where the rest knows little, so
-the sensor must have stepped back first, or the rest must know four times better than it was off; readings
-that were exchanged stay out until the service is reset (Brown and Chin 1998).
+the sensor must have stepped back first, or the rest must know four times better than it was off. Of readings
+that were exchanged only a step counts, of both plugs put right (Brown and Chin 1998).
 """
 
 from __future__ import annotations
@@ -72,8 +72,10 @@ LASTS_SAMPLES, LASTS_S = 3.0, 2.0
 _EQUAL_K, _EQUAL_SIGMA = 0.12, 4.0
 _UNREST, _UNREST_SHARE = 1.0 / 30.0, 0.3
 _EXCESS_S = 30.0
-_READMIT_S, _READMIT_SIGMA, _READMIT_K2 = 600.0, 3.0, 1.0
+READMIT_S = 600.0
+_READMIT_SIGMA, _READMIT_K2 = 3.0, 1.0
 _BACK, _TELLING = 0.3, 4.0
+_CLEAR = 10.0  # standard deviations of its noise that an exchanged reading is off before it steps back
 _COMMON_K2, _APART_K2, _SURPRISE_K2 = 0.01, 9.0, 4.0
 DECIDED_S, _SETTLING_S, _SURPRISED_S = 60.0, 120.0, 600.0
 _TRUST_AIR_K = 0.5
@@ -335,18 +337,23 @@ def refuse(p, u, k, gate_sigma, state, work):
     return released
 
 
-def look_for_return(i, since_s, guard, work):
-    """Count for how long excluded sensor i agrees with the rest, where that proves something."""
-    sigma_K = sqrt(work.S_nu[i])
+def look_for_return(i, since_s, noise_K, guard, work):
+    """Count for how long excluded sensor i agrees with the rest, where that proves something.
+
+    What two exchanged sensors read may meet as a machine cools, so of them a step back is asked.
+    """
+    sigma_K, exchanged = sqrt(work.S_nu[i]), guard[i, CAUSE] == SWAPPED
+    size_K = guard[i, MEAN] if exchanged else guard[i, SIZE_K]
+    clear = not exchanged or abs(size_K) >= max(_CLEAR * noise_K, LEAST_JUMP_K)
     back_K = guard[i, MEAN] - work.nu[i]
-    if guard[i, SEEN] >= _FEW and abs(back_K - guard[i, SIZE_K]) <= _BACK * abs(guard[i, SIZE_K]):
+    if guard[i, SEEN] >= _FEW and clear and abs(back_K - size_K) <= _BACK * abs(size_K):
         guard[i, BACK] = 1.0
     guard[i, MEAN] += (1.0 - exp(-since_s / _MEAN_S)) * (work.nu[i] - guard[i, MEAN])
     if guard[i, SEEN] == 0.0:
         guard[i, MEAN] = work.nu[i]
     guard[i, SEEN] += 1.0
-    proves = guard[i, BACK] > 0.0 or _TELLING * sigma_K <= abs(guard[i, SIZE_K])
-    near = abs(work.nu[i]) <= _READMIT_SIGMA * sigma_K and guard[i, CAUSE] != SWAPPED
+    proves = guard[i, BACK] > 0.0 or (not exchanged and _TELLING * sigma_K <= abs(guard[i, SIZE_K]))
+    near = abs(work.nu[i]) <= _READMIT_SIGMA * sigma_K
     guard[i, AGREES_S] = guard[i, AGREES_S] + since_s if near and proves else 0.0
 
 
@@ -363,8 +370,8 @@ def remember(p, u, k, i, state, work):
             guard[i, EXCESS_K] = guard[i, SIZE_K] = work.nu[i]
         guard[i, EXCESS_K] += (1.0 - exp(-since_s / _EXCESS_S)) * (work.nu[i] - guard[i, EXCESS_K])
         guard[i, EXCESS_SIGMA_K] = sqrt(work.S_nu[i])
-        look_for_return(i, since_s, guard, work)
-        if guard[i, AGREES_S] >= _READMIT_S and open_offset(p, i, _READMIT_K2, state.P):
+        look_for_return(i, since_s, sqrt(p.R_K2[i]), guard, work)
+        if guard[i, AGREES_S] >= READMIT_S and open_offset(p, i, _READMIT_K2, state.P):
             guard[i, CAUSE], readmitted = 0.0, True
             guard[i, OPENED_K2] += _READMIT_K2
             forget_step(guard, i)

@@ -24,6 +24,8 @@ from observer.tables.publishing import Client
 SHOWN = ("estimate", "heat", "field", "error", "learned", "health", "alarms", "truth/heat")
 _STYLE = {"good": "green", "degraded": "yellow", "stale": "yellow", "starting": "cyan"}
 _COUNTED = ("samples", "drops", "errors", "reconnects")
+_OFF = {"released", "not_zeroed"}
+"""The kinds of conditions by which the compensation is off."""
 _BLOCKS = "▁▂▃▄▅▆▇█"
 _UNKNOWN = "–"
 _SILENT_S = 3.0
@@ -100,10 +102,7 @@ def live_table(latest: Mapping[str, Mapping[str, Any]]) -> RenderableType:
     """Heats beside their truth where it is published, field, thermal error, sensors, quality and reasons."""
     heat, health = latest.get("heat", {}), latest.get("health", {})
     quality = _word(heat.get("quality", "starting"))
-    title = Text(f"quality {quality}{without_sensors(health, heat)}", style=_style(quality))
-    if health:
-        state = _word(health.get("state"))
-        title.append(f"   service {state}", style=_style(state))
+    title = _headline(quality, health, heat)
     parts: list[RenderableType] = [title, _heats(heat, latest.get("truth/heat", {}))]
     parts += [_profile(latest.get("field", {}), "field", "temperature_degC", "sigma_K", "°C")]
     if "error" in latest:
@@ -118,14 +117,9 @@ def health_table(
     health: Mapping[str, Any], alarms: Mapping[str, Any], axis: str, now_s: float
 ) -> RenderableType:
     """A health report for people: state, reasons, remedies, channels and drivers, and its age."""
-    state, quality, time_s = (
-        _word(health.get("state")),
-        _word(health.get("quality")),
-        _float(health.get("time_s")),
-    )
+    quality, time_s = _word(health.get("quality")), _float(health.get("time_s"))
     title = Text(f"{_word(axis)}   ")
-    title.append(f"service {state}", style=_style(state))
-    title.append(f"   estimates {quality}{without_sensors(health, health)}", style=_style(quality))
+    title.append_text(_headline(quality, health, health))
     if time_s is not None:
         title.append(f"   {max(now_s - time_s, 0.0):.0f} s ago", style="dim")
     channels, drivers = (
@@ -145,13 +139,25 @@ def health_table(
     return Group(title, *_reasons(health), *_alarms(alarms), channels, drivers, recording)
 
 
+def _headline(quality: str, health: Mapping[str, Any], counted: Mapping[str, Any]) -> Text:
+    """The quality of the estimates, the state of the service, and whether the compensation is off."""
+    title = Text(f"estimates: {quality}{without_sensors(health, counted)}", style=_style(quality))
+    if health:
+        state = _word(health.get("state"))
+        title.append(f"   service: {state}", style=_style(state))
+    kinds = {_word(_table(condition).get("kind")) for condition in _items(health.get("conditions"))}
+    if kinds & _OFF:
+        title.append("   compensation: off", style="yellow")
+    return title
+
+
 def without_sensors(health: Mapping[str, Any], counted: Mapping[str, Any]) -> str:
     """The sensors that an estimate does not use, by the counts of a message; empty where it uses all."""
     used, sensors = _float(counted.get("sensors_used")), _float(counted.get("sensors"))
     if used is None or sensors is None or used >= sensors:
         return ""
     names = ", ".join(_word(name) for name in _items(health.get("degraded_sensors")))
-    return f", without {names or 'some'} ({used:.0f} of {sensors:.0f} sensors)"
+    return f", but without {names or 'some'} ({used:.0f} of {sensors:.0f} sensors)"
 
 
 def _plain(heads: Sequence[str]) -> Table:
@@ -282,7 +288,7 @@ def _force(document: Mapping[str, Any]) -> list[Text]:
 def _sensors(estimate: Mapping[str, Any]) -> Table:
     """One row per sensor: its quality and how far it was from what the model expected."""
     moved = _items(estimate.get("displacements"))
-    table = Table("sensor", "quality", "innovation, K or µm" if moved else "innovation, K")
+    table = Table("sensor", "quality", "residual, K or µm" if moved else "residual, K")
     rows = zip(
         _items(estimate.get("sensors")),
         _items(estimate.get("sensor_quality")),

@@ -54,7 +54,7 @@ class Condition:
 
     `about` is the sensor, channel, source or driver, and `other` one that shares it; `detail` a fault or a
     phase in one word, or the words of whoever reports it; `value`, `expected` and `unit` as in `Finding`, NaN
-    without; `quality` that of a channel or of the estimate.
+    without; `quality` that of a channel or of the estimate; `returns_s` as in `Finding`.
     """
 
     kind: Trouble | Fault
@@ -66,11 +66,13 @@ class Condition:
     other: str = ""
     quality: Quality | EstimateQuality | None = None
     unit: str = "K"
+    returns_s: float = math.nan
 
     @property
     def identity(self) -> tuple[Any, ...]:
         """The identity of the condition, whatever its present figures."""
-        return self.kind, self.about, self.other, self.detail, self.quality
+        returns = math.isfinite(self.returns_s)
+        return self.kind, self.about, self.other, self.detail, self.quality, returns
 
     def document(self, reason: str) -> dict[str, Any]:
         """The condition as it is published, with its sentence."""
@@ -125,7 +127,7 @@ def of_finding(found: Finding) -> Condition:
     """The condition that the self-test or the screening has found."""
     return Condition(
         found.fault, found.subject, "", found.since_s, found.value, found.expected, found.other,
-        unit=found.unit,
+        unit=found.unit, returns_s=found.returns_s,
     )  # fmt: skip
 
 

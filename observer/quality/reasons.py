@@ -23,6 +23,10 @@ def sentence(condition: Condition) -> str:
     if kind is Fault.MOTION:
         return f"{motion_sentence(about, 'the speed', value)}, since {clock(condition.since_s)}"
     high = kind in (Fault.EXCLUDED, Fault.SHARED_OFFSET)
+    if kind in (Fault.EXCLUDED, Fault.SWAPPED) and math.isfinite(condition.returns_s):
+        return _returning(condition)
+    if kind is Fault.EXCLUDED and abs(value) < condition.expected:
+        return _perhaps_right(condition)
     sentences = _OF_DISPLACEMENTS if condition.unit == "um" and kind in _OF_DISPLACEMENTS else _SENTENCES
     text = sentences[kind].format(
         about=", ".join(sorted(filter(None, (about, condition.other)))),
@@ -39,6 +43,26 @@ def sentence(condition: Condition) -> str:
         phase=_WHILE.get(condition.detail, ""),
     )
     return f"{text}, since {clock(condition.since_s)}" if isinstance(kind, Fault) else text
+
+
+def _returning(condition: Condition) -> str:
+    """The sentence of an excluded sensor that agrees with the others again."""
+    names = ", ".join(sorted(filter(None, (condition.about, condition.other))))
+    was = "was excluded" if condition.kind is Fault.EXCLUDED else "were exchanged and excluded"
+    minutes = max(math.ceil(condition.returns_s / 60.0), 1)
+    return (
+        f"{names} {was}, since {clock(condition.since_s)}; {condition.about} agrees again and is used in "
+        f"{minutes} min, or at once after `observer reset`"
+    )
+
+
+def _perhaps_right(condition: Condition) -> str:
+    """The sentence of an excluded sensor of which the others know too little to take it back."""
+    unit = "µm" if condition.unit == "um" else "K"
+    return (
+        f"{condition.about} is excluded, since {clock(condition.since_s)}; it reads {condition.value:+.1f} ± "
+        f"{condition.expected:.1f} {unit} off, which may be right: if the sensor is, run `observer reset`"
+    )
 
 
 def clock(time_s: float) -> str:
@@ -104,25 +128,28 @@ _SENTENCES: dict[Trouble | Fault, str] = {
     "that all sensors share",
     Fault.LEAPT: "{about} has jumped by {value:+.3f} m, which the speed does not explain: homed again, or "
     "a slipped encoder; the nut's position is unknown until a reset",
-    Fault.EXCLUDED: "{about} reads {value:.1f} ± {expected:.1f} K too {way} and is excluded; check it",
-    Fault.SWAPPED: "{about} are exchanged and excluded; check their connectors",
+    Fault.EXCLUDED: "{about} reads {value:.1f} ± {expected:.1f} K too {way} and is excluded; check it: it "
+    "is used again ten minutes after it reads right, or at once after `observer reset`",
+    Fault.SWAPPED: "{about} are exchanged and excluded: put their plugs right; they are used again ten "
+    "minutes later, or at once after `observer reset`",
     Fault.SHARED_OFFSET: "all sensors began to read {value:.2f} K too {way} at once, as from a "
     "reference junction; this is corrected",
     Fault.GAIN: "all sensors began to show {value:.0%} of their rise above the air at once; check "
-    "the converter's range, then reset",
+    "the converter's range, then run `observer reset`",
     Fault.UNEXPLAINED: "all sensors stepped at once, which no heat can cause; check the converter, then "
-    "reset",
+    "run `observer reset`",
     Fault.DRIFTING: "all sensors together depart from laws and air, faster than they may "
-    "drift; check what they share, and the laws, then reset",
+    "drift; check what they share, and the laws, then run `observer reset`",
     Fault.AMBIGUOUS: "the sensors do not agree with each other, and it is unclear which of them is "
-    "wrong; check all of them, then reset",
+    "wrong; check all of them, then run `observer reset`",
     Fault.AIR_LEAPT: "the air's temperature has jumped by {value:+.1f} K, which air cannot do; check "
-    "its sensor, then reset",
+    "its sensor, then run `observer reset`",
     Fault.SETTLING: "the estimate is settling, after readings that stepped, came back, or do not agree",
 }
 _OF_DISPLACEMENTS: dict[Trouble | Fault, str] = {
     Fault.REFUSED: "{about} is rejected: {value:+.1f} µm from what the model and the other sensors expect",
-    Fault.EXCLUDED: "{about} reads {value:.1f} ± {expected:.1f} µm too {way} and is excluded; check it",
+    Fault.EXCLUDED: "{about} reads {value:.1f} ± {expected:.1f} µm too {way} and is excluded; check it: "
+    "it is used again ten minutes after it reads right, or at once after `observer reset`",
 }
 """Sentences for a sensor that measures a displacement."""
 

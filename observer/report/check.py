@@ -45,7 +45,7 @@ def findings(config: Installation) -> dict[str, Any]:
             "most; give fewer, or leave modes out"
         )
     plant = build_plant(config)
-    design = design_report(plant, config.estimator)
+    design = design_report(plant, config.estimator, on_screw=config.screw_is_seen)
     reached = sorted(design.poles_reached_1_s.tolist(), key=lambda p: (-p.real, p.imag))
     errors = transient_error_K_W(config, plant, TRANSIENT_S)
     biot = _biot(config)

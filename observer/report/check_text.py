@@ -57,7 +57,16 @@ def as_text(found: dict[str, Any]) -> RenderableType:
     opening = [Text(verdict["text"], style=style), *(Text(f"warning: {w}", style="yellow") for w in more)]
     costs = [_costs(found["tolerances"])] if found["tolerances"] else []
     least = _least(found["minimal_detectable"], found["further_sensor"], found["slow_in_sigma"])
-    return Group(*opening, Text(), table, *costs, *least)
+    return Group(*opening, Text(_to_do(found)), Text(), table, *costs, *least)
+
+
+def _to_do(found: dict[str, Any]) -> str:
+    """Whether anything has to be done, before the figures that explain the design."""
+    if not found["verdict"]["usable"]:
+        return "To do: change the configuration as the first line says."
+    if found["warnings"]:
+        return "To do: what the warnings name. The figures below explain the design and ask for nothing."
+    return "Nothing has to be done. The figures below explain the design."
 
 
 def _grid(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -40,7 +40,7 @@ KEYS = {
     "position_m": "measure the sensors' positions",
     "offset_K": "compare the sensors in a bath, or on the machine after a night at rest",
     "lag_s": "set the sensors into the metal with paste, or measure their lag",
-    "link": "free the links in [calibrate], on a log of one warm-up, or put one sensor on the screw",
+    "link": "free the links in [calibrate], on a log of one warm-up",
     "capacity": "weigh nut and housings, or take their masses from the drawing",
     "gain": "compare what looks at the screw or slides on it with a contact thermometer, once it is warm",
 }
@@ -177,34 +177,45 @@ def _sample_s(config: Config) -> FloatArray:
 
 
 def _further(config: Config, slow_K: FloatArray) -> dict[str, Any] | None:
-    """What a further thermocouple at its best position does for the sensor that hides the largest fault."""
+    """What a further thermocouple at its best place does for the sensor that hides the largest fault.
+
+    The places are the configured candidates; else the screw, if it carries a sensor; else the bodies, since
+    nothing can be mounted on a screw that turns.
+    """
     thermal = np.array([sensor.kind == "temperature" for sensor in config.sensor])
     worst = int(np.argmax(np.where(thermal, slow_K, 0.0)))
-    there_m = [s.position_m for s in config.sensor if s.position_m is not None]
-    left_K: dict[float, float] = {}
-    for x_m in np.linspace(0.0, config.screw.length_m, PLACES).round(6).tolist():
-        if min((abs(x_m - each) for each in there_m), default=math.inf) < NEAREST_M:
-            continue
-        more = _with_another(config, x_m)
+    best: dict[str, Any] | None = None
+    for place in _places(config):
+        more = _with_another(config, place)
         plant = build_plant(more, learns=True)
         least_K = slow_fault_K(plant, standard_shift(more, plant), _sample_s(more), worst)
         if least_K is None:
             return None
-        left_K[x_m] = least_K
-    if not left_K:
-        return None
-    best_m = min(left_K, key=lambda x_m: left_K[x_m])
-    return {
-        "position_m": best_m,
-        "sensor": config.sensor[worst].name,
-        "slow_K_now": float(slow_K[worst]),
-        "slow_K_then": left_K[best_m],
-    }
+        if best is None or least_K < best["slow_K_then"]:
+            now = {"sensor": config.sensor[worst].name, "slow_K_now": float(slow_K[worst])}
+            best = {**place, **now, "slow_K_then": least_K}
+    return best
 
 
-def _with_another(config: Config, x_m: float) -> Config:
-    """The configuration with one thermocouple more on the screw, like its first and read as often."""
-    new = {"name": _FURTHER, "position_m": x_m, "on": None}
+def _places(config: Config) -> Iterator[dict[str, Any]]:
+    """Where a further thermocouple can be mounted: `position_m` on the screw, or the body it is `on`."""
+    there_m = [s.position_m for s in config.sensor if s.position_m is not None]
+    wanted = [c for c in config.candidate if c.kind == "temperature"]
+    along_m = np.linspace(0.0, config.screw.length_m, PLACES).round(6).tolist() if there_m else []
+    on = [node.name for node in config.node] if not there_m else []
+    if wanted:
+        on = [c.on for c in wanted if c.on is not None]
+        along_m = [c.position_m for c in wanted if c.position_m is not None]
+    for x_m in along_m:
+        if min((abs(x_m - each) for each in there_m), default=math.inf) >= NEAREST_M:
+            yield {"position_m": x_m, "on": None}
+    for name in on:
+        yield {"position_m": None, "on": name}
+
+
+def _with_another(config: Config, place: Mapping[str, Any]) -> Config:
+    """The configuration with one thermocouple more, like its first and read as often."""
+    new = {"name": _FURTHER, **place}
     return config.model_copy(update={"sensor": (*config.sensor, config.sensor[0].model_copy(update=new))})
 
 
@@ -220,14 +231,12 @@ def buys(further: dict[str, Any] | None) -> str:
     if further is None:
         return ""
     now_K, then_K, sensor = further["slow_K_now"], further["slow_K_then"], further["sensor"]
+    on = further.get("on")
     if then_K > (1.0 - WORTH_A_WORD) * now_K:
-        return (
-            f"no further thermocouple on the screw would bring {sensor}'s slow fault far below {now_K:.3g} K"
-        )
-    return (
-        f"a thermocouple at {further['position_m']:.3g} m would bring {sensor}'s slow fault from {now_K:.3g} "
-        f"to {then_K:.3g} K"
-    )
+        where = "on the screw" if on is None else "on nut or housings"
+        return f"no further thermocouple {where} would bring {sensor}'s slow fault far below {now_K:.3g} K"
+    where = f"at {further['position_m']:.3g} m" if on is None else f"more on {on}"
+    return f"a thermocouple {where} would bring {sensor}'s slow fault from {now_K:.3g} to {then_K:.3g} K"
 
 
 def _finite(value: float) -> float | None:

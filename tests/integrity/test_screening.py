@@ -206,3 +206,37 @@ def test_a_drift_of_all_is_named_as_one_and_what_is_held_back_has_a_reason() -> 
     assert Found.UNEXPLAINED not in found
     _, found = judged("t5 +3 K", 1)
     assert "the estimate is settling" in found[Found.SETTLING]
+
+
+def swapped_and_put_right(back_s: float | None) -> tuple[Any, Any, EstimateBlock]:
+    """A day on which two plugs are exchanged and, where `back_s` is given, put right so much later."""
+    day, fault = day_of(1), catalogue()["t1 and t2 swapped"]
+    off = faulty(day, fault, 1)
+    since_s = day.time_s - day.time_s[0] - FAULT_S
+    if back_s is not None:
+        pulled = (since_s > back_s - 20.0) & (since_s <= back_s)
+        degC = np.where((since_s > back_s)[:, None], day.sensor_degC, off.sensor_degC)
+        degC[pulled, :2] = np.nan
+        off = off._replace(sensor_degC=degC)
+    machine = MachineModel.of(config_of(RIG), learns=True)
+    pipeline = pipeline_of(machine)
+    frames_of_day = frames_of_log(log_of(off), machine.plan)
+    return since_s, pipeline, EstimateBlock.joined([pipeline.step(frames) for frames in frames_of_day])
+
+
+def test_exchanged_plugs_that_are_put_right_are_used_again_ten_minutes_later() -> None:
+    since_s, pipeline, block = swapped_and_put_right(900.0)
+    out = (block.sensor_quality[:, :2] == Quality.EXCLUDED).any(axis=1)
+    assert out[(since_s > 60.0) & (since_s < 880.0)].all()
+    assert out[(since_s > 900.0) & (since_s < 1470.0)].all()
+    assert not out[since_s > 1560.0].any()
+    assert Found.SWAPPED not in {finding.fault for finding in pipeline.findings}
+
+
+def test_plugs_that_stay_exchanged_are_not_used_when_the_machine_has_cooled() -> None:
+    """What they read meets as heat leaves, and proves nothing."""
+    since_s, pipeline, block = swapped_and_put_right(None)
+    assert (block.sensor_quality[since_s > 60.0, :2] == Quality.EXCLUDED).all()
+    (said,) = {sentence(of_finding(f)) for f in pipeline.findings if f.fault is Found.SWAPPED}
+    assert "put their plugs right" in said
+    assert "`observer reset`" in said

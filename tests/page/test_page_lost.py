@@ -124,7 +124,7 @@ def test_of_a_service_that_is_gone_nothing_runs_on(browser):
 
 @pytest.mark.parametrize(
     ("unused", "headline"),
-    [([], "Good"), (["right_housing"], "Good, without right_housing (4 of 5 sensors)")],
+    [([], "Good"), (["right_housing"], "Good, but without right_housing (4 of 5 sensors)")],
 )
 def test_a_good_headline_names_the_sensors_that_are_not_used(browser, unused, headline):
     counts = {"sensors_used": 5 - len(unused), "sensors": 5, "degraded_sensors": unused}

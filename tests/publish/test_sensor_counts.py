@@ -48,4 +48,4 @@ def test_a_displacement_sensor_counts_and_a_long_message_decodes_also_when_late(
 def test_the_live_line_names_the_sensor_that_a_good_estimate_does_not_use() -> None:
     heat = json.loads(EstimateEncoder(LAYOUT, "abcd1234").heat(_with_unused(Quality.EXCLUDED), 0, 7))
     line = live_line({"heat": heat, "health": {"degraded_sensors": ["t2"]}})
-    assert line.startswith("good, without t2 (1 of 2 sensors): ")
+    assert line.startswith("good, but without t2 (1 of 2 sensors): ")

@@ -41,9 +41,9 @@ def test_shows_heats_field_error_sensors_and_reasons():
     latest["learned"]["parameters"] = {"sensor.t1.offset_K": {"value": 0.314, "sigma": 0.1}}
     latest["health"] = {"state": "degraded", "reasons": ["channel t2_degC is stale"]}
     text = _shown(latest)
-    for words in ("quality degraded", "61.23", "2.00", "59.23", "1.0", "left_bearing", "field", "°C", "error",
-                  "µm", "t2", "learnt: sensor.t1.offset_K 0.314 ± 0.1",
-                  "channel t2_degC is stale", "service degraded"):  # fmt: skip
+    for words in ("estimates: degraded", "61.23", "2.00", "59.23", "1.0", "left_bearing", "field", "°C",
+                  "error", "µm", "t2", "learnt: sensor.t1.offset_K 0.314 ± 0.1",
+                  "channel t2_degC is stale", "service: degraded"):  # fmt: skip
         assert words in text
 
 
@@ -65,8 +65,8 @@ def test_a_health_report_is_shown_with_state_reasons_channels_and_drivers():
          "channels": channels, "drivers": drivers, "recording": "/var/lib/r.csv"},
         partial(health_table, alarms=alarms, axis="lathe-7/z", now_s=1012.0),
     )  # fmt: skip
-    for words in ("lathe-7/z", "▲ major", "it wears", "to do: grease it", "12 s ago", "service starting",
-                  "estimates invalid", "• driver amp is not connected: refused", "0.2",
+    for words in ("lathe-7/z", "▲ major", "it wears", "to do: grease it", "12 s ago", "service: starting",
+                  "estimates: invalid", "• driver amp is not connected: refused", "0.2",
                   "t1_degC", "[t2]", "missing", "open_circuit", "no", "40", "/var/lib/r.csv"):  # fmt: skip
         assert words in text
 
@@ -193,3 +193,18 @@ def test_a_hostile_estimate_is_shown_as_unknown():
          "innovation_K": cbor2.CBORTag(85, b"")}
     )  # fmt: skip
     assert _shown({"estimate": message_of("estimate", data)})
+
+
+@pytest.mark.parametrize(("kind", "is_off"), [("released", True), ("not_zeroed", True), ("excluded", False)])
+def test_a_compensation_that_is_off_stands_beside_estimates_that_are_good(kind, is_off):
+    health = {"state": "good", "quality": "good", "time_s": 1.0, "conditions": [{"kind": kind}]}
+    for shown in (
+        _shown(_latest() | {"health": health}),
+        _shown(health, partial(health_table, alarms={}, axis="a/z", now_s=2.0)),
+    ):
+        assert "estimates: good" in shown
+        assert ("compensation: off" in shown) == is_off
+
+
+def test_the_table_of_sensors_says_residual_as_the_page_does():
+    assert "residual, K" in _shown(_latest())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from observer.config import Config
 from observer.estimators.bank import Bank
 from observer.estimators.fault_search import MISFIT
 from observer.estimators.packing import Running
+from observer.installation import Installation, parse
+from observer.installation.first_configuration import answers, compose
 from observer.kernels.codes import AGE_S
 from observer.kernels.screening import DRIFT_K_S, JUMP_SIGMA
 from observer.model.build import build_plant
@@ -22,6 +25,7 @@ from observer.report import check, sensitivity
 from observer.report.check import findings
 from observer.report.check_text import _least, as_text
 from observer.report.sensitivity import buys, detectable
+from observer.tables.candidates import SensorCandidate
 from tests.logs.simulated import shift_log
 
 ROOT = Path(__file__).parents[2]
@@ -162,6 +166,42 @@ def test_a_further_thermocouple_is_placed_away_from_others() -> None:
     )
     found = detectable(config.model_copy(update={"sensor": sensors}))["further_sensor"]
     assert all(abs(found["position_m"] - s.position_m) >= 0.02 for s in sensors)
+
+
+def housings() -> Installation:
+    """A machine as most are: thermocouples on nut bracket and bearing housings."""
+    given = {
+        "length_m": "1.1",
+        "stroke_m": "150 850 mm",
+        "housings": "all",
+        "module_at": "h",
+        "ambient": "21",
+    }
+    control = {"control": "modbus", "control_at": "h", "counts_per_m": "1e6", "speed_register": "2"}
+    return parse(tomllib.loads(compose(answers(given | control, None))))
+
+
+def test_on_a_machine_with_housings_no_thermocouple_on_the_turning_screw_is_advised() -> None:
+    config = housings()
+    found = detectable(config)["further_sensor"]
+    assert found["position_m"] is None
+    assert found["on"] in {node.name for node in config.node}
+    assert f"more on {found['on']} would bring" in buys(found)
+    assert found["slow_K_then"] < found["slow_K_now"]
+    text = text_of(config)
+    assert "node near" not in text
+    assert "sensor on the screw" not in text
+
+
+def test_what_can_be_mounted_is_what_the_candidates_name() -> None:
+    candidate = SensorCandidate(name="foot", on="left_housing")
+    config = housings().model_copy(update={"candidate": (candidate,)})
+    assert detectable(config)["further_sensor"]["on"] == "left_housing"
+
+
+def test_a_check_says_first_whether_anything_has_to_be_done() -> None:
+    before, _, _ = text_of(demo()).partition("modes  ")
+    assert "Nothing has to be done." in before or "To do: what the warnings name." in before
 
 
 def test_a_model_without_tolerances_is_held_against_no_slow_fault() -> None:

@@ -167,7 +167,7 @@ def test_health_is_for_people_with_colour_only_in_a_terminal_and_one_line_of_jso
             assert terminal.process.wait(PATIENCE_S) == 0
             until(lambda: "minor heat_high.nut (active)" in terminal.shown())
             assert "lathe-7/z" in terminal.shown()
-            assert "service good" in terminal.shown()
+            assert "service: good" in terminal.shown()
             assert "t1_degC" in terminal.shown()
             assert "{" not in terminal.shown()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import time
 from pathlib import Path
@@ -37,7 +38,7 @@ def test_in_a_busy_terminal_the_heats_agree_with_the_truth():
 def test_ctrl_c_ends_everything_and_leaves_the_terminal_as_it_was():
     endpoint = _endpoint()
     with Terminal("-m", "observer", "demo", "--listen", endpoint) as terminal:
-        until(lambda: "quality good" in terminal.shown() or "quality starting" in terminal.shown(), 120.0)
+        until(lambda: re.search("estimates: (good|starting)", terminal.shown()), 120.0)
         assert f"observer watch --connect {endpoint}" in terminal.shown()
         children = children_of(terminal.process.pid)
         assert len(children) == 3  # the machine, the page and the view
@@ -59,7 +60,7 @@ def test_the_service_continues_without_its_view_and_says_so():
         Terminal("-m", "observer", "demo", "--listen", endpoint) as terminal,
         Subscriber(endpoint, 120.0) as seen,
     ):
-        until(lambda: "quality good" in terminal.shown() or "quality starting" in terminal.shown(), 120.0)
+        until(lambda: re.search("estimates: (good|starting)", terminal.shown()), 120.0)
         (view,) = [pid for pid in children_of(terminal.process.pid) if _command(pid).count(b"observer.view")]
         os.kill(view, signal.SIGKILL)
         until(lambda: "the view has ended" in terminal.shown(), 20.0)

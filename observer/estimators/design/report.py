@@ -51,8 +51,8 @@ class DesignReport(NamedTuple):
     warnings: tuple[str, ...]
 
 
-def design_report(plant: Plant, settings: EstimatorSettings) -> DesignReport:
-    """Design the estimator of the settings and report on it.
+def design_report(plant: Plant, settings: EstimatorSettings, *, on_screw: bool = True) -> DesignReport:
+    """Design the estimator of the settings and report on it; `on_screw` says whether a sensor sits there.
 
     Raises `UserError` where no bandwidth serves; a design that is refused is reported, with no poles reached.
     """
@@ -83,7 +83,7 @@ def design_report(plant: Plant, settings: EstimatorSettings) -> DesignReport:
         placed=not isinstance(whole, Refusal) and not _missed(whole),
         warnings=(
             *_gain_warnings(plant, whole, noise),
-            *_sensor_warnings(names[sensor], mode, share, undetermined),
+            *_sensor_warnings(names[sensor], mode, share, undetermined, on_screw=on_screw),
         ),
     )
 
@@ -165,19 +165,27 @@ def _gain_warnings(
 
 
 def _sensor_warnings(
-    sensor: str, mode: int, share: float, undetermined: tuple[tuple[str, ...], ...]
+    sensor: str, mode: int, share: float, undetermined: tuple[tuple[str, ...], ...], *, on_screw: bool
 ) -> list[str]:
-    """Of a mode that is hardly seen, and of sensors that must not be lost."""
+    """Of a mode that is hardly seen, and of sensors that must not be lost.
+
+    A sensor on a body cannot be moved along the screw, so no mode is held against it.
+    """
     found = []
-    if share < _NEARLY_BLIND:
+    if share < _NEARLY_BLIND and on_screw:
         found.append(
-            f"no sensor sees more than {share:.0%} of mode {mode} (best: {sensor}), it has a node near every "
-            "sensor; move one sensor (observer place)"
+            f"no sensor sees more than {share:.0%} of mode {mode} (best: {sensor}): each sits where it "
+            "hardly shows; move one sensor (observer place)"
         )
     single = [lost[0] for lost in undetermined if len(lost) == 1]
     if single:
+        more = (
+            "add a sensor"
+            if on_screw
+            else "nothing has to be done now; a second sensor on that body would help"
+        )
         found.append(
             f"without {' or without '.join(single)} the heats can no longer be distinguished and are only "
-            "predicted; add a sensor"
+            f"predicted; {more}"
         )
     return found

@@ -6,7 +6,7 @@ import { mm, nutChannel, onNews, silence, store, strokeOfNut, view } from "./sto
 const WORDS = {
   good: ["✓", "Good", "All heats are estimated, and no test fails."],
   starting: ["…", "Starting", "Not all heats are estimated yet; bands are still wide."],
-  degraded: ["!", "Degraded", "Some input is missing or in doubt; bands are wider."],
+  degraded: ["!", "Degraded", "A sensor, an input or the model is in doubt, as the reasons say; bands are wider."],
   stale: ["×", "Stale", "No fresh measurement; the model runs alone."],
   invalid: ["×", "Invalid", "There is no estimate to rely on."],
 };
@@ -14,7 +14,7 @@ const WORDS = {
 const SILENT = ["×", "Stale", "Nothing comes from the service; what is shown is the last that it said."];
 
 // the headline of a good estimate names the sensors that it does not use
-const headline = (word, unused, { sensors_used, sensors }) => unused.length ? `${word}, without ${unused.join(", ")} (${sensors_used} of ${sensors} sensors)` : word;
+const headline = (word, unused, { sensors_used, sensors }) => unused.length ? `${word}, but without ${unused.join(", ")} (${sensors_used} of ${sensors} sensors)` : word;
 
 export function drawState() {
   const { health, estimate, compensation } = store.documents;
