@@ -114,8 +114,8 @@ _QUESTIONS = {
     "housing_kg": "Mass of a bearing's housing, in kg; Enter if you do not know it",
     "sensors_m": "Thermocouples on the screw itself: distance from the left bearing, such as 50 500 950 mm; "
     "Enter if there are none",
-    "module": "Module that reads them: wago_750_458, icpdas_m7018, micro800_tc2, css_canmod_temp, "
-    "peak_mu_thermocouple1, or other",
+    "module": "Module that reads the thermocouples, at its first inputs in the order nut, left, right, "
+    "screw, air: wago_750_458, icpdas_m7018, micro800_tc2, css_canmod_temp, peak_mu_thermocouple1, or other",
     "module_bus": "other module: its bus, modbus (TCP or serial), or other",
     "module_at": "Address of the module: 192.168.0.20, 192.168.0.20:502, /dev/ttyUSB0 or can0",
     "transport": "What that address speaks: tcp (Modbus TCP), or rtu-over-tcp (a serial server)",

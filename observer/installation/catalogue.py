@@ -182,6 +182,18 @@ def _function(text: str) -> str:
     return {"3": "holding", "03": "holding", "4": "input", "04": "input"}.get(word, word)
 
 
+def _number_type(text: str) -> str:
+    word = text.strip().lower()
+    return {"float": "float32", "real": "float32", "int": "int16", "word": "uint16", "dint": "int32"}.get(
+        word, word
+    )
+
+
+def _transport(text: str) -> str:
+    word = text.strip().lower()
+    return {"rtu": "rtu-over-tcp", "modbus tcp": "tcp"}.get(word, word)
+
+
 def _code(text: str) -> str:
     word = text.strip().replace(",", ".")
     try:
@@ -317,11 +329,13 @@ class Answers(BaseModel):
     module: Annotated[str, _one_of((*MODULES, OTHER))] = "wago_750_458"
     module_bus: Annotated[str, _one_of(("modbus", OTHER)), Of("module", (OTHER,))] = "modbus"
     module_at: Annotated[str, Of("module_bus", ("modbus",))]
-    transport: Annotated[str, _one_of(("tcp", "rtu-over-tcp")), Of("wire", ("ethernet",))] = "tcp"
+    transport: Annotated[
+        str, _typed(_transport), _one_of(("tcp", "rtu-over-tcp")), Of("wire", ("ethernet",))
+    ] = "tcp"
     module_unit: Annotated[int, Field(ge=0, le=255), Of("wire", ("ethernet", "serial"))] = 1
     function: Annotated[str, _typed(_function), _one_of(("holding", "input")), _DESCRIBED] = "input"
     first_register: Annotated[int, Field(ge=0, le=0xFFFF), _DESCRIBED] = 0
-    type: Annotated[str, _typed(str.lower), _one_of(TYPES), _DESCRIBED] = "int16"
+    type: Annotated[str, _typed(_number_type), _one_of(TYPES), _DESCRIBED] = "int16"
     word_order: Annotated[str, _one_of(("big", "little")), Of("reads_pairs", TYPES[2:])] = "big"
     degrees_per_count: Annotated[float | None, _typed(typed.number), Field(ge=1e-9, le=1e3), _DESCRIBED] = (
         None
@@ -335,7 +349,7 @@ class Answers(BaseModel):
     node_id: Annotated[int, Of("control", ("canopen",))]
     counts_per_m: Annotated[float, _typed(typed.number), _BY_COUNT]
     position_register: Annotated[int, _MODBUS] = 0
-    position_type: Annotated[str, _typed(str.lower), _one_of(TYPES), _MODBUS] = "int32"
+    position_type: Annotated[str, _typed(_number_type), _one_of(TYPES), _MODBUS] = "int32"
     position_word_order: Annotated[str, _one_of(("big", "little")), _MODBUS] = "big"
     speed_register: Annotated[int | None, _MODBUS] = None
     dbc: Annotated[str, Of("control", ("can",))]

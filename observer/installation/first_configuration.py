@@ -73,7 +73,7 @@ def answers(
             if problem := _set(found, name, text):
                 raise UserError(f"{option(name)}: {problem}")
         elif ask is not None:
-            default = said.get(name, None if needed else str(field.default or ""))
+            default = said.get(name, None if needed else _offered(field.default))
             while True:
                 text = ask(name, default, trouble).strip()
                 if text == "" == default or not (trouble := _set(found, name, text)):
@@ -84,6 +84,11 @@ def answers(
     if missing:
         raise UserError(f"init: no terminal to ask on; give {', '.join(missing)}")
     return found
+
+
+def _offered(default: object) -> str:
+    """A default as it is offered, empty where there is none."""
+    return "" if default is None or default == () else str(default)
 
 
 def _belongs(found: Answers, metadata: Sequence[object]) -> str:

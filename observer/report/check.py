@@ -77,6 +77,9 @@ def findings(config: Installation) -> dict[str, Any]:
         "nodes": _nodes(config),
         **tolerances(config),
         **detectable(config),
+        "predicted_without": []
+        if config.screw_is_seen  # a warning says it there
+        else [lost[0] for lost in design.undetermined if len(lost) == 1],
         "warnings": warnings,
     }
 

@@ -52,6 +52,11 @@ def as_text(found: dict[str, Any]) -> RenderableType:
         table.add_row("improve first", Text(advice(found["improve_first"])))
     if found["not_screened"]:
         table.add_row("faults in values", Text(found["not_screened"]))
+    if found["predicted_without"]:
+        lost = " or ".join(found["predicted_without"])
+        table.add_row(
+            "if a sensor fails", Text(f"without {lost} some heats are only predicted, by their laws")
+        )
     verdict, more = found["verdict"], [w for w in found["warnings"] if w not in found["verdict"]["text"]]
     style = "red" if not verdict["usable"] else "yellow" if found["warnings"] else "green"
     opening = [Text(verdict["text"], style=style), *(Text(f"warning: {w}", style="yellow") for w in more)]

@@ -109,6 +109,22 @@ def test_a_serial_server_is_asked_for_and_written():
     )
 
 
+@pytest.mark.parametrize(("typed", "kind"), [("float", "float32"), ("REAL", "float32"), ("Word", "uint16")])
+def test_a_type_has_the_name_of_the_manual_or_of_the_controller(typed, kind):
+    assert written(module="other", type=typed).drivers["thermocouples"].channels["t1_degC"].type == kind
+
+
+def test_a_question_offers_its_default_also_where_that_is_zero():
+    offered = {}
+
+    def ask(name: str, usual: str | None, trouble: str) -> str:
+        offered[name] = usual
+        return {"module": "other"}.get(name, str(usual))
+
+    answers(GIVEN, ask)
+    assert (offered["first_register"], offered["fault_code"]) == ("0", "")
+
+
 def test_a_bus_that_no_driver_speaks_leaves_a_configuration_for_logs_that_says_so():
     given = {name: text for name, text in GIVEN.items() if name != "module_at"}
     text = compose(answers(given | {"module": "other", "module_bus": "other", "control": "other"}, None))

@@ -191,6 +191,8 @@ def test_on_a_machine_with_housings_no_thermocouple_on_the_turning_screw_is_advi
     text = text_of(config)
     assert "node near" not in text
     assert "sensor on the screw" not in text
+    assert "Nothing has to be done." in text
+    assert "without nut_body or left_housing or right_housing some heats are only predicted" in text
 
 
 def test_what_can_be_mounted_is_what_the_candidates_name() -> None:

@@ -169,7 +169,7 @@ def _sensor_warnings(
 ) -> list[str]:
     """Of a mode that is hardly seen, and of sensors that must not be lost.
 
-    A sensor on a body cannot be moved along the screw, so no mode is held against it.
+    Sensors on bodies alone cannot be moved along the screw, and each serves one heat: that is no warning.
     """
     found = []
     if share < _NEARLY_BLIND and on_screw:
@@ -178,14 +178,9 @@ def _sensor_warnings(
             "hardly shows; move one sensor (observer place)"
         )
     single = [lost[0] for lost in undetermined if len(lost) == 1]
-    if single:
-        more = (
-            "add a sensor"
-            if on_screw
-            else "nothing has to be done now; a second sensor on that body would help"
-        )
+    if single and on_screw:
         found.append(
             f"without {' or without '.join(single)} the heats can no longer be distinguished and are only "
-            f"predicted; {more}"
+            "predicted; add a sensor"
         )
     return found
