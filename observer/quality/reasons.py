@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from observer.align.plausibility import motion_sentence
-from observer.estimators.selftest import Fault, Finding
+from observer.estimators.selftest import KNOWN_PART, Fault, Finding
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Quality
 from observer.quality.conditions import Condition, Trouble, of_channel, of_finding
 
@@ -34,6 +34,7 @@ def sentence(condition: Condition) -> str:
         way="high" if value > 0.0 else "low",
         expected=condition.expected,
         more=value - condition.expected,
+        needed=KNOWN_PART * condition.expected,
         trend="" if math.isnan(condition.expected) else f", {100 * condition.expected:+.1f} % a day",
         detail=condition.detail,
         why=f": {condition.detail}" if condition.detail else "",
@@ -121,7 +122,8 @@ _SENTENCES: dict[Trouble | Fault, str] = {
     "(mean product {value:+.2g} σ², that of noise is 0)",
     Fault.NOISY: "{about} scatters {value:.1f} times as much as its noise and the model explain",
     Fault.REFUSED: "{about} is rejected: {value:+.2f} K from what the model and the other sensors expect",
-    Fault.UNKNOWN: "the heat of {about} is not known yet (σ {value:.3g} W, {expected:.3g} W at the start)",
+    Fault.UNKNOWN: "the heat of {about} is still uncertain: ±{value:.3g} W, needed ±{needed:.3g} W; it "
+    "settles while the axis works",
     Fault.OFF_LAW: "the heat of {about} is {value:.3g} W where its law says {expected:.3g} W: a unit, a "
     "sensor, the nut's position, or the model",
     Fault.ALL_OFF_LAW: "all heats together are off their laws by {value:+.1f} σ: film, ambient, or something "

@@ -9,9 +9,10 @@ import pytest
 
 from drivers.protocol import DriverStatus
 from observer.align.aligner import Aligner
-from observer.estimators.selftest import Fault, Finding
+from observer.estimators.selftest import KNOWN_PART, Fault, Finding
 from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, Quality, Reading
+from observer.kernels import selftest
 from observer.model.build import build_plant
 from observer.publish.codec import EstimateEncoder, to_json
 from observer.quality.conditions import Condition, Facts, Trouble, of_finding
@@ -241,3 +242,35 @@ def test_health_names_the_sensors_that_a_good_estimate_does_not_use(changes, sta
 def test_a_sensor_that_falls_out_is_reported_at_once():
     used = assess(_facts(sensors=SENSORS, used_sensors=BOTH))
     assert used.essence != assess(_facts(sensors=SENSORS, used_sensors=ONE)).essence
+
+
+def excluded(
+    value: float, sigma: float, returns_s: float = float("nan"), kind: Fault = Fault.EXCLUDED
+) -> str:
+    """The sentence of an excluded sensor."""
+    return sentence(Condition(kind, "t1", "", 10.0, value, sigma, returns_s=returns_s))
+
+
+def test_an_excluded_sensor_says_when_it_is_used_again_or_the_command():
+    assert (
+        "check it: it is used again ten minutes after it reads right, or at once after `observer reset`"
+        in (excluded(8.0, 0.3))
+    )
+    assert "agrees again and is used in 7 min" in excluded(0.1, 0.3, returns_s=400.0)
+    assert "check it" not in excluded(0.1, 0.3, returns_s=400.0)
+    perhaps = excluded(0.8, 6.3)
+    assert "+0.8 ± 6.3 K off, which may be right" in perhaps
+    assert "run `observer reset`" in perhaps
+    assert "put their plugs right" in excluded(3.0, 0.3, kind=Fault.SWAPPED)
+    assert "agrees again and is used in 7 min" in excluded(0.0, 0.3, 400.0, Fault.SWAPPED)
+
+
+def test_a_sensor_that_agrees_again_is_news():
+    out, back = (Condition(Fault.EXCLUDED, "t1", returns_s=s) for s in (float("nan"), 400.0))
+    assert out.identity != back.identity
+
+
+def test_an_uncertain_heat_is_told_with_what_is_needed_of_it():
+    said = sentence(Condition(Fault.UNKNOWN, "nut", "", 10.0, 62.0, 30.0))
+    assert "still uncertain: ±62 W, needed ±18 W" in said
+    assert KNOWN_PART == selftest._KNOWN
