@@ -30,6 +30,8 @@ from observer.fit.tolerance import calibration_tolerances, remaining_tolerances,
 from observer.frames import BoolArray, FloatArray, FrameBlock
 from observer.tables.sections import law_channels
 
+MOST_WORSE = 1.05
+"""How much larger the error of one sensor may become where that of all together falls."""
 SEEN_SIGMA = 3.0
 """A change by its natural scale must change some 30 s mean by this many standard deviations of its noise."""
 APART = 0.01
@@ -264,9 +266,9 @@ def _held_back(trial: Problem, after: Config) -> HeldBack:
 def _why_kept(config: Config, judged: HeldBack) -> str | None:
     """Say why the configured values are kept where the error after a fit is larger; None where it is not.
 
-    It may be larger over all thermocouples, or at one of them and beyond its noise. A displacement may gain
-    what thermocouples lose, by the larger factor: K and µm have no common measure. Of the whole logs
-    (0 held-back seconds) only the error over all counts.
+    It may be larger over all thermocouples, or clearly larger at one of them and beyond its noise. A
+    displacement may gain what thermocouples lose, by the larger factor: K and µm have no common measure. Of
+    the whole logs (0 held-back seconds) only the error over all counts.
     """
     error, per_sensor = judged.error, judged.per_sensor
     part = f"the {judged.seconds / 60.0:.0f} min of log that were held back" if judged.seconds else "the logs"
@@ -279,7 +281,7 @@ def _why_kept(config: Config, judged: HeldBack) -> str | None:
     if not worse and judged.seconds and not len(um):
         for sensor in config.sensor:
             own = per_sensor.get(sensor.name)
-            if own is not None and own.after_rms_K > max(own.before_rms_K, sensor.noise):
+            if own is not None and own.after_rms_K > max(MOST_WORSE * own.before_rms_K, sensor.noise):
                 worse, where, shown = True, f" at {sensor.name}", own
     if not worse:
         return None
