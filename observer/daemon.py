@@ -190,6 +190,7 @@ def _service(
         renewals=renewals,
         alone=alone,
         sensors={sensor.channel: sensor.name for sensor in config.sensor},
+        options=f"--machine {config.machine.name} --axis {config.machine.axis}",
     )
 
 

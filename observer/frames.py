@@ -58,14 +58,15 @@ class NutPath(NamedTuple):
     """All samples of one position channel in K frames.
 
     `time_s`, `position_m`, `driven_m_s` (n,): when the nut was where, and the screw's speed times its lead
-    then (NaN where unknown); `offset` (K+1,), so that the samples of step k are `[offset[k]:offset[k+1]]`,
-    the newest last.
+    then (NaN where unknown), from a reading that was `speed_age_s` (n,) older; `offset` (K+1,), so that the
+    samples of step k are `[offset[k]:offset[k+1]]`, the newest last.
     """
 
     time_s: FloatArray
     position_m: FloatArray
     offset: NDArray[np.int64]
     driven_m_s: FloatArray
+    speed_age_s: FloatArray
 
 
 @dataclass(frozen=True, slots=True)

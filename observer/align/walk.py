@@ -116,7 +116,7 @@ class Expected(NamedTuple):
 
 class Frames(NamedTuple):
     """The frames of K ticks as the kernel fills them, (K,) and (K, c) as in `FrameBlock`; of P paths the
-    `samples` (P, 3, n), of which tick k has those from `offset` (P, K+1) [k] to [k + 1]; scratch `end` (P,),
+    `samples` (P, 4, n), of which tick k has those from `offset` (P, K+1) [k] to [k + 1]; scratch `end` (P,),
     `counts` (c,).
     """
 
@@ -135,7 +135,7 @@ class Frames(NamedTuple):
 def _empty_frames(ticks: int, c: int, paths: int, rows: int) -> Frames:
     return Frames(
         np.zeros(ticks), np.zeros(ticks), np.zeros((ticks, c)), np.zeros((ticks, c), np.bool_),
-        np.zeros((ticks, c), np.int8), np.zeros((ticks, c)), np.zeros((paths, 3, rows)),
+        np.zeros((ticks, c), np.int8), np.zeros((ticks, c)), np.zeros((paths, 4, rows)),
         np.zeros((paths, ticks + 1), np.int64), np.zeros(paths, np.int64), np.zeros(c, np.bool_),
     )  # fmt: skip
 
@@ -160,8 +160,8 @@ class OfFrame(Fields):
 def _paths(names: tuple[str, ...], samples: FloatArray, offset: IntArray) -> dict[str, NutPath]:
     path = {}
     for p, name in enumerate(names):
-        at_s, at_m, driven_m_s = samples[p, :, : offset[p, -1]]
-        path[name] = NutPath(at_s, at_m, offset[p], driven_m_s)
+        at_s, at_m, driven_m_s, speed_age_s = samples[p, :, : offset[p, -1]]
+        path[name] = NutPath(at_s, at_m, offset[p], driven_m_s, speed_age_s)
     return path
 
 

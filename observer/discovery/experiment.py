@@ -212,7 +212,9 @@ def frames_of(config: Config, phases: Sequence[Phase], habits: Habits) -> FrameB
         fresh=np.ones(values.shape, dtype=bool),
         quality=np.zeros(values.shape, dtype=np.int8),
         age_s=np.zeros(values.shape),
-        path=dict.fromkeys(moving, NutPath(time_s, position, offset, speed * habits.lead_m / 60.0)),
+        path=dict.fromkeys(
+            moving, NutPath(time_s, position, offset, speed * habits.lead_m / 60.0, np.zeros(K))
+        ),
     )
 
 

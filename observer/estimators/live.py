@@ -17,6 +17,7 @@ from observer.estimators.selftest import SelfTest, SelfTestState, Tested
 from observer.frames import EstimateBlock, FloatArray, Inputs
 from observer.kernels import record
 from observer.kernels.layout import Bundle
+from observer.kernels.selftest import OF_NUT
 
 
 class LiveEstimator:
@@ -152,7 +153,7 @@ class TestTick(NamedTuple):
     """What the kernel takes for the self-test."""
 
     paths: tuple[Any, ...]
-    strokes_m: FloatArray
+    travel_m: FloatArray
     state: SelfTestState
     inputs: Any
     seen: Tested
@@ -172,12 +173,12 @@ class LiveSelfTest:
         seen = Tested(
             inputs.time_s, inputs.dt_s, inputs.quality, results.sensor_quality, results.innovation,
             results.innovation_sigma, results.heat, results.heat_sigma, results.law,
-            np.empty((1, 2 * len(test.strokes_m))),
+            np.empty((1, OF_NUT * len(test.travel_m))),
         )  # fmt: skip
         self.record = record(
             TestTick(
-                tuple(paths[channel] for channel in test.strokes_m),
-                np.array(list(test.strokes_m.values()), float),
+                tuple(paths[channel] for channel in test.travel_m),
+                np.array(list(test.travel_m.values()), float).reshape(-1, 2),
                 self._state, inputs_record, seen, test.trust_record, np.empty(3),
             )
         )  # fmt: skip

@@ -20,10 +20,22 @@ import numpy as np
 from observer.estimators.protocol import EstimatorState
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs, Layout, QualityArray
 from observer.kernels import codes as of
-from observer.kernels import compare_ways, record, run_selftest
+from observer.kernels import compare_ways, longest_way, record, run_selftest
 from observer.kernels.layout import packed
 from observer.kernels.screening import READMIT_S
-from observer.kernels.selftest import OF_HEAT, OF_MOTION, OF_SENSOR
+from observer.kernels.selftest import (
+    AT_S,
+    OF_HEAT,
+    OF_MOTION,
+    OF_NUT,
+    OF_SENSOR,
+    SKEW_S,
+    SPEED_AGE_S,
+    GREATEST_ACCELERATION_m_s2,
+    HIGHEST_m,
+    LOWEST_m,
+    ROUNDED_m,
+)
 from observer.model.plant import Plant
 
 _SLACK = 1.4
@@ -66,10 +78,11 @@ class Finding:
     """One thing that fails: what, of which sensor, source or nut, since when, and by how much.
 
     `value` is in the unit of the fault: a mean in σ, a correlation, a ratio to the expected noise, the
-    innovation in K, a heat in W, a ratio of ways, a leap in m, what a sensor reads too much in K;
-    `expected` is what it is held against, or the σ of the last. `other` is the sensor with which this one was
-    exchanged. `unit` is that of a reading, um where it is a displacement. `returns_s` is in how long an
-    excluded sensor that agrees again is used, NaN while it does not.
+    innovation in K, a heat in W, a ratio of ways, a jump in m, what a sensor reads too much in K;
+    `expected` is what it is held against, the σ of the last, or the time in s between the polls of a position
+    that has jumped. `other` is the sensor with which this one was exchanged. `unit` is that of a reading, um
+    where it is a displacement. `returns_s` is in how long an excluded sensor that agrees again is used, NaN
+    while it does not.
     """
 
     fault: Fault
@@ -88,8 +101,8 @@ class SelfTestState(NamedTuple):
     `sensor` (s, 2, 5): per window the means of the normalised innovation, of its product with the one before
     and of its square, the variance factor of such a mean, and the mean of what lasts; `last` (s, 2) the
     innovation before and its time; `heat` (m_e + 1, 2) the mean distance from the law per window, the last
-    row that of all heats; `peak_W` (m_e,); `motion` (M, OF_MOTION) way made, way allowed, the last sample,
-    and what leaps are found by; `since_s`, `value`, `expected` (T,) of each test, NaN while it passes;
+    row that of all heats; `peak_W` (m_e,); `motion` (M, OF_MOTION) the memory of each nut's motion (see
+    `kernels.selftest`); `since_s`, `value`, `expected` (T,) of each test, NaN while it passes;
     `steps`, `first_s` (T,) how often it has failed, and when first; `refused` (1,) whether a sensor was
     refused at the last step.
     """
@@ -134,6 +147,19 @@ class Tested(NamedTuple):
     motion: FloatArray
 
 
+def no_motion_yet() -> FloatArray:
+    """Return the memory of a nut's motion before its first sample."""
+    memory = np.zeros(OF_MOTION)
+    memory[AT_S : SPEED_AGE_S + 1] = np.nan
+    memory[LOWEST_m], memory[HIGHEST_m] = np.inf, -np.inf
+    return memory
+
+
+def smallest_jump_m(period_s: float) -> float:
+    """Return the smallest jump in m that is found of a nut at rest whose position is polled so often."""
+    return float(longest_way(0.0, 0.0, GREATEST_ACCELERATION_m_s2 * SKEW_S, period_s)) + ROUNDED_m
+
+
 class SelfTest:
     """The self-test of one plant; holds no state of its own."""
 
@@ -150,18 +176,18 @@ class SelfTest:
         self.trust_record = record(packed(trust))
         self._sensors, self._sources = plant.layout.sensors, plant.layout.sources
         self._unit = dict(zip(self._sensors, plant.layout.units, strict=True))
-        self.strokes_m = {s.channel: s.table.stroke_m for s in plant.moving}
+        self.travel_m = {s.channel: s.reach_m or (0.0, s.table.screw_m) for s in plant.moving}
 
     def initial(self) -> SelfTestState:
         """Return the state before the first step."""
-        s, m_e, M = len(self._sensors), len(self._sources), len(self.strokes_m)
+        s, m_e, M = len(self._sensors), len(self._sources), len(self.travel_m)
         tests = OF_SENSOR * s + OF_HEAT * m_e + 1 + 2 * M
         return SelfTestState(
             sensor=np.zeros((s, 2, 5)),
             last=np.full((s, 2), np.nan),
             heat=np.zeros((m_e + 1, 2)),
             peak_W=np.zeros(m_e),
-            motion=np.hstack([np.zeros((M, 2)), np.full((M, 3), np.nan), np.zeros((M, OF_MOTION - 5))]),
+            motion=np.tile(no_motion_yet(), (M, 1)),
             since_s=np.full(tests, np.nan),
             value=np.full(tests, np.nan),
             expected=np.full(tests, np.nan),
@@ -175,15 +201,14 @@ class SelfTest:
     ) -> tuple[SelfTestState, FloatArray, Inputs]:
         """Compare each nut's way with its speed, before the estimator runs.
 
-        Return the state, the ratios (K, 2 M) with the leaps behind them, and the inputs, degraded where way
-        and speed disagree.
+        Return the state, what each step says of the nuts (K, OF_NUT M), and the inputs, degraded where the
+        position of a nut is lost.
         """
         state = state._replace(motion=state.motion.copy())
-        M = len(self.strokes_m)
-        motion, degraded = np.empty((len(inputs), 2 * M)), inputs.degraded.copy()
-        for i, (channel, stroke_m) in enumerate(self.strokes_m.items()):
-            ways = motion[:, i], motion[:, M + i]
-            compare_ways(*frames.path[channel], stroke_m, state.motion[i], *ways, degraded)
+        motion, degraded = np.empty((len(inputs), OF_NUT * len(self.travel_m))), inputs.degraded.copy()
+        for i, (channel, travel_m) in enumerate(self.travel_m.items()):
+            steps = motion[:, OF_NUT * i : OF_NUT * (i + 1)]
+            compare_ways(*frames.path[channel], np.array(travel_m), state.motion[i], steps, degraded)
         return state, motion, inputs._replace(degraded=degraded)
 
     def run(
@@ -233,7 +258,7 @@ class SelfTest:
         test -= OF_HEAT * m_e
         if test == 0:
             return Fault.ALL_OFF_LAW, ""
-        nuts = list(self.strokes_m)
+        nuts = list(self.travel_m)
         return (Fault.MOTION if test <= len(nuts) else Fault.LEAPT), nuts[(test - 1) % len(nuts)]
 
 

@@ -248,6 +248,7 @@ def joined(blocks: Sequence[FrameBlock]) -> FrameBlock:
             np.concatenate([p.position_m for p in parts]),
             np.concatenate([parts[0].offset[:1], *offsets]),
             np.concatenate([p.driven_m_s for p in parts]),
+            np.concatenate([p.speed_age_s for p in parts]),
         )
     arrays = {key: np.concatenate([getattr(b, key) for b in blocks]) for key in _ROWS}
     return FrameBlock(channels=blocks[0].channels, path=path, **arrays)
@@ -371,7 +372,8 @@ def _to_and_fro(path: NutPath, dt_s: FloatArray, speed_rpm: FloatArray, length_m
         place_m.append(places)
     offset = path.offset[0] + np.cumsum([0, *(len(t) for t in time_s)])
     every_s = np.concatenate(time_s)
-    return NutPath(every_s, np.concatenate(place_m), offset, np.full(len(every_s), np.nan))
+    unknown = np.full(len(every_s), np.nan)
+    return NutPath(every_s, np.concatenate(place_m), offset, unknown, unknown)
 
 
 def shows_ends(place_m: FloatArray, whole_m: float) -> bool:

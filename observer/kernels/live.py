@@ -11,7 +11,7 @@ from observer.kernels.codes import GOOD, INPUT_LOST, NO_PRODUCT, NUT_LOST, OF_NO
 from observer.kernels.kalman import filter_steps
 from observer.kernels.libc import bytes_of, isfinite, isnan, rint, take_bytes
 from observer.kernels.path import average_columns
-from observer.kernels.selftest import compare_ways, run_selftest
+from observer.kernels.selftest import OF_NUT, compare_ways, run_selftest
 from observer.kernels.walk import walk_rows
 
 
@@ -138,8 +138,8 @@ def watch_frame(own):
     for i in range(len(own.paths)):
         path = own.paths[i]
         compare_ways(
-            path.time_s, path.position_m, path.offset, path.driven_m_s, own.strokes_m[i], own.state.motion[i],
-            own.seen.motion[:, i], own.seen.motion[:, len(own.paths) + i], own.inputs.degraded,
+            path.time_s, path.position_m, path.offset, path.driven_m_s, path.speed_age_s, own.travel_m[i],
+            own.state.motion[i], own.seen.motion[:, OF_NUT * i : OF_NUT * (i + 1)], own.inputs.degraded,
         )  # fmt: skip
 
 

@@ -1,13 +1,25 @@
 cdef double[2] WINDOWS_S, _BIAS, _COLOUR, _LAW_WINDOWS_S, _OFF_LAW, _ALL_OFF_LAW
 cdef double _SURE_SE, _LASTING, _NOISE, _CLEAR, _CLEAN, _CLIP, _CLIP_LAW, _KNOWN, _PEAK_S, _FLOOR, _LEAST_W, _MOTION_S, _MOTION_ENOUGH
+cdef double GREATEST_ACCELERATION_m_s2, GREATEST_SPEED_m_s, SKEW_S, ROUNDED_m, _WAY_SHARE, _SAMPLES_FIRST
+cdef double _LATENESS_FADES_S, _UNEXPLAINED, _LONGEST_REFRESH_S, _UNUSUAL, _OPEN_S, _AGREE_S, _AGREE_TRAVELS
 cdef double DISAGREE, FALLS_SHORT
-cdef double _LEAP_M, _LEAP_USUAL, _LEAP_SAMPLES, _LEAP_S, _WHOLE, _STAYS_LATE_S, _UNUSUAL
-cdef Py_ssize_t OF_SENSOR, OF_HEAT, WAS, SHORT, USUAL, LEAP, SAMPLES, HIDDEN, STOOD, ASTRAY, EVERY_S, LATE_S, OF_MOTION
+cdef Py_ssize_t MADE_m, ALLOWED_m, AT_S, PLACE_m, SPEED_m_s, SPEED_AGE_S, SAMPLES, USUAL_S, LATER_S, LATE_S, REPEATS_S, REFRESH_S
+cdef Py_ssize_t JUMP_m, JUMPED_S, DISAGREED, LOWEST_m, HIGHEST_m, JUDGED_m, AGREED_S, AGREED_TRAVELS, OPEN_m2, REPEATS_m, OF_MOTION
+cdef Py_ssize_t RATIO, JUMP, WAY, OF_NUT, OF_SENSOR, OF_HEAT
 
-@cython.locals(since_s=double, allowed_m=double, fade=double)
-cpdef void compare_ways(const double[::1] sample_s, const double[::1] sample_m, const Py_ssize_t[::1] offset, const double[::1] driven_m_s, double stroke_m, double[::1] memory, double[:] ratio, double[:] leap_m, signed char[::1] degraded) noexcept nogil
-@cython.locals(most_m=double, least_m=double, beyond_m=double, longer_s=double, before_s=double, held_up_s=double, usual_m=double, late_m=double, steady=bint, leap_m=double, short_m=double, whole=bint, back=bint)
-cdef void _look_for_leap(double[::1] memory, double way_m, double driven_m_s, double since_s) noexcept nogil
+@cython.locals(stroke_m=double, since_s=double, way_m=double, allowed_m=double, fade=double, open_s=double, open_m=double, jumped=bint)
+cpdef void compare_ways(const double[::1] sample_s, const double[::1] sample_m, const Py_ssize_t[::1] offset, const double[::1] driven_m_s, const double[::1] speed_age_s, const double[::1] travel_m, double[::1] memory, double[:, :] motion, signed char[::1] degraded) noexcept nogil
+@cython.locals(change_m_s=double, gained_m=double, way_m=double)
+cpdef double longest_way(double before_m_s, double after_m_s, double unsure_m_s, double elapsed_s) noexcept nogil
+@cython.locals(since_s=double, before_m_s=double, elapsed_s=double, late_s=double, repeats_s=double, unsure_m_s=double, allowed_m=double, mean_m=double, jump_m=double)
+cdef bint _look_for_jump(double[::1] memory, double time_s, double way_m, double driven_m_s, double speed_age_s) noexcept nogil
+@cython.locals(longer_s=double, most_s=double)
+cdef void _time_the_poll(double[::1] memory, double since_s, double way_m, double driven_m_s) noexcept nogil
+@cython.locals(place_m=double, jump_m=double, beyond_m=double)
+cdef void _compare_with_travel(double[::1] memory, const double[::1] travel_m) noexcept nogil
+@cython.locals(confirmed=bint)
+cdef bint jump_stands(double[::1] memory, double[:] step, double dt_s, bint agree) noexcept nogil
+cdef bint _is_any_used(Tested u, Py_ssize_t k) noexcept nogil
 @cython.locals(failing=bint)
 cdef inline void _note(SelfTestState state, Py_ssize_t test, double score, double time_s, double value, double expected) noexcept nogil
 @cython.locals(before=double, since_s=double, share=double)
@@ -26,5 +38,5 @@ cdef inline bint _test_sensor(SelfTestState state, Tested u, Py_ssize_t k, Py_ss
 cdef inline double _distance(SelfTestState state, Tested u, Py_ssize_t k, Py_ssize_t j, double uncertainty) noexcept nogil
 @cython.locals(total=double, laws=Py_ssize_t, failing=bint, starting=bint, sigma_W=double, test=Py_ssize_t, unknown=bint, distance=double, score=double)
 cdef inline (bint, bint) _test_heats(SelfTestState state, Tested u, Py_ssize_t k, Trust trust, Py_ssize_t base) noexcept nogil
-@cython.locals(failing=bint, starting=bint, ratio=double, test=Py_ssize_t, score=double, leap_m=double)
+@cython.locals(failing=bint, starting=bint, sensors_agree=bint, stands=bint, step="double[:]", test=Py_ssize_t, score=double)
 cpdef void run_selftest(Tested u, Trust trust, SelfTestState state, signed char[::1] quality, double[::1] scores) noexcept nogil

@@ -34,102 +34,169 @@ _FLOOR = 0.05  # … by this part of it
 _LEAST_W = 0.3
 _MOTION_S = 20.0
 _MOTION_ENOUGH = 1.0  # strokes
-# A position that leaps, in m and in what it usually leaves beside speed times lead, after so many samples …
-_LEAP_M, _LEAP_USUAL, _LEAP_SAMPLES = 0.005, 8.0, 30.0
-# … between samples that are no further apart; and within what part a way is the whole of what is allowed.
-_LEAP_S, _WHOLE = 5.0, 0.05
-_STAYS_LATE_S = 15.0  # for how long samples that were held up may go on coming as late
-_UNUSUAL = 0.1  # part by which a time between two samples counts at most for what is usual
+
+GREATEST_ACCELERATION_m_s2 = 12.0
+"""No nut accelerates faster (1 g, and a fifth)."""
+GREATEST_SPEED_m_s = 1.2
+"""No nut is faster (60 m/min, and a fifth), unless its speed channel says so."""
+SKEW_S = 0.025
+"""A register scan reads speed and position so far apart at most."""
+ROUNDED_m, _WAY_SHARE = 0.002, 0.03  # by rounding, and by an inexact lead
+_SAMPLES_FIRST = 30.0  # samples of a turning screw before anything is judged
+_LATENESS_FADES_S = 3.0
+_UNEXPLAINED = 2.0  # a difference of ways is judged beyond so many times what the polls leave open
+_LONGEST_REFRESH_S = 0.25  # a position that repeats for longer on a turning screw is stuck
+_UNUSUAL = 0.1  # part by which one time between samples moves the usual one at most
+_OPEN_S = 40.0  # for so long the field is opened after a jump by the whole travel
+_AGREE_S, _AGREE_TRAVELS = 600.0, 2.0  # time and way with which temperatures confirm a position
 
 DISAGREE = 1.5
 """Ratio of the way a nut makes to what speed and lead allow, beyond which the two disagree …"""
 FALLS_SHORT = 0.5
 """… and below which they do; samples cut reversals off, so a way may well fall short."""
 
-# What is remembered of a nut's way beside the first five: the last whole way made at a steady speed, one that
-# fell short after it, what samples usually leave, by how much the position has leapt, how many samples there
-# were; the largest way between samples of standstill, and how many of these there were; the leap, if way and
-# speed have disagreed since; the usual time between samples, and for how long samples may have been held up.
-WAS, SHORT, USUAL, LEAP, SAMPLES, HIDDEN, STOOD, ASTRAY, EVERY_S, LATE_S = 5, 6, 7, 8, 9, 10, 11, 12, 13, 14
-OF_MOTION = 15
+# The memory of a nut's motion. Lately: the way made and the way that the speed allows, in m. The last sample:
+# its time, position, speed and how old that speed was.
+MADE_m, ALLOWED_m, AT_S, PLACE_m, SPEED_m_s, SPEED_AGE_S = 0, 1, 2, 3, 4, 5
+# When polls come: samples of a turning screw, the usual time between samples, by how much the last one may
+# be late after a longer time, by how much all may be late. For how long, and by what turned way, the position
+# has repeated on a turning screw; the slowest refresh of its register.
+SAMPLES, USUAL_S, LATER_S, LATE_S, REPEATS_S, REPEATS_m, REFRESH_S = 6, 7, 8, 9, 10, 11, 12
+# Jumps: their sum, since when, whether way and speed have disagreed since the last, the travel before it.
+JUMP_m, JUMPED_S, DISAGREED, LOWEST_m, HIGHEST_m = 13, 14, 15, 16, 17
+# The jump that temperatures are compared with, and for what time and way they have agreed; the variance in m²
+# of the recent way that polls leave open.
+JUDGED_m, AGREED_S, AGREED_TRAVELS, OPEN_m2 = 18, 19, 20, 21
+OF_MOTION = 22
+RATIO, JUMP, WAY = 0, 1, 2
+OF_NUT = 3
+"""What each step says of a nut: the ratio of ways, the sum of its jumps in m, and its way in travels."""
 OF_SENSOR, OF_HEAT = 4, 2
 """How many tests a sensor and a heat have."""
 
 
-def compare_ways(sample_s, sample_m, offset, driven_m_s, stroke_m, memory, ratio, leap_m, degraded):
-    """After each of K steps the way a nut made lately over what speed and lead allow, NaN if too little, and
-    by how much its position has leapt.
+def compare_ways(sample_s, sample_m, offset, driven_m_s, speed_age_s, travel_m, memory, motion, degraded):
+    """Fill in what the nut's samples say of each of K steps (see `OF_NUT`).
 
-    Where the two disagree, or the position has leapt, the place of the nut is not known.
+    Where way and speed disagree, and for a time after a jump, the nut's position is lost.
     """
-    for k in range(len(ratio)):
+    stroke_m = travel_m[1] - travel_m[0]
+    for k in range(len(motion)):
+        motion[k, WAY] = 0.0
         for i in range(offset[k], offset[k + 1]):
-            since_s = sample_s[i] - memory[2]
-            allowed_m = 0.5 * (driven_m_s[i] + memory[4]) * since_s
-            _look_for_leap(memory, sample_m[i] - memory[3], driven_m_s[i], since_s)
-            if 0.0 < since_s < 10.0 and 2.5 * allowed_m <= stroke_m:
+            since_s, way_m = sample_s[i] - memory[AT_S], sample_m[i] - memory[PLACE_m]
+            allowed_m = 0.5 * (driven_m_s[i] + memory[SPEED_m_s]) * since_s
+            jumped = False
+            if since_s > 0.0 and isfinite(way_m):
+                jumped = _look_for_jump(memory, sample_s[i], way_m, driven_m_s[i], speed_age_s[i])
+            if jumped:
+                memory[MADE_m], memory[ALLOWED_m], memory[OPEN_m2] = 0.0, 0.0, 0.0
+            elif 0.0 < since_s < 10.0 and 2.5 * allowed_m <= stroke_m:
+                motion[k, WAY] += abs(way_m) / stroke_m
                 fade = exp(-since_s / _MOTION_S)
-                memory[0] = fade * memory[0] + abs(sample_m[i] - memory[3])
-                memory[1] = fade * memory[1] + allowed_m
-            memory[2], memory[3], memory[4] = sample_s[i], sample_m[i], driven_m_s[i]
-        ratio[k] = NAN
-        if max(memory[0], memory[1]) >= _MOTION_ENOUGH * stroke_m:
-            ratio[k] = memory[0] / max(memory[1], 1e-6 * stroke_m)
-        leap_m[k] = memory[LEAP]
-        if ratio[k] > DISAGREE or ratio[k] < FALLS_SHORT:
-            memory[ASTRAY] = memory[LEAP]
+                memory[MADE_m] = fade * memory[MADE_m] + abs(way_m)
+                memory[ALLOWED_m] = fade * memory[ALLOWED_m] + allowed_m
+                open_m = longest_way(memory[SPEED_m_s], driven_m_s[i], 0.0, since_s) - allowed_m
+                memory[OPEN_m2] = squared(fade) * memory[OPEN_m2] + squared(open_m)
+            memory[AT_S], memory[PLACE_m] = sample_s[i], sample_m[i]
+            memory[SPEED_m_s], memory[SPEED_AGE_S] = driven_m_s[i], speed_age_s[i]
+            _compare_with_travel(memory, travel_m)
+        motion[k, RATIO] = NAN
+        open_m = _UNEXPLAINED * sqrt(memory[OPEN_m2])
+        if max(memory[MADE_m], memory[ALLOWED_m]) >= _MOTION_ENOUGH * stroke_m and (
+            abs(memory[MADE_m] - memory[ALLOWED_m]) > open_m
+        ):
+            motion[k, RATIO] = memory[MADE_m] / max(memory[ALLOWED_m], 1e-6 * stroke_m)
+        motion[k, JUMP] = memory[JUMP_m]
+        if motion[k, RATIO] > DISAGREE or motion[k, RATIO] < FALLS_SHORT:
+            memory[DISAGREED] = 1.0
             degraded[k] = NUT_LOST
-        if memory[LEAP] != 0.0:
+        open_s = _OPEN_S * min(1.0, abs(memory[JUMP_m]) / stroke_m)
+        if memory[JUMP_m] != 0.0 and memory[AT_S] - memory[JUMPED_S] <= open_s:
             degraded[k] = NUT_LOST
 
 
-def _look_for_leap(memory, way_m, driven_m_s, since_s):
-    """Take in the way between two samples; where no motion explains it, the position has leapt.
+def longest_way(before_m_s, after_m_s, unsure_m_s, elapsed_s):
+    """Return the longest way in m that a nut can make in a time between two speeds.
 
-    Beyond what the faster of both speeds allows it has; short of what a steady speed makes it has if the
-    nut went on the same way before and after: it cannot have turned twice. A leap back undoes it, and
-    any leap where way and speed have disagreed since. A sample may come late: what the times between samples
-    have been longer than usual, and those after it not yet shorter, it says where the nut was before.
+    It accelerates as fast as any nut and brakes as fast: half of the change of direction is
+    (a T² - Δv²/a)/4 beyond the mean of both speeds, which are `unsure_m_s` apart from those read.
     """
-    if not (0.0 < since_s <= _LEAP_S) or isnan(driven_m_s) or isnan(memory[4]) or isnan(way_m):
-        memory[WAS], memory[SHORT], memory[LATE_S] = 0.0, 0.0, 0.0
+    change_m_s = max(abs(after_m_s - before_m_s) - 2.0 * unsure_m_s, 0.0)
+    gained_m = (
+        squared(elapsed_s) * GREATEST_ACCELERATION_m_s2 - squared(change_m_s) / GREATEST_ACCELERATION_m_s2
+    )
+    way_m = (0.5 * (before_m_s + after_m_s) + unsure_m_s) * elapsed_s + 0.25 * max(gained_m, 0.0)
+    return min(way_m, max(GREATEST_SPEED_m_s, before_m_s, after_m_s) * elapsed_s)
+
+
+def _look_for_jump(memory, time_s, way_m, driven_m_s, speed_age_s):
+    """Add a way that no motion explains to the jumps, and return whether there was one.
+
+    A jump back to where the nut was ends them, as does any after way and speed have disagreed.
+    """
+    since_s, before_m_s = time_s - memory[AT_S], memory[SPEED_m_s]
+    late_s = max(memory[LATER_S], min(memory[LATE_S], max(memory[USUAL_S] - since_s, 0.0)))
+    repeats_s = memory[REPEATS_S] if memory[REPEATS_m] > ROUNDED_m else 0.0
+    elapsed_s = since_s + max(late_s, repeats_s, memory[REFRESH_S])
+    unsure_m_s = GREATEST_ACCELERATION_m_s2 * (SKEW_S + max(speed_age_s, memory[SPEED_AGE_S]))
+    allowed_m = longest_way(before_m_s, driven_m_s, unsure_m_s, elapsed_s)
+    allowed_m += ROUNDED_m + _WAY_SHARE * max(before_m_s, driven_m_s) * elapsed_s
+    _time_the_poll(memory, since_s, way_m, min(before_m_s, driven_m_s))
+    if isnan(allowed_m) or memory[SAMPLES] < _SAMPLES_FIRST or abs(way_m) <= allowed_m:
+        return False
+    mean_m = 0.5 * (before_m_s + driven_m_s) * since_s
+    jump_m = memory[JUMP_m] + way_m - (mean_m if way_m > 0.0 else -mean_m)
+    if memory[DISAGREED] != 0.0 or abs(jump_m) <= allowed_m:
+        jump_m = 0.0
+    memory[JUMP_m], memory[JUMPED_S], memory[DISAGREED] = jump_m, time_s, 0.0
+    return True
+
+
+def _time_the_poll(memory, since_s, way_m, driven_m_s):
+    """Take in when a sample came: the usual time between samples, lateness, refresh of the register."""
+    if memory[SAMPLES] == 0.0:
+        memory[USUAL_S] = since_s
+    longer_s = since_s - memory[USUAL_S]
+    memory[LATE_S] = max(exp(-since_s / _LATENESS_FADES_S) * memory[LATE_S] + longer_s, 0.0)
+    memory[LATER_S] = memory[LATE_S] if longer_s > _UNUSUAL * memory[USUAL_S] else 0.0
+    most_s = _UNUSUAL * memory[USUAL_S] if memory[SAMPLES] >= _SAMPLES_FIRST else since_s
+    memory[USUAL_S] += min(max(longer_s, -most_s), most_s) / min(memory[SAMPLES] + 1.0, 64.0)
+    if driven_m_s > 0.0:
+        memory[SAMPLES] += 1.0
+    if way_m == 0.0 and driven_m_s > 0.0:
+        memory[REPEATS_S] += since_s
+        memory[REPEATS_m] += driven_m_s * since_s
         return
-    before_s = exp(-since_s / _STAYS_LATE_S) * memory[LATE_S]
-    held_up_s = since_s - memory[EVERY_S] if memory[SAMPLES] > 0.0 else 0.0
-    memory[LATE_S] = max(before_s + held_up_s, 0.0)
-    longer_s = since_s - memory[EVERY_S]
-    if memory[SAMPLES] >= _LEAP_SAMPLES:  # neither a pause nor what comes at once after it is usual
-        longer_s = min(max(longer_s, -_UNUSUAL * memory[EVERY_S]), _UNUSUAL * memory[EVERY_S])
-    memory[EVERY_S] += longer_s / min(memory[SAMPLES] + 1.0, 64.0)
-    late_m = max(driven_m_s, memory[4]) * max(before_s, memory[LATE_S])
-    most_m = max(driven_m_s, memory[4]) * since_s
-    if driven_m_s == 0.0 and memory[4] == 0.0:  # it may have moved between two samples of the speed, …
-        most_m = memory[HIDDEN] if memory[STOOD] >= _LEAP_SAMPLES else abs(way_m)  # … as it did before
-        memory[HIDDEN] = max(memory[HIDDEN], abs(way_m))
-        memory[STOOD] += 1.0
-    least_m = max(_LEAP_M, _LEAP_USUAL * memory[USUAL]) + late_m
-    beyond_m = abs(way_m) - most_m
-    steady = most_m > least_m and abs(driven_m_s - memory[4]) <= _WHOLE * driven_m_s
-    whole = steady and beyond_m > -_WHOLE * most_m - _LEAP_M - late_m
-    leap_m, short_m = 0.0, memory[SHORT]
-    if short_m != 0.0 and whole and way_m * memory[WAS] > 0.0:
-        leap_m = short_m
-    memory[SHORT] = 0.0
-    if memory[SAMPLES] >= _LEAP_SAMPLES and beyond_m > least_m:
-        leap_m += beyond_m if way_m > 0.0 else -beyond_m
-    elif memory[SAMPLES] >= _LEAP_SAMPLES and steady and short_m == 0.0 and memory[WAS] != 0.0 and not whole:
-        memory[SHORT] = way_m - (most_m if memory[WAS] > 0.0 else -most_m)
-    if leap_m != 0.0:
-        back = memory[ASTRAY] != 0.0
-        memory[LEAP] += leap_m
-        if back or abs(memory[LEAP]) <= 2.0 * least_m:
-            memory[LEAP], memory[ASTRAY] = 0.0, 0.0
-    else:
-        usual_m = max(beyond_m - late_m, 0.0)
-        memory[USUAL] += (usual_m - memory[USUAL]) / max(min(memory[SAMPLES], 64.0), 1.0)
-    if memory[SHORT] == 0.0:
-        memory[WAS] = way_m if whole and leap_m == 0.0 else 0.0
-    memory[SAMPLES] += 1.0
+    if memory[REPEATS_S] <= _LONGEST_REFRESH_S and memory[REPEATS_m] > ROUNDED_m:
+        memory[REFRESH_S] = max(memory[REFRESH_S], memory[REPEATS_S])
+    memory[REPEATS_S], memory[REPEATS_m] = 0.0, 0.0
+
+
+def _compare_with_travel(memory, travel_m):
+    """Take a jump back if it would place the nut beyond the ends of its travel: then it was motion."""
+    place_m, jump_m = memory[PLACE_m], memory[JUMP_m]
+    if jump_m == 0.0:
+        memory[LOWEST_m] = min(memory[LOWEST_m], place_m, travel_m[0])
+        memory[HIGHEST_m] = max(memory[HIGHEST_m], place_m, travel_m[1])
+        return
+    beyond_m = max(memory[LOWEST_m] - (place_m - jump_m), (place_m - jump_m) - memory[HIGHEST_m])
+    if beyond_m > 0.5 * abs(jump_m):
+        memory[JUMP_m] = 0.0
+
+
+def jump_stands(memory, step, dt_s, agree):
+    """Return whether a nut's jump is still to be reported.
+
+    Temperatures that have agreed with the model for long enough, while the nut moved, confirm its position.
+    """
+    if step[JUMP] != memory[JUDGED_m]:
+        memory[JUDGED_m], memory[AGREED_S], memory[AGREED_TRAVELS] = step[JUMP], 0.0, 0.0
+    confirmed = memory[AGREED_S] >= _AGREE_S and memory[AGREED_TRAVELS] >= _AGREE_TRAVELS
+    if step[JUMP] != 0.0 and not confirmed:
+        memory[AGREED_S] = memory[AGREED_S] + dt_s if agree else 0.0
+        memory[AGREED_TRAVELS] = memory[AGREED_TRAVELS] + step[WAY] if agree else 0.0
+    return step[JUMP] != 0.0 and not confirmed
 
 
 def _note(state, test, score, time_s, value, expected):
@@ -290,6 +357,14 @@ def _test_heats(state, u, k, trust, base):
     return failing, starting
 
 
+def _is_any_used(u, k):
+    """Whether the estimate of step k used a sensor."""
+    for i in range(u.sensor_quality.shape[1]):
+        if u.sensor_quality[k, i] == GOOD:
+            return True
+    return False
+
+
 def run_selftest(u, trust, state, quality, scores):
     """Run the tests over K steps; `state` and `quality` are changed in place; `scores` (3,) is scratch."""
     s, m_e = u.nu.shape[1], u.heat_W.shape[1]
@@ -298,16 +373,22 @@ def run_selftest(u, trust, state, quality, scores):
             continue
         _forget_after_refusals(state, u, k)
         failing, starting = _test_heats(state, u, k, trust, OF_SENSOR * s)
+        sensors_agree = _is_any_used(u, k)
         for i in range(s):
-            failing = _test_sensor(state, u, k, i, trust, scores) or failing
-        nuts = u.motion.shape[1] // 2
-        for i in range(nuts):
-            ratio, test = u.motion[k, i], OF_SENSOR * s + OF_HEAT * m_e + 1 + i
-            score = 0.0 if isnan(ratio) else max(ratio / DISAGREE, FALLS_SHORT / max(ratio, 1e-9))
-            _note(state, test, score, u.time_s[k], ratio, 1.0)
+            if _test_sensor(state, u, k, i, trust, scores):
+                failing, sensors_agree = True, False
+        for i in range(state.motion.shape[0]):
+            test, step = OF_SENSOR * s + OF_HEAT * m_e + 1 + i, u.motion[k, OF_NUT * i : OF_NUT * (i + 1)]
+            score = (
+                0.0
+                if isnan(step[RATIO])
+                else max(step[RATIO] / DISAGREE, FALLS_SHORT / max(step[RATIO], 1e-9))
+            )
+            _note(state, test, score, u.time_s[k], step[RATIO], 1.0)
             failing = failing or _fails(state, test)
-            leap_m, test = u.motion[k, nuts + i], test + nuts
-            _note(state, test, 0.0 if leap_m == 0.0 else 2.0, u.time_s[k], leap_m, 0.0)
+            test += state.motion.shape[0]
+            stands = jump_stands(state.motion[i], step, u.dt_s[k], sensors_agree)
+            _note(state, test, 2.0 if stands else 0.0, u.time_s[k], step[JUMP], state.motion[i, USUAL_S])
             failing = failing or _fails(state, test)
         if failing:
             quality[k] = max(quality[k], ESTIMATE_DEGRADED)

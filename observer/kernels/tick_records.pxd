@@ -4,7 +4,7 @@ cdef class Products(Record):
 
 
 cdef class PathSamples(Record):
-    cdef public double[::1] time_s, position_m, driven_m_s
+    cdef public double[::1] time_s, position_m, driven_m_s, speed_age_s
     cdef public Py_ssize_t[::1] offset
 
 
@@ -53,7 +53,8 @@ cdef class EstimatorTick(Record):
 
 cdef class TestTick(Record):
     cdef public tuple paths
-    cdef public double[::1] strokes_m, scores
+    cdef public double[:, ::1] travel_m
+    cdef public double[::1] scores
     cdef public SelfTestState state
     cdef public Inputs inputs
     cdef public Tested seen

@@ -25,5 +25,5 @@ cdef double _usual_s(Expected plan, Memory memory, Py_ssize_t j) noexcept nogil
 @cython.locals(usual_s=double)
 cdef double _limit_s(Expected plan, Memory memory, Py_ssize_t j) noexcept nogil
 cdef double _driven_m_s(Expected plan, Memory memory, Py_ssize_t p, double true_s) noexcept nogil
-@cython.locals(k=Py_ssize_t, paths=Py_ssize_t, true_s=double, usual_s=double, age=double, late=bint)
+@cython.locals(k=Py_ssize_t, paths=Py_ssize_t, speed=Py_ssize_t, true_s=double, usual_s=double, age=double, late=bint)
 cpdef void walk_rows(Rows rows, Py_ssize_t count, Expected plan, Memory memory, Frames frames) noexcept nogil

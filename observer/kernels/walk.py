@@ -20,7 +20,7 @@ _TOGETHER = 0.25
 def even_out(samples, begin, end, passed, period_s):
     """Put the samples `begin` to `end` of a step in order of their times, these apart; return the new end.
 
-    `samples` (3, n) are times, positions and what goes with them; `passed` (2,), the time and position of the
+    `samples` (4, n) are times, positions and what goes with them; `passed` (2,), the time and position of the
     last sample before, becomes that of the last one here. From the newest back, which was held up least, each
     sample is at the latest a period before the next, less where more have come since the last step than
     periods fit in. NaN as `period_s` leaves the times as they are.
@@ -43,7 +43,7 @@ def _in_order(samples, begin, end, passed, period_s):
     for i in range(begin + 1, end):
         place = i
         while place > begin and samples[0, place - 1] > samples[0, place]:
-            for r in range(3):
+            for r in range(4):
                 samples[r, place - 1], samples[r, place] = samples[r, place], samples[r, place - 1]
             place -= 1
     before_s, before_m, kept = passed[0], passed[1], begin
@@ -51,7 +51,7 @@ def _in_order(samples, begin, end, passed, period_s):
         since_s = samples[0, i] - before_s
         if since_s <= 0.0 or (since_s < _TOGETHER * period_s and samples[1, i] == before_m):
             continue
-        for r in range(3):
+        for r in range(4):
             samples[r, kept] = samples[r, i]
         before_s, before_m = samples[0, kept], samples[1, kept]
         kept += 1
@@ -215,6 +215,8 @@ def walk_rows(rows, count, plan, memory, frames):
             if counts[plan.position[p]]:
                 samples[p, 0, end[p]], samples[p, 1, end[p]] = true_s, cells[row, plan.position[p]]
                 samples[p, 2, end[p]] = _driven_m_s(plan, memory, p, true_s)
+                speed = plan.speed[p]
+                samples[p, 3, end[p]] = abs(true_s - memory.seen_s[speed]) if speed >= 0 else NAN
                 end[p] += 1
         if not rows.step[row]:
             continue

@@ -88,7 +88,7 @@ class Service:
     `notify` reports to the service manager (`sd_notify`), `observers` follow each step in their order.
     `instance` names a start, `start` is the state that the pipeline continues from, None if cold. With
     `alone` it verifies before the first tick that no other service has the axis. `sensors` maps sensors'
-    channels to their names.
+    channels to their names, `options` name the machine and axis to a command.
     """
 
     drivers: tuple[Driver, ...]
@@ -104,6 +104,7 @@ class Service:
     renewals: Renewals[Any] = field(default_factory=Renewals)
     alone: bool = True
     sensors: Mapping[str, str] = field(default_factory=dict)
+    options: str = ""
 
 
 async def serve(service: Service, when_ready: Callable[[], None] | None = None) -> Renewal[Any] | None:
@@ -338,6 +339,7 @@ class _Cycles:
             service.sensors,
             self._used_sensors(),
             self._observed,
+            service.options,
         )
         health = assess(facts)
         for observer in service.observers:

@@ -23,6 +23,7 @@ class PathSamples(NamedTuple):
     position_m: FloatArray
     offset: Any
     driven_m_s: FloatArray
+    speed_age_s: FloatArray
 
 
 class Frame:
@@ -37,15 +38,15 @@ class Frame:
             dict(zip(positions, offset, strict=True)),
         )
         self.paths = {
-            name: record(PathSamples(own[0], own[1], self._offset[name], own[2]))
+            name: record(PathSamples(own[0], own[1], self._offset[name], own[2], own[3]))
             for name, own in self._samples.items()
         }
 
     def path(self, channel: str) -> NutPath:
         """The samples of a position."""
         offset = self._offset[channel]
-        time_s, position_m, driven_m_s = self._samples[channel][:, : offset[-1]]
-        return NutPath(time_s, position_m, offset, driven_m_s)
+        time_s, position_m, driven_m_s, speed_age_s = self._samples[channel][:, : offset[-1]]
+        return NutPath(time_s, position_m, offset, driven_m_s, speed_age_s)
 
 
 class LiveNut(NamedTuple):

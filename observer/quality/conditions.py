@@ -93,7 +93,8 @@ class Facts:
     and the screening; `notices` are more reasons, in words; `gap` the figures of the open-loop prediction,
     `departure` what is beyond its tolerances; `sensors` maps the sensors' channels to their names;
     `used_sensors` are the names of those that the last estimate uses; `observed` are the problems beside the
-    estimates, such as those of the compensation.
+    estimates, such as those of the compensation; `service` are the options that name the machine and axis to a
+    command.
     """
 
     time_s: float
@@ -115,6 +116,7 @@ class Facts:
     sensors: Mapping[str, str] = field(default_factory=dict)
     used_sensors: frozenset[str] = frozenset()
     observed: tuple[Condition, ...] = ()
+    service: str = ""
 
     @property
     def degraded_sensors(self) -> tuple[str, ...]:
@@ -123,10 +125,11 @@ class Facts:
         return tuple(name for name in self.sensors.values() if name not in used)
 
 
-def of_finding(found: Finding) -> Condition:
-    """The condition that the self-test or the screening has found."""
+def of_finding(found: Finding, service: str = "") -> Condition:
+    """The condition that the self-test or the screening has found; `service` are options of a command."""
+    detail = service if found.fault is Fault.LEAPT else ""
     return Condition(
-        found.fault, found.subject, "", found.since_s, found.value, found.expected, found.other,
+        found.fault, found.subject, detail, found.since_s, found.value, found.expected, found.other,
         unit=found.unit, returns_s=found.returns_s,
     )  # fmt: skip
 
@@ -155,7 +158,7 @@ def _found(facts: Facts) -> Iterator[Condition]:
         for name, quality in zip(frame.channels, frame.quality[-1].tolist(), strict=True):
             if quality != Quality.GOOD:
                 yield of_channel(name, Quality(quality), facts.faults.get(name))
-    yield from map(of_finding, facts.findings)
+    yield from (of_finding(finding, facts.service) for finding in facts.findings)
     for name, (status, _) in facts.drivers.items():
         if not status.connected:
             kind = Trouble.SILENT if status.is_silent else Trouble.DRIVER

@@ -159,6 +159,7 @@ def _excess(facts: Facts) -> dict[str, dict[str, Any]]:
             moved = finding.unit == "um"
             size, digits = (1e-6, _DIGITS_OF_DISPLACEMENT) if moved else (1.0, _DIGITS)
             value = round(size * finding.value, digits) if math.isfinite(finding.value) else None
-            sigma = round(size * finding.expected, digits) if finding.expected > 0.0 else None
+            has_sigma = finding.expected > 0.0 and finding.fault is not Fault.LEAPT
+            sigma = round(size * finding.expected, digits) if has_sigma else None
             found[name] = {"excess": {"value": value, "sigma": sigma, "unit": "m" if moved else unit}}
     return found

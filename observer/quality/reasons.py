@@ -42,6 +42,8 @@ def sentence(condition: Condition) -> str:
         quality="" if condition.quality is None else condition.quality.label,
         since=_date(condition.since_s) if kind is Trouble.DEPARTED else "",
         phase=_WHILE.get(condition.detail, ""),
+        options=f" {condition.detail}" if condition.detail else "",
+        polling=_TOO_SLOW.format(condition.expected) if condition.expected > _POLLED_WELL_S else "",
     )
     return f"{text}, since {clock(condition.since_s)}" if isinstance(kind, Fault) else text
 
@@ -80,6 +82,8 @@ def _date(time_s: float) -> str:
     return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M} UTC"
 
 
+_POLLED_WELL_S = 0.025
+_TOO_SLOW = "; or the axis is polled too slowly ({:.2g} s): set period_s to 0.02"
 _WHILE = {
     "isothermal": "at rest",
     "heat_up": "while heating up",
@@ -128,8 +132,8 @@ _SENTENCES: dict[Trouble | Fault, str] = {
     "sensor, the nut's position, or the model",
     Fault.ALL_OFF_LAW: "all heats together are off their laws by {value:+.1f} σ: film, ambient, or something "
     "that all sensors share",
-    Fault.LEAPT: "{about} has jumped by {value:+.3f} m, which the speed does not explain: homed again, or "
-    "a slipped encoder; the nut's position is unknown until a reset",
+    Fault.LEAPT: "{about} has jumped by {value:+.3f} m, farther than an axis can move between two polls: its "
+    "reference was lost or its encoder slipped; correct it, then run `observer reset{options}`{polling}",
     Fault.EXCLUDED: "{about} reads {value:.1f} ± {expected:.1f} K too {way} and is excluded; check it: it "
     "is used again ten minutes after it reads right, or at once after `observer reset`",
     Fault.SWAPPED: "{about} are exchanged and excluded: put their plugs right; they are used again ten "

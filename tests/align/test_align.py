@@ -97,7 +97,7 @@ def test_a_fast_position_keeps_its_path():
     for k in range(1, 6):
         aligner.ingest(Reading(0.1 * k, {"nut_position_m": 0.01 * k}))
     aligner.ingest(Reading(0.55, {"nut_position_m": math.nan}, {"nut_position_m": "timeout"}))
-    times, values, offset, _ = aligner.tick(0.6).path["nut_position_m"]
+    times, values, offset, _, _ = aligner.tick(0.6).path["nut_position_m"]
     np.testing.assert_array_equal(values, [0.01 * k for k in range(1, 6)])
     np.testing.assert_array_equal(times, [0.1 * k for k in range(1, 6)])
     np.testing.assert_array_equal(offset, [0, 5])

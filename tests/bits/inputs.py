@@ -38,7 +38,7 @@ def path_of(time_s, position_m, driven_m_s=None, every=3):
     offset = np.minimum(every * np.arange(-(-n // every) + 1), n)
     offset = np.insert(offset, 5, offset[5]) if len(offset) > 6 else offset
     driven_m_s = np.full(n, np.nan) if driven_m_s is None else driven_m_s
-    return NutPath(np.asarray(time_s, float), np.asarray(position_m, float), offset, driven_m_s)
+    return NutPath(np.asarray(time_s, float), np.asarray(position_m, float), offset, driven_m_s, np.zeros(n))
 
 
 def _runs():
@@ -146,6 +146,7 @@ def _drive(config, plant, frames, parts=(0, 1, 15, 40)) -> Arrays:
                 p.position_m[own],
                 p.offset[begin : end + 1] - p.offset[begin],
                 p.driven_m_s[own],
+                p.speed_age_s[own],
             )
         part = FrameBlock(
             frames.channels, frames.time_s[cut], frames.dt_s[cut], frames.values[cut], frames.fresh[cut],
@@ -340,7 +341,7 @@ def _judged(K=420):
     driven_m_s[(at_s > 900.0) & (at_s < 1000.0)] = 0.25
     driven_m_s[(at_s > 1100.0) & (at_s < 1300.0)] = 0.15
     driven_m_s[[50, 51]] = np.nan
-    path = NutPath(at_s, position_m, 5 * np.arange(K + 1), driven_m_s)
+    path = NutPath(at_s, position_m, 5 * np.arange(K + 1), driven_m_s, np.zeros(len(at_s)))
     return time_s, given_quality, block, path
 
 

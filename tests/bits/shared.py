@@ -137,7 +137,7 @@ def frames_of(config, steps=40, seed=6):
             at_m = to_and_fro(0.2 * at_s, 0.2, 0.8)
             values[:, j] = to_and_fro(0.2 * time_s, 0.2, 0.8)
             offset = np.concatenate([[0], np.searchsorted(at_s, time_s, side="right")])
-            path[name] = NutPath(at_s, at_m, offset, np.full(len(at_s), np.nan))
+            path[name] = NutPath(at_s, at_m, offset, *np.full((2, len(at_s)), np.nan))
     fresh, quality = rng.random((steps, c)) < 0.9, np.zeros((steps, c), np.int8)
     dt_s = np.diff(time_s, prepend=0.0)
     return FrameBlock(config.channels, time_s, dt_s, values, fresh, quality, np.zeros((steps, c)), path)

@@ -28,7 +28,7 @@ def log_of(every_s: float, speed_rpm: float, lead_m: float = 0.005) -> tuple[Con
     values = np.full((len(time_s), len(config.channels)), 20.0)
     values[:, config.channels.index("n_rpm")] = np.where(running, speed_rpm, 0.0)
     values[:, config.channels.index("x_m")] = place_m
-    path = NutPath(time_s, place_m, np.arange(len(time_s) + 1), np.full(len(time_s), np.nan))
+    path = NutPath(time_s, place_m, np.arange(len(time_s) + 1), *np.full((2, len(time_s)), np.nan))
     fresh = np.ones(values.shape, dtype=bool)
     return config, FrameBlock(
         channels=config.channels,

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from observer.estimators.selftest import no_motion_yet, smallest_jump_m
 from observer.frames import FloatArray
 from observer.kernels import compare_ways
-from observer.kernels.selftest import LEAP, OF_MOTION
+from observer.kernels.selftest import JUMP, OF_NUT, JUMP_m
 
 EVERY_S, LOW_m, STROKE_m = 0.02, 0.2, 0.4
 
@@ -45,14 +46,14 @@ def _held_up(time_s: FloatArray, rng: np.random.Generator, apart_s: float) -> Fl
 
 def _leap_m(come_s: FloatArray, place_m: FloatArray, speed_m_s: FloatArray) -> FloatArray:
     """By how much the position has leapt, after each sample."""
-    memory = np.concatenate([np.zeros(2), np.full(3, np.nan), np.zeros(OF_MOTION - 5)])
-    leap_m, ratio = np.empty(len(come_s)), np.empty(len(come_s))
-    each = np.arange(len(come_s) + 1, dtype=np.intp)
+    n, memory = len(come_s), no_motion_yet()
+    motion, travel_m = np.empty((n, OF_NUT)), np.array([LOW_m, LOW_m + STROKE_m])
+    offset = np.arange(n + 1, dtype=np.intp)
     compare_ways(
-        come_s, place_m, each, speed_m_s, STROKE_m, memory, ratio, leap_m, np.zeros(len(come_s), np.int8)
+        come_s, place_m, offset, speed_m_s, np.zeros(n), travel_m, memory, motion, np.zeros(n, np.int8)
     )
-    assert memory[LEAP] == leap_m[-1]
-    return leap_m
+    assert memory[JUMP_m] == motion[-1, JUMP]
+    return motion[:, JUMP]
 
 
 @pytest.mark.parametrize("speed_m_s", [0.05, 0.15, 0.5])
@@ -91,3 +92,68 @@ def test_a_leap_between_such_pauses_is_found_at_once(speed_m_s, leap_m):
     found_m = _leap_m(come_s, place_m, driven_m_s)
     assert not found_m[:at].any()
     assert found_m[at + 50 :] == pytest.approx(leap_m, abs=0.012)
+
+
+def _jumps_m(
+    every_s: float, place_m: list[float], speed_m_s: list[float], at_s: list[float] | None = None
+) -> FloatArray:
+    """The sum of jumps after samples that follow a minute of runs and a rest at the lower end."""
+    time_s, before_m, driven_m_s = _runs(0.3, 60.0, every_s)
+    steps_s = every_s * np.arange(1, len(place_m) + 1) if at_s is None else np.array(at_s)
+    standing = np.full(20, LOW_m)
+    rest_s = time_s[-1] + every_s * np.arange(1, 21)
+    return _leap_m(
+        np.concatenate([time_s, rest_s, rest_s[-1] + steps_s]),
+        np.concatenate([before_m[:-1], [LOW_m], standing, LOW_m + np.array(place_m)]),
+        np.concatenate([driven_m_s[:-1], np.zeros(21), speed_m_s]),
+    )[-len(place_m) :]
+
+
+RPM_m_s = 0.012 / 60.0
+
+
+@pytest.mark.parametrize(
+    ("every_s", "place_m", "speed_m_s"),
+    [
+        (0.1, [0.010, 0.054, 0.06, 0.06], [1035 * RPM_m_s, 1058 * RPM_m_s, 0.0, 0.0]),
+        (0.1, [0.02, 0.02], [0.0, 0.0]),
+        (0.2, [0.09, 0.09], [0.0, 0.0]),
+        (0.5, [0.3, 0.0, 0.3], [0.0, 0.0, 0.0]),
+        (0.02, [0.0009, 0.0045, 0.01], [0.1, 0.3, 0.4]),
+    ],
+)
+def test_a_move_that_is_fast_between_two_polls_is_no_jump(every_s, place_m, speed_m_s):
+    """A reposition of 44 mm in 0.1 s; whole moves between polls of standstill; a start at 1 g."""
+    assert not _jumps_m(every_s, place_m, speed_m_s).any()
+
+
+@pytest.mark.parametrize("every_s", [0.02, 0.1, 0.5])
+def test_a_process_that_was_stopped_for_a_minute_sees_no_jump(every_s):
+    """The last answer before the stop is stamped after it, or the first one after it comes late."""
+    places_m, speeds_m_s = [0.0, 0.25, 0.25, 0.25], [0.0, 0.0, 0.0, 0.0]
+    assert not _jumps_m(every_s, places_m, speeds_m_s, [60.0, 60.0 + every_s / 2, 61.0, 62.0]).any()
+    assert not _jumps_m(every_s, places_m, speeds_m_s, [every_s, 60.0, 60.0 + every_s, 61.0]).any()
+
+
+@pytest.mark.parametrize("every_s", [0.01, 0.02, 0.05, 0.1, 0.2])
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_reference_lost_at_rest_is_found_from_the_smallest_jump_on(every_s, sense):
+    smallest_m = smallest_jump_m(every_s)
+    lost = sense * (smallest_m + 0.001)
+    assert _jumps_m(every_s, [lost, lost], [0.0, 0.0]) == pytest.approx(lost)
+    assert not _jumps_m(every_s, [lost - 0.002 * sense] * 2, [0.0, 0.0]).any()
+
+
+def test_a_jump_ends_when_the_position_jumps_back():
+    assert _jumps_m(0.02, [0.05, 0.05, 0.05, 0.0, 0.0], [0.0] * 5) == pytest.approx(
+        [0.05, 0.05, 0.05, 0.0, 0.0]
+    )
+
+
+def test_a_jump_that_would_place_the_nut_beyond_its_travel_was_motion():
+    """After a real jump of 0.1 m up the nut could not come back to the lower end of its travel."""
+    down_m = np.linspace(0.1, 0.0, 60).tolist()
+    jumps_m = _jumps_m(0.02, [0.1, *down_m], [0.0, *[0.085] * 60])
+    assert jumps_m[0] == pytest.approx(0.1)
+    assert jumps_m[1:20] == pytest.approx(0.1)
+    assert jumps_m[-1] == 0.0

@@ -72,7 +72,7 @@ def test_over_a_step_it_is_the_mean_over_the_way_and_a_lag_s_row_follows_slowly(
     """A nut that runs one way; nobody knows how it came to its first sample."""
     table = table_of(waves=waves, turned=turned)
     at_s = 0.1 * np.arange(61)
-    path = NutPath(at_s, 0.2 + 0.06 * at_s, np.arange(0, 62, 5), np.full(61, np.nan))
+    path = NutPath(at_s, 0.2 + 0.06 * at_s, np.arange(0, 62, 5), *np.full((2, 61), np.nan))
     dt_s = np.full(12, 0.5)
     _, B, C = columns(table, start(table), dt_s, path)
     settle, row = 1.0 - np.exp(-0.5 * table.lag_decay_1_s), C[2]
@@ -91,7 +91,10 @@ def test_a_nut_of_which_nothing_is_known_keeps_its_columns_and_then_is_spread_ov
     """Samples at 0 s and 1 s, nothing for half a minute, and one sample elsewhere."""
     table = table_of(waves=False)
     path = NutPath(
-        np.array([0.0, 1.0, 31.0]), np.array([0.3, 0.3, 0.7]), np.array([0, 1, 2, 2, 3]), np.full(3, np.nan)
+        np.array([0.0, 1.0, 31.0]),
+        np.array([0.3, 0.3, 0.7]),
+        np.array([0, 1, 2, 2, 3]),
+        *np.full((2, 3), np.nan),
     )
     _, B, C = columns(table, start(table), np.array([1.0, 1.0, 15.0, 15.0]), path)
     there = columns_at(table, [0.3])[0][:-1]
@@ -111,7 +114,7 @@ def test_after_an_hour_of_silence_nobody_knows_which_way_a_nut_runs() -> None:
         np.append(run_s, [4045.0, 4075.0]),
         np.append(run_m, [0.3, 0.5]),
         np.array([0, 91, 92, 93]),
-        np.full(93, np.nan),
+        *np.full((2, 93), np.nan),
     )
     _, B, _ = columns(table, start(table), np.array([45.0, 4000.0, 30.0]), path)
     np.testing.assert_array_equal(B[2, :-1], table.mean_B[:-1])

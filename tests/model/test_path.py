@@ -85,16 +85,15 @@ def test_the_ends_of_the_stroke_are_learnt() -> None:
     time_s = np.arange(0.0, 60.0, 0.5)
     position_m = shuttle_m(0.13 * time_s)
     offset, unknown = np.arange(len(time_s) + 1), np.full(len(time_s), np.nan)
-    state, ends_m = reversals(PathState(), NutPath(time_s, position_m, offset, unknown), STROKE_M)
+    state, ends_m = reversals(PathState(), NutPath(time_s, position_m, offset, unknown, unknown), STROKE_M)
     assert np.isnan(ends_m[0]).all()
     np.testing.assert_allclose(ends_m[-1], [LOW_M, HIGH_M], atol=1e-9)
     assert state.scalars[4:6] == pytest.approx([LOW_M, HIGH_M])
     # in parts it is the same, to the last bit
     half = 37
-    first, a = reversals(
-        PathState(), NutPath(time_s[:half], position_m[:half], offset[: half + 1], unknown[:half]), STROKE_M
-    )
-    rest = NutPath(time_s[half:], position_m[half:], offset[half:] - half, unknown[half:])
+    first_path = NutPath(time_s[:half], position_m[:half], offset[: half + 1], unknown[:half], unknown[:half])
+    first, a = reversals(PathState(), first_path, STROKE_M)
+    rest = NutPath(time_s[half:], position_m[half:], offset[half:] - half, unknown[half:], unknown[half:])
     second, b = reversals(first, rest, STROKE_M)
     np.testing.assert_array_equal(np.vstack([a, b]), ends_m)
     np.testing.assert_array_equal(second.scalars, state.scalars)

@@ -138,7 +138,7 @@ def test_a_path_known_by_few_samples_heats_where_the_nut_was(samples_per_travers
 
 def _heated(table: NutTable, time_s: FloatArray, position_m: FloatArray) -> FloatArray:
     """The nut's input column over a path, averaged over all but its first minute."""
-    path = NutPath(time_s, position_m, np.arange(len(time_s) + 1), np.full(len(time_s), np.nan))
+    path = NutPath(time_s, position_m, np.arange(len(time_s) + 1), *np.full((2, len(time_s)), np.nan))
     dt_s = np.diff(time_s, prepend=time_s[0])
     _, B, _ = moving.columns(table, moving.start(table), dt_s, path)
     return np.asarray(B[time_s > 60.0].mean(axis=0))

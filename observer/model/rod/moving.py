@@ -65,7 +65,7 @@ def reversals(state: PathState, path: NutPath, stroke_m: float) -> tuple[PathSta
     """
     scalars = state.scalars
     ends_m = np.empty((len(path.offset) - 1, 2))
-    follow_path(scalars, *path, stroke_m, ends_m)
+    follow_path(scalars, *path[:4], stroke_m, ends_m)
     return PathState.of(scalars), ends_m
 
 
@@ -184,7 +184,7 @@ def columns(
         step_B=np.empty(B),
         step_C=np.empty(C),
     )
-    average_columns(record(table), record(desk), dt_s, *path)
+    average_columns(record(table), record(desk), dt_s, *path[:4])
     return state_of(desk), desk.out_B, desk.out_C
 
 

@@ -1,0 +1,1 @@
+"""False and missed jumps of a nut's position, on simulated axes: `python -m campaigns.motion`."""
