@@ -12,7 +12,7 @@ from observer.kernels.codes import (
     REJECTED,
 )
 from observer.kernels.covariance import squared
-from observer.kernels.libc import NAN, exp, isfinite, isnan, sqrt
+from observer.kernels.libc import INFINITY, NAN, exp, isfinite, isnan, sqrt
 
 # The windows' time constants, and which means over each are more than chance and small faults make.
 WINDOWS_S = [60.0, 600.0]
@@ -188,14 +188,15 @@ def _compare_with_travel(memory, travel_m):
 def jump_stands(memory, step, dt_s, agree):
     """Return whether a nut's jump is still to be reported.
 
-    Temperatures that have agreed with the model for long enough, while the nut moved, confirm its position.
+    Temperatures confirm the position if they have agreed with the model from the jump on for long enough while
+    the nut moved. If they have disagreed once since, they can do so no more: the heats may have adapted.
     """
     if step[JUMP] != memory[JUDGED_m]:
         memory[JUDGED_m], memory[AGREED_S], memory[AGREED_TRAVELS] = step[JUMP], 0.0, 0.0
     confirmed = memory[AGREED_S] >= _AGREE_S and memory[AGREED_TRAVELS] >= _AGREE_TRAVELS
     if step[JUMP] != 0.0 and not confirmed:
-        memory[AGREED_S] = memory[AGREED_S] + dt_s if agree else 0.0
-        memory[AGREED_TRAVELS] = memory[AGREED_TRAVELS] + step[WAY] if agree else 0.0
+        memory[AGREED_S] = memory[AGREED_S] + dt_s if agree else -INFINITY
+        memory[AGREED_TRAVELS] += step[WAY]
     return step[JUMP] != 0.0 and not confirmed
 
 

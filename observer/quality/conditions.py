@@ -93,8 +93,8 @@ class Facts:
     and the screening; `notices` are more reasons, in words; `gap` the figures of the open-loop prediction,
     `departure` what is beyond its tolerances; `sensors` maps the sensors' channels to their names;
     `used_sensors` are the names of those that the last estimate uses; `observed` are the problems beside the
-    estimates, such as those of the compensation; `service` are the options that name the machine and axis to a
-    command.
+    estimates, such as those of the compensation; `service` are the options that name the machine and axis to
+    a command.
     """
 
     time_s: float

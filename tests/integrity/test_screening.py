@@ -117,12 +117,13 @@ def polled_log(day: Any, faulty_day: Any) -> Log:
     log = log_of(faulty_day)
     time_s = np.arange(day.time_s[0], day.time_s[-1], POLLED_S)
     second = np.searchsorted(day.time_s, time_s + 1e-6) - 1
-    values = np.where(np.diff(second, prepend=-1)[:, None] > 0, log.values[second], np.nan)
+    first = np.diff(second, prepend=-1) > 0
+    values = np.where(first[:, None], log.values[second], np.nan)
     nut, speed = (log.channels.index(name) for name in ("nut_position_m", "screw_speed_rpm"))
     off_m = (faulty_day.nut_m - day.nut_m)[second]
     values[:, nut] = np.interp(time_s, day.time_s, day.nut_m) + off_m
     values[:, speed] = log.values[second, speed]
-    return Log(log.path, time_s, log.channels, values)
+    return Log(log.path, time_s, log.channels, values, first, (None,) * len(time_s))
 
 
 @pytest.mark.parametrize(("name", "number"), [("nut homed 50 mm off", 0), ("nut homed -50 mm off", 1)])
