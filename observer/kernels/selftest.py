@@ -188,7 +188,7 @@ def _compare_with_travel(memory, travel_m):
 def jump_stands(memory, step, dt_s, agree):
     """Return whether a nut's jump is still to be reported.
 
-    Temperatures confirm the position if they have agreed with the model from the jump on for long enough while
+    Temperatures confirm the position if they have agreed with the model since the jump, for long enough while
     the nut moved. If they have disagreed once since, they can do so no more: the heats may have adapted.
     """
     if step[JUMP] != memory[JUDGED_m]:
