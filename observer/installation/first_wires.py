@@ -206,7 +206,7 @@ def _canopen(answers: Answers) -> list[FileTable]:
 
 
 def _modbus(answers: Answers) -> list[FileTable]:
-    keys = {**_modbus_at(answers.control_at, "control_at"), "period_s": 0.1}
+    keys = {**_modbus_at(answers.control_at, "control_at"), "period_s": 0.05}
     first = _register(answers.position_register, "holding")
     position: dict[str, object] = {
         "register": Note(first, "counted from 0; 40001 is 0"),
@@ -280,7 +280,7 @@ def _server(answers: Answers, name: str, period_s: float, **scale: object) -> li
 
 def _opcua(answers: Answers) -> list[FileTable]:
     scale = Note(_direction(answers) * 0.001, "mm to m; 1.0 where the node is in metres")
-    return _server(answers, "node", 0.1, scale=scale)
+    return _server(answers, "node", 0.05, scale=scale)
 
 
 def _mtconnect(answers: Answers) -> list[FileTable]:

@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from observer.align.plausibility import Limits
 from observer.effects.terms import Radiation, SpeedLoss, StretchFilm
 from observer.errors import ConfigError
 from observer.estimators.design.report import DesignReport, design_report
+from observer.estimators.selftest import smallest_jump_m
 from observer.installation import Installation
 from observer.installation.problems import key_of
 from observer.installation.typical_ranges import doubt
@@ -32,6 +34,8 @@ from observer.tables.sections import Source
 TRANSIENT_S = (0.5, 10.0)
 MOST_DESIGNED = 200
 """The cost of a design grows with the cube of the modes: seconds here, minutes at twice as many."""
+LARGEST_HIDDEN_m = 0.03
+"""A reference of the nut that is lost by more than this should be found."""
 NEAR = 1e-3
 """Positions closer than this fraction of the screw's length count as one."""
 _DEVIATION_OF_STEPS = 1.0 / math.sqrt(12.0)  # what rounding to whole steps of 1 adds
@@ -50,6 +54,7 @@ def findings(config: Installation) -> dict[str, Any]:
     errors = transient_error_K_W(config, plant, TRANSIENT_S)
     biot = _biot(config)
     warnings = [*doubts(config), *design.warnings, *_model_warnings(config, design, biot)]
+    warnings += slow_polls(config)
     return {
         "verdict": _verdict(design, warnings),
         "modes": plant.modes,
@@ -109,6 +114,23 @@ def _seen(plant: Plant) -> list[float]:
     highest = modal[plant.rows.field_slice].max(axis=0)
     share = modal[plant.rows.sensor_slice].max(axis=0) / highest
     return [min(1.0, float(x)) for x in share]
+
+
+def slow_polls(config: Installation) -> Iterator[str]:
+    """Warn of each nut's position that is polled too slowly to show that its reference was lost."""
+    limits = Limits.of(config)
+    for source in config.source:
+        period_s = config.sample_s.get(source.position_channel or "")
+        if source.lead_m is None or source.speed_channel is None or period_s is None:
+            continue
+        fastest_m_s = source.lead_m / 60.0 * float(limits.high[config.channels.index(source.speed_channel)])
+        hidden_m = min(smallest_jump_m(period_s), smallest_jump_m(0.0) + fastest_m_s * period_s)
+        if hidden_m > LARGEST_HIDDEN_m:
+            yield (
+                f"{source.position_channel} is polled too slowly (each {period_s:g} s, at up to "
+                f"{60.0 * fastest_m_s:.0f} m/min): a reference lost by less than {1000.0 * hidden_m:.0f} mm "
+                "is not noticed; set period_s of its driver to 0.02"
+            )
 
 
 def _path_limit_rpm(config: Installation, source: Source) -> float:

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from observer.cli import app
 from observer.installation import parse
 from observer.report import sensitivity
-from observer.report.check import findings
+from observer.report.check import findings, slow_polls
 from observer.report.check_text import as_text
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -105,3 +105,31 @@ def test_a_screw_that_is_not_of_one_temperature_across_is_doubted(film_W_m2K, bo
     found = findings(parse(table))
     assert found["biot"] == {"film_W_m2K": film_W_m2K, "number": pytest.approx(number)}
     assert any("Biot" in warning for warning in found["warnings"]) == (number > 0.1)
+
+
+@pytest.mark.parametrize(
+    ("period_s", "high_rpm", "hidden"),
+    [
+        (0.02, None, None),
+        (0.05, None, None),
+        (0.1, None, "62 mm"),
+        (0.5, None, "581 mm"),
+        (0.1, 1000.0, None),
+    ],
+)
+def test_a_nut_that_is_polled_too_slowly_is_named_with_the_period_to_set(period_s, high_rpm, hidden):
+    """No jump beyond the way at the greatest speed is hidden: 17 mm in 0.1 s at 1000 rpm, 579 mm in 0.5 s."""
+    table = tomllib.loads((CONFIG / "demo-housings.toml").read_text("utf-8"))
+    nut = next(source for source in table["source"] if "position_channel" in source)
+    nut["lead_m"] = 0.01
+    control = {"kind": "modbus_tcp", "host": "127.0.0.1", "period_s": period_s}
+    names = (nut["position_channel"], nut["speed_channel"])
+    channels = {name: {"register": 2 * i, "type": "int32"} for i, name in enumerate(names)}
+    table["drivers"] = {"axis": control | {"channels": channels}}
+    if high_rpm is not None:
+        table["limits"] = {nut["speed_channel"]: {"low": -high_rpm, "high": high_rpm}}
+    warnings_of_it = list(slow_polls(parse(table)))
+    assert len(warnings_of_it) == (0 if hidden is None else 1)
+    if hidden is not None:
+        assert hidden in warnings_of_it[0]
+        assert warnings_of_it[0].endswith("set period_s of its driver to 0.02")
