@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
@@ -18,6 +19,7 @@ from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.packing import padded_width
 from observer.frames import FloatArray, Inputs
 from observer.kernels.layout import pad_rows
+from observer.library.machine import load
 from observer.model.build import build_plant
 from observer.model.discretise import step_matrices
 from observer.model.plant import Plant
@@ -25,6 +27,8 @@ from observer.tables.estimator import Integrity
 from tests.logs.inputs import even_inputs
 from tests.logs.machines import config_of
 
+CONFIG = Path(__file__).resolve().parents[1] / "config"
+COUPLED = ("demo-housings", "yu-dual-drive")
 DT_S = 0.5
 PERIOD_S, MOST_OF_A_CORE = 0.1, 0.03
 OURS_STEPS, FILTERPY_STEPS, STATSMODELS_STEPS = 20_000, 500, 2_000
@@ -64,7 +68,42 @@ def results() -> list[Result]:
         rows.append(Result("  and statsmodels", ours, shows["statsmodels"], f"{times('statsmodels'):.3g} ×"))
         rows.append(learning(modes, sensors))
         rows.append(with_a_bank(modes, sensors))
-    return rows
+    return [*rows, *(coupled(name) for name in COUPLED)]
+
+
+def coupled(name: str) -> Result:
+    """The step of a machine with bodies beside its screw, and a dense one of as many states in numpy."""
+    config = load(CONFIG / f"{name}.toml").config
+    plant = build_plant(config, learns=True)
+    steps = OURS_STEPS // 40
+    estimator = KalmanEstimator(plant, config.estimator)
+    n = len(plant.decay_1_s) + int(plant.estimated.sum()) + plant.learnt
+    inputs = even_inputs(plant, steps)
+    taken = medians_s(
+        {"ours": ours_loop(estimator, inputs), "numpy": numpy_loop(n, plant.rows.sensors, steps)}
+    )
+    ours_s, numpy_s = taken["ours"] / steps, taken["numpy"] / steps
+    size = f"{name}: {n} states, {len(plant.coupling.links.source)} links to the nut"
+    return Result(
+        f"Kalman step, {size}", shown(ours_s), f"dense numpy {shown(numpy_s)}", f"{numpy_s / ours_s:.3g} ×"
+    )
+
+
+def numpy_loop(n: int, sensors: int, steps: int) -> Callable[[], object]:
+    """A Kalman step of n states in dense matrices, so many times."""
+    rng = np.random.default_rng(0)
+    A = 0.9 * np.eye(n) + 0.001 * rng.standard_normal((n, n))
+    H, Q, R = rng.standard_normal((sensors, n)), np.eye(n), np.eye(sensors)
+
+    def work() -> object:
+        P = np.eye(n)
+        for _ in range(steps):
+            P = A @ P @ A.T + Q
+            K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
+            P = P - K @ (H @ P)
+        return P
+
+    return work
 
 
 def learning(modes: int, sensors: int) -> Result:

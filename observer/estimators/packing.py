@@ -75,7 +75,7 @@ class Running(NamedTuple):
 class Work(NamedTuple):
     """Scratch of the kernels: `B`, `C`, `rows` with the moving columns in place, `law` (m,) the heats by law
     at the temperatures of the moment, `driven` (n_x,), `before` (2, n_x) the states that the halves of a
-    coupling began from, `none` (n_x, 0), `link` (2, n_x) of a link, `sweep` as in `advance`, `plain` and
+    coupling began from, `none` (n_x, 0), `link` (3, w) of what couples states, `sweep` as in `advance`, `plain` and
     `plain_B` a state and the columns where parameters are described, and the arrays of one step. `C` has the
     columns of all states where something is learnt, and of the plant's where not. `CT` (n_x, S) are the
     sensors' rows as padded columns, for the plant's states; `S` (s, S) the covariances of the innovations
@@ -236,7 +236,7 @@ def scratch(arrays: PlantArrays) -> Work:
     sensors, shown = layout.padded_width(s, _TOGETHER), arrays.rows.shape[1]
     shapes: dict[str, tuple[int, ...]] = {
         "value": (shown,), "shared": (shown,), "law": (m,), "driven": (n_x,), "couple": (n_x, n_x),
-        "shift": (n_x,), "was": (n, width), "before": (2, n_x), "none": (n_x, 0), "link": (2, n_x),
+        "shift": (n_x,), "was": (n, width), "before": (2, n_x), "none": (n_x, 0), "link": (3, width),
         "sweep": (0, 0, 0, 0), "G": (columns, width), "H": (columns, width), "M": (m_e, width), "L": (s, s),
         "W": (s, width), "e": (s,), "K": (width,), "row": (width,), "half": (width,), "g": (s, width),
         "nu": (s,), "S_nu": (s,), "suspect": (s,), "A": (n, width), "before_around": (n_x + m_e,),

@@ -15,8 +15,8 @@ def coupled(c, loss_1_s, loss_degC, z, B, half_s, x, M, b, link):
     """Fill M (n_x, n_x) and b (n_x,) so that x⁺ = M x + b is what the couplings do in `half_s`.
 
     `loss_1_s` is the uniform loss of the moment, towards `loss_degC`; z (p,) the known inputs;
-    B (m, n_x) the input columns in force, as rows; x the state, of which the first n_x count; `link` (2, n_x)
-    is scratch.
+    B (m, n_x) the input columns in force, as rows; x the state, of which the first n_x count; `link` (3, w)
+    is scratch, at least as wide as x and M.
     """
     n_x = M.shape[0]
     for a in range(n_x):
@@ -35,14 +35,14 @@ def couple(c, loss_1_s, loss_degC, z, B, half_s, x, M, b, link):
     """
     rate_1_s, drawn = _uniform_loss(c, loss_1_s, loss_degC, z, x)
     for i in range(len(c.spreads.rate_1_s) - 1, -1, -1):
-        _spread(c, i, B, 0.5 * half_s, M, b)
+        _spread(c, i, B, 0.5 * half_s, M, b, link)
     for i in range(len(c.links.source) - 1, -1, -1):
         _link(c, i, z, B, 0.5 * half_s, M, b, link)
-    _lose(c, rate_1_s, drawn, half_s, M, b)
+    _lose(c, rate_1_s, drawn, half_s, M, b, link)
     for i in range(len(c.links.source)):
         _link(c, i, z, B, 0.5 * half_s, M, b, link)
     for i in range(len(c.spreads.rate_1_s)):
-        _spread(c, i, B, 0.5 * half_s, M, b)
+        _spread(c, i, B, 0.5 * half_s, M, b, link)
 
 
 def _uniform_loss(c, loss_1_s, loss_degC, z, x):
@@ -81,13 +81,13 @@ def _product(c, x, y):
     return total
 
 
-def _lose(c, rate_1_s, drawn, time_s, M, b):
+def _lose(c, rate_1_s, drawn, time_s, M, b, link):
     """Losses that are the same along the screw; what is beside it keeps its temperature."""
     if rate_1_s == 0.0:
         return
     if len(c.uneven.rate) > 0:
         for e in range(len(c.uneven.rate)):
-            _lose_unevenly(c, e, rate_1_s, drawn, time_s, M, b)
+            _lose_unevenly(c, e, rate_1_s, drawn, time_s, M, b, link)
         return
     keep, lost = exp(-rate_1_s * time_s), -expm1(-rate_1_s * time_s)
     towards_degC = lost * drawn / rate_1_s
@@ -98,14 +98,14 @@ def _lose(c, rate_1_s, drawn, time_s, M, b):
                 M[a, q] *= keep
         return
     for i in range(len(c.beside)):
-        _give_back(c, i, lost / keep, M, b)
+        _give_back(c, i, lost / keep, M, b, link)
     for a in range(len(c.uniform)):
         b[a] = keep * b[a] + towards_degC * c.uniform[a]
         for q in range(M.shape[1]):
             M[a, q] *= keep
 
 
-def _lose_unevenly(c, e, rate_1_s, drawn, time_s, M, b):
+def _lose_unevenly(c, e, rate_1_s, drawn, time_s, M, b, link):
     """What a shape of a screw with sections loses at a rate of its own: the others do not see it."""
     n_x = M.shape[0]
     lost = -expm1(-c.uneven.rate[e] * rate_1_s * time_s)
@@ -114,27 +114,17 @@ def _lose_unevenly(c, e, rate_1_s, drawn, time_s, M, b):
         excess += c.uneven.row[e, a] * (b[a] - drawn / rate_1_s * c.uniform[a])
     for a in range(n_x):
         b[a] -= lost * excess * c.uneven.into[e, a]
-    for q in range(M.shape[1]):
-        excess = 0.0
-        for a in range(n_x):
-            excess += c.uneven.row[e, a] * M[a, q]
-        for a in range(n_x):
-            M[a, q] -= lost * excess * c.uneven.into[e, a]
+    _pass_on(c.uneven.row[e], c.uneven.into[e], -lost, n_x, M, link[2])
 
 
-def _give_back(c, i, more, M, b):
+def _give_back(c, i, more, M, b, link):
     """Make up for what a state beside the screw will lose with it."""
     n_x, held = M.shape[0], 0.0
     for a in range(n_x):
         held += c.beside[i, a] * b[a]
     for a in range(n_x):
         b[a] += more * held * c.beside_into[i, a]
-    for q in range(M.shape[1]):
-        held = 0.0
-        for a in range(n_x):
-            held += c.beside[i, a] * M[a, q]
-        for a in range(n_x):
-            M[a, q] += more * held * c.beside_into[i, a]
+    _pass_on(c.beside[i], c.beside_into[i], more, n_x, M, link[2])
 
 
 def _link(c, i, z, B, time_s, M, b, link):
@@ -157,12 +147,7 @@ def _link(c, i, z, B, time_s, M, b, link):
         apart_K += link[0, a] * b[a]
     for a in range(n_x):
         b[a] += link[1, a] * heat_J_K * apart_K
-    for q in range(M.shape[1]):
-        apart_K = 0.0
-        for a in range(n_x):
-            apart_K += link[0, a] * M[a, q]
-        for a in range(n_x):
-            M[a, q] += link[1, a] * heat_J_K * apart_K
+    _pass_on(link[0], link[1], heat_J_K, n_x, M, link[2])
 
 
 def see_under(c, source, B, link):
@@ -181,7 +166,7 @@ def see_under(c, source, B, link):
         link[0, a] += scale * row
 
 
-def _spread(c, i, B, time_s, M, b):
+def _spread(c, i, B, time_s, M, b, link):
     """What a sweeping nut passes on top of its mean: one shape fades.
 
     The rate goes with the variance of the places swept: with the square of the stretch, which is about the
@@ -192,17 +177,28 @@ def _spread(c, i, B, time_s, M, b):
     nut = squared(c.spreads.swept[source] / c.spreads.at_rest[source])
     now = squared(c.spreads.swept[source] / size)
     lost = -expm1(-c.spreads.rate_1_s[i] * min(max((now - nut) / (1.0 - nut), 0.0), 1.0) * time_s)
+    if lost == 0.0:  # the nut stands
+        return
     warm = 0.0
     for a in range(c.spreads.row.shape[1]):
         warm += c.spreads.row[i, a] * b[a]
     for a in range(c.spreads.row.shape[1]):
         b[a] -= lost * warm * c.spreads.into[i, a]
+    _pass_on(c.spreads.row[i], c.spreads.into[i], -lost, c.spreads.row.shape[1], M, link[2])
+
+
+def _pass_on(read, into, share, n_x, M, sums):
+    """M += share · into (readᵀ M) over the first n_x rows of M (n_x, r); `sums` (r,) is scratch."""
     for q in range(M.shape[1]):
-        warm = 0.0
-        for a in range(c.spreads.row.shape[1]):
-            warm += c.spreads.row[i, a] * M[a, q]
-        for a in range(c.spreads.row.shape[1]):
-            M[a, q] -= lost * warm * c.spreads.into[i, a]
+        sums[q] = 0.0
+    for a in range(n_x):
+        weight = read[a]
+        for q in range(M.shape[1]):
+            sums[q] += weight * M[a, q]
+    for a in range(n_x):
+        weight = share * into[a]
+        for q in range(M.shape[1]):
+            M[a, q] += weight * sums[q]
 
 
 def swept(c, source, shapes, time_s, x, order):
