@@ -29,7 +29,7 @@ class PlantArrays(NamedTuple):
 
     `B` (m, n_x), `E` (p, n_x); `C` (s, n_x), `F` (s, p) the sensors' rows, and as padded columns those that
     are reported, `rows` (n_x, W), `rows_F` (p, W); `R_K2` (s,), `uniform` (n_x,), `lags` (m, n_x) each
-    source's lag at 1 W, `prior_P` (n_x, n_x), `initial_W2`, `law_uncertainty` (m_e,); `source` (m_e,) the
+    source's lag at 1 W, `prior_P` (n_x, n_x), `initial_W2`, `jump_uncertainty` (m_e,); `source` (m_e,) the
     source of each estimated heat; `moving` (M,) the source of each moving column and `moving_heat` (M,) its
     estimated heat, -1 if it is not estimated; `thermal` (s,) which sensors are thermocouples.
     """
@@ -46,7 +46,7 @@ class PlantArrays(NamedTuple):
     lags: FloatArray
     prior_P: FloatArray
     initial_W2: FloatArray
-    law_uncertainty: FloatArray
+    jump_uncertainty: FloatArray
     source: IntArray
     moving: IntArray
     moving_heat: IntArray
@@ -169,7 +169,7 @@ def pack_plant(plant: Plant) -> PlantArrays:
         contiguous(plant.lags),
         contiguous(0.5 * (plant.prior_P + plant.prior_P.T)),
         contiguous(plant.initial_sigma_W**2),
-        contiguous(plant.law_uncertainty),
+        contiguous(plant.jump_uncertainty),
         contiguous(source, np.int64),
         contiguous([s.index for s in plant.moving], np.int64),
         contiguous([heat_of.get(s.index, -1) for s in plant.moving], np.int64),

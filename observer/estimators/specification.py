@@ -120,7 +120,7 @@ def transition(plant: Plant, u: Inputs, k: int, x: FloatArray, columns: Columns)
         F[first:, first:] *= fade
         Q[first:, first:] = np.diag(sigma**2 * (1.0 - fade**2))
     jump = np.zeros(n)
-    jump[n_x:first] = plant.law_uncertainty * u.law_jump_W[k, plant.estimated]
+    jump[n_x:first] = plant.jump_uncertainty * u.law_jump_W[k, plant.estimated]
     Q += F @ np.diag(jump**2) @ F.T
     after, shift_after = _half(plant, u, k, u.z_end[k], B, F @ x + forced, n)
     return Transition(

@@ -161,7 +161,7 @@ def add_change(p, u, k, held, j):
     """
     jump_W = u.law_jump_W[k, p.source[j]]
     held.law_change_W2[j] = held.law_change_W2[j] * exp(-2.0 * u.dt_s[k] / ANSWER_S) + squared(
-        p.law_uncertainty[j] * jump_W
+        p.jump_uncertainty[j] * jump_W
     )
     return held.law_change_W2[j] + squared(0.5 * jump_W)
 

@@ -52,7 +52,7 @@ cdef class AdvancePlant(Record):
 
 cdef class PlantArrays(AdvancePlant):
     cdef public double[:, ::1] C, F, rows, rows_F, lags, prior_P
-    cdef public double[::1] R_K2, uniform, initial_W2, law_uncertainty
+    cdef public double[::1] R_K2, uniform, initial_W2, jump_uncertainty
     cdef public Py_ssize_t[::1] moving_heat
     cdef public unsigned char[::1] thermal
     cdef public LearningArrays learn

@@ -90,7 +90,7 @@ def write_jumps(p, u, k, r, N, out):
     """The jumps of the laws at the start of step k and their σ, from r and N there."""
     n_x = len(p.uniform)
     for j in range(len(p.source)):
-        jump = p.law_uncertainty[j] * u.law_jump_W[k, p.source[j]]
+        jump = p.jump_uncertainty[j] * u.law_jump_W[k, p.source[j]]
         out.jump[k, j] = jump * jump * r[n_x + j]
         left = max(0.0, 1.0 - jump * jump * N[n_x + j, n_x + j])
         out.jump_sigma[k, j] = sqrt(jump * jump * left)

@@ -150,7 +150,7 @@ def count_regular(p, u, step, k, most, c):
                 odd = min(odd, n)
     for j in range(len(p.source)):
         for n in range(k, last):
-            if not squared(p.law_uncertainty[j] * u.law_jump_W[n, p.source[j]]) <= c.jump_W2[j]:
+            if not squared(p.jump_uncertainty[j] * u.law_jump_W[n, p.source[j]]) <= c.jump_W2[j]:
                 odd = min(odd, n)
     return odd - k
 

@@ -51,7 +51,7 @@ def predict_covariance(p, t, d, u, k, state, work):
     columns = m_e + p.learn.machine
     for j in range(m_e):
         index = p.source[j]
-        jump = p.law_uncertainty[j] * u.law_jump_W[k, index]
+        jump = p.jump_uncertainty[j] * u.law_jump_W[k, index]
         state.P[n_x + j, n_x + j] += jump * jump
         for a in range(n_x):
             work.G[j, a] = work.B[index, a] * t.couple[d, j, a]

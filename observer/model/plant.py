@@ -20,7 +20,7 @@ import numpy as np
 
 from observer.frames import BoolArray, FloatArray, Layout
 from observer.model.coupling import Coupling
-from observer.model.learning import Learning, LearningArrays, learning_of
+from observer.model.learning import Learning, LearningArrays, Nuisance, learning_of
 from observer.model.rod.moving import NutTable
 from observer.model.rod.supports import Restraint, fold, tension
 
@@ -28,6 +28,8 @@ OFFSET = "offset."
 """How the name of a known input begins that is a sensor's offset; the sensor's name follows."""
 
 
+START_SHARE = 1.0 / 3.0
+"""That part of a law's uncertainty differs from one start to the next; the rest is one factor of the law."""
 AMBIENT, LEFT, RIGHT, BED, REFERENCE = "ambient", "left", "right", "bed", "reference"
 """The names of the other known inputs: the ambient, the prescribed ends, a bed that is measured, the thermal
 error's reference.
@@ -140,7 +142,7 @@ class Plant:
     which of them read a temperature, the others a displacement in µm; `estimated` (m,) which heats
     are estimated; `random_walk_W2_s` (m_e,), `heat_decay_1_s` (m_e,), `law_uncertainty` (m_e,),
     `initial_sigma_W` (m_e,) the estimated heats' deviation from their laws: dδ = -heat_decay δ dt + random
-    walk, and a step of law_uncertainty × the law's own jump; `field_noise_Q` (n_x, n_x), K²/s, optional
+    walk, and a step of `jump_uncertainty` × the law's own jump; `field_noise_Q` (n_x, n_x), K²/s, optional
     noise on the field. `mode_index` (N,) are the numbers of the modes kept, counted from 1;
     `diffusion_rate_1_s` is α/L², one over the unit of dimensionless time, and `dropped_rate_1_s` that of the
     slowest mode that was dropped;
@@ -212,6 +214,16 @@ class Plant:
         if self.learning is not None:
             return self.learning.arrays
         return learning_of((), (), len(self.decay_1_s), len(self.known_names)).arrays
+
+    @property
+    def jump_uncertainty(self) -> FloatArray:
+        """The standard deviation of a heat's step beside the step of its law, in parts of the latter, (m_e,).
+
+        It is that of the law; where the law's scale is learnt, only what differs from start to start.
+        """
+        learned_scale = self.parameters.of[self.parameters.kind == Nuisance.LAW]
+        has_scale = np.isin(np.arange(len(self.law_uncertainty)), learned_scale)
+        return np.where(has_scale, START_SHARE, 1.0) * self.law_uncertainty
 
     @property
     def lag_slice(self) -> slice:

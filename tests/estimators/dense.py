@@ -61,7 +61,7 @@ def _joint_prior(plant, u):
         after, shift_after = _half(here, u, k, u.z_end[k], n)
         mean[k] = after @ (F @ (before @ mean[k - 1] + shift) + np.pad(known, (0, n - n_x))) + shift_after
         jump = np.zeros((n, n))
-        jump[n_x:, n_x:] = np.diag((plant.law_uncertainty * u.law_jump_W[k][plant.estimated]) ** 2)
+        jump[n_x:, n_x:] = np.diag((plant.jump_uncertainty * u.law_jump_W[k][plant.estimated]) ** 2)
         whole = after @ F @ before
         cov[k] = np.tensordot(whole, cov[k - 1], 1)
         cov[:, :, k] = np.moveaxis(cov[k], 0, -1)

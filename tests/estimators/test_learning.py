@@ -107,7 +107,7 @@ def textbook(plant, u, state):
         F[:n_x, first : first + a.machine] = G
         known = step.hold * (B @ u.law_W[k] + plant.E @ u.z_start[k])
         known += step.ramp * (plant.E @ (u.z_end[k] - u.z_start[k]))
-        P[n_x:first, n_x:first] += np.diag((plant.law_uncertainty * u.law_jump_W[k][plant.estimated]) ** 2)
+        P[n_x:first, n_x:first] += np.diag((plant.jump_uncertainty * u.law_jump_W[k][plant.estimated]) ** 2)
         around[:first] = F[:first, :first] @ around[:first]
         around[:n_x] += known + G @ x[first : first + a.machine]
         x, P = F @ x + np.pad(known, (0, n - n_x)), F @ P @ F.T + Q

@@ -91,7 +91,7 @@ def set_sigmas(
         F = np.eye(n) * now.F[-1, -1]
         F[:machine, :machine] = now.F[:machine, :machine]
         Q[:, :first, :first] = now.Q
-        P[:, range(n_x, first), range(n_x, first)] += (plant.law_uncertainty * now.jump_W) ** 2
+        P[:, range(n_x, first), range(n_x, first)] += (plant.jump_uncertainty * now.jump_W) ** 2
         rows = own.of_readings(now.H + now.passing, _readings(count, every_s, dt_s))
         before = F @ P @ F.T + Q
         P = corrected(before, rows, np.ones(rows.shape[1]), None, own.held, first)

@@ -143,7 +143,7 @@ def moments(
     Q = wandering(sigma, first, dt_s)
     for count, now in enumerate(along(plant, a, shift, dt_s, sweeps=K is None), 1):
         Q[:, :first, :first] = now.Q
-        P[:, range(n_x, first), range(n_x, first)] += (plant.law_uncertainty * now.jump_W) ** 2
+        P[:, range(n_x, first), range(n_x, first)] += (plant.jump_uncertainty * now.jump_W) ** 2
         seen = now.H + now.passing
         before = now.F @ P @ now.F.T + Q
         if weight_1_K is None:
