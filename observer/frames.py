@@ -257,6 +257,10 @@ class Layout:
         }
 
 
+PARTS = ("heat", "field", "error")
+"""The parts of an estimate that each have a quality."""
+
+
 @dataclass(frozen=True, slots=True)
 class EstimateBlock(_Cut):
     """K estimates.
@@ -266,7 +270,8 @@ class EstimateBlock(_Cut):
     expansion coefficient; `force_N`, `force_sigma_N`, `force_bound_N` (K, 1), the axial force, tension
     positive, or (K, 0) where the screw is not held at both ends; `innovation_K` (K, s), of a displacement
     in µm, and its standard deviation `innovation_sigma_K`, NaN where no value arrived; `sensor_quality` (K,
-    s); `quality` (K,), of type `EstimateQuality`; `law_W` (K, m_e), each heat by its law at the temperature
+    s); `quality` (K,), of type `EstimateQuality`, of field and error, and `part_quality` (K, 3), of each of
+    `PARTS`: the heats, the field and the thermal error; `law_W` (K, m_e), each heat by its law at the temperature
     of the moment; `learned`, `learned_sigma` (K, l), what has been learnt of the machine, in the units of
     its names; `heat_bound_W` (K, m_e), `field_bound_K` (K, g) and `error_bound_um` like the error, the
     largest error of each (see `observer.estimators.bank`), NaN where no bound is known, as everywhere in a
@@ -290,12 +295,13 @@ class EstimateBlock(_Cut):
     heat_bound_W: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     field_bound_K: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     error_bound_um: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    part_quality: QualityArray = field(default_factory=lambda: np.zeros((0, 0), np.int8))
     force_N: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     force_sigma_N: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     force_bound_N: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Fill in NaN for bounds that are not given, and no force where none is."""
+        """Fill in NaN for bounds, the estimate's quality for that of its parts, and no force."""
         bounds = {
             "heat_bound_W": self.heat_W,
             "field_bound_K": self.field_degC,
@@ -304,9 +310,17 @@ class EstimateBlock(_Cut):
         for name, like in bounds.items():
             if not getattr(self, name).size:
                 object.__setattr__(self, name, np.full(like.shape, np.nan))
+        if not self.part_quality.size:
+            parts = np.repeat(self.quality[:, None], len(PARTS), axis=1)
+            object.__setattr__(self, "part_quality", parts)
         for name in FORCE:
             if not getattr(self, name).size:
                 object.__setattr__(self, name, np.zeros((len(self.time_s), 0)))
+
+    @property
+    def error_quality(self) -> QualityArray:
+        """The quality of the thermal error, (K,), of type `EstimateQuality`."""
+        return self.part_quality[:, PARTS.index("error")]
 
     @property
     def used(self) -> BoolArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,6 +19,7 @@ from observer.files.logs import SUFFIXES, TIME, Log
 from observer.files.writer import Column, TableSink
 from observer.frames import (
     FORCE,
+    PARTS,
     EstimateBlock,
     EstimateQuality,
     FloatArray,
@@ -83,6 +84,7 @@ def _counts(block: EstimateBlock) -> tuple[Any, ...]:
     return (
         len(block),
         np.bincount(block.quality, minlength=len(EstimateQuality)),
+        np.array([np.bincount(codes, minlength=len(EstimateQuality)) for codes in block.part_quality.T]),
         np.array([np.bincount(codes, minlength=len(Quality)) for codes in block.sensor_quality.T]),
         np.bincount(
             block.sensors_used[block.quality == EstimateQuality.GOOD],
@@ -99,13 +101,16 @@ def _counts(block: EstimateBlock) -> tuple[Any, ...]:
 def _summary(layout: Layout, counts: list[tuple[Any, ...]], duration_s: float) -> dict[str, Any]:
     """A replay in numbers: the same for the same log and configuration."""
     totals: list[Any] = [sum(column) for column in zip(*counts, strict=True)]
-    rows, quality, sensor_quality, good_by_used, heats, heat_W, values, sum_K, squares_K2 = totals
+    rows, quality, part_quality, sensor_quality, good_by_used, heats, heat_W, values, sum_K, squares_K2 = (
+        totals
+    )
     bias_K, squares_K2 = _mean(sum_K, values), _mean(squares_K2, values)
     sensors = zip(layout.sensors, layout.units, squares_K2, bias_K, sensor_quality, strict=True)
     return {
         "rows": rows,
         "duration_s": duration_s,
-        "quality": {q.label: int(n) for q, n in zip(EstimateQuality, quality, strict=True)},
+        "quality": _steps_by_quality(quality),
+        **{f"{part}_quality": _steps_by_quality(n) for part, n in zip(PARTS, part_quality, strict=True)},
         "good_by_sensors_used": {str(n): int(steps) for n, steps in enumerate(good_by_used) if steps},
         "heat_mean_W": dict(zip(layout.sources, _mean(heat_W, heats), strict=True)),
         "sensors": {
@@ -117,6 +122,10 @@ def _summary(layout: Layout, counts: list[tuple[Any, ...]], duration_s: float) -
             for name, unit, square, bias, codes in sensors
         },
     }
+
+
+def _steps_by_quality(steps: Sequence[int]) -> dict[str, int]:
+    return {q.label: int(n) for q, n in zip(EstimateQuality, steps, strict=True)}
 
 
 def _mean(total: FloatArray, count: FloatArray) -> list[float | None]:
@@ -155,6 +164,7 @@ def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
         columns[f"learned_{name}"] = block.learned[:, j]
         columns[f"learned_{name}_sigma"] = block.learned_sigma[:, j]
     columns["quality"] = _LABELS[block.quality]
+    columns |= {f"{part}_quality": _LABELS[block.part_quality[:, q]] for q, part in enumerate(PARTS)}
     columns["sensors_used"] = block.sensors_used.astype(float)
     columns["sensors"] = np.full(len(block), float(len(layout.sensors)))
     return columns

@@ -43,6 +43,7 @@ DUE_S = 5.0
 """How often the bank steps."""
 _MOST_PAIRS = 28  # of eight sensors; with more, a second fault is found once the first is excluded
 _TRUSTED = 1.5  # standard deviations that a clean filter may be away
+_KNOWN = 0.6  # part of the largest σ before any reading below which field and error are known
 _NEVER = 1e9  # as a gate: readings are judged by the estimate
 _AFRESH = [
     of.OUT_S, of.AGREES_S, of.PENDING, of.PENDING_S, of.STEP_K, of.MEAN, of.SEEN, of.UNREST, of.BACK
@@ -72,7 +73,9 @@ class Gathered(NamedTuple):
 
 class Held(NamedTuple):
     """The bounds found last, of the heats and of the reported rows, what drifts add to the variances of both,
-    what laws that have changed add to those of heats, and the limits of the rows.
+    what laws that have changed add to those of heats, and the limits of the rows. `known_sigma` (2,) are the
+    standard deviations of field and error below which they are known, `grid` is the number of rows of the
+    field, and `published` says whether these sensors give a bound.
     """
 
     heat_W: FloatArray
@@ -81,6 +84,9 @@ class Held(NamedTuple):
     field_drift2: FloatArray
     law_change_W2: FloatArray
     limit: FloatArray
+    known_sigma: FloatArray
+    grid: int
+    published: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +171,10 @@ class Bank:
         g = plant.rows.grid
         limit[:g] = np.inf if settings.limit_K is None else settings.limit_K
         limit[g:] = np.inf if settings.limit_um is None else settings.limit_um
-        self.held = Held._make([*(self._own[name] for name in Held._fields[:-1]), limit])
+        self.held = Held(
+            *(self._own[name] for name in Held._fields[: Held._fields.index("limit")]),
+            limit, _KNOWN * _largest_prior(plant), g, not self._rests_on_laws,
+        )  # fmt: skip
         self.held_record = record(self.held)
         self._results = packing.empty_results(plant, F)
         self._result_records = tuple(record(packing.cut(self._results, slice(f, f + 1))) for f in range(F))
@@ -333,6 +342,14 @@ def _copy(source: packing.Running, into: packing.Running) -> None:
     """Take over field, heats and what is learnt."""
     for name in ("x", "P", "around"):
         getattr(into, name)[...] = getattr(source, name)
+
+
+def _largest_prior(plant: Plant) -> FloatArray:
+    """Return the largest σ of the field, K, and of the error, µm, before any reading; 0 where there is none."""
+    rows = plant.rows.C[plant.rows.sensors :]
+    sigma = np.sqrt(np.maximum(np.einsum("ra,ab,rb->r", rows, plant.prior_P, rows), 0.0))
+    g = plant.rows.grid
+    return np.array([sigma[:g].max(initial=0.0), sigma[g:].max(initial=0.0)])
 
 
 def _between(plant: Plant) -> dict[str, Any]:

@@ -131,7 +131,7 @@ class EstimatorTick(NamedTuple):
 _SAME = {
     "heat": "heat_W", "heat_sigma": "heat_sigma_W", "law": "law_W", "innovation": "innovation_K",
     "innovation_sigma": "innovation_sigma_K", "sensor_quality": "sensor_quality", "quality": "quality",
-    "heat_bound": "heat_bound_W",
+    "heat_bound": "heat_bound_W", "part_quality": "part_quality",
 }  # fmt: skip
 """Results that a block has as they are, by their names there."""
 _FOLDED = (
@@ -141,6 +141,7 @@ _FOLDED = (
 _ORDER = (
     "heat_W", "heat_sigma_W", "law_W", *_FOLDED, "heat_bound_W",
     "innovation_K", "innovation_sigma_K", "time_s", "learned", "learned_sigma", "sensor_quality", "quality",
+    "part_quality",
 )  # fmt: skip
 """The columns of a block as they lie in memory: kernels write field and error as one array."""
 

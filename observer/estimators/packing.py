@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.estimators.protocol import EstimatorState
-from observer.frames import BoolArray, EstimateBlock, FloatArray, QualityArray, contiguous
+from observer.frames import PARTS, BoolArray, EstimateBlock, FloatArray, QualityArray, contiguous
 from observer.kernels import layout
 from observer.kernels.codes import GUARD, VERDICT
 from observer.kernels.layout import packed, pad_rows
@@ -132,6 +132,7 @@ class Results(NamedTuple):
     innovation: FloatArray
     sensor_quality: QualityArray
     quality: QualityArray
+    part_quality: QualityArray
     log_likelihood: FloatArray
     innovation_sigma: FloatArray
     law: FloatArray
@@ -296,6 +297,7 @@ def empty_results(plant: Plant, steps: int) -> Results:
         innovation,
         np.empty((steps, s), dtype=np.int8),
         np.empty(steps, dtype=np.int8),
+        np.empty((steps, len(PARTS)), dtype=np.int8),
         likelihood[:, 0],
         innovation_sigma,
         *others,
@@ -326,6 +328,7 @@ def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBloc
         innovation_K=results.innovation,
         sensor_quality=results.sensor_quality,
         quality=results.quality,
+        part_quality=results.part_quality,
         innovation_sigma_K=results.innovation_sigma,
         law_W=results.law,
         learned=learned,

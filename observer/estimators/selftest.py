@@ -218,14 +218,15 @@ class SelfTest:
 
         `state` and `motion` are those that `watch` returned.
         """
-        quality = block.quality.copy()
+        quality, part_quality = block.quality.copy(), block.part_quality.copy()
         seen = Tested(
             block.time_s, inputs.dt_s, inputs.quality, block.sensor_quality, block.innovation_K,
             block.innovation_sigma_K, block.heat_W, block.heat_sigma_W, block.law_W, motion,
         )  # fmt: skip
         state = SelfTestState._make(array.copy() for array in state)
-        run_selftest(record(packed(seen)), self.trust_record, record(state), quality, np.empty(3))
-        return state, replace(block, quality=quality)
+        own = record(packed(seen)), self.trust_record, record(state)
+        run_selftest(*own, quality, part_quality, np.empty(3))
+        return state, replace(block, quality=quality, part_quality=part_quality)
 
     def findings(self, state: SelfTestState) -> tuple[Finding, ...]:
         """What fails now."""

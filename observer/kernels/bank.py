@@ -9,8 +9,11 @@ from __future__ import annotations
 from observer.kernels.codes import (
     CAUSE,
     COMMON_K,
+    ERROR,
     ESTIMATE_DEGRADED,
     ESTIMATE_INVALID,
+    ESTIMATE_STARTING,
+    FIELD,
     OPENED_COMMON_K2,
     OPENED_K2,
     OPENED_PRIOR,
@@ -170,21 +173,26 @@ def put_bounds(p, u, out, k, held, sigmas):
     """Write the bounds of step k: those of the bank's last step, and at least `sigmas` standard deviations.
 
     The standard deviations first get what readings that drift add to them. The bound of a heat also gets what
-    a law that has just changed adds: a few seconds, in which the heat still counts as known. Beyond a limit
-    an estimate is not good.
+    a law that has just changed adds: a few seconds, in which the heat still counts as known. Field and error
+    are each not good beyond their limits, and not known yet while readings have said little of them. Sensors
+    that do not check each other give no bound: limits then hold for the same multiple of σ.
     """
-    beyond = False
     for j in range(len(held.heat_W)):
         variance_W2 = squared(out.heat_sigma[k, j]) + held.heat_drift_W2[j]
         out.heat_sigma[k, j] = sqrt(variance_W2)
-        out.heat_bound[k, j] = max(held.heat_W[j], sigmas * sqrt(variance_W2 + add_change(p, u, k, held, j)))
+        bound = max(held.heat_W[j], sigmas * sqrt(variance_W2 + add_change(p, u, k, held, j)))
+        out.heat_bound[k, j] = bound if held.published else NAN
     for r in range(len(held.field)):
         out.field_sigma[k, r] = sqrt(squared(out.field_sigma[k, r]) + held.field_drift2[r])
-        bound = max(held.field[r], sigmas * out.field_sigma[k, r])
-        out.field_bound[k, r] = bound
-        beyond = beyond or (isfinite(held.limit[r]) and not bound <= held.limit[r])
-    if beyond:
-        out.quality[k] = max(out.quality[k], ESTIMATE_DEGRADED)
+        part, bound = FIELD if r < held.grid else ERROR, sigmas * out.field_sigma[k, r]
+        if held.published:
+            bound = max(held.field[r], bound)
+        out.field_bound[k, r] = bound if held.published else NAN
+        if isfinite(held.limit[r]) and not bound <= held.limit[r]:
+            out.part_quality[k, part] = max(out.part_quality[k, part], ESTIMATE_DEGRADED)
+        elif out.field_sigma[k, r] > held.known_sigma[part - FIELD]:
+            out.part_quality[k, part] = max(out.part_quality[k, part], ESTIMATE_STARTING)
+    out.quality[k] = max(out.part_quality[k, FIELD], out.part_quality[k, ERROR])
     if out.quality[k] == ESTIMATE_INVALID:
         for j in range(len(held.heat_W)):
             out.heat_bound[k, j] = NAN

@@ -14,6 +14,11 @@ ESTIMATE_STARTING = 1
 ESTIMATE_DEGRADED = 2
 ESTIMATE_STALE = 3
 ESTIMATE_INVALID = 4
+# … of its parts, by column, …
+HEAT = 0
+FIELD = 1
+ERROR = 2
+PARTS = 3
 # … and of inputs: an input is missing or held; the position of a nut is unknown.
 INPUT_LOST = 1
 NUT_LOST = 2

@@ -1,5 +1,5 @@
 cdef Py_ssize_t RELEASE_AFTER_STEPS, STALE_AFTER_STEPS
-cdef double REOPEN_AFTER_S, REOPEN_EVERY_S, HELD_BACK_S, LOST_S, _REOPEN_AT_LEAST, _REOPEN_SIGMA, _AGREES
+cdef double REOPEN_AFTER_S, REOPEN_EVERY_S, HELD_BACK_S, LOST_S, QUIET_S, _REOPEN_AT_LEAST, _REOPEN_SIGMA, _AGREES
 
 cdef inline void forget(double[:, ::1] rows, Py_ssize_t k) noexcept nogil
 
@@ -20,6 +20,7 @@ cdef inline Py_ssize_t judge_screening(double[::1] verdict, double time_s) noexc
 cdef void skip(Inputs u, Py_ssize_t k, unsigned char[::1] usable, Running state, Results out) noexcept nogil
 cdef inline void write_innovations(double[::1] nu, double[::1] S, unsigned char[::1] usable, Py_ssize_t k, Results out) noexcept nogil
 cdef void invalidate(Results out, Py_ssize_t k) noexcept nogil
+cdef inline void rate(Results out, Py_ssize_t k, Py_ssize_t quality) noexcept nogil
 cdef inline void move_rows(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] rows) noexcept nogil
 cdef inline bint write_values(PlantArrays p, Inputs u, Py_ssize_t k, Running state, Work work, Results out) noexcept nogil
 cdef inline bint write_sigmas(Running state, Py_ssize_t k, Work work, Results out) noexcept nogil

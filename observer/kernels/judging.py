@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from observer.kernels.advance import add_scaled
 from observer.kernels.codes import (
+    AGE_S,
     CAUSE,
     COMMON_K,
     COMMON_STEPS,
@@ -39,6 +40,8 @@ REOPEN_EVERY_S = 60.0
 # … and each time the other sensors, with the state opened, have so long to speak first.
 HELD_BACK_S = 40.0
 LOST_S = 40.0
+# For so long after a start, or after an input was lost, readings are not judged, and no estimate is good.
+QUIET_S = 20.0
 _REOPEN_AT_LEAST = 0.01
 _REOPEN_SIGMA = 3.0
 _AGREES = 0.3  # part of what a sensor was off when the state was opened for it
@@ -215,7 +218,9 @@ def judge(u, k, usable, accepted, state, out):
 
 
 def judge_screening(verdict, time_s):
-    """The quality that is left where something is not explained, was decided just now, or still settles."""
+    """The quality that is left where something is not explained, was decided just now, still settles, or where
+    readings are not judged yet.
+    """
     if verdict[HOLD_S] > 0.0 or verdict[SETTLING_S] > 0.0:
         if time_s > verdict[HELD_UNTIL_S]:
             verdict[HELD_S] = time_s
@@ -225,7 +230,9 @@ def judge_screening(verdict, time_s):
     verdict[COMMON_STEPS] += 1.0 if verdict[COMMON_K] != 0.0 else 0.0
     if verdict[LATCH] != 0.0 or verdict[HOLD_S] > 0.0:
         return ESTIMATE_DEGRADED
-    return ESTIMATE_STARTING if verdict[SETTLING_S] > 0.0 else ESTIMATE_GOOD
+    if verdict[SETTLING_S] > 0.0 or verdict[AGE_S] <= QUIET_S:
+        return ESTIMATE_STARTING
+    return ESTIMATE_GOOD
 
 
 def skip(u, k, usable, state, out):
@@ -259,7 +266,14 @@ def invalidate(out, k):
     forget(out.field_sigma, k)
     forget(out.learned, k)
     forget(out.learned_sigma, k)
-    out.quality[k] = ESTIMATE_INVALID
+    rate(out, k, ESTIMATE_INVALID)
+
+
+def rate(out, k, quality):
+    """Write the quality of step k, and the same of its heats, its field and its thermal error."""
+    out.quality[k] = quality
+    for part in range(out.part_quality.shape[1]):
+        out.part_quality[k, part] = quality
 
 
 def move_rows(p, u, k, rows):
@@ -289,7 +303,7 @@ def write_values(p, u, k, state, work, out):
 
 def write_step(p, u, k, state, work, out):
     """Write what step k has estimated, and its quality; return whether all are numbers."""
-    out.quality[k] = judge(u, k, work.usable, work.accepted, state, out)
+    rate(out, k, judge(u, k, work.usable, work.accepted, state, out))
     move_rows(p, u, k, work.rows)
     known = write_values(p, u, k, state, work, out)
     return write_sigmas(state, k, work, out) and known

@@ -179,5 +179,12 @@ def step_frame(own, data):
         watch_frame(test)
     estimate_frame(estimator)
     if test is not None:
-        run_selftest(test.seen, test.trust, test.state, estimator.results.quality, test.scores)
+        run_selftest(
+            test.seen,
+            test.trust,
+            test.state,
+            estimator.results.quality,
+            estimator.results.part_quality,
+            test.scores,
+        )
     return bytes_of(estimator.octets, len(estimator.octets))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from observer.kernels.codes import PARTS
 from observer.kernels.libc import bytes_of, float_at, octet_at, put_float32, put_float64
 
 
@@ -30,10 +31,10 @@ def encode(own, data, sequence, sensors_used):
     """Return the message of an estimate, kept as `data`.
 
     Pieces: the beginning, what is between time and sequence, between that and the number of sensors used,
-    between that and quality, a name for each quality, the head of each array, the head of the sensors'
-    qualities, a name for each of these.
+    between that and quality, a name for each quality, the key of each part's quality, the head of each
+    array, the head of the sensors' qualities, a name for each of these.
     """
-    source, arrays = data, len(own.begin)
+    source, arrays, first = data, len(own.begin), 4 + own.qualities + PARTS
     at = put_piece(own, 0, 0)
     put_float64(own.out, at, float_at(source, own.time_at))
     at = put_piece(own, at + 8, 1)
@@ -42,12 +43,15 @@ def encode(own, data, sequence, sensors_used):
     at = put_count(own.out, at, sensors_used)
     at = put_piece(own, at, 3)
     at = put_piece(own, at, 4 + octet_at(source, own.quality_at))
+    for part in range(PARTS):
+        at = put_piece(own, at, 4 + own.qualities + part)
+        at = put_piece(own, at, 4 + octet_at(source, own.parts_at + part))
     for a in range(arrays):
-        at = put_piece(own, at, 4 + own.qualities + a)
+        at = put_piece(own, at, first + a)
         for i in range(own.numbers[a]):
             put_float32(own.out, at, float_at(source, own.begin[a] + 8 * i))
             at += 4
-    at = put_piece(own, at, 4 + own.qualities + arrays)
+    at = put_piece(own, at, first + arrays)
     for i in range(own.sensors):
-        at = put_piece(own, at, 5 + own.qualities + arrays + octet_at(source, own.sensors_at + i))
+        at = put_piece(own, at, first + 1 + arrays + octet_at(source, own.sensors_at + i))
     return bytes_of(own.out, at)

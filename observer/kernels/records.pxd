@@ -100,7 +100,7 @@ cdef class Running(Record):
 cdef class Results(Record):
     cdef public double[:, ::1] heat, heat_sigma, field, field_sigma, innovation, innovation_sigma
     cdef public double[:, ::1] law, learned, learned_sigma, heat_bound, field_bound
-    cdef public signed char[:, ::1] sensor_quality
+    cdef public signed char[:, ::1] sensor_quality, part_quality
     cdef public signed char[::1] quality
     cdef public double[::1] log_likelihood
 
@@ -113,7 +113,9 @@ cdef class Gathered(Record):
 
 
 cdef class Held(Record):
-    cdef public double[::1] heat_W, field, heat_drift_W2, field_drift2, law_change_W2, limit
+    cdef public double[::1] heat_W, field, heat_drift_W2, field_drift2, law_change_W2, limit, known_sigma
+    cdef public Py_ssize_t grid
+    cdef public bint published
 
 
 cdef class GainTable(Record):

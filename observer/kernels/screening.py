@@ -57,7 +57,7 @@ from observer.kernels.codes import (
     AIR_degC,
     VALUE_degC,
 )
-from observer.kernels.judging import add_prior, defer_readmitted, gate, inflate_for_rejected
+from observer.kernels.judging import QUIET_S, add_prior, defer_readmitted, gate, inflate_for_rejected
 from observer.kernels.libc import exp, isfinite, isnan, sqrt
 
 JUMP_SIGMA = 6.0
@@ -65,7 +65,6 @@ LEAST_JUMP_K = 0.15
 DRIFT_K_S = 0.02
 """How fast an innovation may change by what the model does not know, as a law that is wrong by a third."""
 YOUNG_S = 600.0  # for so long after a start, or after an input was lost, the model may be the wrong one
-_QUIET_S = 20.0  # the first steps after a start are not judged
 _FEW = 5.0
 _MEAN_S = 15.0
 LASTS_SAMPLES, LASTS_S = 3.0, 2.0
@@ -138,7 +137,7 @@ def look_at(i, guard, verdict, state, work):
         return
     step_K = work.nu[i] - guard[i, MEAN]
     limit_K = max(JUMP_SIGMA * sqrt(work.S_nu[i]), LEAST_JUMP_K) + DRIFT_K_S * guard[i, SINCE_S]
-    judged = guard[i, SEEN] >= _FEW and verdict[AGE_S] > _QUIET_S
+    judged = guard[i, SEEN] >= _FEW and verdict[AGE_S] > QUIET_S
     if judged and not abs(step_K) <= limit_K:
         guard[i, PENDING_S] += guard[i, SINCE_S] if guard[i, PENDING] > 0.0 else 0.0
         guard[i, PENDING] += 1.0

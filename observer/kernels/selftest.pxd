@@ -39,4 +39,4 @@ cdef inline double _distance(SelfTestState state, Tested u, Py_ssize_t k, Py_ssi
 @cython.locals(total=double, laws=Py_ssize_t, failing=bint, starting=bint, sigma_W=double, test=Py_ssize_t, unknown=bint, distance=double, score=double)
 cdef inline (bint, bint) _test_heats(SelfTestState state, Tested u, Py_ssize_t k, Trust trust, Py_ssize_t base) noexcept nogil
 @cython.locals(failing=bint, starting=bint, sensors_agree=bint, stands=bint, step="double[:]", test=Py_ssize_t, score=double)
-cpdef void run_selftest(Tested u, Trust trust, SelfTestState state, signed char[::1] quality, double[::1] scores) noexcept nogil
+cpdef void run_selftest(Tested u, Trust trust, SelfTestState state, signed char[::1] quality, signed char[:, ::1] part_quality, double[::1] scores) noexcept nogil

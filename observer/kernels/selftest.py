@@ -8,6 +8,7 @@ from observer.kernels.codes import (
     ESTIMATE_STARTING,
     EXCLUDED,
     GOOD,
+    HEAT,
     NUT_LOST,
     REJECTED,
 )
@@ -366,8 +367,10 @@ def _is_any_used(u, k):
     return False
 
 
-def run_selftest(u, trust, state, quality, scores):
-    """Run the tests over K steps; `state` and `quality` are changed in place; `scores` (3,) is scratch."""
+def run_selftest(u, trust, state, quality, part_quality, scores):
+    """Run the tests over K steps; `state`, `quality` (K,) and `part_quality` (K, 3) are changed in place;
+    `scores` (3,) is scratch. A heat that is not known yet lowers the quality of the heats alone.
+    """
     s, m_e = u.nu.shape[1], u.heat_W.shape[1]
     for k in range(len(u.time_s)):
         if quality[k] == ESTIMATE_INVALID:
@@ -393,5 +396,7 @@ def run_selftest(u, trust, state, quality, scores):
             failing = failing or _fails(state, test)
         if failing:
             quality[k] = max(quality[k], ESTIMATE_DEGRADED)
+            for part in range(part_quality.shape[1]):
+                part_quality[k, part] = max(part_quality[k, part], ESTIMATE_DEGRADED)
         elif starting:
-            quality[k] = max(quality[k], ESTIMATE_STARTING)
+            part_quality[k, HEAT] = max(part_quality[k, HEAT], ESTIMATE_STARTING)

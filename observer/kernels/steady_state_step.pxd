@@ -23,7 +23,7 @@ cdef inline bint is_driven_alike(SteadyStep c, Py_ssize_t r) noexcept nogil
 cdef inline Py_ssize_t count_passed(SteadyStep c, Py_ssize_t count) noexcept nogil
 @cython.locals(law=double, heat=double, sigma=double, whole=bint, there=bint)
 cdef void write_run(PlantArrays p, Inputs u, Py_ssize_t k, Py_ssize_t count, GainTable gains, Py_ssize_t settled, SteadyStep c, Results out) noexcept nogil
-cdef inline void write_qualities(signed char[:, ::1] given, signed char[::1] degraded, Py_ssize_t k, Py_ssize_t count, bint whole, signed char[:, ::1] sensor_quality, signed char[::1] quality) noexcept nogil
+cdef inline void write_qualities(signed char[:, ::1] given, signed char[::1] degraded, Py_ssize_t k, Py_ssize_t count, bint whole, Results out) noexcept nogil
 cdef inline bint is_known(Results out, Py_ssize_t k) noexcept nogil
 cdef inline void go_on(PlantArrays p, SteadyStep c, Py_ssize_t r, Running state) noexcept nogil
 @cython.locals(roughly=bint, moving=bint)

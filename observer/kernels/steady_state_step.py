@@ -26,7 +26,7 @@ from observer.kernels.consider import (
     propagate_considered,
 )
 from observer.kernels.covariance import squared
-from observer.kernels.judging import invalidate, move_rows
+from observer.kernels.judging import invalidate, move_rows, rate
 from observer.kernels.libc import INFINITY, NAN, isfinite, sqrt
 from observer.kernels.vector import LANES, load, load_at, none, store, store_at, weigh
 
@@ -260,20 +260,20 @@ def write_run(p, u, k, count, gains, settled, c, out):
             out.innovation_sigma[k + r, i] = sigma
     for r in range(count):
         out.log_likelihood[k + r] = 0.0
-    write_qualities(u.quality, u.degraded, k, count, whole, out.sensor_quality, out.quality)
+    write_qualities(u.quality, u.degraded, k, count, whole, out)
     if lost > 0:
         for r in range(count):
             if not is_known(out, k + r):
                 invalidate(out, k + r)
 
 
-def write_qualities(given, degraded, k, count, whole, sensor_quality, quality):
+def write_qualities(given, degraded, k, count, whole, out):
     """Each sensor's quality is what was given, as no sensor is refused; `whole` where none is absent."""
     for i in range(given.shape[1]):
         for r in range(count):
-            sensor_quality[k + r, i] = given[k + r, i]
+            out.sensor_quality[k + r, i] = given[k + r, i]
     for r in range(count):
-        quality[k + r] = ESTIMATE_GOOD if whole and degraded[k + r] == 0 else ESTIMATE_DEGRADED
+        rate(out, k + r, ESTIMATE_GOOD if whole and degraded[k + r] == 0 else ESTIMATE_DEGRADED)
 
 
 def is_known(out, k):

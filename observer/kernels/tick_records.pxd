@@ -70,4 +70,4 @@ cdef class LiveStep(Record):
 cdef class Message(Record):
     cdef public unsigned char[::1] out, pieces
     cdef public Py_ssize_t[::1] ends, begin, numbers
-    cdef public Py_ssize_t qualities, sensors, time_at, quality_at, sensors_at
+    cdef public Py_ssize_t qualities, sensors, time_at, quality_at, parts_at, sensors_at

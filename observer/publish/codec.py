@@ -16,7 +16,16 @@ import cbor2
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.frames import FORCE, EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout, Quality
+from observer.frames import (
+    FORCE,
+    PARTS,
+    EstimateBlock,
+    EstimateQuality,
+    FloatArray,
+    FrameBlock,
+    Layout,
+    Quality,
+)
 from observer.kernels import encode, record
 from observer.kernels.layout import Bundle, Fields
 
@@ -38,7 +47,7 @@ _ARRAYS = (
     "heat_W", "heat_sigma_W", "heat_bound_W", "law_W", "field_degC", "field_sigma_K", "field_bound_K",
     "error_um", "error_sigma_um", "error_bound_um", "innovation_K", "innovation_sigma_K",
 )  # fmt: skip
-_ENTRIES = len(_ARRAYS) + 9
+_ENTRIES = len(_ARRAYS) + len(PARTS) + 9
 """Entries of the map, without those that only some machines have."""
 
 
@@ -56,12 +65,13 @@ class Message(NamedTuple):
     sensors: int
     time_at: int
     quality_at: int
+    parts_at: int
     sensors_at: int
 
 
 def _kept(block: EstimateBlock, k: int) -> tuple[Fields, bytes]:
     """One step of a block in one piece."""
-    names = (*_ARRAYS, *FORCE, "time_s", "quality", "sensor_quality")
+    names = (*_ARRAYS, *FORCE, "time_s", "quality", "part_quality", "sensor_quality")
     bundle = Bundle.of({name: np.asarray(getattr(block, name)[k]) for name in names})
     return bundle.fields, bundle.octets.tobytes()
 
@@ -120,6 +130,7 @@ class EstimateEncoder:
             cbor2.dumps("sensors_used"),
             _pair("instance", instance) + cbor2.dumps("quality"),
             *map(cbor2.dumps, _QUALITY),
+            *(cbor2.dumps(f"{part}_quality") for part in PARTS),
             *(before.get(name, b"") + _head(name, 4 * n) for name, n in self._widths.items()),
             cbor2.dumps("sensor_quality") + _array_head(s),
             *map(cbor2.dumps, _CHANNEL_QUALITY),
@@ -149,7 +160,7 @@ class EstimateEncoder:
     def _message_of(self, fields: Any) -> Message:
         """How a message is made of an estimate with these fields in memory."""
         sizes = [len(piece) for piece in self._pieces]
-        room = sum(sizes) + 32 * (3 + self._sensors) + 4 * sum(self._widths.values())
+        room = sum(sizes) + 32 * (3 + len(PARTS) + self._sensors) + 4 * sum(self._widths.values())
         return Message(
             np.zeros(room, np.uint8),
             np.frombuffer(b"".join(self._pieces), np.uint8).copy(),
@@ -158,7 +169,7 @@ class EstimateEncoder:
             np.array(list(self._widths.values())),
             len(_QUALITY),
             self._sensors,
-            *(fields[name][1] for name in ("time_s", "quality", "sensor_quality")),
+            *(fields[name][1] for name in ("time_s", "quality", "part_quality", "sensor_quality")),
         )
 
     def heat(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
@@ -168,20 +179,21 @@ class EstimateEncoder:
             {"heat_W": heat_W, "sigma_W": sigma_W, "bound_W": bound_W}
             for heat_W, sigma_W, bound_W in zip(*map(_rounded, columns), strict=True)
         ]
-        return self._json(block, k, sequence, {"sources": dict(zip(self._sources, sources, strict=True))})
+        body = {"sources": dict(zip(self._sources, sources, strict=True))}
+        return self._json(block, k, sequence, body, "heat")
 
     def field(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
         """The `field` document."""
         arrays = (block.field_degC, block.field_sigma_K, block.field_bound_K)
         names = ("temperature_degC", "sigma_K", "bound_K")
-        return self._json(block, k, sequence, self._curve(k, names, arrays))
+        return self._json(block, k, sequence, self._curve(k, names, arrays), "field")
 
     def error(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
         """The `error` document."""
         arrays = (block.error_um, block.error_sigma_um, block.error_bound_um)
         body = self._curve(k, ("error_um", "sigma_um", "bound_um"), arrays)
         body |= {name: _rounded(getattr(block, name)[k])[0] for name in self._force}
-        return self._json(block, k, sequence, body)
+        return self._json(block, k, sequence, body, "error")
 
     def _curve(self, k: int, names: Sequence[str], arrays: Sequence[FloatArray]) -> dict[str, Any]:
         body = {name: _rounded(array[k]) for name, array in zip(names, arrays, strict=True)}
@@ -203,8 +215,10 @@ class EstimateEncoder:
         head = {"time_s": float(frame.time_s[k]), "sequence": sequence, "instance": self._instance}
         return to_json({**head, "channels": channels})
 
-    def _json(self, block: EstimateBlock, k: int, sequence: int, body: dict[str, Any]) -> bytes:
-        quality = _QUALITY[block.quality[k]]
+    def _json(
+        self, block: EstimateBlock, k: int, sequence: int, body: dict[str, Any], part: str = ""
+    ) -> bytes:
+        quality = _QUALITY[block.part_quality[k, PARTS.index(part)] if part else block.quality[k]]
         head = {"time_s": float(block.time_s[k]), "sequence": sequence, "instance": self._instance}
         return to_json({**head, **self.counts(block, k), **body, "quality": quality})
 
