@@ -224,6 +224,14 @@ class Config(Description):
         return self.model_copy(update={"estimator": estimator, "source": tuple(unseen)})
 
     @property
+    def gives_bounds(self) -> bool:
+        """Whether estimates have bounds of what a faulty sensor could hide.
+
+        They have none where heats are known by one sensor each and the laws: no sensor checks another.
+        """
+        return self.integrity.enabled and self.estimator.screens and "law" not in self.learnt
+
+    @property
     def needs_um(self) -> float | None:
         """How well the part needs the thermal error to be known; None where nothing is said."""
         return self.probing.needs_um or self.integrity.limit_um

@@ -191,6 +191,7 @@ def _service(
         alone=alone,
         sensors={sensor.channel: sensor.name for sensor in config.sensor},
         options=f"--machine {config.machine.name} --axis {config.machine.axis}",
+        nut_channel=next((s.position_channel for s in config.source if s.position_channel), None),
     )
 
 

@@ -9,6 +9,7 @@ through the same compiled code, so both give the same bits.
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -257,6 +258,8 @@ class Layout:
         }
 
 
+SIGMAS_OF_95 = 1.96
+"""Standard deviations that half of a 95 % interval has."""
 PARTS = ("heat", "field", "error")
 """The parts of an estimate that each have a quality."""
 
@@ -321,6 +324,18 @@ class EstimateBlock(_Cut):
     def error_quality(self) -> QualityArray:
         """The quality of the thermal error, (K,), of type `EstimateQuality`."""
         return self.part_quality[:, PARTS.index("error")]
+
+    def error_known_to_um(self, grid_m: FloatArray, nut_m: float) -> FloatArray:
+        """Return half of the 95 % interval of the thermal error at a place, (K,); NaN without an error.
+
+        Where `nut_m` is NaN it is the largest along the grid (g,).
+        """
+        if not self.error_sigma_um.shape[1]:
+            return np.full(len(self.time_s), np.nan)
+        if math.isnan(nut_m):
+            return np.asarray(SIGMAS_OF_95 * self.error_sigma_um.max(axis=1))
+        there_um = [np.interp(nut_m, grid_m, sigma_um) for sigma_um in self.error_sigma_um]
+        return SIGMAS_OF_95 * np.array(there_um)
 
     @property
     def used(self) -> BoolArray:

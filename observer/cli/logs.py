@@ -53,6 +53,8 @@ def replay(
         echo(f"  {name}: {'unknown' if mean_W is None else f'{mean_W:.2f} W'} on average")
     for reason, steps in summary["reasons"].items():
         echo(f"not good in {steps} estimates: {reason}", err=True)
+    for reason, steps in summary["heat_reasons"].items():
+        echo(f"heats not good in {steps} estimates: {reason}", err=True)
     warn(summary["doubts"])
     warn_of_paths(summary["nut_path"])
     echo(f"written to {output}: estimates.{format}, summary.json, overview.png")

@@ -27,6 +27,8 @@ from observer.frames import EstimateBlock, EstimateQuality, FloatArray
 
 LATE_PERIODS = 3.0
 """An estimate is late when it does not come within so many periods."""
+BELIEVED_SIGMAS = 3.0
+"""Standard deviations within which the error counts as known where there is no bound."""
 NOT_ARMED = "not armed yet"
 SINCE_RESTART = "not armed since the restart; arm again"
 _ROUNDING_UM = 1e-6
@@ -52,7 +54,7 @@ class CompensationPlan:
     - `reference_m`, `reference`: the line's reference in the machine, and the table's point nearest to it.
     - `fit` (2, n): gives a line's offset and slope by least squares.
     - `hold_s`: the time for which values are held while an estimate may not be compensated.
-    - `bounded`: whether the estimator computes bounds; an unknown bound is a doubt then.
+    - `bounded`: whether estimates have bounds; an unknown bound is a doubt then, and else σ decides.
     - `zero_at_m`: the place on the screw at which the machine is zeroed; NaN: the nut's position.
     - `absorbs_all`: whether a zero absorbs the whole error, or only the part that was not compensated.
     """
@@ -140,7 +142,7 @@ def plan_of(config: Config) -> CompensationPlan:
         limit_um=settings.limit_um,
         hold_s=settings.hold_s,
         period_s=config.estimator.period_s,
-        bounded=config.integrity.enabled and config.estimator.screens,
+        bounded=config.gives_bounds,
         zero_at_m=math.nan if settings.zero_at_m is None else settings.zero_at_m,
         absorbs_all=settings.zero_after == "homing",
     )
@@ -184,7 +186,7 @@ def doubt_about(
     This is the only place that judges its quality, its size and its bound. The limit holds for the error and
     for that since the zero.
     """
-    quality = EstimateQuality(block.quality[0])
+    quality = EstimateQuality(block.error_quality[0])
     if quality != EstimateQuality.GOOD or not np.isfinite(block.error_um[0]).all():
         return f"the estimate is {quality.label}"
     target = _target(plan, zero, block, grid_m)
@@ -192,9 +194,18 @@ def doubt_about(
     largest_um = float(np.abs(np.concatenate([absolute_um, target.whole_um, target.ends_um])).max())
     if largest_um > plan.limit_um:
         return f"the error of {largest_um:.0f} µm is beyond compensation.limit_um = {plan.limit_um:g} µm"
-    bound_um = np.interp(plan.screw_m, grid_m, since(zero, block).bound_um)
+    errors = since(zero, block)
+    if not plan.bounded:
+        known_to_um = BELIEVED_SIGMAS * float(np.interp(plan.screw_m, grid_m, errors.sigma_um).max())
+        if known_to_um > plan.limit_um:
+            return (
+                f"the error is known to ± {known_to_um:.0f} µm only, allowed are {plan.limit_um:g} µm "
+                "(compensation.limit_um)"
+            )
+        return None
+    bound_um = np.interp(plan.screw_m, grid_m, errors.bound_um)
     if np.isnan(bound_um).any():
-        return "how much a faulty sensor could hide is not known" if plan.bounded else None
+        return "how much a faulty sensor could hide is not known"
     if bound_um.max() > plan.limit_um:
         return (
             f"a faulty sensor could hide {bound_um.max():.0f} µm, allowed are {plan.limit_um:g} µm "
@@ -252,7 +263,7 @@ def advance(
     """
     time_s = float(block.time_s[0])
     doubt = doubt_about(plan, state.zero, block, grid_m)
-    if cause is not None and (doubt is None or block.quality[0] != EstimateQuality.GOOD):
+    if cause is not None and (doubt is None or block.error_quality[0] != EstimateQuality.GOOD):
         doubt = cause
     if not state.armed:
         state = _toward_zero(plan, state, time_s)
@@ -412,7 +423,7 @@ def _zero_refusal(
             "zero refused: the nut's position is not known. Give compensation.zero_at_m, or zero again once "
             "the position comes, then arm"
         )
-    if block.quality[0] != EstimateQuality.GOOD:
+    if block.error_quality[0] != EstimateQuality.GOOD:
         return f"zero refused: {doubt}. Zero again once `observer health` shows good estimates, then arm"
     return (
         f"zero refused: {doubt}. Zeroing again does not help before that is less: wait, add a sensor "

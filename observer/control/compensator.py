@@ -131,7 +131,7 @@ class Compensator:
         )
         if refusal is not None and not self._state.armed:
             self._state = replace(self._state, reason=refusal)
-        quality = EstimateQuality(block.quality[0]).label
+        quality = EstimateQuality(block.error_quality[0]).label
         document = self._document(float(block.time_s[0]), sequence, quality)
         return document | self._doubts(block) | {"nut": self._nut(block, frame)}
 
@@ -215,7 +215,7 @@ class Compensator:
         qualities = zip(self._sensors, block.sensor_quality[0].tolist(), strict=True)
         unused = {name: Quality(quality).label for name, quality in qualities if quality != Quality.GOOD}
         missing = {name: label for name, label in unused.items() if name not in without}
-        if not missing or block.quality[0] != EstimateQuality.GOOD:
+        if not missing or block.error_quality[0] != EstimateQuality.GOOD:
             return None
         states = ", ".join(f"{name} is {label}" for name, label in missing.items())
         options = " ".join(f"--without {name}" for name in unused)
@@ -223,7 +223,7 @@ class Compensator:
 
     def _cause(self, block: EstimateBlock, frame: FrameBlock) -> str | None:
         """Why an estimate is not good, by the first input or sensor that fails; None where none does."""
-        if block.quality[0] == EstimateQuality.GOOD:
+        if block.error_quality[0] == EstimateQuality.GOOD:
             return None
         qualities = dict(zip(frame.channels, frame.quality[0].tolist(), strict=True))
         ages_s = dict(zip(frame.channels, frame.age_s[0].tolist(), strict=True))
@@ -249,7 +249,7 @@ class Compensator:
 
         None where one of them is not known.
         """
-        if block.quality[0] != EstimateQuality.GOOD:
+        if block.error_quality[0] != EstimateQuality.GOOD:
             return None
         position_m, now = np.array([self._nut_m(frame)]), since(self._state.zero, block)
         at_nut = error_at(position_m, self._grid_m, now.error_um[None], now.sigma_um[None])
@@ -265,7 +265,7 @@ class Compensator:
 
 
 def _label(block: EstimateBlock) -> str:
-    return EstimateQuality(block.quality[0]).label
+    return EstimateQuality(block.error_quality[0]).label
 
 
 _VALUES = (

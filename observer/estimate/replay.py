@@ -197,6 +197,7 @@ def write_estimates(
     return {
         **_summary(layout, counts, times[-1] - times[0]),
         "reasons": not_good.reasons,
+        "heat_reasons": not_good.of_heats,
         "gap": None if pipeline.gap is None else pipeline.gap.history,
     }
 

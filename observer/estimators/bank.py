@@ -171,10 +171,9 @@ class Bank:
         g = plant.rows.grid
         limit[:g] = np.inf if settings.limit_K is None else settings.limit_K
         limit[g:] = np.inf if settings.limit_um is None else settings.limit_um
-        self.held = Held(
-            *(self._own[name] for name in Held._fields[: Held._fields.index("limit")]),
-            limit, _KNOWN * _largest_prior(plant), g, not self._rests_on_laws,
-        )  # fmt: skip
+        remembered = [self._own[name] for name in Held._fields[: Held._fields.index("limit")]]
+        known_sigma, publishes = _KNOWN * _largest_prior(plant), not self._rests_on_laws
+        self.held = Held._make([*remembered, limit, known_sigma, g, publishes])
         self.held_record = record(self.held)
         self._results = packing.empty_results(plant, F)
         self._result_records = tuple(record(packing.cut(self._results, slice(f, f + 1))) for f in range(F))

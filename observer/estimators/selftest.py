@@ -44,10 +44,6 @@ twenty machines that are as their tolerances say.
 """
 
 
-KNOWN_PART = 0.6
-"""Part of its prior below which the σ of a heat must be for the heat to be known, as the kernel has it."""
-
-
 class Fault(IntEnum):
     """What may fail, of a sensor (the first four), a heat (two), all heats, or a nut (two); then what the
     screening of readings has found of a sensor (two), of all of them, or of the air.

@@ -218,8 +218,8 @@ def judge(u, k, usable, accepted, state, out):
 
 
 def judge_screening(verdict, time_s):
-    """The quality that is left where something is not explained, was decided just now, still settles, or where
-    readings are not judged yet.
+    """The quality that is left where something is not explained, was decided just now or still settles, or
+    where readings are not judged yet.
     """
     if verdict[HOLD_S] > 0.0 or verdict[SETTLING_S] > 0.0:
         if time_s > verdict[HELD_UNTIL_S]:

@@ -36,7 +36,7 @@ cdef inline void _forget_after_refusals(SelfTestState state, Tested u, Py_ssize_
 cdef inline bint _test_sensor(SelfTestState state, Tested u, Py_ssize_t k, Py_ssize_t i, Trust trust, double[::1] scores) noexcept nogil
 @cython.locals(law_W=double, trusted_W=double, floor_W=double)
 cdef inline double _distance(SelfTestState state, Tested u, Py_ssize_t k, Py_ssize_t j, double uncertainty) noexcept nogil
-@cython.locals(total=double, laws=Py_ssize_t, failing=bint, starting=bint, sigma_W=double, test=Py_ssize_t, unknown=bint, distance=double, score=double)
+@cython.locals(total=double, laws=Py_ssize_t, failing=bint, starting=bint, sigma_W=double, needed_W=double, test=Py_ssize_t, unknown=bint, distance=double, score=double)
 cdef inline (bint, bint) _test_heats(SelfTestState state, Tested u, Py_ssize_t k, Trust trust, Py_ssize_t base) noexcept nogil
 @cython.locals(failing=bint, starting=bint, sensors_agree=bint, stands=bint, step="double[:]", test=Py_ssize_t, score=double)
 cpdef void run_selftest(Tested u, Trust trust, SelfTestState state, signed char[::1] quality, signed char[:, ::1] part_quality, double[::1] scores) noexcept nogil

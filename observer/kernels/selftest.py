@@ -342,8 +342,9 @@ def _test_heats(state, u, k, trust, base):
     m_e, total, laws, failing, starting = u.heat_W.shape[1], 0.0, 0, False, False
     for j in range(m_e):
         sigma_W, test = u.heat_sigma_W[k, j], base + OF_HEAT * j
-        unknown = sigma_W > _KNOWN * trust.initial_W[j]
-        _note(state, test, 2.0 if unknown else 0.0, u.time_s[k], sigma_W, trust.initial_W[j])
+        needed_W = _KNOWN * trust.initial_W[j]
+        unknown = sigma_W > needed_W
+        _note(state, test, 2.0 if unknown else 0.0, u.time_s[k], sigma_W, needed_W)
         starting = starting or unknown
         if isnan(trust.law_uncertainty[j]):
             continue

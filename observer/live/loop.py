@@ -22,7 +22,7 @@ from observer.errors import UserError
 from observer.estimate.checkpoint import Snapshot
 from observer.estimate.pipeline import Pipeline
 from observer.exchange import Command, PublishStatus
-from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Reading
+from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Quality, Reading
 from observer.live.commands import Commands
 from observer.live.observers import Step, StepObserver
 from observer.live.renewal import Renewal, Renewals
@@ -88,7 +88,8 @@ class Service:
     `notify` reports to the service manager (`sd_notify`), `observers` follow each step in their order.
     `instance` names a start, `start` is the state that the pipeline continues from, None if cold. With
     `alone` it verifies before the first tick that no other service has the axis. `sensors` maps sensors'
-    channels to their names, `options` name the machine and axis to a command.
+    channels to their names, `options` name the machine and axis to a command; `nut_channel` is that of the
+    nut's position, None where none is read.
     """
 
     drivers: tuple[Driver, ...]
@@ -105,6 +106,7 @@ class Service:
     alone: bool = True
     sensors: Mapping[str, str] = field(default_factory=dict)
     options: str = ""
+    nut_channel: str | None = None
 
 
 async def serve(service: Service, when_ready: Callable[[], None] | None = None) -> Renewal[Any] | None:
@@ -317,6 +319,18 @@ class _Cycles:
         names = self._pipeline.layout.sensors
         return frozenset(n for n, used in zip(names, self._last.estimate.used[0], strict=True) if used)
 
+    def _error_known_to_um(self) -> float | None:
+        """Half of the 95 % interval of the last estimate's thermal error at the nut; None where unknown."""
+        if self._last is None:
+            return None
+        frame, nut = self._last.frame, self._service.nut_channel
+        nut_m = math.nan
+        if nut is not None and frame.quality[0, column := frame.channels.index(nut)] == Quality.GOOD:
+            nut_m = float(frame.values[0, column])
+        grid_m = self._pipeline.layout.position_m
+        known_to_um = float(self._last.estimate.error_known_to_um(grid_m, nut_m)[0])
+        return known_to_um if math.isfinite(known_to_um) else None
+
     def _report(self, now_s: float) -> None:
         """Publish the health when it has changed or five seconds have passed."""
         service, statuses, gap = self._service, self.wires.statuses(), self._pipeline.gap
@@ -340,6 +354,7 @@ class _Cycles:
             self._used_sensors(),
             self._observed,
             service.options,
+            self._error_known_to_um(),
         )
         health = assess(facts)
         for observer in service.observers:

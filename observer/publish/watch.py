@@ -101,7 +101,8 @@ def message_of(key: str, data: bytes) -> dict[str, Any] | None:
 def live_table(latest: Mapping[str, Mapping[str, Any]]) -> RenderableType:
     """Heats beside their truth where it is published, field, thermal error, sensors, quality and reasons."""
     heat, health = latest.get("heat", {}), latest.get("health", {})
-    quality = _word(heat.get("quality", "starting"))
+    rated = latest.get("error", latest.get("field", heat))
+    quality = _word(rated.get("quality", "starting"))
     title = _headline(quality, health, heat)
     parts: list[RenderableType] = [title, _heats(heat, latest.get("truth/heat", {}))]
     parts += [_profile(latest.get("field", {}), "field", "temperature_degC", "sigma_K", "°C")]
@@ -141,7 +142,8 @@ def health_table(
 
 def _headline(quality: str, health: Mapping[str, Any], counted: Mapping[str, Any]) -> Text:
     """The quality of the estimates, the state of the service, and whether the compensation is off."""
-    title = Text(f"estimates: {quality}{without_sensors(health, counted)}", style=_style(quality))
+    words = f"estimates: {quality}{accuracy(quality, health)}{without_sensors(health, counted)}"
+    title = Text(words, style=_style(quality))
     if health:
         state = _word(health.get("state"))
         title.append(f"   service: {state}", style=_style(state))
@@ -149,6 +151,12 @@ def _headline(quality: str, health: Mapping[str, Any], counted: Mapping[str, Any
     if kinds & _OFF:
         title.append("   compensation: off", style="yellow")
     return title
+
+
+def accuracy(quality: str, health: Mapping[str, Any]) -> str:
+    """How well a good estimate knows the thermal error at the nut; empty where that is not said."""
+    known_to_um = _float(health.get("error_known_to_um"))
+    return f" to ±{known_to_um:.0f} µm at the nut" if quality == "good" and known_to_um is not None else ""
 
 
 def without_sensors(health: Mapping[str, Any], counted: Mapping[str, Any]) -> str:

@@ -35,6 +35,7 @@ class Trouble(Enum):
     NOTICE = auto()
     CLOCK = auto()
     NO_ESTIMATE = auto()
+    JUST_BEGUN = auto()
     UNEXPLAINED = auto()
     OFFSET_MOVED = auto()
     HEAT_HIGH = auto()
@@ -45,7 +46,8 @@ class Trouble(Enum):
 
 
 OF_COMPENSATION = (Trouble.RELEASED, Trouble.NOT_ZEROED)
-"""The kinds that say nothing of the estimates."""
+BESIDE_THE_ERROR = (*OF_COMPENSATION, Fault.UNKNOWN)
+"""The kinds that say nothing of field and thermal error; of heats alone the last one does."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +96,8 @@ class Facts:
     `departure` what is beyond its tolerances; `sensors` maps the sensors' channels to their names;
     `used_sensors` are the names of those that the last estimate uses; `observed` are the problems beside the
     estimates, such as those of the compensation; `service` are the options that name the machine and axis to
-    a command.
+    a command. `error_known_to_um` is half of the 95 % interval of the thermal error at the nut, or the
+    largest along the screw where the nut's place is unknown.
     """
 
     time_s: float
@@ -117,6 +120,7 @@ class Facts:
     used_sensors: frozenset[str] = frozenset()
     observed: tuple[Condition, ...] = ()
     service: str = ""
+    error_known_to_um: float | None = None
 
     @property
     def degraded_sensors(self) -> tuple[str, ...]:
@@ -145,9 +149,9 @@ def of_channel(name: str, quality: Quality, fault: str | None = None) -> Conditi
 
 
 def conditions(facts: Facts) -> tuple[Condition, ...]:
-    """All problems; an unexplained one only where nothing else than the compensation is found."""
+    """All problems; an unexplained one only where nothing is found that concerns field and thermal error."""
     found = tuple(_found(facts))
-    is_explained = any(condition.kind not in OF_COMPENSATION for condition in found)
+    is_explained = any(condition.kind not in BESIDE_THE_ERROR for condition in found)
     return found if is_explained else (*found, *_unexplained(facts))
 
 
@@ -182,5 +186,7 @@ def _unexplained(facts: Facts) -> Iterator[Condition]:
     """The condition of an estimate that is not good although nothing else is found."""
     if facts.frame is None or facts.estimate is None:
         yield Condition(Trouble.NO_ESTIMATE)
+    elif facts.estimate == EstimateQuality.STARTING:
+        yield Condition(Trouble.JUST_BEGUN)
     elif facts.estimate != EstimateQuality.GOOD:
         yield Condition(Trouble.UNEXPLAINED, quality=facts.estimate)

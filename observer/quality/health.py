@@ -9,7 +9,7 @@ from typing import Any
 
 from observer.estimators.selftest import Fault
 from observer.frames import EstimateQuality, Quality
-from observer.quality.conditions import OF_COMPENSATION, Condition, Facts, Trouble, conditions
+from observer.quality.conditions import BESIDE_THE_ERROR, Condition, Facts, Trouble, conditions
 from observer.quality.reasons import sentence
 from observer.record.recorder import RecordStatus
 
@@ -29,6 +29,7 @@ class Health:
     it should and is left out of the estimate is `excluded`. What is left out has an `excess`: by how much it
     reads too much, as `value`, its standard deviation `sigma` (both None while not known), and their `unit`.
     `degraded_sensors` names the sensors that the last estimate does not use, of `sensors` in all.
+    `error_known_to_um` is half of the 95 % interval of the thermal error at the nut.
     """
 
     time_s: float
@@ -39,6 +40,7 @@ class Health:
     counts: Mapping[str, Any]
     sensors: int
     degraded_sensors: tuple[str, ...]
+    error_known_to_um: float | None
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -59,6 +61,7 @@ class Health:
             "sensors_used": self.sensors - len(self.degraded_sensors),
             "sensors": self.sensors,
             "degraded_sensors": self.degraded_sensors,
+            "error_known_to_um": self.error_known_to_um,
         }
         found = [condition.document(sentence(condition)) for condition in self.conditions]
         return {**head, **sensors, "conditions": found, "channels": self.channels, **self.counts}
@@ -98,7 +101,7 @@ def assess(facts: Facts) -> Health:
     state = _state(facts, found)
     return Health(
         facts.time_s, state, _quality(facts).label, found, _channels(facts), counts, len(facts.sensors),
-        facts.degraded_sensors,
+        facts.degraded_sensors, None if facts.error_known_to_um is None else round(facts.error_known_to_um, 3),
     )  # fmt: skip
 
 
@@ -121,8 +124,8 @@ def _state(facts: Facts, found: Iterable[Condition]) -> str:
 
 
 def _is_beside_the_estimates(condition: Condition, facts: Facts) -> bool:
-    """Whether a condition is about the compensation alone, or about sensors that are not used."""
-    if condition.kind in OF_COMPENSATION:
+    """Whether a condition is about the compensation or a heat alone, or about sensors that are not used."""
+    if condition.kind in BESIDE_THE_ERROR:
         return True
     if condition.kind is Trouble.CHANNEL:
         return facts.sensors.get(condition.about) in facts.degraded_sensors

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from observer.align.plausibility import motion_sentence
-from observer.estimators.selftest import KNOWN_PART, Fault, Finding
+from observer.estimators.selftest import Fault, Finding
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Quality
 from observer.quality.conditions import Condition, Trouble, of_channel, of_finding
 
@@ -34,7 +34,6 @@ def sentence(condition: Condition) -> str:
         way="high" if value > 0.0 else "low",
         expected=condition.expected,
         more=value - condition.expected,
-        needed=KNOWN_PART * condition.expected,
         trend="" if math.isnan(condition.expected) else f", {100 * condition.expected:+.1f} % a day",
         detail=condition.detail,
         why=f": {condition.detail}" if condition.detail else "",
@@ -107,6 +106,8 @@ _SENTENCES: dict[Trouble | Fault, str] = {
     Trouble.NOTICE: "{detail}",
     Trouble.CLOCK: "the computer's clock stepped by {value:+.1f} s; the service takes over the new time once "
     "that is steady",
+    Trouble.JUST_BEGUN: "the estimate has just begun: readings are judged for 20 s, and must say how warm "
+    "the screw is",
     Trouble.NO_ESTIMATE: "no estimate yet: the first step is still to come",
     Trouble.UNEXPLAINED: "the estimate is {quality} although no channel and no test gives a reason; an "
     "estimator of your own may set this itself, otherwise reset it and report this",
@@ -126,7 +127,7 @@ _SENTENCES: dict[Trouble | Fault, str] = {
     "(mean product {value:+.2g} σ², that of noise is 0)",
     Fault.NOISY: "{about} scatters {value:.1f} times as much as its noise and the model explain",
     Fault.REFUSED: "{about} is rejected: {value:+.2f} K from what the model and the other sensors expect",
-    Fault.UNKNOWN: "the heat of {about} is still uncertain: ±{value:.3g} W, needed ±{needed:.3g} W; it "
+    Fault.UNKNOWN: "the heat of {about} is still uncertain: ±{value:.3g} W, needed ±{expected:.3g} W; it "
     "settles while the axis works",
     Fault.OFF_LAW: "the heat of {about} is {value:.3g} W where its law says {expected:.3g} W: a unit, a "
     "sensor, the nut's position, or the model",
@@ -177,8 +178,11 @@ class NotGood:
         # what no channel explains is the self-test's, which only degrades, and sets nothing aside
         of_channels = (frames.quality != Quality.GOOD).any(axis=1)
         refused = (block.sensor_quality != Quality.GOOD).any(axis=1)
+        by_itself = ~of_channels & ~refused
+        begun = np.count_nonzero((block.quality == EstimateQuality.STARTING) & by_itself)
+        self._found[Condition(Trouble.JUST_BEGUN)] += int(begun)
         for worst in (EstimateQuality.STALE, EstimateQuality.INVALID):
-            n = np.count_nonzero((block.quality == worst) & ~of_channels & ~refused)
+            n = np.count_nonzero((block.quality == worst) & by_itself)
             self._found[Condition(Trouble.UNEXPLAINED, quality=worst)] += int(n)
 
     def note(self, found: Iterable[tuple[Finding, int]]) -> None:
@@ -187,13 +191,19 @@ class NotGood:
             self._found[of_finding(finding)] += steps
 
     @property
+    def of_heats(self) -> dict[str, int]:
+        """Every reason that concerns heats alone as a sentence, and in how many steps it held."""
+        return {sentence(c): steps for c, steps in self._found.items() if c.kind is Fault.UNKNOWN and steps}
+
+    @property
     def reasons(self) -> dict[str, int]:
-        """Every reason as a sentence, and in how many steps it held."""
+        """Every other reason as a sentence, and in how many steps it held."""
         words: Counter[str] = Counter()
         for j, name in enumerate(self._channels):
             for quality in list(Quality)[1:]:
                 words[sentence(of_channel(name, quality))] += int(self._steps[j, quality])
-        for condition, steps in self._found.items():
+        others = (item for item in self._found.items() if item[0].kind is not Fault.UNKNOWN)
+        for condition, steps in others:
             words[sentence(condition)] += steps
         return {text: steps for text, steps in words.items() if steps}
 

@@ -220,8 +220,8 @@ def _with_another(config: Config, place: Mapping[str, Any]) -> Config:
 
 
 IN_BOUND = (
-    "a slow fault that is not noticed passes for heat: laws are learnt, and no sensor tells the two apart; "
-    "bounds allow for it, σ does not"
+    "no bound is published: a slow fault that is not noticed passes for heat, and no sensor tells the two "
+    "apart; arming goes by σ, which does not allow for it"
 )
 """What is said where `slow_in_sigma` is false."""
 

@@ -145,5 +145,6 @@ class Integrity(Section):
     drift_K_sqrt_h: Annotated[NonNegative, Field(le=100.0)] = 0.3
     #: an estimate is good only if no bound of the field exceeds it; – is no limit
     limit_K: Positive | None = None
-    #: an estimate is good only if no bound of the thermal error exceeds it; – is no limit
+    #: an estimate is good only if no bound of the thermal error exceeds it, or 4.6 σ where there is
+    #: no bound; – is no limit
     limit_um: Positive | None = None

@@ -13,8 +13,9 @@ from hypothesis.extra.numpy import arrays
 
 from observer.config import Config
 from observer.control import compensation
-from observer.control.compensation import CompensationPlan, CompensationState
+from observer.control.compensation import CompensationPlan, CompensationState, doubt_about
 from observer.control.compensator import Compensator
+from observer.control.zero import NEVER
 from observer.errors import ConfigError
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout
 from observer.installation import parse
@@ -275,6 +276,17 @@ def test_an_estimator_without_bounds_compensates_as_ever(tables: dict[str, Any])
     assert document["armed"] is True
     assert document["sigma_um"] == pytest.approx([0.5] * 21)
     assert document["bound_um"] is None
+
+
+def test_without_bounds_three_standard_deviations_must_be_within_the_limit() -> None:
+    config = with_tables({"integrity": {"enabled": False}, "compensation": {"limit_um": 200.0}})
+    plan = compensation.plan_of(config)
+    block = estimate(np.full(9, 5.0), 10.0, bound_um=np.nan)
+    wide = replace(block, error_sigma_um=np.full((1, 9), 70.0))
+    assert doubt_about(plan, NEVER, block, GRID) is None
+    doubt = doubt_about(plan, NEVER, wide, GRID)
+    assert doubt is not None
+    assert "known to ± 210 µm only, allowed are 200 µm" in doubt
 
 
 def test_an_estimate_after_the_values_have_lapsed_or_from_the_past_releases_it() -> None:

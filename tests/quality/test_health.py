@@ -9,10 +9,9 @@ import pytest
 
 from drivers.protocol import DriverStatus
 from observer.align.aligner import Aligner
-from observer.estimators.selftest import KNOWN_PART, Fault, Finding
+from observer.estimators.selftest import Fault, Finding
 from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, Quality, Reading
-from observer.kernels import selftest
 from observer.model.build import build_plant
 from observer.publish.codec import EstimateEncoder, to_json
 from observer.quality.conditions import Condition, Facts, Trouble, of_finding
@@ -239,6 +238,20 @@ def test_health_names_the_sensors_that_a_good_estimate_does_not_use(changes, sta
     assert (document["sensors_used"], document["sensors"]) == (2 - len(unused), 2)
 
 
+def test_a_heat_that_is_uncertain_leaves_the_state_good_and_is_said():
+    finding = Finding(Fault.UNKNOWN, "nut", 0.0, 26.0, 18.0)
+    document = assess(_facts(findings=(finding,), error_known_to_um=4.9)).document()
+    assert document["state"] == "good"
+    assert "the heat of nut is still uncertain: ±26 W, needed ±18 W" in document["reasons"][0]
+    assert document["error_known_to_um"] == 4.9
+
+
+def test_an_estimate_that_has_just_begun_says_what_it_waits_for():
+    health = assess(_facts(estimate=EstimateQuality.STARTING))
+    assert health.state == "starting"
+    assert "readings are judged for 20 s" in health.reasons[0]
+
+
 def test_a_sensor_that_falls_out_is_reported_at_once():
     used = assess(_facts(sensors=SENSORS, used_sensors=BOTH))
     assert used.essence != assess(_facts(sensors=SENSORS, used_sensors=ONE)).essence
@@ -268,9 +281,3 @@ def test_an_excluded_sensor_says_when_it_is_used_again_or_the_command():
 def test_a_sensor_that_agrees_again_is_news():
     out, back = (Condition(Fault.EXCLUDED, "t1", returns_s=s) for s in (float("nan"), 400.0))
     assert out.identity != back.identity
-
-
-def test_an_uncertain_heat_is_told_with_what_is_needed_of_it():
-    said = sentence(Condition(Fault.UNKNOWN, "nut", "", 10.0, 62.0, 30.0))
-    assert "still uncertain: ±62 W, needed ±18 W" in said
-    assert KNOWN_PART == selftest._KNOWN

@@ -4,8 +4,8 @@ import { byId, known, make, number, say } from "./format.js";
 import { mm, nutChannel, onNews, silence, store, strokeOfNut, view } from "./store.js";
 
 const WORDS = {
-  good: ["✓", "Good", "All heats are estimated, and no test fails."],
-  starting: ["…", "Starting", "Not all heats are estimated yet; bands are still wide."],
+  good: ["✓", "Good", "Field and thermal error are estimated, and no test fails."],
+  starting: ["…", "Starting", "Readings are judged before anything is good; bands are still wide."],
   degraded: ["!", "Degraded", "A sensor, an input or the model is in doubt, as the reasons say; bands are wider."],
   stale: ["×", "Stale", "No fresh measurement; the model runs alone."],
   invalid: ["×", "Invalid", "There is no estimate to rely on."],
@@ -14,7 +14,8 @@ const WORDS = {
 const SILENT = ["×", "Stale", "Nothing comes from the service; what is shown is the last that it said."];
 
 // the headline of a good estimate names the sensors that it does not use
-const headline = (word, unused, { sensors_used, sensors }) => unused.length ? `${word}, but without ${unused.join(", ")} (${sensors_used} of ${sensors} sensors)` : word;
+const accuracy = ({ error_known_to_um }) => known(error_known_to_um) ? ` to ±${number(error_known_to_um, 0)} µm at the nut` : "";
+const headline = (word, unused, health) => `${word}${accuracy(health)}${unused.length ? `, but without ${unused.join(", ")} (${health.sensors_used} of ${health.sensors} sensors)` : ""}`;
 
 export function drawState() {
   const { health, estimate, compensation } = store.documents;
