@@ -269,16 +269,16 @@ class EstimateBlock(_Cut):
     """K estimates.
 
     Shapes, with m_e estimated sources, g grid points, s sensors: `heat_W`, `heat_sigma_W` (K, m_e);
-    `field_degC`, `field_sigma_K` (K, g); `error_um`, `error_sigma_um` (K, g), or (K, 0) without an
-    expansion coefficient; `force_N`, `force_sigma_N`, `force_bound_N` (K, 1), the axial force, tension
-    positive, or (K, 0) where the screw is not held at both ends; `innovation_K` (K, s), of a displacement
-    in µm, and its standard deviation `innovation_sigma_K`, NaN where no value arrived; `sensor_quality` (K,
-    s); `quality` (K,), of type `EstimateQuality`, of field and error, and `part_quality` (K, 3), of each of
-    `PARTS`: the heats, the field and the thermal error; `law_W` (K, m_e), each heat by its law at the temperature
-    of the moment; `learned`, `learned_sigma` (K, l), what has been learnt of the machine, in the units of
-    its names; `heat_bound_W` (K, m_e), `field_bound_K` (K, g) and `error_bound_um` like the error, the
-    largest error of each (see `observer.estimators.bank`), NaN where no bound is known, as everywhere in a
-    block that is made without them.
+    `field_degC`, `field_sigma_K` (K, g); `error_um`, `error_sigma_um` (K, g), or (K, 0) without an expansion
+    coefficient; `force_N`, `force_sigma_N`, `force_bound_N` (K, 1), the axial force, tension positive, or (K,
+    0) where the screw is not held at both ends; `innovation_K` (K, s), of a displacement in µm, and its
+    standard deviation `innovation_sigma_K`, NaN where no value arrived; `sensor_quality` (K, s); `quality`
+    (K,), of type `EstimateQuality`, of field and error, and `part_quality` (K, 3), of each of `PARTS`: the
+    heats, the field and the thermal error; `law_W` (K, m_e), each heat by its law at the temperature of the
+    moment; `learned`, `learned_sigma` (K, l), what has been learnt of the machine, in the units of its names;
+    `heat_bound_W` (K, m_e), `field_bound_K` (K, g) and `error_bound_um` like the error, the largest error of
+    each (see `observer.estimators.bank`), NaN where no bound is known, as everywhere in a block that is made
+    without them.
     """
 
     time_s: FloatArray

@@ -195,23 +195,16 @@ def doubt_about(
     if largest_um > plan.limit_um:
         return f"the error of {largest_um:.0f} µm is beyond compensation.limit_um = {plan.limit_um:g} µm"
     errors = since(zero, block)
-    if not plan.bounded:
-        known_to_um = BELIEVED_SIGMAS * float(np.interp(plan.screw_m, grid_m, errors.sigma_um).max())
-        if known_to_um > plan.limit_um:
-            return (
-                f"the error is known to ± {known_to_um:.0f} µm only, allowed are {plan.limit_um:g} µm "
-                "(compensation.limit_um)"
-            )
-        return None
-    bound_um = np.interp(plan.screw_m, grid_m, errors.bound_um)
-    if np.isnan(bound_um).any():
+    reach_um = errors.bound_um if plan.bounded else BELIEVED_SIGMAS * errors.sigma_um
+    reach_um = np.interp(plan.screw_m, grid_m, reach_um)
+    if plan.bounded and np.isnan(reach_um).any():
         return "how much a faulty sensor could hide is not known"
-    if bound_um.max() > plan.limit_um:
-        return (
-            f"a faulty sensor could hide {bound_um.max():.0f} µm, allowed are {plan.limit_um:g} µm "
-            "(compensation.limit_um)"
-        )
-    return None
+    if not reach_um.max() > plan.limit_um:
+        return None
+    allowed = f"allowed are {plan.limit_um:g} µm (compensation.limit_um)"
+    if plan.bounded:
+        return f"a faulty sensor could hide {reach_um.max():.0f} µm, {allowed}"
+    return f"the error is known to ± {reach_um.max():.0f} µm only, {allowed}"
 
 
 def line_of(plan: CompensationPlan, table_um: FloatArray) -> CompensationLine:

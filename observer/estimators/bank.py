@@ -344,7 +344,7 @@ def _copy(source: packing.Running, into: packing.Running) -> None:
 
 
 def _largest_prior(plant: Plant) -> FloatArray:
-    """Return the largest σ of the field, K, and of the error, µm, before any reading; 0 where there is none."""
+    """Return the largest σ of the field, K, and of the error, µm, before any reading; 0 without one."""
     rows = plant.rows.C[plant.rows.sensors :]
     sigma = np.sqrt(np.maximum(np.einsum("ra,ab,rb->r", rows, plant.prior_P, rows), 0.0))
     g = plant.rows.grid

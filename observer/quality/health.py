@@ -99,9 +99,10 @@ def assess(facts: Facts) -> Health:
         "gap": facts.gap,
     }
     state = _state(facts, found)
+    known_to_um = None if facts.error_known_to_um is None else round(facts.error_known_to_um, 3)
     return Health(
         facts.time_s, state, _quality(facts).label, found, _channels(facts), counts, len(facts.sensors),
-        facts.degraded_sensors, None if facts.error_known_to_um is None else round(facts.error_known_to_um, 3),
+        facts.degraded_sensors, known_to_um,
     )  # fmt: skip
 
 
