@@ -73,8 +73,8 @@ class Running(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch of the kernels: `B`, `C`, `rows` with the moving columns in place, `law` (m,) the heats by law at
-    the temperatures of the moment, `driven` (n_x,), `before` (2, n_x) the states that the halves of a
+    """Scratch of the kernels: `B`, `C`, `rows` with the moving columns in place, `law` (m,) the heats by law
+    at the temperatures of the moment, `driven` (n_x,), `before` (2, n_x) the states that the halves of a
     coupling began from, `none` (n_x, 0), `link` (3, w) of what couples states, `sweep` as in `advance`,
     `plain` and `plain_B` a state and the columns where parameters are described, and the arrays of one step.
     `C` has the columns of all states where something is learnt, and of the plant's where not. `CT` (n_x, S)

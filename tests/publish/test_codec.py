@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from observer import installation
-from observer.frames import FORCE, EstimateBlock, EstimateQuality, Layout, Quality
+from observer.frames import FORCE, PARTS, EstimateBlock, EstimateQuality, Layout, Quality
 from observer.publish.codec import (
     EstimateEncoder,
     array_of,
@@ -62,6 +62,7 @@ def _estimates(draw):
         draw(hnp.arrays(np.int8, k, elements=st.integers(0, 4))),
         numbers(k, len(sensors)), numbers(k, len(sources)), heat_bound_W=numbers(k, len(sources)),
         field_bound_K=numbers(k, g), error_bound_um=numbers(k, e),
+        part_quality=draw(hnp.arrays(np.int8, (k, len(PARTS)), elements=st.integers(0, 4))),
         force_N=numbers(k, f), force_sigma_N=numbers(k, f), force_bound_N=numbers(k, f),
     )  # fmt: skip
 
@@ -79,6 +80,10 @@ def _as_a_map(layout: Layout, block: EstimateBlock, k: int, sequence: int) -> by
             "sensors_used": int(block.sensors_used[k]),
             "instance": "ab12cd34",
             "quality": EstimateQuality(block.quality[k]).label,
+            **{
+                f"{part}_quality": EstimateQuality(block.part_quality[k, q]).label
+                for q, part in enumerate(PARTS)
+            },
             "sources": list(layout.sources),
             "heat_W": typed(block.heat_W[k]),
             "heat_sigma_W": typed(block.heat_sigma_W[k]),
@@ -138,6 +143,15 @@ def test_json_is_strict_and_null_where_unknown(made):
     heat = json.loads(encoder.heat(estimates, 0, 0))
     for name, value in zip(layout.sources, estimates.heat_W[0], strict=True):
         assert (heat["sources"][name]["heat_W"] is None) == (not math.isfinite(value))
+
+
+def test_heat_field_and_error_carry_each_its_own_quality():
+    encoder = EstimateEncoder(LAYOUT, "ab12cd34")
+    one = replace(block(), part_quality=np.array([[1, 2, 0]], np.int8))
+    documents = (encoder.heat, encoder.field, encoder.error)
+    assert [json.loads(of(one, 0, 3))["quality"] for of in documents] == ["starting", "degraded", "good"]
+    estimate = decode_estimate(encoder.cbor(one, 0, 3))
+    assert [estimate[f"{part}_quality"] for part in PARTS] == ["starting", "degraded", "good"]
 
 
 def test_documents_are_those_of_the_contract():
