@@ -155,7 +155,7 @@ def _half(
             x,
             M,
             b,
-            np.empty((2, n_x)),
+            np.empty((3, n_x)),
         )
         T[:n_x, :n_x], shift[:n_x] = M, b
     return T, shift

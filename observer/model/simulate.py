@@ -61,8 +61,8 @@ class AdvanceWork(NamedTuple):
     def of(cls, p: AdvancePlant, n_x: int, sweep: FloatArray) -> AdvanceWork:
         """Scratch for a plant of n_x states."""
         m, width = p.B.shape
-        halves, none = np.zeros((2, 2, n_x)), np.zeros((n_x, 0))
-        return cls(np.zeros(m), np.zeros(width), halves[0], none, halves[1], sweep)
+        before, none, link = np.zeros((2, n_x)), np.zeros((n_x, 0)), np.zeros((3, n_x))
+        return cls(np.zeros(m), np.zeros(width), before, none, link, sweep)
 
 
 def start(plant: Plant, temperature_degC: float, law_W: FloatArray) -> FloatArray:

@@ -49,7 +49,7 @@ def test_columns_are_those_of_the_contract(tmp_path):
         "error_2.225_um", "error_2.225_sigma_um", "error_2.225_bound_um",
         "error_50_um", "error_50_sigma_um", "error_50_bound_um",
         "innovation_t1_K", "quality_t1", "innovation_t2_K", "quality_t2", "quality",
-        "sensors_used", "sensors",
+        "heat_quality", "field_quality", "error_quality", "sensors_used", "sensors",
     ]  # fmt: skip
 
 

@@ -75,7 +75,7 @@ def _half(plant, u, k, z, n):
     if plant.coupling.active:
         M, b = np.empty((n_x, n_x)), np.empty(n_x)
         B, half_s, x = np.ascontiguousarray(plant.B.T), 0.5 * u.dt_s[k], np.zeros(n_x)
-        coupled(plant.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, half_s, x, M, b, np.empty((2, n_x)))
+        coupled(plant.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, half_s, x, M, b, np.empty((3, n_x)))
         whole[:n_x, :n_x], shift[:n_x] = M, b
     return whole, shift
 

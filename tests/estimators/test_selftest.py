@@ -63,5 +63,5 @@ def test_every_step_that_is_degraded_has_its_reason(kind: str) -> None:
     pipeline = machine.pipeline(machine.estimator())
     for frames in islice(frames_of_log(log, machine.plan, 1), 2600):  # until after the sensor that is off
         block = pipeline.step(frames)
-        if block.quality[0] in {EstimateQuality.DEGRADED, EstimateQuality.STARTING}:
+        if block.quality[0] == EstimateQuality.DEGRADED:
             assert pipeline.findings or (frames.quality != 0).any()

@@ -181,7 +181,7 @@ def test_sigma_of_a_healthy_machine_on_housings_is_that_of_its_estimate_and_of_d
         own, other = (np.mean(getattr(block, name)[late]) for block in (screened, plain))
         assert other <= own < most * other
     assert np.mean(screened.quality[late] == EstimateQuality.GOOD) > 0.95
-    assert np.all(screened.error_bound_um[late, -1] > 10.0 * plain.error_sigma_um[late, -1])
+    assert np.isnan(screened.error_bound_um).all()  # no sensor checks another
 
 
 @pytest.mark.parametrize("name", ["all +4 K", "t5 +3 K", "t2 and t4 swapped", "nut homed 50 mm off"])

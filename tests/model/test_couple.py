@@ -27,7 +27,7 @@ def under_at_rest(plant: Plant, law_W: np.ndarray) -> np.ndarray:
     """The temperature under each source where heats and air have been the same for very long, °C."""
     z = np.where(np.array(plant.known_names) == "ambient", AIR_DEGC, 0.0)
     x = (plant.B @ law_W + plant.E @ z) / plant.decay_1_s
-    B, link, found = np.ascontiguousarray(plant.B.T), np.zeros((2, len(x))), []
+    B, link, found = np.ascontiguousarray(plant.B.T), np.zeros((3, len(x))), []
     for source in range(len(law_W)):
         see_under(plant.coupling, source, B, link)
         found.append(link[0] @ x + plant.coupling.under_F[source] @ z)

@@ -111,7 +111,7 @@ def test_a_sensor_on_a_node_sees_what_the_node_comes_to_rest_at() -> None:
     made = machine().model_copy(update={"effect": ()})
     on = made.sensor[0].model_copy(update={"position_m": None, "on": "block"})
     plant = build_plant(made.model_copy(update={"sensor": (on, *made.sensor[1:])}))
-    link = np.zeros((2, len(plant.uniform)))
+    link = np.zeros((3, len(plant.uniform)))
     see_under(plant.coupling, 0, np.ascontiguousarray(plant.B.T), link)
     under_degC, block_degC = np.array([link[0], plant.rows.C[0]]) @ (plant.B[:, 0] / plant.decay_1_s)
     np.testing.assert_allclose(block_degC, (2.0 * under_degC + 0.3) / (2.0 + 1.0 / 3.0), rtol=1e-6)
