@@ -166,9 +166,10 @@ class CompensatedAxis:
     def restart(self, *, is_orderly: bool, away_s: float) -> None:
         """End the service, by a signal or by force, and start it again after a while."""
         if is_orderly:
-            self._observer.finish(None)
             self._keeper.finish(self._snapshot_now())
-            self._keeper.finished()
+            with structlog.testing.capture_logs() as logs:
+                self._observer.finish(None)
+                self._judge(self._report(StepInput(), self._frame(StepInput())), logs)
         self.close()
         self.time_s += away_s
         snapshot, _, compensation = stored(self._checkpoint, self._fit, self.time_s, 900.0)
@@ -250,8 +251,11 @@ class CompensatedAxis:
         state, tally = self._compensator.state, self.tally
         tally.steps += 1
         is_released = self._was_armed and not state.armed and not self._person_disarms
-        raised = [entry for entry in logs if entry["event"] == "alarm" and entry["state"] == "unacknowledged"]
-        raised = [entry for entry in raised if entry["alarm"].startswith("compensation")]
+        alarms = [
+            alarm for alarm in self._desk.document(self.time_s)["alarms"] if alarm["kind"] == "compensation"
+        ]
+        since = {alarm["since_s"] for alarm in alarms if alarm["state"] == "unacknowledged"}
+        raised, self._since = since - self._since, since | self._since
         logged = [entry["reason"] for entry in logs if entry["event"] == "compensation released"]
         assert len(raised) == int(is_released), (raised, state)
         if is_released:
@@ -291,3 +295,4 @@ class CompensatedAxis:
         assert step_um <= RATE_UM_S * PERIOD_S * (1.0 + 1e-6) + 2e-6, (begin_um, end_um)
 
     _last_um: FloatArray | None = None
+    _since: frozenset[float] | set[float] = frozenset()

@@ -79,6 +79,7 @@ def run(axis: CompensatedAxis, kind: str, seconds: float, size: float, good: Ste
 def _last(axis: CompensatedAxis, kind: str, seconds: float, size: float, good: StepInput) -> None:
     steps = max(1, round(seconds / PERIOD_S))
     drawn = HELD.get(kind) or AT_ONCE[kind]
+    axis.step(good)  # two faults without a good estimate between them are one that lasts longer
     for k in range(steps):
         axis.step(drawn(good, k * PERIOD_S, size))
     held_s = (steps - 1) * PERIOD_S  # from the first step with the fault to the last

@@ -149,12 +149,9 @@ class Compensator:
         return self._document(time_s, sequence, "invalid")
 
     def ended(self) -> dict[str, Any]:
-        """The last document of a service that ends: off, so that nobody waits until the values lapse."""
-        reason = "the service has ended; arm again once it runs"
-        state, self._state = self._state, at_zero(off(self._state, reason))
-        document = self._document(state.time_s, self._sequence, "invalid") | {"valid_until_s": state.time_s}
-        self._state = state
-        return document
+        """Release it because the service ends; return the last document, whose values are null."""
+        state = self._state = at_zero(released(self._state, "the service ended"))
+        return self._document(state.time_s, self._sequence, "invalid") | {"valid_until_s": state.time_s}
 
     def _document(self, time_s: float, sequence: int, quality: str) -> dict[str, Any]:
         """The document of a step; σ, bound and nut are null, because they need an estimate."""

@@ -140,6 +140,7 @@ def _end(service: Service, cycles: _Cycles) -> None:
     snapshot = cycles.snapshot()
     for observer in service.observers:
         observer.finish(snapshot)
+    cycles.report_changes()
     if not cycles.wires.close(_DRIVERS_END_S):
         log.warning("a driver did not end in time")
     if not service.recorder.close(_RECORDER_END_S):
@@ -257,14 +258,23 @@ class _Cycles:
         self._service.recorder.tick(float(frame.time_s[0]), self._standing)
         changed |= self._frame is None or bool((frame.quality != self._frame.quality).any())
         self._frame = frame
-        observed = tuple(found for observer in self._service.observers for found in observer.conditions())
-        changed |= observed != self._observed
-        self._observed = observed
+        changed |= self._observe()
         self._commands.after_step(time_s)
         now_s = self._service.clock.now()
         if changed or now_s - self._looked_s >= _LOOK_S:
             self._looked_s = now_s
             self._report(now_s)
+
+    def _observe(self) -> bool:
+        """Gather the observers' conditions; says whether they have changed."""
+        before, observers = self._observed, self._service.observers
+        self._observed = tuple(condition for observer in observers for condition in observer.conditions())
+        return self._observed != before
+
+    def report_changes(self) -> None:
+        """Report the conditions that changed as the service ended, such as a released compensation."""
+        if self._observe():
+            self._report(self._service.clock.now())
 
     def _estimate_of(self, frame: FrameBlock) -> bool:
         """Step and publish; says whether the estimate's quality has changed."""

@@ -208,10 +208,10 @@ class CompensationObserver(StepObserver):
         return replace(snapshot, compensation=self._compensator.state)
 
     def finish(self, _snapshot: Snapshot | None) -> None:
-        """Release the control; where it was armed, the next start raises the alarm."""
+        """Release the compensation and the control."""
         if self._compensator.reason is None:
-            log.warning("compensation released", reason="the service ends")
             self._publish(self._compensator.ended())
+            self._log(self._compensator.state)
         if not self._control.close(_CONTROL_END_S):
             log.warning("the control could not be released in time; its dead-man takes it to zero")
 

@@ -123,4 +123,8 @@ def test_a_late_position_is_held_and_a_lost_one_is_an_alarm_at_every_outlet(tmp_
             daemon.process.wait(PATIENCE_S)
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
             until(lambda: "the service ended or began anew" in str(heard.documents.get("alarms", "")))
+            heard.wait_until_good()
+            assert _arm(endpoint).returncode == 0
             daemon.stop()
+            until(lambda: ": the service ended; arm again" in str(heard.documents["alarms"][-1]))
+            assert not heard.documents["compensation"][-1]["armed"]
