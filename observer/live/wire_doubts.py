@@ -26,6 +26,10 @@ BELOW_AIR_K, ABOVE_AIR_K = 10.0, 60.0
 OFF_STROKE_M = 0.02
 _OPEN_RAW = {"int16": (0x7FFF, -0x8000, 0x7FFE, -1), "uint16": (0xFFFF, 0x7FFF, 0x8000)}
 """What modules send for an open input and their maps do not name."""
+_OF_ANOTHER_MAP = {
+    "register_communication", "module_error", "not_ready", "under_range", "over_range", "open_circuit",
+}  # fmt: skip
+"""Faults that the status words of a ready map report at a module of another kind."""
 _LEAST_EQUAL = 3
 _RESOLVED_K = 0.05  # a finer number hardly ever repeats from sensor to sensor
 _UNITS: tuple[tuple[str, str, Callable[[float], float]], ...] = (
@@ -61,6 +65,10 @@ def doubt_values(config: Installation, found: dict[str, Any]) -> None:
         module = _Module(getattr(settings, "device", None), places, values)
         for name, doubt, remedy in _of_temperatures(module, config.ambient.channel, air_degC):
             _mark(entries[name], doubt, remedy)
+        odd = [one for one in entries.values() if one["fault"] in _OF_ANOTHER_MAP]
+        if module.preset and 2 * len(odd) > len(entries):
+            for one in odd:
+                one["remedy"] += f'; or this module is not device = "{module.preset}": {_WRITE_OUT}'
     for source in config.source:
         one = arrived.get(source.position_channel or "")
         if one is not None and one["value"] is not None and source.stroke_m is not None:

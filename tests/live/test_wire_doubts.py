@@ -126,3 +126,16 @@ def test_a_position_outside_the_stroke_is_named_with_what_to_change(raw, keys, s
     found = look(registers, module)["nut_position_m"]
     assert found["usable"] == (said is None)
     assert said is None or said in found["remedy"]
+
+
+def test_faults_of_most_inputs_make_the_ready_map_itself_doubtful():
+    registers = words(*([31.2, 24.8] * 8))
+    channels = look(registers, PRESET | {"device": "wago_750_458"})
+    assert all(one["fault"] is not None for one in channels.values())
+    assert all('or this module is not device = "wago_750_458"' in one["remedy"] for one in channels.values())
+
+
+def test_one_open_input_does_not_make_the_ready_map_doubtful():
+    channels = look([*words(31.2)[:1], 0x7FFF, 221, *([0] * 61)], PRESET)
+    assert channels["t2_degC"]["fault"] == "open_circuit"
+    assert "this module is not" not in channels["t2_degC"]["remedy"]
