@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from campaigns.first_day.promise import PROMISES, Row, total
+from campaigns.first_day.promise import PROMISES, Row, share, total
 from campaigns.integrity.rates import most_expected
 
 MARKS = ("<!-- the first day, written by make first-day -->", "<!-- end of the first day -->")
@@ -38,6 +38,8 @@ def promises_table(rows: Sequence[Row]) -> str:
     for promise in PROMISES:
         verdict = "" if promise.met(rows) else "missed"
         lines.append(f"| {promise.words} | {promise.figure(rows):.3g} | {promise.goal} | {verdict} |")
+    grown = share(rows, "grown_beyond_3_sigma", "good")
+    lines.append(f"| the same, if the error is the growth since the start, % | {grown:.3g} | measured | |")
     hours = total(rows, "bounded") / 3600.0
     count = int(total(rows, "excursions"))
     rate = f"{count / hours:.2g} an hour, at most {most_expected(count) / hours:.2g}" if hours else "–"
