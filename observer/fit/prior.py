@@ -22,6 +22,10 @@ have written a smaller tolerance, and a machine changes: covers, grease, preload
 """
 
 
+FRICTION_TIMES = 3.0
+"""How much wider the prior of friction is than `law_uncertainty`: a log of work shows friction well."""
+
+
 class PhysicalRange(NamedTuple):
     """The range of a parameter in a calibration, and its source; `relative` to the configured value, or in
     the parameter's unit.
@@ -84,7 +88,7 @@ def relative_tolerances(config: Config) -> Mapping[str, float]:
     changing |= dict.fromkeys(TOLERANCE_OF["convection"], tolerance.convection)
     for source in config.source:
         keys = (f"source.{source.name}.{last}" for last in PARAMETERS["source"])
-        changing |= dict.fromkeys(keys, config.law_uncertainty(source))
+        changing |= dict.fromkeys(keys, FRICTION_TIMES * config.law_uncertainty(source))
     lasting = {key: share for key, _, share in tolerances_of_parts(config) if key.startswith("node.")}
     for name in ("conductivity", "heat_capacity"):
         lasting |= dict.fromkeys(TOLERANCE_OF[name], getattr(tolerance, name))

@@ -34,6 +34,7 @@ from observer.model.rod.moving import TABLE_POINTS
 from observer.model.rod.screw import rod_of
 from observer.model.rod.supports import Restraint, restraint_of
 from observer.model.rough_network import with_rough_network
+from observer.tables.laws import SPEED_LAWS
 from observer.tables.sections import Description, Source, following, part_of_heat
 
 MOST_MODES = 400
@@ -101,6 +102,7 @@ def _heat(config: Config, source: Source, ends_fraction: float) -> HeatInput:
         random_walk_W2_s=source.random_walk_W_sqrt_s**2,
         decay_1_s=1 / source.time_constant_s if source.time_constant_s else 0.0,
         law_uncertainty=config.law_uncertainty(source),
+        is_by_speed=source.law in SPEED_LAWS,
         also=tuple((part, mean_stretch(other, config.screw)) for part, other in also),
         follows=(source.own_or_followed, part_of_heat(source)) if source.follows else None,
     )

@@ -29,7 +29,7 @@ OFFSET = "offset."
 
 
 START_SHARE = 1.0 / 3.0
-"""That part of a law's uncertainty differs from one start to the next; the rest is one factor of the law."""
+"""That part of the uncertainty of friction differs from one start to the next; the rest is one factor."""
 AMBIENT, LEFT, RIGHT, BED, REFERENCE = "ambient", "left", "right", "bed", "reference"
 """The names of the other known inputs: the ambient, the prescribed ends, a bed that is measured, the thermal
 error's reference.
@@ -149,7 +149,7 @@ class Plant:
     `coupling` holds the time-varying couplings of the states, `learning` what is only roughly known,
     None where all is taken as the configuration says, and `basis` whose own modes the states are, None where
     they are the screw's and each lag and node by itself. The columns of sources `following` another are zero:
-    theirs are in the other's, whose heat drives them all.
+    theirs are in the other's, whose heat drives them all. `by_speed` are the sources whose law is friction.
     """
 
     layout: Layout
@@ -178,6 +178,7 @@ class Plant:
     learning: Learning | None = None
     basis: Basis | None = None
     following: tuple[Following, ...] = ()
+    by_speed: tuple[int, ...] = ()
 
     def of_screw(self, columns: FloatArray) -> FloatArray:
         """Return modal columns (…, N) of the screw as states (…, n_x)."""
@@ -219,11 +220,13 @@ class Plant:
     def jump_uncertainty(self) -> FloatArray:
         """The standard deviation of a heat's step beside the step of its law, in parts of the latter, (m_e,).
 
-        It is that of the law; where the law's scale is learnt, only what differs from start to start.
+        It is that of the law. Where the scale of a law of the speed is learnt, it is only what differs from
+        start to start.
         """
         learned_scale = self.parameters.of[self.parameters.kind == Nuisance.LAW]
         has_scale = np.isin(np.arange(len(self.law_uncertainty)), learned_scale)
-        return np.where(has_scale, START_SHARE, 1.0) * self.law_uncertainty
+        is_constant = np.isin(np.flatnonzero(self.estimated), self.by_speed)
+        return np.where(has_scale & is_constant, START_SHARE, 1.0) * self.law_uncertainty
 
     @property
     def lag_slice(self) -> slice:

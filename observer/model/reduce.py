@@ -199,6 +199,7 @@ class HeatInput:
     random_walk_W2_s: float
     decay_1_s: float
     law_uncertainty: float
+    is_by_speed: bool = False
     also: tuple[tuple[float, Stretch], ...] = ()
     follows: tuple[str, float] | None = None
 
@@ -284,6 +285,7 @@ def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS)
         dropped_rate_1_s=lag_decay_1_s,
         coupling=no_coupling(N + m, m, len(known)),
         following=_following(heats),
+        by_speed=tuple(i for i, heat in enumerate(heats) if heat.is_by_speed),
     )
     return plant, modes
 

@@ -27,7 +27,7 @@ class FakeDrive:
         k = len(frames)
         law = np.empty((k, 1))
         for i in range(k):
-            for times, values, offset, _ in frames.path.values():
+            for times, values, offset, *_ in frames.path.values():
                 part = slice(offset[i], offset[i + 1])
                 for time_s, value in zip(times[part], values[part], strict=True):
                     state = math.fmod(0.9 * state + value + 1e-9 * time_s, 1e6)
