@@ -1,7 +1,7 @@
 cdef double JUMP_SIGMA, LEAST_JUMP_K, DRIFT_K_S, YOUNG_S, _QUIET_S, _FEW, _MEAN_S, LASTS_SAMPLES, LASTS_S
 cdef double _EQUAL_K, _EQUAL_SIGMA, _BACK, _TELLING, _UNREST, _UNREST_SHARE, _EXCESS_S, READMIT_S, _READMIT_SIGMA
 cdef double _READMIT_K2, _COMMON_K2, _APART_K2, _SURPRISE_K2, DECIDED_S, _SETTLING_S, _SURPRISED_S, _TRUST_AIR_K
-cdef double _LEAST_LEAP_K, _LEAP_K_S, _CLEAR
+cdef double _LEAST_LEAP_K, _LEAP_K_S, _CLEARLY_OFF
 
 @cython.locals(opened=bint)
 cdef bint screen(PlantArrays p, Inputs u, Py_ssize_t k, double gate_sigma, Running state, Work work) noexcept nogil

@@ -74,7 +74,7 @@ _EXCESS_S = 30.0
 READMIT_S = 600.0
 _READMIT_SIGMA, _READMIT_K2 = 3.0, 1.0
 _BACK, _TELLING = 0.3, 4.0
-_CLEAR = 10.0  # standard deviations of its noise that an exchanged reading is off before it steps back
+_CLEARLY_OFF = 10.0  # standard deviations of its noise that an exchanged reading is off before it steps back
 _COMMON_K2, _APART_K2, _SURPRISE_K2 = 0.01, 9.0, 4.0
 DECIDED_S, _SETTLING_S, _SURPRISED_S = 60.0, 120.0, 600.0
 _TRUST_AIR_K = 0.5
@@ -343,7 +343,7 @@ def look_for_return(i, since_s, noise_K, guard, work):
     """
     sigma_K, exchanged = sqrt(work.S_nu[i]), guard[i, CAUSE] == SWAPPED
     size_K = guard[i, MEAN] if exchanged else guard[i, SIZE_K]
-    clear = not exchanged or abs(size_K) >= max(_CLEAR * noise_K, LEAST_JUMP_K)
+    clear = not exchanged or abs(size_K) >= max(_CLEARLY_OFF * noise_K, LEAST_JUMP_K)
     back_K = guard[i, MEAN] - work.nu[i]
     if guard[i, SEEN] >= _FEW and clear and abs(back_K - size_K) <= _BACK * abs(size_K):
         guard[i, BACK] = 1.0

@@ -13,7 +13,7 @@ PERIOD_S = 0.02
 
 def _samples(times, values=None):
     values = np.arange(float(len(times))) if values is None else values
-    return np.array([times, values, np.zeros(len(times))], dtype=float)
+    return np.array([times, values, *np.zeros((2, len(times)))], dtype=float)
 
 
 def _passed(time_s=math.nan, value=math.nan):
@@ -73,13 +73,15 @@ def test_only_the_samples_of_the_step_are_touched_and_what_goes_with_them_goes_a
     times = [9.0, 9.0, 0.06, 0.02, 0.0401, 0.0402, 9.0]
     samples = _samples(times, np.array([7.0, 8.0, 3.0, 1.0, 2.0, 2.0, 9.0]))
     samples[2] = [70.0, 80.0, 30.0, 10.0, 20.0, 21.0, 90.0]
+    samples[3] = 0.1 * samples[2]
     passed = _passed(0.0, 0.0)
     end = even_out(samples, 2, 6, passed, PERIOD_S)
     assert end == 5, "the same value a moment later is the same frame"
     np.testing.assert_array_equal(samples[1, 2:end], [1.0, 2.0, 3.0])
     np.testing.assert_array_equal(samples[2, 2:end], [10.0, 20.0, 30.0])
-    np.testing.assert_array_equal(samples[:, :2], [[9.0, 9.0], [7.0, 8.0], [70.0, 80.0]])
-    np.testing.assert_array_equal(samples[:, 6], [9.0, 9.0, 90.0])
+    np.testing.assert_array_equal(samples[3], 0.1 * samples[2])
+    np.testing.assert_array_equal(samples[:3, :2], [[9.0, 9.0], [7.0, 8.0], [70.0, 80.0]])
+    np.testing.assert_array_equal(samples[:3, 6], [9.0, 9.0, 90.0])
     np.testing.assert_array_equal(passed, [0.06, 3.0])
 
 

@@ -95,7 +95,7 @@ def test_process_noise_of_a_log_is_found():
     u = inputs(plant, steps=3000, missing=0.0, law_steps=False, dt_s=2.0)
     walk = np.cumsum(0.5 * np.sqrt(2.0) * rng.normal(size=3000))
     u.y_degC[:] = temperatures(plant, u, lambda t: np.array([walk[round(t / 2.0)]]))
-    found = fit_process_noise(plant, [u])
+    found = fit_process_noise(plant, lambda tried: -innovations_log_likelihood(tried, u))
     # The walk is seen over about 3000 s / (response time of some 30 s): a factor of 1.25 is four standard
     # errors.
     assert 0.5 / 1.25 < found[0] < 0.5 * 1.25

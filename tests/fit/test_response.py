@@ -74,7 +74,7 @@ def test_blocks_of_frames_join_to_the_whole_log() -> None:
     _, blocks = rig()
     assert len(blocks) > 1
     whole = joined(blocks)
-    samples_s, samples_m, offset, _ = whole.path["nut_position_m"]
+    samples_s, samples_m, offset, *_ = whole.path["nut_position_m"]
     assert len(offset) == len(whole) + 1 == sum(map(len, blocks)) + 1
     column = whole.channels.index("nut_position_m")
     # one sample a row in this log, so the newest sample of each step is the row's own
