@@ -16,7 +16,7 @@ cdef inline void _link(Coupling c, Py_ssize_t i, double[::1] z, double[:, ::1] B
 cdef void see_under(Coupling c, Py_ssize_t source, double[:, ::1] B, double[:, ::1] link) noexcept nogil
 @cython.locals(now=double, nut=double, lost=double, size=double, warm=double)
 cdef inline void _spread(Coupling c, Py_ssize_t i, double[:, ::1] B, double time_s, double[:, ::1] M, double[::1] b, double[:, ::1] link) noexcept nogil
-@cython.locals(weight=double)
+@cython.locals(weight=double, first=Py_ssize_t, count=Py_ssize_t)
 cdef void _pass_on(double[::1] read, double[::1] into, double share, Py_ssize_t n_x, double[:, ::1] M, double[::1] sums) noexcept nogil
 @cython.locals(part=double, rate_1_s=double, size=double)
 cdef inline void swept(Coupling c, Py_ssize_t source, double[:, ::1] shapes, double time_s, double[::1] x, Py_ssize_t order) noexcept nogil

@@ -16,7 +16,7 @@ def coupled(c, loss_1_s, loss_degC, z, B, half_s, x, M, b, link):
 
     `loss_1_s` is the uniform loss of the moment, towards `loss_degC`; z (p,) the known inputs;
     B (m, n_x) the input columns in force, as rows; x the state, of which the first n_x count; `link` (3, w)
-    is scratch, at least as wide as x and M.
+    is scratch, at least as wide as x.
     """
     n_x = M.shape[0]
     for a in range(n_x):
@@ -188,17 +188,24 @@ def _spread(c, i, B, time_s, M, b, link):
 
 
 def _pass_on(read, into, share, n_x, M, sums):
-    """M += share · into (readᵀ M) over the first n_x rows of M (n_x, r); `sums` (r,) is scratch."""
-    for q in range(M.shape[1]):
-        sums[q] = 0.0
-    for a in range(n_x):
-        weight = read[a]
-        for q in range(M.shape[1]):
-            sums[q] += weight * M[a, q]
-    for a in range(n_x):
-        weight = share * into[a]
-        for q in range(M.shape[1]):
-            M[a, q] += weight * sums[q]
+    """M += share · into (readᵀ M) over the first n_x rows of M (n_x, r); `sums` (w,) is scratch.
+
+    Columns are taken w at a time.
+    """
+    first = 0
+    while first < M.shape[1]:
+        count = min(len(sums), M.shape[1] - first)
+        for q in range(count):
+            sums[q] = 0.0
+        for a in range(n_x):
+            weight = read[a]
+            for q in range(count):
+                sums[q] += weight * M[a, first + q]
+        for a in range(n_x):
+            weight = share * into[a]
+            for q in range(count):
+                M[a, first + q] += weight * sums[q]
+        first += count
 
 
 def swept(c, source, shapes, time_s, x, order):
