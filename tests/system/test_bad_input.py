@@ -146,7 +146,7 @@ def test_a_log_without_a_single_value_is_rejected(tmp_path, command):
 
 
 def test_a_quiet_log_says_what_it_cannot_determine(tmp_path, command):
-    still = [row if k == 0 else [*row[:4], "0"] for k, row in enumerate(rows(800))]
+    still = [row if k == 0 else [*row[:3], "0.3", "0"] for k, row in enumerate(rows(800))]
     (tmp_path / "log.csv").write_text(text(still), encoding="utf-8")
     config = write(tmp_path, TABLE)
     code, _, errors = command(["calibrate", "log.csv", "--config", str(config), "--output", "out"])

@@ -34,7 +34,7 @@ def test_a_probing_is_asked_for_and_taken_and_nothing_is_missing_without(tmp_pat
             def advice():
                 return (heard.documents.get("probing") or [None])[-1]
 
-            heard.wait_until_good()
+            until(lambda: heard.estimates and heard.estimates[-1]["heat_quality"] == "good")
             before = until(advice)
             probed_um = plant.probe(PROBE_M)
             after = until(lambda: not advice()["probe_now"] and advice())

@@ -64,7 +64,8 @@ def _assert_same(message: dict[str, Any], row: dict[str, str]) -> None:
     qualities = dict(
         zip((f"quality_{n}" for n in message["sensors"]), message["sensor_quality"], strict=True)
     )
-    qualities["quality"] = message["quality"]
+    for name in ("quality", "heat_quality", "field_quality", "error_quality"):
+        qualities[name] = message[name]
     qualities["sensors"] = str(len(message["sensors"]))
     qualities["sensors_used"] = str(message["sensors_used"])
     given = {name for name in row if not name.startswith("learned_")}  # which has a message of its own
