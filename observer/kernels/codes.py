@@ -71,7 +71,9 @@ OPENED_PRIOR, OPENED_COMMON_K2 = 10, 11
 HELD_S, HELD_UNTIL_S, HELD_STEPS = 12, 13, 14
 # The air's last reading, for how long it has not changed, by how much it has leapt, and whether it was seen.
 AIR_degC, AIR_S, AIR_OFF_K, AIR_SEEN = 15, 16, 17, 18
-VERDICT = 19
+# How long the estimator has run, whatever was lost meanwhile.
+RUNS_S = 19
+VERDICT = 20
 
 # What is not explained: unequal steps of all, a gain, a step that could be taken up by no offset, a drift of
 # all, a departure that more than one sensor explains, or none, and a leap of the air's reading.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from observer.kernels.advance import add_scaled
 from observer.kernels.codes import (
-    AGE_S,
     CAUSE,
     COMMON_K,
     COMMON_STEPS,
@@ -23,6 +22,7 @@ from observer.kernels.codes import (
     LATCH_STEPS,
     NUT_LOST,
     REJECTED,
+    RUNS_S,
     SETTLING_S,
     STALE,
     STEPS,
@@ -40,7 +40,7 @@ REOPEN_EVERY_S = 60.0
 # … and each time the other sensors, with the state opened, have so long to speak first.
 HELD_BACK_S = 40.0
 LOST_S = 40.0
-# For so long after a start, or after an input was lost, readings are not judged, and no estimate is good.
+# For so long after a start readings are not judged, and no estimate is good.
 QUIET_S = 20.0
 _REOPEN_AT_LEAST = 0.01
 _REOPEN_SIGMA = 3.0
@@ -230,7 +230,7 @@ def judge_screening(verdict, time_s):
     verdict[COMMON_STEPS] += 1.0 if verdict[COMMON_K] != 0.0 else 0.0
     if verdict[LATCH] != 0.0 or verdict[HOLD_S] > 0.0:
         return ESTIMATE_DEGRADED
-    if verdict[SETTLING_S] > 0.0 or verdict[AGE_S] <= QUIET_S:
+    if verdict[SETTLING_S] > 0.0 or verdict[RUNS_S] <= QUIET_S:
         return ESTIMATE_STARTING
     return ESTIMATE_GOOD
 

@@ -45,6 +45,7 @@ from observer.kernels.codes import (
     PENDING,
     PENDING_S,
     RESTLESS,
+    RUNS_S,
     SEEN,
     SETTLING_S,
     SINCE_S,
@@ -104,6 +105,7 @@ def screen(p, u, k, gate_sigma, state, work):
 def pass_time(u, k, verdict):
     """Count the times on; after an input was lost, the model may be wrong again."""
     verdict[AGE_S] = verdict[AGE_S] + u.dt_s[k] if u.degraded[k] == 0 else 0.0
+    verdict[RUNS_S] += u.dt_s[k]
     verdict[SETTLING_S] = max(0.0, verdict[SETTLING_S] - u.dt_s[k])
     verdict[HOLD_S] = max(0.0, verdict[HOLD_S] - u.dt_s[k])
 
