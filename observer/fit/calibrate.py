@@ -227,6 +227,8 @@ def calibrate(
         fit, held_back, kept = _judged(replace(whole, within=within), replace(trial, within=within))
         if kept is None:
             break
+    else:  # nothing is written; what the whole logs say is shown
+        fit = fit_null(replace(whole, within=calibration_tolerances), config)
     fitted = _fitted(fit)
     overall, per_sensor = _errors(whole, fit.config, whole.evidence.used)
     left = remaining_tolerances(config, fit.relative_sigma) | running_in_of(fit, prepared)

@@ -14,7 +14,7 @@ from drivers.simulated.machine import ScrewData
 from observer.align.aligner import doubts, frames_of_log
 from observer.estimate.pipeline import MachineModel
 from observer.files.logs import Log
-from observer.frames import EstimateQuality, Reading
+from observer.frames import PARTS, EstimateQuality, Reading
 from observer.quality.conditions import of_finding
 from observer.quality.reasons import sentence
 from tests.reference import live
@@ -58,7 +58,7 @@ def good_but_wrong(ride: Ride, begin_s: float) -> np.ndarray:
     """The steps, from `begin_s` on, that are called good with a heat more than 3 σ off."""
     late = ride.block.time_s - live.EPOCH_S >= begin_s
     wrong = ~(np.abs(ride.off_sigma) < 3.0).all(axis=1)
-    return np.flatnonzero(late & wrong & (ride.block.quality == GOOD))
+    return np.flatnonzero(late & wrong & (ride.block.part_quality[:, PARTS.index("heat")] == GOOD))
 
 
 CASES = {
