@@ -179,8 +179,6 @@ class NotGood:
         of_channels = (frames.quality != Quality.GOOD).any(axis=1)
         refused = (block.sensor_quality != Quality.GOOD).any(axis=1)
         by_itself = ~of_channels & ~refused
-        begun = np.count_nonzero((block.quality == EstimateQuality.STARTING) & by_itself)
-        self._found[Condition(Trouble.JUST_BEGUN)] += int(begun)
         for worst in (EstimateQuality.STALE, EstimateQuality.INVALID):
             n = np.count_nonzero((block.quality == worst) & by_itself)
             self._found[Condition(Trouble.UNEXPLAINED, quality=worst)] += int(n)
