@@ -24,6 +24,7 @@ class KeyFigure:
     `factor`, and with the document's quality as a label too if `labelled`; a `counter` only grows. Text
     counts as 1 if it is `good`, else 0. `node` is its place in OPC UA below the axis, `{}` the entry's name;
     without `{}` a column is one array. `used` is the column of qualities by which OPC UA marks single values.
+    `part` is that part of an estimate whose quality is the figure's, empty where the whole counts.
     """
 
     path: str
@@ -36,6 +37,12 @@ class KeyFigure:
     labelled: bool = True
     counter: bool = False
     used: str | None = None
+    part: str = ""
+
+    def quality(self, document: Mapping[str, Any]) -> str | None:
+        """The quality of the figure in a message: that of its part where the message rates parts."""
+        quality: str | None = document.get(f"{self.part}_quality", document.get("quality"))
+        return quality
 
     def rows(self, document: Mapping[str, Any]) -> list[tuple[str, Any]]:
         """The values with the names of their entries, `""` for a single one; None where it is not known."""
@@ -83,11 +90,13 @@ class Key:
 
 
 def _of_sources(path: str, words: str, metric: str, leaf: str) -> KeyFigure:
-    return KeyFigure(path, words, metric, f"Heat/{{}}/{leaf}", by="sources", label="source")
+    node = f"Heat/{{}}/{leaf}"
+    return KeyFigure(path, words, metric, node, by="sources", label="source", part="heat")
 
 
 def _along(path: str, words: str, metric: str, node: str, factor: float = 1.0) -> KeyFigure:
-    return KeyFigure(path, words, metric, node, by="position_m", label="position_m", factor=factor)
+    part = path.partition("_")[0]
+    return KeyFigure(path, words, metric, node, by="position_m", label="position_m", factor=factor, part=part)
 
 
 _SENSOR: dict[str, Any] = {"by": "sensors", "label": "sensor"}

@@ -14,7 +14,7 @@ from observer.archive.pages import Span
 from observer.archive.store import Archive, Chapter
 from observer.errors import LogError
 from observer.exchange import KEYS, KeyFigure
-from observer.frames import EstimateQuality, Layout, Quality
+from observer.frames import PARTS, EstimateQuality, Layout, Quality
 
 _STEP_S = 3600.0
 _WITHIN_S = 6.0
@@ -56,7 +56,9 @@ def _values(column: _Column, chapter: Chapter) -> tuple[Any, list[str]]:
     """The values of the wanted steps of a chapter, and the quality of each."""
     block, here = chapter.estimates, chapter.wanted
     assert block is not None
-    quality = [_QUALITY[code] for code in block.quality[here]]
+    part = column.figure.part
+    codes = block.part_quality[:, PARTS.index(part)] if part else block.quality
+    quality = [_QUALITY[code] for code in codes[here]]
     values = getattr(block, column.figure.path)[here]
     if column.entry is None:
         return values, quality

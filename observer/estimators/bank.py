@@ -32,6 +32,7 @@ from observer.kernels.bank import DUE_S as DUE
 from observer.kernels.bank import SPAN_S
 from observer.kernels.layout import Bundle
 from observer.kernels.screening import DECIDED_S, YOUNG_S
+from observer.kernels.selftest import KNOWN
 from observer.model.discretise import quantise
 from observer.model.learning import Nuisance
 from observer.model.plant import Plant
@@ -43,7 +44,6 @@ DUE_S = 5.0
 """How often the bank steps."""
 _MOST_PAIRS = 28  # of eight sensors; with more, a second fault is found once the first is excluded
 _TRUSTED = 1.5  # standard deviations that a clean filter may be away
-_KNOWN = 0.6  # part of the largest σ before any reading below which field and error are known
 _NEVER = 1e9  # as a gate: readings are judged by the estimate
 _AFRESH = [
     of.OUT_S, of.AGREES_S, of.PENDING, of.PENDING_S, of.STEP_K, of.MEAN, of.SEEN, of.UNREST, of.BACK
@@ -172,7 +172,7 @@ class Bank:
         limit[:g] = np.inf if settings.limit_K is None else settings.limit_K
         limit[g:] = np.inf if settings.limit_um is None else settings.limit_um
         remembered = [self._own[name] for name in Held._fields[: Held._fields.index("limit")]]
-        known_sigma, publishes = _KNOWN * _largest_prior(plant), not self._rests_on_laws
+        known_sigma, publishes = KNOWN * _largest_prior(plant), not self._rests_on_laws
         self.held = Held._make([*remembered, limit, known_sigma, g, publishes])
         self.held_record = record(self.held)
         self._results = packing.empty_results(plant, F)

@@ -22,7 +22,7 @@ have written a smaller tolerance, and a machine changes: covers, grease, preload
 """
 
 
-FRICTION_TIMES = 3.0
+FRICTION_TIMES = 5.0
 """How much wider the prior of friction is than `law_uncertainty`: a log of work shows friction well."""
 
 

@@ -108,21 +108,22 @@ def state_of(latest: Latest) -> dict[str, Any] | None:
     quality = "stale" if latest.is_stale else estimate["quality"]
     is_good = quality == "good"
 
-    def shown(value: Any, digits: int = 2) -> float | None:
-        known = is_good and value is not None and np.isfinite(value)
+    def shown(value: Any, part: str, digits: int = 2) -> float | None:
+        own = "stale" if latest.is_stale else estimate[f"{part}_quality"]
+        known = own == "good" and value is not None and np.isfinite(value)
         return round(float(value), digits) if known else None
 
     state: dict[str, Any] = {
-        f"heat_{_plain(name)}_W": shown(heat_W)
+        f"heat_{_plain(name)}_W": shown(heat_W, "heat")
         for name, heat_W in zip(estimate["sources"], estimate["heat_W"], strict=True)
     }
     error_um = np.asarray(estimate["error_um"], float)
     if error_um.size:
         nut_m = _nut_m(latest)
         if nut_m is not None:
-            state["error_nut_um"] = shown(np.interp(nut_m, estimate["position_m"], error_um))
-        state["error_largest_um"] = shown(error_um[np.argmax(np.abs(error_um))])
-    state["temperature_highest_degC"] = shown(np.max(estimate["field_degC"]))
+            state["error_nut_um"] = shown(np.interp(nut_m, estimate["position_m"], error_um), "error")
+        state["error_largest_um"] = shown(error_um[np.argmax(np.abs(error_um))], "error")
+    state["temperature_highest_degC"] = shown(np.max(estimate["field_degC"]), "field")
     settled_at_s = latest.document("forecast").get("settled_at_s") if is_good else None
     state["settled_at"] = (
         None if settled_at_s is None else datetime.fromtimestamp(settled_at_s, UTC).isoformat()

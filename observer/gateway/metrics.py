@@ -1,6 +1,6 @@
 """Metrics for Prometheus, in its base units: metres, seconds, watts, degrees Celsius.
 
-Each value carries the `quality` of its estimate as a label, so one that is not good is never shown as good.
+Each value carries its `quality` as a label, so one that is not good is never shown as good.
 Once the service is silent, or its estimate stale or invalid, the values are absent, which ends the series.
 `up`, `state`, `alarms` and counters describe the service itself and are always there.
 """
@@ -58,9 +58,9 @@ class _Figures(Collector):
         yield self._family("alarm_since_timestamp_seconds", "Since when each alarm is raised.", since)
         for name, key in KEYS.items():
             document = self._latest.document(name) if key.figures else {}
-            quality = document.get("quality") if key.rated else None
-            is_shown = not is_stale and (not key.rated or quality in _SHOWN)
             for figure in key.figures:
+                quality = figure.quality(document) if key.rated else None
+                is_shown = not is_stale and (not key.rated or quality in _SHOWN)
                 if figure.metric is not None and document and (figure.counter or is_shown):
                     rows = list(_rows(figure, document, quality))
                     yield self._family(figure.metric, figure.words, rows, counter=figure.counter)

@@ -107,7 +107,7 @@ class _Broker:
     async def look(self) -> None:
         """Publish the quality and Home Assistant's state whenever they change, for ever."""
         while True:
-            quality = "stale" if self._latest.is_stale else self._latest.document("heat").get("quality")
+            quality = "stale" if self._latest.is_stale else self._latest.document("estimate").get("quality")
             if quality != self._quality and quality is not None and self._client.is_connected():
                 self._quality = quality
                 self._client.publish(f"{self._topic}/quality", quality, _AT_LEAST_ONCE, retain=True)

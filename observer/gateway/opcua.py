@@ -95,8 +95,8 @@ def values(latest: Latest) -> Iterator[Value]:
     silent = latest.is_stale
     for name, key in KEYS.items():
         document = latest.document(name) if key.figures else {}
-        own = document.get("quality", "invalid") if key.rated else "good"
         for figure in key.figures if document else ():
+            own = figure.quality(document) or "invalid" if key.rated else "good"
             yield from _values(figure, document, "stale" if silent else own)
     if alarms := latest.document("alarms"):
         words = [

@@ -16,6 +16,7 @@ from asyncua.server.server import Server
 from asyncua.ua.object_ids import ObjectIds
 
 from observer.align.plausibility import SCREW_RANGE_DEGC
+from observer.frames import PARTS
 from observer.gateway.messages import Latest
 
 PADIM = "http://opcfoundation.org/UA/PADIM/"
@@ -59,16 +60,18 @@ def process_signals(latest: Latest) -> Iterator[ProcessSignal]:
     if not config or not estimate:
         return
     silent, time_s = latest.is_stale, estimate["time_s"]
-    quality = "stale" if silent else estimate["quality"]
+    qualities = {part: "stale" if silent else estimate[f"{part}_quality"] for part in PARTS}
     sigma_W = {source["name"]: source["initial_sigma_W"] for source in config["source"]}
     for name, heat_W in zip(estimate["sources"], estimate["heat_W"], strict=True):
         most_W = _PRIORS * sigma_W[name]
-        yield ProcessSignal(f"Heat_{name}", float(heat_W), "W", (-most_W, most_W), quality, time_s)
+        usual = (-most_W, most_W)
+        yield ProcessSignal(f"Heat_{name}", float(heat_W), "W", usual, qualities["heat"], time_s)
     limit_um = config["compensation"]["limit_um"]
     for column, kind, symbol, usual in (
         ("field_degC", "Temperature", "°C", SCREW_RANGE_DEGC),
         ("error_um", "Error", "µm", (-limit_um, limit_um)),
     ):
+        quality = qualities[column.partition("_")[0]]
         for x_m, value in zip(estimate["position_m"], estimate[column], strict=False):
             yield ProcessSignal(f"{kind}_{1000 * x_m:.6g}mm", float(value), symbol, usual, quality, time_s)
     readings = latest.document("readings").get("channels", {})

@@ -29,7 +29,7 @@ _CLEAR = 0.7  # part of a limit below which a reason is gone …
 _CLEAN = 0.3  # … or of the last minute's, whatever there was before
 _CLIP = 5.0
 _CLIP_LAW = 30.0
-_KNOWN = 0.6  # part of its prior below which the σ of a heat must be for the heat to be known
+KNOWN = 0.6  # part of its prior below which a σ must be for a heat, the field or the error to be known
 _PEAK_S = 3600.0  # for how long the largest heat by a law counts for what the law is trusted for …
 _FLOOR = 0.05  # … by this part of it
 _LEAST_W = 0.3
@@ -342,7 +342,7 @@ def _test_heats(state, u, k, trust, base):
     m_e, total, laws, failing, starting = u.heat_W.shape[1], 0.0, 0, False, False
     for j in range(m_e):
         sigma_W, test = u.heat_sigma_W[k, j], base + OF_HEAT * j
-        needed_W = _KNOWN * trust.initial_W[j]
+        needed_W = KNOWN * trust.initial_W[j]
         unknown = sigma_W > needed_W
         _note(state, test, 2.0 if unknown else 0.0, u.time_s[k], sigma_W, needed_W)
         starting = starting or unknown

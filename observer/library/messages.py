@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import TypeAdapter
 
-from observer.frames import FORCE
+from observer.frames import FORCE, PARTS
 
 Message = TypeVar("Message")
 
@@ -109,16 +109,19 @@ def message_from(kind: type[Message], data: bytes | Mapping[str, Any]) -> Messag
 def documents_of(estimate: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """The documents of heat, field and error in a decoded estimate, as far as it contains them."""
     known = {key: _numbers(value) for key, value in estimate.items() if isinstance(value, np.ndarray | list)}
-    about = {key: estimate.get(key) for key in ("time_s", "quality")}
+    about = {
+        part: {"time_s": estimate.get("time_s"), "quality": estimate.get(f"{part}_quality")} for part in PARTS
+    }
     columns = zip(*(known.get(key, []) for key in ("heat_W", "heat_sigma_W", "heat_bound_W")), strict=False)
     heats = [dict(zip(("heat_W", "sigma_W", "bound_W"), row, strict=True)) for row in columns]
-    found = {"heat": about | {"sources": dict(zip(estimate.get("sources", ()), heats, strict=False))}}
-    along = about | {"position_m": known.get("position_m", [])}
+    found = {"heat": about["heat"] | {"sources": dict(zip(estimate.get("sources", ()), heats, strict=False))}}
+    places = {"position_m": known.get("position_m", [])}
     for name, keys in (
         ("field", {"temperature_degC": "field_degC", "sigma_K": "field_sigma_K", "bound_K": "field_bound_K"}),
         ("error", {"error_um": "error_um", "sigma_um": "error_sigma_um", "bound_um": "error_bound_um"}),
     ):
-        found[name] = along | {key: known[column] for key, column in keys.items() if column in known}
+        own = {key: known[column] for key, column in keys.items() if column in known}
+        found[name] = about[name] | places | own
     found["error"] |= {key: known[key][0] for key in FORCE if key in known}
     return found
 

@@ -101,8 +101,7 @@ def message_of(key: str, data: bytes) -> dict[str, Any] | None:
 def live_table(latest: Mapping[str, Mapping[str, Any]]) -> RenderableType:
     """Heats beside their truth where it is published, field, thermal error, sensors, quality and reasons."""
     heat, health = latest.get("heat", {}), latest.get("health", {})
-    rated = latest.get("error", latest.get("field", heat))
-    quality = _word(rated.get("quality", "starting"))
+    quality = _quality(latest)
     title = _headline(quality, health, heat)
     parts: list[RenderableType] = [title, _heats(heat, latest.get("truth/heat", {}))]
     parts += [_profile(latest.get("field", {}), "field", "temperature_degC", "sigma_K", "°C")]
@@ -151,6 +150,12 @@ def _headline(quality: str, health: Mapping[str, Any], counted: Mapping[str, Any
     if kinds & _OFF:
         title.append("   compensation: off", style="yellow")
     return title
+
+
+def _quality(latest: Mapping[str, Mapping[str, Any]]) -> str:
+    """The quality of the thermal error, else that of the field or the heats, from the newest messages."""
+    rated = latest.get("error") or latest.get("field") or latest.get("heat", {})
+    return _word(rated.get("quality", "starting"))
 
 
 def accuracy(quality: str, health: Mapping[str, Any]) -> str:
@@ -342,5 +347,6 @@ def live_line(latest: Mapping[str, Mapping[str, Any]]) -> str:
         parts.append(text)
     field = [_float(t) for t in _items(latest.get("field", {}).get("temperature_degC"))]
     hottest = max((t for t in field if t is not None), default=None)
-    quality = f"{_word(heat.get('quality'))}{without_sensors(latest.get('health', {}), heat)}"
+    health, quality = latest.get("health", {}), _quality(latest)
+    quality = f"{quality}{accuracy(quality, health)}{without_sensors(health, heat)}"
     return f"{quality}: {', '.join(parts)}; hottest {_number(hottest, 1)} °C"

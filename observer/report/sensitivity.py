@@ -153,7 +153,7 @@ def detectable(config: Config) -> dict[str, Any]:
     return {
         "minimal_detectable": rows,
         "further_sensor": further,
-        "slow_in_sigma": Nuisance.LAW.key not in config.learnt,
+        "slow_in_sigma": config.gives_bounds,
         "not_screened": None,
     }
 

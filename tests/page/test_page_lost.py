@@ -123,11 +123,16 @@ def test_of_a_service_that_is_gone_nothing_runs_on(browser):
 
 
 @pytest.mark.parametrize(
-    ("unused", "headline"),
-    [([], "Good"), (["right_housing"], "Good, but without right_housing (4 of 5 sensors)")],
+    ("unused", "known_to_um", "headline"),
+    [
+        ([], None, "Good"),
+        (["right_housing"], None, "Good, but without right_housing (4 of 5 sensors)"),
+        ([], 4.9, "Good to ±5 µm at the nut"),
+    ],
 )
-def test_a_good_headline_names_the_sensors_that_are_not_used(browser, unused, headline):
+def test_a_good_headline_names_the_sensors_that_are_not_used(browser, unused, known_to_um, headline):
     counts = {"sensors_used": 5 - len(unused), "sensors": 5, "degraded_sensors": unused}
+    counts |= {"error_known_to_um": known_to_um}
     with _page(browser) as (page, process):
         send(
             process,
