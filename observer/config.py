@@ -229,7 +229,8 @@ class Config(Description):
 
         They have none where heats are known by one sensor each and the laws: no sensor checks another.
         """
-        return self.integrity.enabled and self.estimator.screens and "law" not in self.learnt
+        learns_laws = "law" in self.learnt and any(s.law is not None and s.estimate for s in self.source)
+        return self.integrity.enabled and self.estimator.screens and not learns_laws
 
     @property
     def needs_um(self) -> float | None:

@@ -278,6 +278,19 @@ def test_an_estimator_without_bounds_compensates_as_ever(tables: dict[str, Any])
     assert document["bound_um"] is None
 
 
+def test_a_bound_is_expected_exactly_where_the_estimator_gives_one() -> None:
+    unseen = {
+        "node": [{"name": "housing", "capacity_J_K": 900.0}],
+        "link": [{"between": ["nut", "housing"], "conductance_W_K": 5.0}],
+    }
+    on_body = [{"name": "a", "channel": "a_degC", "on": "housing", "noise_K": 0.1}]
+    lawful = {"name": "nut", "shape": "nut", "length_m": 0.05, "stroke_m": [0.1, 0.3]}
+    by_law = lawful | {"speed_channel": "n_rpm", "heat_W_rpm": 0.01}
+    assert with_tables({}).gives_bounds
+    assert with_tables({**unseen, "sensor": on_body, "source": [lawful]}).gives_bounds
+    assert not with_tables({**unseen, "sensor": on_body, "source": [by_law]}).gives_bounds
+
+
 def test_without_bounds_three_standard_deviations_must_be_within_the_limit() -> None:
     config = with_tables({"integrity": {"enabled": False}, "compensation": {"limit_um": 200.0}})
     plan = compensation.plan_of(config)
