@@ -168,6 +168,7 @@ class NotGood:
         """Begin before the first step."""
         self._channels = channels
         self._steps = np.zeros((len(channels), len(Quality)), dtype=np.int64)
+        self._starting = True
         self._found: Counter[Condition] = Counter()
 
     def take(self, frames: FrameBlock, block: EstimateBlock) -> None:
@@ -182,6 +183,9 @@ class NotGood:
         for worst in (EstimateQuality.STALE, EstimateQuality.INVALID):
             n = np.count_nonzero((block.quality == worst) & by_itself)
             self._found[Condition(Trouble.UNEXPLAINED, quality=worst)] += int(n)
+        first_steps = np.logical_and.accumulate(block.quality == EstimateQuality.STARTING) & self._starting
+        self._starting = bool(first_steps[-1])
+        self._found[Condition(Trouble.JUST_BEGUN)] += int(np.count_nonzero(first_steps & by_itself))
 
     def note(self, found: Iterable[tuple[Finding, int]]) -> None:
         """Take the findings of the self-test, with their numbers of steps, up to its end or a reset."""
