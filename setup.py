@@ -1,10 +1,12 @@
 """Builds the kernels: the files of `observer/kernels` as one extension, which the compiler sees as a whole.
 
-Each file is plain Python that runs as it stands; the header of the same name gives the types (Cython's
-augmenting `.pxd`). They are put one behind the other, without their imports of each other, and Cython does
-the rest. Records are what kernels take for NamedTuples of the package: headers list their typed fields, and
-their classes are made here. On x86-64 the same C code is compiled twice, for any such processor and for one
-with AVX2.
+Each file is written in Python; the header of the same name gives the types (Cython's augmenting `.pxd`).
+They are put one behind the other, without their imports of each other, and Cython does the rest. Records are
+what kernels take for NamedTuples of the package: headers list their typed fields, and their classes are made
+here. On x86-64 the same C code is compiled twice, for any such processor and for one with AVX2.
+
+KERNELS_CHECKED=1 in the environment builds them for tests instead: every index is checked, and one out of
+bounds is an IndexError. This build runs some times slower, on any processor.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import importlib.util
+import os
 import re
 import shutil
 from pathlib import Path
@@ -28,13 +31,14 @@ _spec.loader.exec_module(files)
 
 KERNELS = Path("observer/kernels")
 BUILD = Path("build/kernels")
+CHECKED = os.environ.get("KERNELS_CHECKED", "") == "1"
 RECORDS = ("records", "tick_records")
 PARTS = (
     "codes", "covariance", "coupling", "exact_step", "advance", "judging", "screening", "learning", "step",
     "kalman", "consider", "steady_state_step", "fixed_gain", "smoother", "bank", "changes", "sweep", "path",
     "walk", "selftest", "message", "live", "cells",
 )  # fmt: skip
-HEAD = """# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, cpow=True
+HEAD = f"""# cython: language_level=3, boundscheck={CHECKED}, wraparound=False, cdivision=True, cpow=True
 # cython: infer_types=True, initializedcheck=False, embedsignature=False, auto_pickle=False
 import cython
 from cython.cimports.libc.math import (
@@ -97,7 +101,7 @@ class Record:
 HEADER_HEAD = "cimport cython\n"
 # No multiplication and addition in one rounding, nor anything else that changes a bit between processors.
 FLAGS = [
-    "-O3",
+    "-O1" if CHECKED else "-O3",
     "-ffp-contract=off",
     "-fno-math-errno",
     "-fno-trapping-math",
@@ -107,7 +111,7 @@ FLAGS = [
 ]
 LIMITED = [("Py_LIMITED_API", "0x030B0000"), ("NDEBUG", None)]
 # What the headers call inline is: a call copies a view of an array, 136 bytes, for each that it hands on.
-INLINED = [("CYTHON_INLINE", "inline __attribute__((always_inline))")]
+INLINED = [] if CHECKED else [("CYTHON_INLINE", "inline __attribute__((always_inline))")]
 
 
 def join(build: Path) -> Path:
@@ -154,7 +158,13 @@ def extensions() -> list[Extension]:
         include_path=[str(BUILD)],
     )
     kinds = [any_cpu]
-    if machine == "x86_64":
+    if CHECKED:  # a function that ends with an error returns 0, which is no value of a vector register's type
+        source = Path(any_cpu.sources[0])
+        text = source.read_text("utf-8")
+        source.write_text(
+            text.replace("\n  __pyx_r = 0;", "\n  memset(&__pyx_r, 0, sizeof(__pyx_r));"), "utf-8"
+        )
+    elif machine == "x86_64":
         (KERNELS / "avx2").mkdir(exist_ok=True)
         again = BUILD / "avx2" / "core.c"  # the same, under a name of its own: both are compiled at once
         again.parent.mkdir(exist_ok=True)

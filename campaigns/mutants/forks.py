@@ -14,7 +14,7 @@ import sys
 import time
 
 LIBRARIES = (
-    "numpy", "scipy.linalg", "scipy.optimize", "scipy.sparse.linalg", "scipy.special", "cython", "pydantic",
+    "numpy", "scipy.linalg", "scipy.optimize", "scipy.sparse.linalg", "scipy.special", "pydantic",
     "tomlkit", "cbor2", "pyarrow.csv", "rich.console", "structlog", "control", "hypothesis.extra.numpy",
 )  # fmt: skip
 

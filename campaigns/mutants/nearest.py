@@ -10,18 +10,13 @@ ROOT = Path(__file__).parents[2]
 
 @dataclass(frozen=True, slots=True)
 class Nearest:
-    """Arguments to pytest; `compiled` where the kernels must run compiled to be through in a minute.
-
-    Interpreted, a kernel takes up to a thousand times as long; a mutant in a kernel always runs so. A module
-    without kernels is put to tests with compiled ones where those take long.
-    """
+    """Arguments to pytest."""
 
     tests: tuple[str, ...]
-    compiled: bool = False
 
 
-def _at(*tests: str, compiled: bool = False) -> Nearest:
-    return Nearest(tests, compiled)
+def _at(*tests: str) -> Nearest:
+    return Nearest(tests)
 
 
 BITS = "tests/bits/test_bits.py"
@@ -55,27 +50,25 @@ SPECIFIED = "tests/estimators/test_specification.py"
 KALMAN = _at("tests/estimators/test_steps.py", SPECIFIED, BITS)
 SETTLED = _at("tests/estimators/test_settled.py", BITS)
 PARTS = _at("tests/fit/test_parts.py")
-GAINS = _at("tests/estimators/test_gains.py", "tests/estimators/test_kim.py", compiled=True)
+GAINS = _at("tests/estimators/test_gains.py", "tests/estimators/test_kim.py")
 
 NEAREST: dict[str, Nearest] = {
-    "observer/discovery/experiment.py": _at("tests/discovery/test_experiment.py", compiled=True),
+    "observer/discovery/experiment.py": _at("tests/discovery/test_experiment.py"),
     "observer/discovery/localise.py": _at("tests/discovery/test_phases.py"),
-    "observer/discovery/search.py": _at("tests/discovery/test_search.py", compiled=True),
+    "observer/discovery/search.py": _at("tests/discovery/test_search.py"),
     "observer/discovery/verdict.py": _at("tests/discovery/test_verdict.py"),
     "observer/estimators/design/gains.py": GAINS,
     "observer/estimators/design/steady.py": GAINS,
-    "observer/estimators/selftest.py": _at("tests/estimators/test_selftest.py", compiled=True),
-    "observer/estimators/specification.py": _at(SPECIFIED, "tests/estimators/test_steps.py", compiled=True),
-    "observer/estimators/tolerant.py": _at(
-        *_bits("tolerant_prediction"), "tests/gap/test_tolerant.py", compiled=True
-    ),
-    "observer/fit/calibrate.py": _at("tests/fit/test_calibrate.py", compiled=True),
+    "observer/estimators/selftest.py": _at("tests/estimators/test_selftest.py"),
+    "observer/estimators/specification.py": _at(SPECIFIED, "tests/estimators/test_steps.py"),
+    "observer/estimators/tolerant.py": _at(*_bits("tolerant_prediction"), "tests/gap/test_tolerant.py"),
+    "observer/fit/calibrate.py": _at("tests/fit/test_calibrate.py"),
     "observer/fit/evidence.py": PARTS,
-    "observer/fit/steps.py": _at("tests/fit/test_footprint.py", compiled=True),
+    "observer/fit/steps.py": _at("tests/fit/test_footprint.py"),
     "observer/fit/hypothesis.py": _at("tests/fit/test_parts.py", "tests/fit/test_minimise.py"),
     "observer/fit/parameters.py": _at("tests/fit/test_parameters.py"),
     "observer/fit/problem.py": PARTS,
-    "observer/fit/process_noise.py": _at("tests/fit/test_process_noise.py", compiled=True),
+    "observer/fit/process_noise.py": _at("tests/fit/test_process_noise.py"),
     "observer/fit/tolerance.py": PARTS,
     "observer/kernels/advance.py": _at(
         "tests/model/test_open_loop.py",
@@ -105,13 +98,12 @@ NEAREST: dict[str, Nearest] = {
     ),
     "observer/kernels/step.py": KALMAN,
     "observer/kernels/walk.py": _at("tests/align/test_align.py", "tests/align/test_dejitter.py", BITS),
-    "observer/model/generator.py": _at("tests/model/test_basis.py", compiled=True),
+    "observer/model/generator.py": _at("tests/model/test_basis.py"),
     "observer/model/couple.py": _at(
         "tests/model/test_couple.py",
         "tests/model/test_basis.py",
         "tests/model/test_generator.py",
         "tests/model/test_network.py",
-        compiled=True,
     ),
     "observer/model/discretise.py": _at("tests/model/test_discretise.py"),
     "observer/model/learning.py": _at(
@@ -121,7 +113,6 @@ NEAREST: dict[str, Nearest] = {
         "tests/history/test_changes.py",
         *LEARNT,
         SPECIFIED,
-        compiled=True,
     ),
     "observer/model/rod/moving.py": _at("tests/model/test_path.py"),
     "observer/publish/codec.py": _at("tests/publish/test_codec.py"),

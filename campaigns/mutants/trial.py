@@ -11,18 +11,18 @@ import time
 from pathlib import Path
 
 from campaigns.mutants.nearest import ROOT, Nearest
+from observer.kernels.files import digest
 
 COPIED = (
     "observer", "drivers", "tests", "campaigns", "benchmarks", "config", "docs", "pyproject.toml",
-    "README.md",
+    "README.md", "setup.py", "build_kernels.py",
 )  # fmt: skip
 PYTEST = (
     "-q", "-x", "--tb=no", "-p", "no:randomly", "-p", "no:cacheprovider", "-p", "no:benchmark", "-p",
     "no:faulthandler", "--noconftest", "--hypothesis-seed=1", "-W",
     "ignore::pytest.PytestAssertRewriteWarning",
 )  # fmt: skip
-# Interpreted, a kernel divides and overflows as numpy's scalars do, which warn; compiled it does not.
-INTERPRETED = ("-W", "ignore::RuntimeWarning")
+PATHS = {"PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1", "OBSERVER_KERNELS": "any"}
 
 
 class Tree:
@@ -30,7 +30,8 @@ class Tree:
 
     def __init__(self, folder: Path) -> None:
         self.root = folder / "tree"
-        self._running: dict[str, subprocess.Popen[str]] = {}
+        self._built = ""
+        self._running: subprocess.Popen[str] | None = None
         shutil.rmtree(self.root, ignore_errors=True)
         for name in COPIED:
             source, target = ROOT / name, self.root / name
@@ -42,24 +43,31 @@ class Tree:
 
     def passes(self, nearest: Nearest, limit_s: float) -> tuple[bool, float]:
         """Whether the tests pass within a time, and how long they took."""
+        builds = self._builds()
         start_s = time.monotonic()
-        way = "" if nearest.compiled else "interpreted"
-        if way not in self._running:
-            self._running[way] = self._process({"OBSERVER_KERNELS": way})
-        ignored = () if nearest.compiled else INTERPRETED
-        done = _ask(self._running[way], [*PYTEST, *ignored, *nearest.tests], limit_s)
+        if self._running is None:
+            self._running = self._process()
+        done = builds and _ask(self._running, [*PYTEST, *nearest.tests], limit_s)
         return done, time.monotonic() - start_s
 
     def close(self) -> None:
         """End what runs."""
-        for process in self._running.values():
-            process.kill()
-            process.wait()
+        if self._running is not None:
+            self._running.kill()
+            self._running.wait()
 
-    def _process(self, more: dict[str, str]) -> subprocess.Popen[str]:
-        paths = {"PYTHONPATH": str(self.root), "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1"}
+    def _builds(self) -> bool:
+        """Compile the kernels with checked bounds where they have changed; return whether that works."""
+        files = digest(self.root / "observer/kernels")
+        if files != self._built:
+            self._built = files
+            return build_checked(self.root).returncode == 0
+        return True
+
+    def _process(self) -> subprocess.Popen[str]:
         return subprocess.Popen(
-            [sys.executable, "-m", "campaigns.mutants.forks"], cwd=self.root, env=os.environ | paths | more,
+            [sys.executable, "-m", "campaigns.mutants.forks"], cwd=self.root,
+            env=os.environ | PATHS | {"PYTHONPATH": str(self.root)},
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
 
@@ -72,6 +80,14 @@ class Tree:
             return self.passes(nearest, limit_s)
         finally:
             path.write_text(original, encoding="utf-8")
+
+
+def build_checked(root: Path) -> subprocess.CompletedProcess[str]:
+    """Compile the kernels of a tree, so that an index out of bounds is an error."""
+    return subprocess.run(
+        [sys.executable, "setup.py", "-q", "build_ext", "--inplace"], cwd=root,
+        env=os.environ | {"KERNELS_CHECKED": "1"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
 
 
 def _ask(process: subprocess.Popen[str], arguments: list[str], limit_s: float) -> bool:

@@ -1,9 +1,8 @@
-"""Arithmetic that runs at every step, compiled when the package is built; as Python it gives the same bits.
+"""Arithmetic that runs at every step, compiled when the package is built.
 
-The files of this package are plain Python. `setup.py` makes one extension of them, `core`, for any processor
-and, on x86-64, once more for those with AVX2 in the folder `avx2`; which one fits is chosen here. The
-environment variable `OBSERVER_KERNELS` chooses otherwise: `any`, `avx2`, or `interpreted` for the Python
-files themselves, as tests of single lines need them (that takes Cython's module `cython`).
+`setup.py` compiles the files of this package into one extension, `core`, for any processor and, on x86-64,
+once more for those with AVX2 in the folder `avx2`. This module loads the one that suits the processor. The
+environment variable `OBSERVER_KERNELS` overrides the choice: `any` or `avx2`.
 """
 
 from __future__ import annotations
@@ -11,14 +10,13 @@ from __future__ import annotations
 import importlib
 import os
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 from observer.errors import UserError
 from observer.kernels.files import digest
 
 VARIABLE = "OBSERVER_KERNELS"
-_WAYS = ("any", "avx2", "interpreted")
+_WAYS = ("any", "avx2")
 _REMEDY = "install the package again (`pip install .`; in a clone `make env`)"
 
 
@@ -41,24 +39,13 @@ def _choose() -> str:
     way = os.environ.get(VARIABLE, "")
     if way and way not in _WAYS:
         raise KernelsError(f"{VARIABLE}={way}: it is one of {', '.join(_WAYS)}, or not set")
-    if way == "interpreted":
-        return way
     if way == "any" or not any((Path(__path__[0]) / "avx2").glob("core.*")):
         return "any"
     return "avx2" if way == "avx2" or _has_avx2() else "any"
 
 
 def _load(way: str) -> dict[str, Any]:
-    """Return entries and, but for Python files, records by name."""
-    if way == "interpreted":
-        modules = (
-            "kalman", "fixed_gain", "smoother", "advance", "bank", "changes", "sweep", "exact_step", "path",
-            "selftest", "message", "live", "walk", "cells",
-        )  # fmt: skip
-        entries: dict[str, Any] = {}
-        for name in modules:
-            entries |= vars(importlib.import_module(f"{__name__}.{name}"))
-        return entries
+    """Return entries and records by name."""
     if way == "avx2":
         __path__.insert(0, str(Path(__path__[0]) / "avx2"))
     try:
@@ -75,21 +62,20 @@ def _load(way: str) -> dict[str, Any]:
 
 
 WAY = _choose()
-"""What runs: any, avx2 or interpreted."""
+"""The build that runs: any or avx2."""
 _loaded = _load(WAY)
 
 
 def record(fields: Any) -> Any:
     """Return what kernels take for a NamedTuple, on the same memory.
 
-    Compiled, it is the class of the same name in `records.pxd` or `tick_records.pxd`, which gives every field
-    its type; what the fields are, and of which shape, stands at the NamedTuple.
+    It is the class of the same name in `records.pxd` or `tick_records.pxd`, which gives every field its type.
+    The NamedTuple describes the fields and their shapes.
     """
     values = {
         key: record(value) if hasattr(value, "_asdict") else value for key, value in fields._asdict().items()
     }
-    kind = SimpleNamespace if WAY == "interpreted" else _loaded[type(fields).__name__]
-    return kind(**values)
+    return _loaded[type(fields).__name__](**values)
 
 
 def __getattr__(name: str) -> Any:

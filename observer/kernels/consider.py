@@ -48,9 +48,10 @@ def consider_readings(a, S_nu):
     """Put what parameters do to innovations into `nu`, and the variances with that into `variance`."""
     S, C = a.S, a.work.C
     n_x, first = len(a.plant.uniform), len(a.plant.uniform) + len(a.plant.source)
+    parameters = min(S.shape[1], len(a.plant.learn.sigma))
     for i in range(len(S_nu)):
         a.variance[i] = S_nu[i]
-        for r in range(S.shape[1]):
+        for r in range(parameters):
             off = C[i, first + r] * a.plant.learn.sigma[r]
             for b in range(n_x):
                 off += C[i, b] * S[b, r]

@@ -1,23 +1,20 @@
-"""What the C library does for compiled kernels, for those that run as Python, under its names there.
+"""The C library's functions under its names there, for the kernel functions that Python calls as well.
 
-Numbers in bytes take the machine to be little-endian, as all are that the kernels are built for.
+The engine `filterpy`, the specification and tests call some of them. Functions on bytes exist only compiled,
+in `setup.py`.
 """
 
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Callable
 from math import fmod
 from typing import Any, Final
 
-import numpy as np
 from numpy import floor, isfinite, isinf, isnan, rint
 
-try:
-    import cython  # type: ignore[import-untyped]
-except ModuleNotFoundError:  # of the build only: without it kernels are compiled, constants read
-    cython = None
+cython: Any = None
+"""The compiler's own module: only compiled functions name it."""
 
 INFINITY: Final = math.inf
 NAN: Final = math.nan
@@ -52,54 +49,14 @@ def lrint(value: float) -> int:
     return int(rint(value))
 
 
+def _only_compiled(*_: Any) -> Any:
+    raise NotImplementedError
+
+
+bytes_of = take_bytes = float_at = octet_at = put_float32 = put_float64 = _only_compiled
+
 __all__ = [
-    "INFINITY",
-    "M_PI",
-    "NAN",
-    "cos",
-    "cython",
-    "exp",
-    "expm1",
-    "floor",
-    "fmod",
-    "isfinite",
-    "isinf",
-    "isnan",
-    "log",
-    "lrint",
-    "rint",
-    "sin",
-    "sqrt",
+    "INFINITY", "M_PI", "NAN", "bytes_of", "cos", "cython", "exp", "expm1", "float_at", "floor", "fmod",
+    "isfinite", "isinf", "isnan", "log", "lrint", "octet_at", "put_float32", "put_float64", "rint", "sin",
+    "sqrt", "take_bytes",
 ]  # fmt: skip
-
-
-def bytes_of(octets: Any, count: int) -> bytes:
-    """The first bytes of an array, for good."""
-    return bytes(memoryview(octets)[:count])
-
-
-def take_bytes(octets: Any, data: bytes) -> None:
-    """Fill an array with bytes."""
-    memoryview(octets)[:] = data
-
-
-def float_at(data: bytes, at: int) -> float:
-    """The float of 64 bits that begins at a byte."""
-    value: float = struct.unpack_from("<d", data, at)[0]
-    return value
-
-
-def octet_at(data: bytes, at: int) -> int:
-    """One byte."""
-    return data[at]
-
-
-def put_float32(octets: Any, at: int, value: float) -> None:
-    """Write a float of 32 bits, the least significant byte first."""
-    with np.errstate(over="ignore"):
-        octets[at : at + 4] = np.frombuffer(np.float32(value).tobytes(), np.uint8)
-
-
-def put_float64(octets: Any, at: int, value: float) -> None:
-    """Write a float of 64 bits, the most significant byte first."""
-    struct.pack_into(">d", octets, at, value)

@@ -228,7 +228,7 @@ def add_columns(B, C, share, centre_m, mu, phase, scale, kA, nut_m, screw_m, tab
     centre = min(max(centre_m, 0.0), screw_m)
     a, b = max(centre - nut_m / 2, 0.0), min(centre + nut_m / 2, screw_m)
     middle, half = (a + b) / 2, (b - a) / 2
-    if len(phase) == 0:
+    if len(phase) == 0 and len(mu) > 0:
         add_waves(B, share, middle - screw_m / 2, half, mu)
     for n in range(len(phase)):
         reach = mu[n] * half

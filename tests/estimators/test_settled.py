@@ -1,4 +1,4 @@
-"""Observers whose covariance has settled, step by step against dense matrices; small, to be interpreted."""
+"""Observers whose covariance has settled, step by step against dense matrices."""
 
 from __future__ import annotations
 

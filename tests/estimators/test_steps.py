@@ -1,4 +1,4 @@
-"""The Kalman filter's steps on a plant small enough to be interpreted, against dense matrices."""
+"""The Kalman filter's steps on a small plant, against dense matrices."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def test_equals_the_dense_posterior(moving, estimated, heat_rate):
 @pytest.mark.parametrize(("noise_K", "digits"), [(0.1, 1e-8), (1e-4, 2e-3)], ids=["usual", "almost exact"])
 @pytest.mark.parametrize("effects", [[], LINEAR], ids=["by itself", "coupled"])
 def test_a_short_history_of_coupled_states_equals_it_too(effects, noise_K, digits):
-    """Few steps, so that it runs interpreted as well; two sensors are heard late. Sensors so exact that they
+    """Two sensors are heard late. Sensors so exact that they
     correct one after the other cost the dense matrices most of their digits.
     """
     _, plant = described(4, 3, 3, moving=True, effect=effects)

@@ -1,4 +1,4 @@
-"""The kernels that run are those of the files here, whichever way they run, and mean the same codes."""
+"""The kernels that run are made of the files here, and mean the same codes."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from campaigns.mutants.trial import PATHS, PYTEST, Tree, build_checked
 from observer import kernels
 from observer.frames import EstimateQuality, Quality
 from observer.kernels import codes, libc
@@ -44,7 +45,6 @@ def copied(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.skipif(kernels.WAY == "interpreted", reason="nothing compiled runs")
 def test_what_runs_is_made_of_the_files_here(tmp_path: Path) -> None:
     done = joined(copied(tmp_path), tmp_path / "build")
     assert done.returncode == 0, done.stderr
@@ -55,7 +55,6 @@ def test_what_runs_is_made_of_the_files_here(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.skipif(kernels.WAY == "interpreted", reason="nothing compiled runs")
 @pytest.mark.parametrize("changed", ["step.py", "records.pxd"])
 def test_kernels_of_other_files_are_a_sentence_with_the_remedy(tmp_path: Path, changed: str) -> None:
     package = Path(shutil.copytree(ROOT / "observer", tmp_path / "observer"))
@@ -79,23 +78,63 @@ def test_two_functions_of_one_name_are_rejected(tmp_path: Path) -> None:
     assert "two functions are called gate" in done.stderr
 
 
-@pytest.mark.parametrize("way", ["any", "interpreted"])
-def test_the_other_builds_run(way: str) -> None:
+def imported(build: str) -> subprocess.CompletedProcess[str]:
+    """The import of the kernels with `OBSERVER_KERNELS` set, which prints the build that runs."""
     code = "from observer import kernels; print(kernels.WAY, kernels.run_kalman)"
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=os.environ | {kernels.VARIABLE: way}, capture_output=True,
-        text=True, check=True, timeout=120,
+    return subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {kernels.VARIABLE: build}, capture_output=True,
+        text=True, timeout=120,
     )  # fmt: skip
-    assert done.stdout.startswith(way)
-    assert ("cyfunction" in done.stdout) == (way == "any")
 
 
-def test_an_unknown_build_is_named() -> None:
+def test_the_build_for_any_processor_runs() -> None:
+    done = imported("any")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("any <cyfunction")
+
+
+@pytest.mark.parametrize("build", ["fast", "interpreted"])
+def test_an_unknown_build_is_refused_with_the_ones_that_exist(build: str) -> None:
+    done = imported(build)
+    assert done.returncode == 1
+    assert f"OBSERVER_KERNELS={build}: it is one of any, avx2, or not set" in done.stderr
+
+
+NUMERIC = (
+    "tests/bits", "tests/kernels/test_covariance.py", "tests/kernels/test_motion.py", "tests/history",
+    "tests/estimators/test_steps.py", "tests/estimators/test_settled.py", "tests/estimators/test_selftest.py",
+    "tests/estimators/test_following.py", "tests/align/test_align.py", "tests/publish/test_codec.py",
+    "tests/page/test_rows.py", "tests/model/test_moving.py", "tests/model/test_path.py",
+)  # fmt: skip
+
+
+@pytest.mark.slow
+def test_no_kernel_reads_or_writes_out_of_bounds(tmp_path: Path) -> None:
+    """Compiled with checked bounds, in a copy of the tree, the kernels pass the numeric tests."""
+    tree = Tree(tmp_path)
+    built = build_checked(tree.root)
+    assert built.returncode == 0, built.stderr
+    assert leaves_bounds(tree.root), "an index out of bounds is noticed"
     done = subprocess.run(
-        [sys.executable, "-c", "import observer.kernels"], env=os.environ | {kernels.VARIABLE: "fast"},
+        [sys.executable, "-m", "pytest", *PYTEST, "-m", "not slow and not system", *NUMERIC], cwd=tree.root,
+        env=os.environ | PATHS | {"PYTHONPATH": str(tree.root)}, capture_output=True, text=True, timeout=550,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "IndexError" not in done.stderr
+
+
+def leaves_bounds(root: Path) -> bool:
+    """Whether the kernels of a tree report an index beyond the end of an array."""
+    code = (
+        "import numpy as np; from observer.kernels import add_columns\n"
+        "add_columns(np.zeros(1), np.zeros(1), 1.0, 0.5, np.ones(4), np.zeros(4), np.ones(4), 1.0, 0.1, 1.0,"
+        " np.zeros((2, 1)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=root, env=os.environ | PATHS | {"PYTHONPATH": str(root)},
         capture_output=True, text=True, timeout=120,
     )  # fmt: skip
-    assert "OBSERVER_KERNELS=fast: it is one of any, avx2, interpreted" in done.stderr
+    return "IndexError: Out of bounds" in done.stderr
 
 
 def test_codes_are_those_of_the_records() -> None:
@@ -131,7 +170,6 @@ def test_no_name_is_in_two_kernel_files():
                 assert seen.setdefault(name, path.name) == path.name, f"{name} in {seen[name]}, {path.name}"
 
 
-@pytest.mark.skipif(kernels.WAY == "interpreted", reason="then every function is loaded")
 def test_no_entry_has_the_name_of_a_file():
     """Importing the file would put the module in the entry's place."""
     files = {path.stem for path in (ROOT / "observer/kernels").glob("*.py")}
