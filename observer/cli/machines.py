@@ -213,17 +213,12 @@ def check(
             "--wires", help="Read every device once instead; exit code 0 if every channel delivered a value."
         ),
     ] = False,
-    plot: Annotated[
-        Path | None,
-        typer.Option(help="Also draw poles, step and frequency response into this file (.png, .svg, .pdf)."),
-    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Show what a configuration means: modes, observability, poles, noise gain, warnings."""
     from observer.installation.examine import examine
     from observer.report.check_text import as_text, wires_as_text
 
-    picture(plot)
     settings = examine(config)
     if wires:
         found = _wires(settings)
@@ -231,12 +226,7 @@ def check(
         shutdown.leave(0 if found["good"] else 1)
     from observer.report.check import findings
 
-    found = findings(settings)
-    if plot is not None:
-        from observer.report.responses import write_responses
-
-        write_responses(plot, settings, found)
-    show(found, as_json, as_text)
+    show(findings(settings), as_json, as_text)
 
 
 def _wires(config: Installation) -> dict[str, Any]:

@@ -70,16 +70,6 @@ def settled_rows(plant: Plant) -> FloatArray:
     return np.asarray(C[:, :first] + C[:, first:] @ follow)
 
 
-def settled_inputs(plant: Plant) -> FloatArray:
-    """Return what the heats do to screw and lags, (N + m, m), once the nodes they enter have followed."""
-    first = plant.lag_slice.stop
-    if len(plant.decay_1_s) == first:
-        return plant.B[:first]
-    A = generator(plant)
-    follow = np.linalg.lstsq(A[first:, first:], -plant.B[first:], rcond=None)[0]
-    return np.asarray(plant.B[:first] + A[:first, first:] @ follow)
-
-
 def design_step(plant: Plant, step: StepMatrices) -> tuple[FloatArray, FloatArray]:
     """Return transition and noise (n, n) of [x | δ] for a design: with what couples states permanently."""
     return augmented_step(plant, step.dt_s) if len(plant.coupling.links.source) else augmented(plant, step)

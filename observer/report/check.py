@@ -75,7 +75,6 @@ def findings(config: Installation) -> dict[str, Any]:
         "weakest_mode_sensor": design.weakest_mode_sensor,
         "weakest_mode_share": design.weakest_mode_share,
         "observability_per_mode": dict(zip(map(str, plant.mode_index), _seen(plant), strict=True)),
-        "smallest_singular_value_K": design.smallest_singular_value_K,
         "path_told_up_to_rpm": {s.name: _path_limit_rpm(config, s) for s in config.source if s.lead_m},
         "heartbeat_s": config.heartbeats_s,
         "supports": _supports(config, plant),

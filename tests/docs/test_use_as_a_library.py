@@ -35,6 +35,7 @@ def test_the_page_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
         names["estimates_if"]["heat_nut_W"], table["heat_nut_W"].iloc[: len(names["estimates_if"])]
     )
     assert names["system"].input_labels[0] == "heat_nut_W"
+    assert 0.0 < names["step"].outputs[-1] < names["bode"].magnitude[0], "an hour, then the steady rise per W"
 
 
 def test_the_readme_runs(monkeypatch: pytest.MonkeyPatch) -> None:

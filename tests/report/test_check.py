@@ -13,9 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
-from observer.cli import app
 from observer.installation import parse
 from observer.report import sensitivity
 from observer.report.check import findings, slow_polls
@@ -81,16 +79,6 @@ def test_a_single_warning_is_said_once() -> None:
     console = Console(file=StringIO(), record=True, width=400)
     console.print(as_text(found))
     assert console.export_text().count(only) == 1
-
-
-def test_the_picture_is_drawn_and_its_name_checked_first(tmp_path: Path) -> None:
-    command = ["check", "--config", str(CONFIG / "kim-screw.toml"), "--plot"]
-    done = CliRunner().invoke(app, [*command, str(tmp_path / "new" / "poles.svg")])
-    assert done.exit_code == 0, done.output
-    drawn = (tmp_path / "new" / "poles.svg").read_text(encoding="utf-8")
-    assert drawn.count("<path") > 50
-    refused = CliRunner().invoke(app, [*command, str(tmp_path / "poles.txt")])
-    assert "ending in .png" in str(refused.exception)
 
 
 @pytest.mark.parametrize(

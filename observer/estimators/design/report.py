@@ -10,7 +10,6 @@ import numpy as np
 from observer.estimators.design import gains
 from observer.estimators.design.exact_poles import MOST_STATES, exact_poles
 from observer.estimators.design.gains import LuenbergerGain, Refusal
-from observer.estimators.design.observability import plant_responses, smallest_singular_value, weakest_mode
 from observer.estimators.design.steady import bandwidth, gain_for
 from observer.frames import FloatArray
 from observer.model.discretise import StepMatrices, step_matrices
@@ -32,7 +31,7 @@ class DesignReport(NamedTuple):
     misses the requested ones. `noise_gain_W_K`: each estimated heat's σ
     under white noise of 1 K on every sensor. `weakest_mode` is a mode's number, `weakest_mode_sensor` the
     sensor that sees it best, `weakest_mode_share` how much of it. `placed`: whether there is a gain, and
-    its poles are where they were asked to be. `smallest_singular_value_K`: see `observability`.
+    its poles are where they were asked to be.
     `undetermined`: the sets of lost sensors after which the heats are no longer determined.
     """
 
@@ -45,7 +44,6 @@ class DesignReport(NamedTuple):
     weakest_mode: int
     weakest_mode_sensor: str
     weakest_mode_share: float
-    smallest_singular_value_K: float
     undetermined: tuple[tuple[str, ...], ...]
     placed: bool
     warnings: tuple[str, ...]
@@ -63,7 +61,7 @@ def design_report(plant: Plant, settings: EstimatorSettings, *, on_screw: bool =
         poles = exact_poles(plant, step, whole.K)
         whole = whole._replace(poles_reached_1_s=poles[: len(whole.poles_requested_1_s)])
     requested, reached, noise = _outcome(plant, step, whole)
-    mode, sensor, share = weakest_mode(plant)
+    mode, sensor, share = _weakest_mode(plant)
     names = plant.layout.sensors
     undetermined = _undetermined(plant, step, settings, omega)
     return DesignReport(
@@ -76,9 +74,6 @@ def design_report(plant: Plant, settings: EstimatorSettings, *, on_screw: bool =
         weakest_mode=mode,
         weakest_mode_sensor=names[sensor],
         weakest_mode_share=share,
-        smallest_singular_value_K=smallest_singular_value(
-            plant_responses(plant, settled_rows(plant)[plant.rows.sensor_slice])
-        ),
         undetermined=undetermined,
         placed=not isinstance(whole, Refusal) and not _missed(whole),
         warnings=(
@@ -86,6 +81,20 @@ def design_report(plant: Plant, settings: EstimatorSettings, *, on_screw: bool =
             *_sensor_warnings(names[sensor], mode, share, undetermined, on_screw=on_screw),
         ),
     )
+
+
+def _weakest_mode(plant: Plant) -> tuple[int, int, float]:
+    """Return the mode (its number) that the sensors see worst, the sensor (index) that sees it best, and how
+    much.
+
+    How much is the mode's shape at that sensor against its largest value anywhere on the grid.
+    """
+    temperatures = settled_rows(plant)[: plant.rows.sensors + plant.rows.grid, : plant.modes]
+    largest = np.abs(temperatures).max(axis=0)
+    share = np.abs(temperatures[: plant.rows.sensors]) / np.where(largest > 0, largest, 1.0)
+    best = share.max(axis=0)
+    mode = int(np.argmin(best))
+    return plant.mode_index[mode], int(np.argmax(share[:, mode])), float(best[mode])
 
 
 def _rates(plant: Plant) -> FloatArray:
