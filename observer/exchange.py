@@ -232,8 +232,8 @@ KEYS = {
     ),
     "forecast": Key(
         "JSON: temperatures and thermal error of the next hour with σ, where it settles (`settled_degC`, "
-        "`settled_error_um`, with σ) and when (`settled_at_s`, with 95 % in `settled_between_s`), how long a "
-        "warm-up lasts and what it may save ([how](../explanation/forecast.md))",
+        "`settled_error_um`, with σ) and when (`settled_at_s`, with 95 % in `settled_between_s`) "
+        "([how](../explanation/forecast.md))",
         "every minute, unless off",
         asked=_LAST,
         retained=True,

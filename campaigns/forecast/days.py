@@ -11,7 +11,7 @@ from observer.align.aligner import frames_of_log
 from observer.estimate.pipeline import MachineModel
 from observer.forecast.ahead import Runner, ahead, runner
 from observer.forecast.program import Bins, Program, binned, joined, learnt
-from observer.forecast.settling import WarmUp, when
+from observer.forecast.settling import when
 from observer.frames import EstimateBlock, FloatArray
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Day, EXPANSION_um_K_m, Rough, config_of, draw, work
@@ -37,7 +37,6 @@ class Forecast(NamedTuple):
     said: EstimateBlock
     after_s: float | None
     between_s: tuple[float, float] | None
-    warm_up: WarmUp | None
     kind: str
     field_degC: FloatArray
     error_um: FloatArray
@@ -95,12 +94,12 @@ def drawn_day(seed: int, number: int) -> Day:
     return work(machine, phases(KINDS[number % len(KINDS)], rng), START_M, rng, 0.0)
 
 
-def settles_s(seed: int, number: int, now_s: float, hardest_s: float = 0.0) -> float:
+def settles_s(seed: int, number: int, now_s: float) -> float:
     """When a machine's travel is truly within `WITHIN_UM` of where it settles, after a moment of its day.
 
     From then on the air stays as it is, and the work is the program without its variation: of cycles the
-    nominal one, judged by the mean over whole cycles; of mixed work its mean speed. First it runs for
-    `hardest_s` without a rest. Where it settles is where it is after `SETTLED_S`.
+    nominal one, judged by the mean over whole cycles; of mixed work its mean speed. Where it
+    settles is where it is after `SETTLED_S`.
     """
     kind = KINDS[number % len(KINDS)]
     program = nominal(stream(seed, "forecast", str(number)))
@@ -108,7 +107,7 @@ def settles_s(seed: int, number: int, now_s: float, hardest_s: float = 0.0) -> f
     machine, before = draw(seed, number, Rough()), phases(kind, rng)
     air = draw_air(float(rng.uniform(18.0, 25.0)), steps_of(before), rng)
     at = round(now_s / STEP_s)
-    after, period = _after(kind, program, hardest_s)
+    after, period = _after(kind, program)
     schedule = build_schedule((*_until(before, now_s), *after), START_M, _held(air, at, steps_of(after)))
     result = run_machine(machine.machine.physics, schedule, COARSE_M)
     rise_K = result.section_degC[at - period + 1 :] - air[at]
@@ -122,17 +121,16 @@ def settles_s(seed: int, number: int, now_s: float, hardest_s: float = 0.0) -> f
     return float(max(last - 0.5 * (period - 1) * STEP_s, 0.0))
 
 
-def _after(kind: str, program: Nominal, hardest_s: float) -> tuple[tuple[Phase, ...], int]:
+def _after(kind: str, program: Nominal) -> tuple[tuple[Phase, ...], int]:
     """What comes then, and its period in steps."""
     stroke, speed, run_s, rest_s = program
-    first = (_whole(Phase(hardest_s, speed, *stroke)),) if hardest_s else ()
     if kind == "cycle":
         cycle = _whole(Phase(run_s, speed, *stroke)), _whole(Phase(rest_s))
-        return (*first, *cycle * round(SETTLED_S / (run_s + rest_s))), steps_of(cycle)
+        return cycle * round(SETTLED_S / (run_s + rest_s)), steps_of(cycle)
     if kind == "stands":
         return (Phase(SETTLED_S),), 1
     duty = MIXED_DUTY if kind == "mixed" else 1.0
-    return (*first, _whole(Phase(SETTLED_S, speed * duty, *stroke))), 1
+    return (_whole(Phase(SETTLED_S, speed * duty, *stroke)),), 1
 
 
 def _until(before: tuple[Phase, ...], now_s: float) -> list[Phase]:
@@ -167,15 +165,13 @@ def forecasts(one: Day, *, settles: bool = False) -> dict[str, Forecast]:
                 program = learnt(joined(parts))
                 begin = runner(machine.plant, config.estimator, pipeline.snapshot()[1], program)
                 row = int(np.searchsorted(one.time_s, block.time_s[-1]))
-                of = _settling(begin, program) if settles else (None, None, None)
+                of = _settling(begin, program) if settles else (None, None)
                 hour = ahead(begin, program, 3600.0)
                 last = block.field_degC[-1], block.error_um[-1]
                 found[name] = Forecast(row, hour, *of, program.text, *last)
     return found
 
 
-def _settling(
-    begin: Runner, program: Program
-) -> tuple[float | None, tuple[float, float] | None, WarmUp | None]:
-    settled, between_s, sooner = when(begin, program, TRAVEL, WITHIN_UM)
-    return settled.after_s, between_s, sooner
+def _settling(begin: Runner, program: Program) -> tuple[float | None, tuple[float, float] | None]:
+    settled, between_s = when(begin, program, TRAVEL, WITHIN_UM)
+    return settled.after_s, between_s

@@ -36,10 +36,7 @@ COLUMNS = (
     "stays_um",
     "sigma_um",
 )
-SETTLING = (
-    "machine", "work", "start", "said_s", "from_s", "to_s", "true_s",
-    "warm_up_s", "said_saves_s", "true_saves_s",
-)  # fmt: skip
+SETTLING = ("machine", "work", "start", "said_s", "from_s", "to_s", "true_s")
 DOCS = Path(__file__).parents[2] / "docs"
 RESULTS, PAGE = DOCS / "forecast" / "results.csv", DOCS / "explanation" / "forecast.md"
 TIMES = DOCS / "forecast" / "settling.csv"
@@ -83,26 +80,15 @@ def tried(number: int) -> list[dict[str, str]]:
 
 
 def settled(number: int) -> list[dict[str, str]]:
-    """When one machine settles, as said and in truth, and what the warm-up that is said saves in truth."""
+    """When one machine settles, by the forecast and in truth."""
     one, kind, rows = drawn_day(SETTLING_SEED, number), KINDS[number % len(KINDS)], []
     for start, found in forecasts(one, settles=True).items():
         now_s = float(one.time_s[found.now])
         true_s = settles_s(SETTLING_SEED, number, now_s)
-        saves: tuple[str, ...] = ("", "", "")
-        if found.warm_up is not None and kind == "cycle":  # of mixed work there is no hardest part to repeat
-            truly_s = true_s - settles_s(SETTLING_SEED, number, now_s, found.warm_up.lasts_s)
-            saves = _cells(found.warm_up.lasts_s, found.warm_up.saves_s, truly_s)
         between = ("", "") if found.between_s is None else _cells(*found.between_s)
         said = _cells(found.after_s)
-        rows.append(
-            dict(
-                zip(
-                    SETTLING,
-                    (str(number), kind, start, *said, *between, *_cells(true_s), *saves),
-                    strict=True,
-                )
-            )
-        )
+        cells = (str(number), kind, start, *said, *between, *_cells(true_s))
+        rows.append(dict(zip(SETTLING, cells, strict=True)))
     return rows
 
 
@@ -132,14 +118,6 @@ def settling_table(rows: list[dict[str, str]]) -> str:
             f"| {kind} | {len(of)} | {np.median(true):.0f} min | {np.median(off):+.0f} min "
             f"| {_rms(off):.0f} min | {held:.0f} % | {band:.0f} min | {silent} |"
         )
-    if warm := [r for r in rows if r["said_saves_s"]]:
-        said, true = (np.array([float(r[c]) for r in warm]) / 60.0 for c in ("said_saves_s", "true_saves_s"))
-        lines += [
-            "",
-            f"A warm-up was proposed for {len(warm)} of the cycles' forecasts: it was said to save "
-            f"{np.median(said):.0f} min in the median and saved {np.median(true):.0f} min; said less true "
-            f"{_rms(said - true):.0f} min rms. It did save time in {int((true > 0.0).sum())} of {len(warm)}.",
-        ]
     return "\n".join(lines)
 
 

@@ -11,7 +11,7 @@ from observer.config import Config
 from observer.estimators.protocol import EstimatorState
 from observer.forecast.ahead import ahead, runner
 from observer.forecast.program import Program
-from observer.forecast.settling import Settled, WarmUp, when
+from observer.forecast.settling import Settled, when
 from observer.frames import BoolArray, EstimateBlock, EstimateQuality, FloatArray
 from observer.model.plant import Plant
 
@@ -22,8 +22,8 @@ HOTTEST_degC = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """What comes after `now_s`: the next hours, where it settles, between which moments after now, with
-    95 %, it is there, and what a warm-up would save.
+    """What comes after `now_s`: the next hours, where it settles, and between which moments after now, with
+    95 %, it is there.
     """
 
     now_s: float
@@ -31,7 +31,6 @@ class Forecast:
     ahead: EstimateBlock
     settled: Settled
     between_s: tuple[float, float] | None
-    warm_up: WarmUp | None
 
 
 def forecast(
@@ -41,9 +40,9 @@ def forecast(
     `plausible`.
     """
     begin = runner(plant, config.estimator, state, program)
-    settled, between_s, sooner = when(begin, program, travel_of(config, plant.layout.position_m), within_um)
+    settled, between_s = when(begin, program, travel_of(config, plant.layout.position_m), within_um)
     block = ahead(begin, program, 3600.0 * hours)
-    return plausible(Forecast(state.time_s, program, block, settled, between_s, sooner))
+    return plausible(Forecast(state.time_s, program, block, settled, between_s))
 
 
 def plausible(found: Forecast) -> Forecast:
@@ -63,7 +62,7 @@ def plausible(found: Forecast) -> Forecast:
     if _within_limits(settled.field_degC, settled.error_um, *spread):
         return found
     none = replace(settled, after_s=None, field_sigma_K=None, error_sigma_um=None)
-    return replace(found, settled=none, between_s=None, warm_up=None)
+    return replace(found, settled=none, between_s=None)
 
 
 def _within_limits(field_degC: FloatArray, *others: FloatArray) -> bool:
@@ -104,7 +103,7 @@ def document(
         rounded: list[float] = np.round(values[places], 4).tolist()
         return rounded
 
-    after_s, between_s, sooner = found.settled.after_s, found.between_s, found.warm_up
+    after_s, between_s = found.settled.after_s, found.between_s
     reason = None if good else f"the estimate that it begins from is {quality.label}"
     return none(found.now_s, quality, instance, reason, within_um) | {
         "program": {
@@ -122,7 +121,6 @@ def document(
         "settled_error_sigma_um": along(found.settled.error_sigma_um) if has_error else None,
         "settled_at_s": None if after_s is None else found.now_s + after_s,
         "settled_between_s": None if between_s is None else [round(found.now_s + s, 1) for s in between_s],
-        "warm_up": None if sooner is None else {**sooner._asdict(), "text": _warm_up(sooner)},
     }  # fmt: skip
 
 
@@ -136,16 +134,8 @@ def none(
         "at_s": [], "position_m": [], "temperature_degC": [], "sigma_K": [], "error_um": None,
         "error_sigma_um": None, "settled_degC": None, "settled_sigma_K": None, "settled_error_um": None,
         "settled_error_sigma_um": None, "settled_at_s": None, "settled_between_s": None,
-        "settles_within_um": within_um, "warm_up": None,
+        "settles_within_um": within_um,
     }  # fmt: skip
-
-
-def _warm_up(sooner: WarmUp) -> str:
-    lasts, saves = sooner.lasts_s / 60.0, sooner.saves_s / 60.0
-    return (
-        f"running the hardest part of the program at once, without a rest, for {lasts:.0f} min, until the "
-        f"screw holds its mean heat, may settle it {saves:.0f} min sooner"
-    )
 
 
 def sentences(found: Forecast, plant: Plant, within_um: float) -> list[str]:
@@ -167,8 +157,6 @@ def sentences(found: Forecast, plant: Plant, within_um: float) -> list[str]:
     lines = [text + "."]
     if plant.layout.has_error:
         lines += [*_where(found.settled, plant), _settles(found, within_um)]
-    if found.warm_up is not None:
-        lines.append(f"A warm-up may help: {_warm_up(found.warm_up)}.")
     return lines
 
 

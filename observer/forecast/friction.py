@@ -28,7 +28,7 @@ from observer.forecast.document import Forecast, plausible, travel_of
 from observer.forecast.known import KnownRunIn, known_run_in, run_from_starts
 from observer.forecast.program import Program
 from observer.forecast.settling import MOST_S as LONGEST_S
-from observer.forecast.settling import Settled, draws, likely, settling, warm_up, with_spread
+from observer.forecast.settling import Settled, draws, settling, with_spread
 from observer.frames import EstimateBlock, FloatArray, Inputs, Quality
 from observer.model.build import build_plant
 from observer.model.learning import WANDER_S, Nuisance
@@ -216,19 +216,16 @@ def forecast_by_all(
     where = [settling(begin, program, travel, within_um) for _, begin in begins]
     counts = counts_of(weight) if is_calibrated(config) else np.full(len(weight), DRAWS)
     runners = [draws(begin, program, n) for (_, begin), n in zip(begins, counts.tolist(), strict=True)]
-    drawn = [[settling(one, program, travel, within_um) for one in own] for own in runners]
-    each, all_drawn = np.repeat(weight / counts, counts), [one for own in drawn for one in own]
+    drawn = [settling(one, program, travel, within_um) for of_rival in runners for one in of_rival]
+    each = np.repeat(weight / counts, counts)
     field, error = (weight @ np.array([getattr(s, n) for s in where]) for n in ("field_degC", "error_um"))
     settled, between_s = replace(where[0], field_degC=field, error_um=error), None
-    settled = with_spread(settled, all_drawn, each)
+    settled = with_spread(settled, drawn, each)
     if settled.after_s is not None:
-        low_s, after_s, high_s = quantiles_s(all_drawn, each, (0.025, 0.5, 0.975))
+        low_s, after_s, high_s = quantiles_s(drawn, each, (0.025, 0.5, 0.975))
         settled, between_s = replace(settled, after_s=after_s), (low_s, high_s)
-    sooner = warm_up(begins[0][1], program, where[0], travel, within_um)
-    if sooner is not None:
-        sooner = likely(sooner, program, runners[0], drawn[0], travel, within_um)
     blocks = [ahead(begin, program, 3600.0 * hours) for _, begin in begins]
-    return plausible(Forecast(now_s, program, mixture(blocks, weight), settled, between_s, sooner))
+    return plausible(Forecast(now_s, program, mixture(blocks, weight), settled, between_s))
 
 
 def counts_of(weight: FloatArray) -> NDArray[np.int64]:

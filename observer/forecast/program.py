@@ -87,12 +87,6 @@ class Program:
         """One bin with the means of all."""
         return averaged(self.bins)
 
-    @property
-    def hardest(self) -> Bins:
-        """One bin with the means of those that heat most."""
-        total_W = self.bins.total_W
-        return averaged(self.bins.at(total_W >= 0.95 * total_W.max()))
-
 
 def binned(inputs: Inputs, estimates: EstimateBlock | None, moving: Sequence[int]) -> Bins:
     """Return whole bins of K steps, the last of which may be short; `moving` (M,) are the moving sources.

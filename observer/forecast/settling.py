@@ -1,12 +1,10 @@
-"""Where the screw settles under a program, when it is there, and what a warm-up program would save."""
+"""Where the screw settles under a program, and when it is there."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import repeat
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +16,7 @@ STEP_S = 30.0
 MOST_S = 24.0 * HOUR_S
 _PART = 20
 _STILL_K = 1e-3  # per part of ten minutes
-_WORTH_S = 60.0
 _DRAWS, _SEED, _Z95 = 12, 0, 1.96
-_MORE = 1.02  # a program whose hardest part heats no more than this above its mean has no warm-up
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,15 +34,8 @@ class Settled:
     error_sigma_um: FloatArray | None = None
 
 
-class WarmUp(NamedTuple):
-    """For how long the hardest part of the program runs at once, and how much sooner it settles then."""
-
-    lasts_s: float
-    saves_s: float
-
-
-def _steps(one: Bins, count: int = _PART) -> Bins:
-    return one.at(np.zeros(count, np.int64))._replace(dt_s=np.full(count, STEP_S))
+def _part(one: Bins) -> Bins:
+    return one.at(np.zeros(_PART, np.int64))._replace(dt_s=np.full(_PART, STEP_S))
 
 
 def _without_sigma(begin: Runner) -> Runner:
@@ -57,7 +46,7 @@ def _without_sigma(begin: Runner) -> Runner:
 def settling(begin: Runner, program: Program, travel: BoolArray, within_um: float) -> Settled:
     """Follow the mean program until nothing changes; `travel` (g,) are the places of the grid that count."""
     parts = list[EstimateBlock]()
-    for part in _without_sigma(begin).follow(repeat(_steps(program.mean))):
+    for part in _without_sigma(begin).follow(repeat(_part(program.mean))):
         parts.append(part)
         still = np.abs(part.field_degC[-1] - part.field_degC[0]).max() < _STILL_K
         if still or part.time_s[-1] >= MOST_S:
@@ -131,72 +120,13 @@ def settles_between_s(settled: Settled, drawn: Sequence[Settled]) -> tuple[float
     return max(settled.after_s - reach_s, 0.0), min(settled.after_s + reach_s, MOST_S)
 
 
-def likely(
-    sooner: WarmUp,
-    program: Program,
-    begins: Sequence[Runner],
-    drawn: Sequence[Settled],
-    travel: BoolArray,
-    within_um: float,
-) -> WarmUp | None:
-    """A warm-up with what it saves in the median of the draws, None where that is nothing: a screw warmed for
-    as long as a forecast says overshoots where the forecast is off.
-    """
-    saves_s = [
-        (d.after_s or 0.0) - (_after_warm_up(b, program, sooner.lasts_s, d, travel, within_um) or MOST_S)
-        for b, d in zip(begins, drawn, strict=True)
-    ]
-    found = sooner._replace(saves_s=float(np.median(saves_s)))
-    return found if found.saves_s >= _WORTH_S else None
-
-
-def _after_warm_up(
-    begin: Runner,
-    program: Program,
-    lasts_s: float,
-    settled: Settled,
-    travel: BoolArray,
-    within_um: float,
-) -> float | None:
-    """When it has settled after a warm-up, at the earliest at its end."""
-    warm, _ = _without_sigma(begin).run(_steps(program.hardest, max(1, round(lasts_s / STEP_S))))
-    most_s = lasts_s + 2.0 * (settled.after_s or MOST_S / 2.0)
-    count = math.ceil((most_s - warm.after_s) / (_PART * STEP_S))
-    parts = list(warm.follow(repeat(_steps(program.mean), count)))
-    found = _there(parts, settled.error_um, travel, within_um)
-    return None if found is None else max(found, lasts_s)
-
-
-def warm_up(
-    begin: Runner, program: Program, settled: Settled, travel: BoolArray, within_um: float
-) -> WarmUp | None:
-    """How much sooner it settles where the hardest part of the program runs at once until the mean heat
-    content is that of the settled screw; None where that saves nothing.
-    """
-    hardest, mean = program.hardest, program.mean
-    if not settled.after_s or hardest.total_W[0] <= _MORE * mean.total_W[0]:
-        return None
-    count, there_K = math.ceil(settled.after_s / (2.0 * STEP_S)), float(settled.field_degC.mean())
-    parts = _without_sigma(begin).follow(repeat(_steps(hardest, 2), count))
-    time_s = next((float(p.time_s[-1]) for p in parts if p.field_degC[-1].mean() >= there_K), None)
-    if time_s is None:
-        return None
-    found = _after_warm_up(begin, program, time_s, settled, travel, within_um)
-    if found is None or settled.after_s - found < _WORTH_S:
-        return None
-    return WarmUp(time_s, settled.after_s - found)
-
-
 def when(
     begin: Runner, program: Program, travel: BoolArray, within_um: float
-) -> tuple[Settled, tuple[float, float] | None, WarmUp | None]:
-    """Where it settles and when, the 95 % interval of that, and the warm-up that is likely to help."""
+) -> tuple[Settled, tuple[float, float] | None]:
+    """Return where it settles and when, and the 95 % interval of that time."""
     settled = settling(begin, program, travel, within_um)
     begins = draws(begin, program) if settled.after_s is not None else []
     drawn = [settling(b, program, travel, within_um) for b in begins]
     if drawn:
         settled = with_spread(settled, drawn, np.full(len(drawn), 1.0 / len(drawn)))
-    sooner = warm_up(begin, program, settled, travel, within_um)
-    if sooner is not None:
-        sooner = likely(sooner, program, begins, drawn, travel, within_um)
-    return settled, settles_between_s(settled, drawn), sooner
+    return settled, settles_between_s(settled, drawn)

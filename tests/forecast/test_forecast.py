@@ -14,7 +14,7 @@ from observer.estimators.protocol import EstimatorState
 from observer.forecast.ahead import AIR_K_sqrt_h, ahead, drift_scale, runner
 from observer.forecast.document import document, forecast
 from observer.forecast.program import BIN_S, Bins, averaged, learnt, noise_W2_s, period_bins
-from observer.forecast.settling import settling, warm_up, when
+from observer.forecast.settling import settling, when
 from observer.frames import EstimateQuality, FloatArray
 from observer.model.build import build_plant
 from observer.model.plant import Plant
@@ -108,20 +108,6 @@ def test_an_even_program_settles_where_the_loss_takes_its_heat() -> None:
     assert settled.after_s is not None
     last_um = 11.8 * rise_K  # of a free screw of a metre, at its far end
     assert settled.after_s == pytest.approx(TAU_S * math.log(last_um / 2.0), abs=60.0)
-    assert warm_up(begin, program, settled, EVERYWHERE, 2.0) is None
-
-
-def test_a_warm_up_saves_what_running_without_rests_does() -> None:
-    work = np.tile(np.repeat([60.0, 0.0], [20, 20]), 10)
-    plant, program = rod(), learnt(bins_of(work))
-    assert (program.kind, program.period_s) == ("cycle", 400.0)
-    begin = runner(plant, CONFIG.estimator, at_degC(plant, 20.0), program)
-    settled = settling(begin, program, EVERYWHERE, 2.0)
-    sooner = warm_up(begin, program, settled, EVERYWHERE, 2.0)
-    # with twice the mean heat a rod of one temperature has the mean's rise after τ ln 2
-    assert settled.after_s is not None
-    assert sooner is not None
-    assert settled.after_s - sooner.saves_s == pytest.approx(TAU_S * math.log(2.0), abs=90.0)
 
 
 def test_a_cycle_goes_on_where_it_stands() -> None:
@@ -161,9 +147,9 @@ def test_heats_that_drifted_are_forecast_with_more_drift() -> None:
 def test_the_time_of_settling_has_a_band_as_wide_as_what_is_not_known() -> None:
     plant, program = rod(), learnt(bins_of(np.full(60, 40.0)))
     begin = runner(plant, CONFIG.estimator, at_degC(plant, 20.0), program)
-    settled, between_s, _ = when(begin, program, EVERYWHERE, 2.0)
+    settled, between_s = when(begin, program, EVERYWHERE, 2.0)
     surer = replace(begin, state=replace(begin.state, P=1e-4 * begin.state.P))
-    _, narrow_s, _ = when(surer, program, EVERYWHERE, 2.0)
+    _, narrow_s = when(surer, program, EVERYWHERE, 2.0)
     assert settled.after_s is not None
     assert between_s is not None
     assert narrow_s is not None

@@ -28,7 +28,7 @@ pytestmark = pytest.mark.system
 SCHEMA = {
     "time_s", "instance", "quality", "reason", "program", "at_s", "position_m", "temperature_degC", "sigma_K",
     "error_um", "error_sigma_um", "settled_degC", "settled_sigma_K", "settled_error_um",
-    "settled_error_sigma_um", "settled_at_s", "settled_between_s", "settles_within_um", "warm_up",
+    "settled_error_sigma_um", "settled_at_s", "settled_between_s", "settles_within_um",
 }  # fmt: skip
 
 

@@ -62,7 +62,7 @@ DOCUMENTS: dict[str, Any] = {
                  "temperature_degC": [[25.0] * 3] * 3, "sigma_K": [[0.1] * 3] * 3,
                  "error_um": [[0, 20, 41], [0, 25, 50], [0, 26, 52]], "error_sigma_um": [[0, 1, 2]] * 3,
                  "settled_at_s": NOW_S + 1800,
-                 "settled_between_s": [NOW_S + 900, NOW_S + 2700], "settles_within_um": 2.0, "warm_up": None},
+                 "settled_between_s": [NOW_S + 900, NOW_S + 2700], "settles_within_um": 2.0},
 }  # fmt: skip
 
 

@@ -130,7 +130,7 @@ function drawForecast() {
   const between = known(early) ? `, between ${clock(early)} and ${clock(late)}` : "";
   const settled = known(ahead.settled_at_s) ? `Settled within ${number(ahead.settles_within_um)} µm at ${clock(ahead.settled_at_s)}${between}. ` : "";
   const place = `${ahead.error_um ? "Error" : "Temperature"} at ${number(mm(ahead.position_m[at]), 0)} mm, where most is to come. `;
-  say("forecast-words", `${settled}${place}${sentence(ahead.program?.text)}${sentence(ahead.warm_up?.text)}`.trim());
+  say("forecast-words", `${settled}${place}${sentence(ahead.program?.text)}`.trim());
 }
 
 const heatTable = () => liveTable(() => names.split(",").flatMap((n) => [`heat_${n}_W`, `heat_${n}_sigma_W`, `heat_${n}_bound_W`, `law_${n}_W`]),
