@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-DEVELOPMENT, JUDGED = range(1, 7), range(101, 125)
+DEVELOPMENT, JUDGED = (*range(1, 7), *range(101, 125)), range(301, 325)
 """Machines to develop with, and those that count: 24, half of them horizontal."""
-LONG = (101, 102, 103, 104)
+LONG = (301, 302, 303, 304)
 """Of the judged machines those that also work a whole day."""
 HOURS, DAY_HOURS = 2.0, 8.0
 MONTH_H = 720.0

@@ -79,6 +79,15 @@ def drive(p, u, k, B, i, x, work, c):
         for a in range(n_x):
             c[a] = B[source, a] * work.law[source]
         return
+    source = p.learn.divided[i]
+    if source >= 0:
+        heat_W = work.law[source]
+        for j in range(len(p.source)):
+            if p.source[j] == source:
+                heat_W += x[n_x + j]
+        for a in range(n_x):
+            c[a] = heat_W * (p.learn.into[i, a] - B[source, a])
+        return
     tied = 0.0
     for a in range(n_x):
         tied += p.learn.seen[i, a] * x[a]

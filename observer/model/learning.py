@@ -43,6 +43,7 @@ class Nuisance(IntEnum):
     LINK = 9
     CAPACITY = 10
     GAIN = 11
+    DIVISION = 12
 
     @property
     def key(self) -> str:
@@ -61,7 +62,8 @@ class Change(NamedTuple):
     To dx/dt: A is `rate_1_s` (n_x,) on the diagonal, and `into` (n_x,) times the row `seen` (n_x,) beside it,
     for a link to a nut that moves with the nut over its stroke; filters take the nut where it is, by the
     number of this link among those of the plant's coupling, `tie`, none for -1;
-    B q is `heats` (n_x,) times what all heats do, and what the law of source `law` does, none for -1; E is
+    B q is `heats` (n_x,) times what all heats do, and what the law of source `law` does, none for -1; where
+    the heat of source `divided` enters `into` instead of where it does, none for -1, q (`into` − B); E is
     `known` (p, n_x), and f `steady` (n_x,). To the reading of sensor `of`: the row C, `row` (n_x,), the row
     F, `row_known` (p,), and d, `shift_K`; a lag makes of a reading what it was `lag_s` before.
     """
@@ -71,6 +73,7 @@ class Change(NamedTuple):
     seen: FloatArray
     heats: FloatArray
     law: int
+    divided: int
     tie: int
     known: FloatArray
     steady: FloatArray
@@ -115,6 +118,7 @@ class LearningArrays(NamedTuple):
     seen: FloatArray
     heats: FloatArray
     law: NDArray[np.int64]
+    divided: NDArray[np.int64]
     tie: NDArray[np.int64]
     known: FloatArray
     steady: FloatArray
@@ -143,6 +147,9 @@ class LearningArrays(NamedTuple):
         c += np.einsum("ipa,p->ia", self.known, z) + self.steady
         by_law = self.law >= 0
         c[by_law] += (B * law_W).T[self.law[by_law]]
+        for i in np.flatnonzero(self.divided >= 0):
+            source = self.divided[i]
+            c[i] += (self.into[i] - B[:, source]) * heat_W[source]
         return np.asarray(self.inverse @ c.T if turned else c.T)
 
     def feedback(self, theta: FloatArray) -> FloatArray:
@@ -222,7 +229,7 @@ def no_change(n_x: int, known: int) -> Change:
     """Return what a parameter does that does nothing."""
     none = np.zeros(n_x)
     nothing = np.zeros((known, n_x))
-    return Change(none, none, none, none, -1, -1, nothing, none, none, np.zeros(known), 0.0, 0.0)
+    return Change(none, none, none, none, -1, -1, -1, nothing, none, none, np.zeros(known), 0.0, 0.0)
 
 
 def learning_of(

@@ -1,5 +1,5 @@
-"""What of the bodies beside the screw is only roughly known: the conductance of each link, and the heat
-capacity of each node.
+"""What of the bodies beside the screw is only roughly known: the conductance of each link, the heat capacity
+of each node, and how a source divides its heat between nodes and screw.
 """
 
 from __future__ import annotations
@@ -36,7 +36,11 @@ def with_rough_network(
     """
     own = node_modes(attached(config, terms).network)
     beside = _Beside(plant, config, own)
-    rough = [*beside.links(config, described), *beside.capacities(config, constant)]
+    rough = [
+        *beside.links(config, described),
+        *beside.capacities(config, constant),
+        *beside.divisions(config),
+    ]
     plant = with_learning(plant, config, modes, rough)
     if plant.learning is None or beside.apart:
         return plant
@@ -81,6 +85,20 @@ class _Beside:
             sigma, C_J_K = config.tolerance.of_capacity(node.tolerance), node.capacity_J_K
             name = f"node.{node.name}.capacity_J_K"
             yield Parameter(Nuisance.CAPACITY, i, sigma, self._storing(i, C_J_K, A, E), name, C_J_K, C_J_K)
+
+    def divisions(self, config: Config) -> Iterator[Parameter]:
+        """Yield a parameter for each source that heats screw and nodes: the part of the screw's heat that
+        goes into the nodes instead.
+        """
+        none = no_change(len(self._plant.decay_1_s), len(self._plant.known_names))
+        for source in config.source:
+            if source.nodes and source.screw_share > 0.0:
+                shares = [source.nodes.get(name, 0.0) for name in self._names]
+                into = np.asarray(shares) @ self._into[: len(shares)] / sum(shares)
+                sigma = config.tolerance.division / source.screw_share
+                index = self._plant.source_names.index(source.name)
+                change = none._replace(into=into, divided=index)
+                yield Parameter(Nuisance.DIVISION, index, sigma, change, f"source.{source.name}.division")
 
     def _passing(self, link: Link) -> Change:
         """What a link does that conducts as much again: with the row d of the temperature difference and the

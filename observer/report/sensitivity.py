@@ -42,10 +42,11 @@ KEYS = {
     "lag_s": "set the sensors into the metal with paste, or measure their lag",
     "link": "free the links in [calibrate], on a log of one warm-up",
     "capacity": "weigh nut and housings, or take their masses from the drawing",
+    "division": "put a thermocouple on the screw near the nut's stroke",
     "gain": "compare what looks at the screw or slides on it with a contact thermometer, once it is warm",
 }
 """The keys of `[tolerance]`, and how to reduce each."""
-OF_NODES = ("link", "capacity")
+OF_NODES = ("link", "capacity", "division")
 """Those of the bodies beside the screw."""
 OF_PARTS = "gain"
 """That of sensors that show a part, known to a tolerance of their own."""

@@ -13,7 +13,7 @@ from observer.tables.quantities import Flag, NonNegative, Number, Positive, Rise
 
 Learnable = Literal[
     "convection", "conductivity", "heat_capacity", "ambient_K", "end_W_K", "law", "offset_K", "position_m",
-    "lag_s", "link", "capacity", "gain",
+    "lag_s", "link", "capacity", "gain", "division",
 ]  # fmt: skip
 """What an estimator may learn: the keys of `Tolerance`, and `law`, the scale of each heat's law."""
 
@@ -37,6 +37,9 @@ class Tolerance(Section):
     lag_s: Annotated[NonNegative, Field(le=1000)] = 4.0  #: of each sensor's lag
     link: Relative = 0.2  #: of each link's conductance, relative
     capacity: Relative = 0.1  #: of each node's heat capacity, relative
+    #: of what part of a source's heat goes into its `nodes`, of the whole heat; a bolted joint beside a node
+    #: moves heat as another division does
+    division: Relative = 0.1
     #: of the gain error on its rise above the air of each sensor without a `shows_tolerance`; in `calibrate`,
     #: `discover` and `identify`
     gain: Relative = 0.02

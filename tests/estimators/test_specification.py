@@ -103,7 +103,14 @@ def test_what_is_considered_keeps_value_and_variance(engine):
 @pytest.mark.parametrize("resting", [False, True])
 def test_filterpy_learns_the_same(resting):
     """The whole chain with the specification's matrices and filterpy's algebra, everything learnt."""
+    law = {"speed_channel": "screw_speed_rpm", "heat_W_rpm": 0.006}
+    stroke = {"shape": "nut", "length_m": 0.08, "stroke_m": [0.2, 0.8], "position_channel": "nut_position_m"}
     body = {
+        "source": [
+            {"name": "nut", "nodes": {"body": 0.5}} | stroke | law,
+            {"name": "left", "shape": "point", "position_m": 0.0} | law,
+            {"name": "right", "shape": "point", "position_m": 1.0} | law,
+        ],
         "node": [{"name": "body", "capacity_J_K": 500.0}],
         "link": [{"between": ["body", "ambient"], "conductance_W_K": 1.0}],
         "sensor": [
@@ -111,7 +118,7 @@ def test_filterpy_learns_the_same(resting):
             for i, x, part in ((1, 0.05, {}), (2, 0.5, {"shows": 0.6, "shows_tolerance": 0.2}), (3, 0.95, {}))
         ],
     }
-    _, plant, u = learning([*EVERY, "gain"], resting=resting, steps=40, **body)
+    _, plant, u = learning([*EVERY, "gain", "division"], resting=resting, steps=40, **body)
     assert set(Nuisance) == set(plant.learning.arrays.kind.tolist())
     runs = []
     for engine in ("compiled", "filterpy"):

@@ -59,6 +59,17 @@ def of_capacity() -> Change:
     )
 
 
+def of_division() -> Change:
+    """What the screw's part of the heater's heat does in the block instead: it warms it by its capacity."""
+    plant, _, _ = unturned(machine())
+    block = (np.arange(len(plant.decay_1_s)) == plant.lag_slice.stop).astype(float)
+    none = no_change(len(plant.decay_1_s), len(plant.known_names))
+    return none._replace(into=block / CAPACITY_J_K, divided=0)
+
+
+CHANGES = {"link": of_link, "capacity": of_capacity, "division": of_division}
+
+
 def with_parameter(plant: Plant, change: Change, sigma: float, value: float, unit: float) -> Plant:
     """The plant with one parameter, which is learnt."""
     entry = Parameter(Nuisance.END, 0, sigma, change, "extra", value, unit)
@@ -90,11 +101,11 @@ def test_its_column_is_the_finite_difference_of_the_plant(what: str) -> None:
     assert np.abs(wanted).max() > 1e-3 * np.abs(step).max()
 
 
-@pytest.mark.parametrize("what", ["link", "capacity"])
+@pytest.mark.parametrize("what", list(CHANGES))
 def test_the_compiled_filter_takes_the_same_column(what: str) -> None:
     """A step of 0.01 s without a reading: it leaves hold c σ² between states and parameter."""
     config, plant, sigma = machine(), build_plant(machine()), 0.3
-    plant = with_parameter(plant, of_link() if what == "link" else of_capacity(), sigma, 0.0, 1.0)
+    plant = with_parameter(plant, CHANGES[what](), sigma, 0.0, 1.0)
     drive, dt_s, n_x = Drive(config, plant), 0.01, len(plant.decay_1_s)
     u = drive.run(drive.initial(), made_log(config, 3))[1].part(900, 902)  # the heater is on
     u = u._replace(dt_s=np.array([0.0, dt_s]), usable=u.usable & np.array([[True], [False]]))

@@ -72,6 +72,31 @@ def test_a_changed_link_or_node_is_what_its_parameter_says(text: str) -> None:
         differs(config, "node", i, {"capacity_J_K": node.capacity_J_K}, own[f"node.{node.name}.capacity_J_K"])
 
 
+@pytest.mark.parametrize("text", [STANDING, STANDING + LINKED], ids=["apart", "linked"])
+def test_heat_divided_otherwise_is_what_its_parameter_says(text: str) -> None:
+    config = config_of(text, '[estimator]\nlearn = ["division"]\n')
+    plant = build_plant(config, learns=True)
+    assert plant.learning is not None
+    _, change = marched(plant, plant.parameters.sigma)
+    said_K = dict(zip(plant.learning.names, change[:, plant.learning.states].T, strict=True))
+    dividing = [(i, source) for i, source in enumerate(config.source) if source.nodes]
+    assert set(said_K) == {f"source.{source.name}.division" for _, source in dividing}
+    for i, source in dividing:
+        ((node, share),) = source.nodes.items()
+        found = []
+        for moved in (0.01, -0.01):
+            sources = list(config.source)
+            sources[i] = source.model_copy(update={"nodes": {node: share + moved * source.screw_share}})
+            changed = build_plant(config.model_copy(update={"source": tuple(sources)}))
+            found.append(marched(changed, np.zeros(0))[0])
+        difference_K = (found[0] - found[1]) / 0.02
+        assert np.abs(difference_K).max() > 0.1
+        # linear in the division: the marches differ by rounding alone
+        np.testing.assert_allclose(
+            said_K[f"source.{source.name}.division"], difference_K, rtol=1e-6, atol=1e-6
+        )
+
+
 def differs(config: Config, table: str, i: int, value: dict[str, float], said_K: FloatArray) -> None:
     """Check what a hundredth more and less of one value does to the sensors."""
     found = []
