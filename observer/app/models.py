@@ -83,7 +83,7 @@ def discover(
 ) -> tuple[Discovery, dict[str, Any]]:
     """Find the effect that the model lacks; write `result.json`, `report.html` and, if named, `config.toml`.
 
-    Where an effect that is not named explains most of an unknown, `candidate.toml` is written instead.
+    Of an unknown, `candidate.toml` is written instead, with the effect that explains most of it.
 
     With `recent_s` the logs are what the service has recorded in so many last seconds; `alone`, in this
     process only, for the other cores have work of their own. Returns what was

@@ -329,8 +329,7 @@ def discover(
     warn(result["doubts"])
     for sentence in as_sentences(found, result):
         show_sentence(sentence)
-    offered = result["partial"] is not None and result["partial"]["candidate"] is not None
-    more = "config.toml, " if result["effects"] else "candidate.toml, " if offered else ""
+    more = "config.toml, " if result["effects"] else "candidate.toml, " if result["partial"] else ""
     echo(f"written to {output}: {more}result.json, report.html")
     step = result["next"]
     show_sentence(f"next: {step['text']}{':' if step['command'] else '.'}")
@@ -352,7 +351,7 @@ def adopt(
     ] = False,
     undo: Annotated[bool, typer.Option("--undo", help="Undo the last adoption instead.")] = False,
     candidate: Annotated[
-        bool, typer.Option("--candidate", help="Adopt candidate.toml, which explains most of an unknown.")
+        bool, typer.Option("--candidate", help="Adopt candidate.toml, which explains part of an unknown.")
     ] = False,
 ) -> None:
     """Put a found configuration in force, monitor the gap, and revert it if the gap has not shrunk."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from observer.config import Config
 from observer.discovery.experiment import SEPARATES, Experiment, propose
 from observer.discovery.search import FittedCandidate, Search
-from observer.discovery.verdict import Partial, Verdict
+from observer.discovery.verdict import Partial, Verdict, proposable
 from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.fit.hypothesis import Fit
 from observer.fit.problem import Problem
@@ -38,7 +38,7 @@ def decisive_test(
         without = [fit.config for name, fit in less if name in verdict.unproved]
         return propose(problem, [found.fit.config, *without], pool)
     if verdict.kind == "unknown" and partial is not None:
-        answers = [found.null.config, partial.trial.fit.config, *_next_best(found.ranking, partial)]
+        answers = [found.null.config, partial.trial.fit.config, *_next_best(proposable(found), partial)]
         return propose(problem, answers, pool)
     return None
 
@@ -54,9 +54,9 @@ def _that_shows(problem: Problem, found: Search, pool: WorkerPool) -> Experiment
     return None
 
 
-def _next_best(ranking: Sequence[FittedCandidate], partial: Partial) -> list[Config]:
+def _next_best(trials: Sequence[FittedCandidate], partial: Partial) -> list[Config]:
     """The effect that explains most of an unknown after the one that does, and after those of its family."""
     tied = () if partial.tie is None else partial.tie.members
     same = {partial.trial.candidate.name, *(member.name for member in tied)}
-    others = [t for t in ranking if t.drop > 0.0 and t.significant and t.candidate.name not in same]
+    others = [t for t in trials if t.candidate.name not in same]
     return [max(others, key=lambda t: t.drop).fit.config] if others else []

@@ -21,8 +21,8 @@ from observer.fit.hypothesis import FORM_SHARE, NORMAL_95, Fit
 from observer.fit.parameters import info_of, rounded
 
 CANDIDATE, MOST = "candidate.toml", 0.5
-"""The file of an effect that was not named though it explains at least this part of an unknown: of the misfit
-where it was fitted, and of the squared error on the proof.
+"""The file of the effect that explains most of an unknown, and the least part for a strong candidate: of the
+misfit where it was fitted, and of the squared error on the proof.
 """
 
 TEST_CYCLE = "test-cycle.csv"
@@ -190,7 +190,8 @@ def _partial(found: Discovery) -> dict[str, Any] | None:
         "log": partial.log + 1,
         "proof": {"before_rms_K": rounded(partial.proof_K[0]), "after_rms_K": rounded(partial.proof_K[1])},
         "worth": _worth(partial.worth),
-        "candidate": CANDIDATE if _explains_most(partial) else None,
+        "candidate": CANDIDATE,
+        "explains_most": _explains_most(partial),
     }
 
 

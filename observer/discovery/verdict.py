@@ -159,9 +159,18 @@ class Partial:
     worth: Worth | None
 
 
+def proposable(search: Search) -> list[FittedCandidate]:
+    """Return the trials of the first round that explain something significantly and that the machine can
+    have.
+    """
+    config = search.null.problem.config
+    trials = (t for t in search.ranking if t.drop > 0.0 and t.significant)
+    return [t for t in trials if t.candidate.of.can_exist(config)]
+
+
 def partial_of(search: Search) -> Partial | None:
     """Return the effect that explains most of the null hypothesis's misfit; None where none explains any."""
-    trials = [t for t in search.ranking if t.drop > 0.0 and t.significant]
+    trials = proposable(search)
     if not trials:
         return None
     best = max(trials, key=lambda t: t.drop)

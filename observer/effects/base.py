@@ -162,6 +162,13 @@ class EffectTable(Section):
         return {"end": ends, "nut": nuts, "place": ends + nuts}[cls.targets]
 
     @classmethod
+    def can_exist(cls, machine: Description) -> bool:
+        """Return whether the machine, as configured, has room for the effect; an unknown never proposes one
+        without.
+        """
+        return True
+
+    @classmethod
     def shapes(cls, machine: Description) -> Sequence[Shape]:
         """The forms from which a search starts, at a typical strength."""
         values = product(*(p.starts or (p.scale,) for p in cls.parameters.values()))

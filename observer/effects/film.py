@@ -203,6 +203,12 @@ class Coolant(EffectTable):
         return self
 
     @classmethod
+    def can_exist(cls, machine: Description) -> bool:
+        """Return whether any part of the screw is hollow, or a coolant is configured already."""
+        configured = any(isinstance(effect, Coolant) for effect in getattr(machine, "effect", ()))
+        return configured or any(piece.bore_m > 0.0 for piece in machine.screw.pieces)
+
+    @classmethod
     def given(cls, machine: Description) -> Mapping[str, str | bool]:
         """Where the configuration has a coolant whose inlet is measured, another has the same."""
         own = (e for e in getattr(machine, "effect", ()) if isinstance(e, Coolant) and e.inlet_channel)

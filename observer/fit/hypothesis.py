@@ -124,9 +124,11 @@ MOST_STEP = 0.5
 FAR = 0.2
 """Largest change of a free parameter, in its scale, before the derivatives are updated."""
 NORMAL_95 = 1.96
-OWN_SIGMA, MOST_SIGMA = 3.0, 10.0
+OWN_SIGMA, MOST_SIGMA = 3.0, 4.0
 """The limits of what tolerances explain, in their standard deviations: of one that an effect replaces (the
-offset of a sensor beside its bias), and of any other, which may be given three times too small.
+offset of a sensor beside its bias), and of any other. A search has some forty tolerances: one of them is
+beyond 4 σ on one machine in 400, which is less than the one wrong name in 100 that is allowed. At 3 σ it is
+one in ten.
 """
 FORM_SHARE = 0.015
 """Form error of an effect as a part of its parameters, positions and temperatures excepted: one σ."""

@@ -90,7 +90,7 @@ def configurations(given: str, found: Discovery, result: dict[str, Any]) -> dict
     partial = result["partial"]
     if found.verdict.kind == "named":
         name, fit, comment = "config.toml", found.verdict.fit, ""
-    elif found.partial is not None and partial is not None and partial["candidate"] is not None:
+    elif found.partial is not None and partial is not None:
         name, fit = CANDIDATE, found.partial.trial.fit
         comment = candidate_comment(partial)
     else:

@@ -32,7 +32,7 @@ def next_step(result: dict[str, Any], logs: str, config: str, output: str) -> di
         if decides:
             text += f"; to decide, run {test['program']}, record it as a log, NEW, and search again with it"
             command = with_more
-        if partial["candidate"] is not None:
+        if partial["explains_most"]:
             text += (
                 f"; {partial['candidate']} explains most, and can be put in force if you can say what it is"
             )
@@ -64,8 +64,11 @@ def candidate_comment(partial: dict[str, Any]) -> str:
     leaves = f"the gap on data held back goes from {before_K} to {after_K} rms"
     if worth is not None:
         leaves += f", as thermal error from {um(worth['before_rms_um'])} to {um(worth['after_rms_um'])}"
+    head = "A candidate, not a result"
+    if not partial["explains_most"]:
+        head = "A weak candidate, under half explained where fitted or on data held back"
     text = (
-        f"A candidate, not a result: {name_of(partial)} explains {100 * partial['share']:.0f} % of what this "
+        f"{head}: {name_of(partial)} explains {100 * partial['share']:.0f} % of what this "
         f"model lacks, and something else remains; {leaves}. "
         "`observer adopt` takes it only with --candidate."
     )

@@ -13,11 +13,11 @@ from observer.discovery.verdict import Verdict
 
 
 def fit(name: str) -> Any:
-    return SimpleNamespace(config=name)
+    return SimpleNamespace(config=name, problem=SimpleNamespace(config=None))
 
 
 def trial(name: str, drop: float, *, significant: bool = True) -> Any:
-    candidate = SimpleNamespace(name=name)
+    candidate = SimpleNamespace(name=name, of=SimpleNamespace(can_exist=lambda _machine: True))
     return SimpleNamespace(candidate=candidate, drop=drop, significant=significant, fit=fit(f"with {name}"))
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+import pytest
+
 from observer.discovery.candidates import library
 from observer.discovery.search import FittedCandidate, Search
-from observer.discovery.verdict import partial_of
+from observer.discovery.verdict import partial_of, proposable
 from observer.fit.hypothesis import Fit, fit_effects, fit_null
 from tests.discovery.small import problem_of
 from tests.logs.machines import machine
@@ -49,3 +51,17 @@ def test_a_strength_that_may_be_nothing_is_not_reported() -> None:
     weak = replace(trial("sensor_bias at c"), drop=2.0 * right.drop)
     assert not weak.significant
     assert reported(weak, right) == "sensor_bias at a"
+
+
+@pytest.mark.parametrize(("bore_m", "proposed"), [(0.0, "sensor_bias at a"), (0.004, "coolant")])
+def test_coolant_is_proposed_for_a_hollow_screw_only(bore_m: float, proposed: str) -> None:
+    bias, coolant = trial("sensor_bias at a"), trial("coolant")
+    config = null().problem.config
+    hollow = config.model_copy(update={"screw": config.screw.model_copy(update={"bore_m": bore_m})})
+    problem = replace(null().problem, config=hollow)
+    ranking = [
+        replace(t, fit=replace(t.fit, problem=problem), drop=drop)
+        for t, drop in ((coolant, 9e9), (bias, 1.0))
+    ]
+    search = Search(replace(null(), problem=problem), null(), (), (), tuple(ranking), ())
+    assert next(t.candidate.name for t in proposable(search)) == proposed

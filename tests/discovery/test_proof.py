@@ -1,4 +1,4 @@
-"""Whole searches that find two things, the second proved or not: on rods that another code simulates."""
+"""Whole searches that prove what they name, or cannot: on rods and screws that another code simulates."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from observer.app import discover
+from tests.truth import drawn_screw
 from tests.truth.heated_rod import draw, write
 
 pytestmark = pytest.mark.slow
@@ -47,3 +48,15 @@ def test_a_block_is_named_and_the_thermocouple_that_is_off_beside_it(tmp_path: P
     assert (bias["kind"], bias["target"]) == ("sensor_bias", "t2")
     # against the mean of the others, which their own offsets of 0.3 K move by some tenths
     assert bias["parameters"]["offset_K"]["value"] == pytest.approx(rod.offset_K[1], abs=0.3)
+
+
+@pytest.mark.parametrize("seed", [21, 23])
+def test_tolerances_far_beyond_their_sigma_are_no_rival_of_a_loss(seed: int, tmp_path: Path) -> None:
+    """Ten standard deviations of several tolerances would leave less of the gap than the loss does."""
+    screw = drawn_screw.draw(seed, "end_conduction")
+    logs = drawn_screw.write(screw, tmp_path, runs=2)
+    result = discover(tmp_path / "config.toml", logs, tmp_path / "found", lambda *_: None, report=False)[1]
+    (effect,) = result["effects"]
+    assert (effect["kind"], effect["target"]) == ("end_conduction", "left")
+    low, high = effect["parameters"]["conductance_W_K"]["ci95"]
+    assert low < screw.strength < high

@@ -224,8 +224,23 @@ def test_what_explains_most_of_an_unknown_is_offered_as_acandidate(found: Discov
     step = next_step(result, "one.csv", "machine.toml", "out")
     assert step["text"].startswith(f"Look at {partial['most_on']} in one.csv")
     assert step["command"] == "observer adopt out --config machine.toml --candidate"
-    weak = replace(unknown.partial, proof_K=(1.0, 0.8))
-    assert discovery_result(replace(unknown, partial=weak))["partial"]["candidate"] is None
+    assert partial["explains_most"]
+
+
+def test_a_candidate_that_explains_less_than_half_is_marked_and_not_recommended(found: Discovery) -> None:
+    verdict = replace(found.verdict, kind="unknown", remains="on data held back")
+    partial = partial_of(found.search)
+    assert partial is not None
+    weak = replace(found, verdict=verdict, partial=replace(partial, proof_K=(1.0, 0.8)))
+    result = discovery_result(weak) | {"logs": ["one.csv"]}
+    assert result["partial"]["candidate"] == "candidate.toml"
+    assert not result["partial"]["explains_most"]
+    (text,) = configurations("[surface]\nconvection_W_m2K = 1.0\n", weak, result).values()
+    comment = text.replace("\n# ", " ")
+    assert comment.startswith("# A weak candidate, under half explained where fitted or on data held back: ")
+    assert "from 1.00 K to 0.80 K" in comment
+    step = next_step(result, "one.csv", "machine.toml", "out")
+    assert "--candidate" not in (step["command"] or "")
 
 
 @pytest.mark.parametrize(
