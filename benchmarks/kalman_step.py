@@ -26,11 +26,13 @@ from observer.model.plant import Plant
 from observer.tables.estimator import Integrity
 from tests.logs.inputs import even_inputs
 from tests.logs.machines import config_of
+from tests.logs.plants import moving_columns
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 COUPLED = ("demo-housings", "yu-dual-drive")
 DT_S = 0.5
 PERIOD_S, MOST_OF_A_CORE = 0.1, 0.03
+NUT_STEP = 0.013  # part of its way that a nut goes in a step
 OURS_STEPS, FILTERPY_STEPS, STATSMODELS_STEPS = 20_000, 500, 2_000
 GOAL = {8: 35.0, 40: 12.0}
 GOAL_LEARNING = {8: 14.0, 40: 9.0}
@@ -72,13 +74,17 @@ def results() -> list[Result]:
 
 
 def coupled(name: str) -> Result:
-    """The step of a machine with bodies beside its screw, and a dense one of as many states in numpy."""
+    """The step of a machine with bodies beside its screw, whose nuts move in every step, and a dense one of
+    as many states in numpy.
+    """
     config = load(CONFIG / f"{name}.toml").config
     plant = build_plant(config, learns=True)
     steps = OURS_STEPS // 40
+    to_and_fro = np.abs(np.arange(steps) * NUT_STEP % 2.0 - 1.0)
+    moving_B, moving_C = moving_columns(plant, config.screw.length_m * (0.2 + 0.6 * to_and_fro))
     estimator = KalmanEstimator(plant, config.estimator)
     n = len(plant.decay_1_s) + int(plant.estimated.sum()) + plant.learnt
-    inputs = even_inputs(plant, steps)
+    inputs = even_inputs(plant, steps)._replace(moving_B=moving_B, moving_C=moving_C)
     taken = medians_s(
         {"ours": ours_loop(estimator, inputs), "numpy": numpy_loop(n, plant.rows.sensors, steps)}
     )

@@ -12,7 +12,7 @@ from observer.frames import PARTS, BoolArray, EstimateBlock, FloatArray, Quality
 from observer.kernels import layout
 from observer.kernels.codes import GUARD, VERDICT
 from observer.kernels.layout import packed, pad_rows
-from observer.model.coupling import Coupling
+from observer.model.coupling import CoupledColumns, Coupling, half_step_columns, link_scratch
 from observer.model.learning import LearningArrays
 from observer.model.plant import Plant
 from observer.model.rod.supports import fold, tension
@@ -21,7 +21,7 @@ IntArray = NDArray[np.int64]
 # Rows of a covariance are padded with zeros to whole vector registers: a step is twice as fast for it. Rows
 # of 512 bytes would all share few places of the processor's cache: then it is half a register less, or more.
 _REGISTER, _CROWDED = 16, 64
-_TOGETHER = 4  # columns and sensors that the kernels take at a time
+_TOGETHER = 4  # sensors that the kernels take at a time
 
 
 class PlantArrays(NamedTuple):
@@ -31,7 +31,8 @@ class PlantArrays(NamedTuple):
     are reported, `rows` (n_x, W), `rows_F` (p, W); `R_K2` (s,), `uniform` (n_x,), `lags` (m, n_x) each
     source's lag at 1 W, `prior_P` (n_x, n_x), `initial_W2`, `jump_uncertainty` (m_e,); `source` (m_e,) the
     source of each estimated heat; `moving` (M,) the source of each moving column and `moving_heat` (M,) its
-    estimated heat, -1 if it is not estimated; `thermal` (s,) which sensors are thermocouples.
+    estimated heat, -1 if it is not estimated; `thermal` (s,) which sensors are thermocouples; `VT` and
+    `inverse_T` (n_x, n_x) the transposed matrices of `learn`.
     """
 
     modes: int
@@ -53,6 +54,8 @@ class PlantArrays(NamedTuple):
     thermal: BoolArray
     coupling: Coupling
     learn: LearningArrays
+    VT: FloatArray
+    inverse_T: FloatArray
 
 
 class Running(NamedTuple):
@@ -75,12 +78,12 @@ class Running(NamedTuple):
 class Work(NamedTuple):
     """Scratch of the kernels: `B`, `C`, `rows` with the moving columns in place, `law` (m,) the heats by law
     at the temperatures of the moment, `driven` (n_x,), `before` (2, n_x) the states that the halves of a
-    coupling began from, `none` (n_x, 0), `link` (3, w) of what couples states, `sweep` as in `advance`,
-    `plain` and `plain_B` a state and the columns where parameters are described, and the arrays of one step.
-    `C` has the columns of all states where something is learnt, and of the plant's where not. `CT` (n_x, S)
-    are the sensors' rows as padded columns, for the plant's states; `S` (s, S) the covariances of the
-    innovations but for R, each row from its own sensor on; `read` (S,). `G` and `H` have as many rows as four
-    divides.
+    coupling began from, `link` (4, w) of what couples states, `half_step` and `half_step_T` half a step of
+    that as a matrix, made of `made_of` (see `advance.form_half`), `plain` and `plain_B` a state and the
+    columns where parameters are described, and the arrays of one step. `C` has the columns of all states
+    where something is learnt, and of the plant's where not. `CT` (n_x, S) are the sensors' rows as padded
+    columns, for the plant's states; `S` (s, S) the covariances of the innovations but for R, each row from
+    its own sensor on; `read` (S,).
     """
 
     B: FloatArray
@@ -90,13 +93,13 @@ class Work(NamedTuple):
     shared: FloatArray
     law: FloatArray
     driven: FloatArray
-    couple: FloatArray
     shift: FloatArray
     was: FloatArray
     before: FloatArray
-    none: FloatArray
     link: FloatArray
-    sweep: FloatArray
+    half_step: CoupledColumns
+    half_step_T: FloatArray
+    made_of: FloatArray
     G: FloatArray
     H: FloatArray
     M: FloatArray
@@ -178,6 +181,8 @@ def pack_plant(plant: Plant) -> PlantArrays:
         contiguous(plant.thermal, np.bool_),
         plant.coupling,
         packed(plant.parameters),
+        contiguous(plant.parameters.V.T),
+        contiguous(plant.parameters.inverse.T),
     )
 
 
@@ -234,16 +239,16 @@ def scratch(arrays: PlantArrays) -> Work:
     """Allocate the kernels' scratch."""
     (m, n_x), m_e, s = arrays.B.shape, len(arrays.source), len(arrays.R_K2)
     n, learn = n_x + m_e + len(arrays.learn.kind), arrays.learn
-    width, columns = padded_width(n), layout.padded_width(max(m_e + learn.machine, 1), _TOGETHER)
+    width, columns = padded_width(n), max(m_e + learn.machine, 1)
     sensors, shown = layout.padded_width(s, _TOGETHER), arrays.rows.shape[1]
+    half_step, half_step_T = half_step_columns(arrays.coupling)
     shapes: dict[str, tuple[int, ...]] = {
-        "value": (shown,), "shared": (shown,), "law": (m,), "driven": (n_x,), "couple": (n_x, n_x),
-        "shift": (n_x,), "was": (n, width), "before": (2, n_x), "none": (n_x, 0), "link": (3, width),
-        "sweep": (0, 0, 0, 0), "G": (columns, width), "H": (columns, width), "M": (m_e, width), "L": (s, s),
-        "W": (s, width), "e": (s,), "K": (width,), "row": (width,), "half": (width,), "g": (s, width),
-        "nu": (s,), "S_nu": (s,), "suspect": (s,), "A": (n, width), "before_around": (n_x + m_e,),
-        "plain": (n_x + m_e,), "plain_B": (m, n_x), "kept": (len(learn.held), len(learn.held) + 1),
-        "S": (s, sensors), "read": (sensors,),
+        "value": (shown,), "shared": (shown,), "law": (m,), "driven": (n_x,), "shift": (n_x,),
+        "was": (n, width), "before": (2, n_x), "G": (columns, width), "H": (columns, width),
+        "M": (m_e, width), "L": (s, s), "W": (s, width), "e": (s,), "K": (width,), "row": (width,),
+        "half": (width,), "g": (s, width), "nu": (s,), "S_nu": (s,), "suspect": (s,), "A": (n, width),
+        "before_around": (n_x + m_e,), "plain": (n_x + m_e,), "plain_B": (m, n_x),
+        "kept": (len(learn.held), len(learn.held) + 1), "S": (s, sensors), "read": (sensors,),
     }  # fmt: skip
     return Work(
         B=arrays.B.copy(),
@@ -253,6 +258,10 @@ def scratch(arrays: PlantArrays) -> Work:
         usable=np.zeros(s, dtype=np.bool_),
         accepted=np.zeros(s, dtype=np.bool_),
         CT=pad_rows(arrays.C.T, sensors),
+        link=link_scratch(arrays.coupling),
+        half_step=half_step,
+        half_step_T=half_step_T,
+        made_of=np.full(3 + len(arrays.moving) * n_x, np.nan),
         **{name: layout.aligned_zeros(shape) for name, shape in shapes.items()},
     )
 

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.frames import FloatArray, Inputs
-from observer.kernels.coupling import coupled, faded
+from observer.kernels.coupling import couple, faded, uniform_loss
+from observer.model.coupling import CoupledColumns, link_scratch
 from observer.model.discretise import fixed_noise, quantise, step_matrices
 from observer.model.plant import Plant
 
@@ -101,7 +102,7 @@ def transition(plant: Plant, u: Inputs, k: int, x: FloatArray, columns: Columns)
     n_x, m_e, n, t = len(plant.decay_1_s), int(plant.estimated.sum()), len(x), G.shape[1]
     first, dt_s = n_x + m_e, float(quantise(u.dt_s[k]))
     step, own = step_matrices(plant, dt_s), B[:, plant.estimated]
-    before, shift = _half(plant, u, k, u.z_start[k], B, x, n)
+    before, shift = half_step(plant, u, k, u.z_start[k], B, x, n)
     x = before @ x + shift
     law_W = laws(plant, u, k, B, x[:n_x])
     F, forced, Q = np.eye(n), np.zeros(n), np.zeros((n, n))
@@ -122,7 +123,7 @@ def transition(plant: Plant, u: Inputs, k: int, x: FloatArray, columns: Columns)
     jump = np.zeros(n)
     jump[n_x:first] = plant.jump_uncertainty * u.law_jump_W[k, plant.estimated]
     Q += F @ np.diag(jump**2) @ F.T
-    after, shift_after = _half(plant, u, k, u.z_end[k], B, F @ x + forced, n)
+    after, shift_after = half_step(plant, u, k, u.z_end[k], B, F @ x + forced, n)
     return Transition(
         after @ F @ before, after @ (F @ shift + forced) + shift_after, after @ Q @ after.T, law_W
     )
@@ -137,25 +138,17 @@ def laws(plant: Plant, u: Inputs, k: int, B: FloatArray, x: FloatArray) -> Float
     return law_W
 
 
-def _half(
+def half_step(
     plant: Plant, u: Inputs, k: int, z: FloatArray, B: FloatArray, x: FloatArray, n: int
 ) -> tuple[FloatArray, FloatArray]:
-    """What couples the states in half a step, T (n, n) and shift (n,)."""
+    """Return what couples the states in half a step at the state x, T (n, n) and shift (n,)."""
     T, shift, n_x = np.eye(n), np.zeros(n), len(plant.decay_1_s)
     if plant.coupling.active:
-        M, b = np.empty((n_x, n_x)), np.empty(n_x)
-        rows = np.ascontiguousarray(B.T)
-        coupled(
-            plant.coupling,
-            u.loss_1_s[k],
-            u.loss_degC[k],
-            z,
-            rows,
-            0.5 * u.dt_s[k],
-            x,
-            M,
-            b,
-            np.empty((3, n_x)),
-        )
-        T[:n_x, :n_x], shift[:n_x] = M, b
+        c, nothing = plant.coupling, np.zeros((len(z) + 1, n_x))
+        half = CoupledColumns(np.eye(n_x), nothing, np.zeros((n_x, n_x)))
+        constant = CoupledColumns(np.zeros((n_x, 1)), np.append(z, 1.0)[:, None], np.zeros((n_x, 1)))
+        rate_1_s, drawn = uniform_loss(c, u.loss_1_s[k], u.loss_degC[k], z[c.ambient], x)
+        for columns in (half, constant):
+            couple(c, rate_1_s, drawn, np.ascontiguousarray(B.T), 0.5 * u.dt_s[k], columns, link_scratch(c))
+        T[:n_x, :n_x], shift[:n_x] = half.X, constant.X[:, 0]
     return T, shift

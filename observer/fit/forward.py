@@ -297,8 +297,8 @@ class Setting(NamedTuple):
 def _without_sweeps(plant: Plant) -> Plant:
     """The plant without its own spreads of moving nuts, since the sweeps are known."""
     c = plant.coupling
-    s, none = c.spreads, np.zeros(0, dtype=np.int64)
-    s = s._replace(source=none, rate_1_s=s.rate_1_s[:0], row=s.row[:0], into=s.into[:0])
+    s = c.spreads
+    s = s._replace(first=np.zeros_like(s.first), rate_1_s=s.rate_1_s[:0], row=s.row[:0], into=s.into[:0])
     return replace(plant, coupling=c._replace(spreads=s))
 
 

@@ -14,29 +14,10 @@ not known.
 
 from __future__ import annotations
 
-from observer.kernels.coupling import couple, faded, swept
+from observer.kernels.coupling import couple, faded, swept, uniform_loss
+from observer.kernels.covariance import add_row, add_scaled, take_along
 from observer.kernels.exact_step import hold, ramp
 from observer.kernels.libc import cython, exp
-
-
-def add_scaled(target, rows, weights, count):
-    """target += Σ_a weights_a · rows_a over the first `count` rows, in sums of four, two at a time."""
-    pairs, whole = count // 8 * 8, count // 4 * 4
-    for a in range(0, pairs, 8):
-        w0, w1, w2, w3 = weights[a], weights[a + 1], weights[a + 2], weights[a + 3]
-        w4, w5, w6, w7 = weights[a + 4], weights[a + 5], weights[a + 6], weights[a + 7]
-        for b in range(len(target)):
-            four = (w0 * rows[a, b] + w1 * rows[a + 1, b]) + (w2 * rows[a + 2, b] + w3 * rows[a + 3, b])
-            more = (w4 * rows[a + 4, b] + w5 * rows[a + 5, b]) + (w6 * rows[a + 6, b] + w7 * rows[a + 7, b])
-            target[b] = (target[b] + four) + more
-    for a in range(pairs, whole, 4):
-        w0, w1, w2, w3 = weights[a], weights[a + 1], weights[a + 2], weights[a + 3]
-        for b in range(len(target)):
-            target[b] += (w0 * rows[a, b] + w1 * rows[a + 1, b]) + (w2 * rows[a + 2, b] + w3 * rows[a + 3, b])
-    for a in range(whole, count):
-        w0 = weights[a]
-        for b in range(len(target)):
-            target[b] += w0 * rows[a, b]
 
 
 def move_columns(p, u, k, B, C):
@@ -99,34 +80,92 @@ def ramp_up(p, t, d, u, k, x):
 
 def couple_half(p, u, k, z, B, x, half, work):
     """Half a step of what couples the states; `half` is 0 before the diagonal step and 1 after it."""
-    n_x, half_s = work.before.shape[1], 0.5 * u.dt_s[k]
+    X, n_x, half_s = work.state.X, work.before.shape[1], 0.5 * u.dt_s[k]
     known = len(p.moving) if work.sweep.shape[0] * work.sweep.shape[2] > 0 else 0
-    for a in range(n_x):
-        work.before[half, a] = x[a]
     if half == 1:
         for i in range(known - 1, -1, -1):
             swept(p.coupling, p.moving[i], work.sweep[k, i], half_s, x, -1)
-    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, half_s, x, work.none, x, work.link)
+    rate_1_s, drawn = uniform_loss(p.coupling, u.loss_1_s[k], u.loss_degC[k], z[p.coupling.ambient], x)
+    for a in range(n_x):
+        X[a, 0] = x[a]
+    for q in range(len(z)):
+        work.state.known[q, 0] = z[q]
+    couple(p.coupling, rate_1_s, drawn, B, half_s, work.state, work.link)
+    for a in range(n_x):
+        x[a] = X[a, 0]
     if half == 0:
         for i in range(known):
             swept(p.coupling, p.moving[i], work.sweep[k, i], half_s, x, 1)
 
 
-def couple_covariance(p, u, k, z, B, half, P, work):
-    """What a half of the coupling does to a covariance: P ← T P Tᵀ, T of the state it was taken at.
-
-    T is many steps of rank one: it is applied to the rows, and to the columns as those of the transpose.
+def form_half(p, u, k, z, B, x, work):
+    """Put what couples the states in half of step k into the columns `work.half_step`: x⁺ = M x + N z + r, as
+    [M N r], and transposed into `half_step_T`. They stay as they are where all that they were made of,
+    `made_of`, is the same.
     """
-    n, n_x = P.shape[0], work.before.shape[1]
-    rows, was = P[:n_x], work.before[half]
-    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], was, rows, work.shift, work.link)
-    for a in range(n):
-        for b in range(a):
-            P[a, b], P[b, a] = P[b, a], P[a, b]
-    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], was, rows, work.shift, work.link)
-    for a in range(n):
-        for b in range(a):
-            P[b, a] = P[a, b]
+    X, made_of, n_x = work.half_step.X, work.made_of, B.shape[1]
+    rate_1_s, drawn = uniform_loss(p.coupling, u.loss_1_s[k], u.loss_degC[k], z[p.coupling.ambient], x)
+    same = made_of[0] == u.dt_s[k] and made_of[1] == rate_1_s and made_of[2] == drawn
+    made_of[0], made_of[1], made_of[2] = u.dt_s[k], rate_1_s, drawn
+    for i in range(len(p.moving)):
+        for a in range(n_x):
+            same = same and made_of[3 + i * n_x + a] == B[p.moving[i], a]
+            made_of[3 + i * n_x + a] = B[p.moving[i], a]
+    if same:
+        return
+    for a in range(n_x):
+        for b in range(X.shape[1]):
+            X[a, b] = 1.0 if a == b else 0.0
+    couple(p.coupling, rate_1_s, drawn, B, 0.5 * u.dt_s[k], work.half_step, work.link)
+    for a in range(n_x):
+        for b in range(X.shape[1]):
+            work.half_step_T[b, a] = X[a, b]
+
+
+def step_half(p, u, k, z, B, x, half, work):
+    """The same as `couple_half` by the matrices of `form_half`; `work.before` is what x was."""
+    MT, n_x = work.half_step_T, B.shape[1]
+    moved, first = work.half_step.sums[0, : MT.shape[1]], MT.shape[1]
+    form_half(p, u, k, z, B, x, work)
+    for a in range(n_x):
+        work.before[half, a] = x[a]
+    for a in range(len(moved)):
+        moved[a] = MT[first + len(z), a]
+    add_scaled(moved, MT, work.before[half], n_x)
+    for q in range(len(z)):
+        add_row(moved, z[q], MT[first + q])
+    for a in range(n_x):
+        x[a] = moved[a]
+
+
+def couple_covariance(p, u, k, z, half, P, work):
+    """What a half of the coupling, taken where `step_half` was, does to a covariance (see `take_along`)."""
+    form_half(p, u, k, z, work.B, work.before[half], work)
+    take_along(work.half_step.X, work.half_step_T, work.B.shape[1], P, work.was)
+
+
+def couple_columns(p, u, k, z, x, X, work):
+    """What half a coupling, taken at the state x, does to every column of X."""
+    form_half(p, u, k, z, work.B, x, work)
+    multiply_columns(work.half_step.X, work.B.shape[1], X, work.was)
+
+
+def multiply_columns(M, n_x, X, scratch):
+    """X ← M X for its first n_x rows, as many columns at a time as `scratch` has."""
+    first = 0
+    while first < X.shape[1]:
+        count = min(scratch.shape[1], X.shape[1] - first)
+        for a in range(n_x):
+            for q in range(count):
+                scratch[a, q] = 0.0
+            for b in range(n_x):
+                weight = M[a, b]
+                for q in range(count):
+                    scratch[a, q] += weight * X[b, first + q]
+        for a in range(n_x):
+            for q in range(count):
+                X[a, first + q] = scratch[a, q]
+        first += count
 
 
 def advance_columns(p, t, d, B, X):
@@ -142,18 +181,6 @@ def advance_columns(p, t, d, B, X):
         keep = t.heat_decay[d, j]
         for q in range(count):
             X[n_x + j, q] *= keep
-
-
-def couple_columns(p, u, k, z, x, X, work):
-    """What half a coupling, taken at the state x, does to every column of X."""
-    half_s, n_x = 0.5 * u.dt_s[k], work.B.shape[1]
-    couple(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, work.B, half_s, x, X[:n_x], work.shift, work.link)
-
-
-def add_row(target, weight, row):
-    """target += weight · row."""
-    for q in range(len(target)):
-        target[q] += weight * row[q]
 
 
 def march_steps(p, t, decay, u, B, C, work, x, states, first):

@@ -6,9 +6,15 @@ arithmetic only. Column 0 stands for the log itself on the way back, the others 
 
 from __future__ import annotations
 
-from observer.kernels.advance import add_row, advance_columns, couple_columns, move_columns
+from observer.kernels.advance import (
+    advance_columns,
+    couple_columns,
+    form_half,
+    move_columns,
+    multiply_columns,
+)
 from observer.kernels.consider import begin_considered, consider_readings, propagate_considered
-from observer.kernels.coupling import coupled
+from observer.kernels.covariance import add_row
 from observer.kernels.judging import step_is_finite
 from observer.kernels.kalman import SKIPPED, STEPPED
 from observer.kernels.learning import advance_learning, below
@@ -145,13 +151,5 @@ def step_changes_back(p, t, d, B, R):
 
 def couple_changes_back(p, u, k, z, x, R, work):
     """R ← Tᵀ R for the states, column by column, T what half a coupling does at the state x."""
-    M, was = work.couple, work.half
-    n_x, half_s = M.shape[0], 0.5 * u.dt_s[k]
-    coupled(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, work.B, half_s, x, M, work.shift, work.link)
-    for q in range(R.shape[1]):
-        for i in range(n_x):
-            was[i] = R[i, q]
-            R[i, q] = 0.0
-        for i in range(n_x):
-            for a in range(n_x):
-                R[a, q] += M[i, a] * was[i]
+    form_half(p, u, k, z, work.B, x, work)
+    multiply_columns(work.half_step_T, work.B.shape[1], R, work.was)

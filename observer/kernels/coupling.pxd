@@ -1,23 +1,20 @@
-cdef void coupled(Coupling c, double loss_1_s, double loss_degC, double[::1] z, double[:, ::1] B, double half_s, double[::1] x, double[:, ::1] M, double[::1] b, double[:, ::1] link) noexcept nogil
-@cython.locals(rate_1_s=double, drawn=double)
-cdef void couple(Coupling c, double loss_1_s, double loss_degC, double[::1] z, double[:, ::1] B, double half_s, double[::1] x, double[:, ::1] M, double[::1] b, double[:, ::1] link) noexcept nogil
+cdef void couple(Coupling c, double rate_1_s, double drawn, double[:, ::1] B, double half_s, CoupledColumns columns, double[:, ::1] link) noexcept nogil
 @cython.locals(mean_degC=double, square=double, rate=double, drawn=double)
-cdef inline (double, double) _uniform_loss(Coupling c, double loss_1_s, double loss_degC, double[::1] z, double[::1] x) noexcept nogil
+cdef inline (double, double) uniform_loss(Coupling c, double loss_1_s, double loss_degC, double ambient_degC, double[::1] x) noexcept nogil
 @cython.locals(total=double, row=double)
 cdef double _product(Coupling c, double[::1] x, double[::1] y) noexcept nogil
-cdef inline void _lose(Coupling c, double rate_1_s, double drawn, double time_s, double[:, ::1] M, double[::1] b, double[:, ::1] link) noexcept nogil
-@cython.locals(lost=double, excess=double)
-cdef inline void _lose_unevenly(Coupling c, Py_ssize_t e, double rate_1_s, double drawn, double time_s, double[:, ::1] M, double[::1] b, double[:, ::1] link) noexcept nogil
-@cython.locals(held=double)
-cdef inline void _give_back(Coupling c, Py_ssize_t i, double more, double[:, ::1] M, double[::1] b, double[:, ::1] link) noexcept nogil
-@cython.locals(heat_J_K=double, compliance=double, apart_K=double)
-cdef inline void _link(Coupling c, Py_ssize_t i, double[::1] z, double[:, ::1] B, double time_s, double[:, ::1] M, double[::1] b, double[:, ::1] link) noexcept nogil
-@cython.locals(row=double)
+@cython.locals(keep=double, lost=double)
+cdef inline void _lose(Coupling c, double rate_1_s, double drawn, double time_s, CoupledColumns columns, double[::1] gain) noexcept nogil
+cdef void _warm(Coupling c, double by_K, CoupledColumns columns) noexcept nogil
+@cython.locals(compliance=double)
+cdef void _link(Coupling c, Py_ssize_t i, double[:, ::1] B, double time_s, CoupledColumns columns, double[:, ::1] link) noexcept nogil
 cdef void see_under(Coupling c, Py_ssize_t source, double[:, ::1] B, double[:, ::1] link) noexcept nogil
-@cython.locals(now=double, nut=double, lost=double, size=double, warm=double)
-cdef inline void _spread(Coupling c, Py_ssize_t i, double[:, ::1] B, double time_s, double[:, ::1] M, double[::1] b, double[:, ::1] link) noexcept nogil
-@cython.locals(weight=double, first=Py_ssize_t, count=Py_ssize_t)
-cdef void _pass_on(double[::1] read, double[::1] into, double share, Py_ssize_t n_x, double[:, ::1] M, double[::1] sums) noexcept nogil
+@cython.locals(share=double, now=double, nut=double, size=double)
+cdef inline void _fade_shapes(Coupling c, double[:, ::1] B, double time_s, double[::1] gain) noexcept nogil
+cdef void _spread(Coupling c, Py_ssize_t j, CoupledColumns columns, double[::1] gain) noexcept nogil
+cdef void _read_columns(double[:, ::1] rows, Py_ssize_t first, Py_ssize_t count, CoupledColumns columns) noexcept nogil
+@cython.locals(sums=double[:, ::1], w0=double, w1=double, w2=double, w3=double)
+cdef void _add_factors(double[:, ::1] into, Py_ssize_t first, Py_ssize_t count, double[::1] gain, CoupledColumns columns) noexcept nogil
 @cython.locals(part=double, rate_1_s=double, size=double)
 cdef inline void swept(Coupling c, Py_ssize_t source, double[:, ::1] shapes, double time_s, double[::1] x, Py_ssize_t order) noexcept nogil
 @cython.locals(seen_degC=double)

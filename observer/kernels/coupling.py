@@ -3,49 +3,37 @@
 It is taken in half a step before and half a step after the exact diagonal step (Strang 1968), and within
 each half in an order that reads the same backwards: the error is of second order in the step. Each is solved
 exactly by itself, so none can become unstable.
+
+It acts on columns X (n_x, w): a state is one column, the matrix of a half step has one for each state, for
+each known input and for what is constant. `known` (p + 1, w) has the known inputs and a one, as those columns
+have them. Factors that do not act on each other are taken together; `sums` (f, w) is scratch for f of them.
 """
 
 from __future__ import annotations
 
-from observer.kernels.covariance import squared
+from observer.kernels.covariance import add_row, add_scaled, squared
 from observer.kernels.libc import exp, expm1
 
 
-def coupled(c, loss_1_s, loss_degC, z, B, half_s, x, M, b, link):
-    """Fill M (n_x, n_x) and b (n_x,) so that x⁺ = M x + b is what the couplings do in `half_s`.
+def couple(c, rate_1_s, drawn, B, half_s, columns, link):
+    """Do to the columns what the couplings do to a state in `half_s`.
 
-    `loss_1_s` is the uniform loss of the moment, towards `loss_degC`; z (p,) the known inputs;
-    B (m, n_x) the input columns in force, as rows; x the state, of which the first n_x count; `link` (3, w)
-    is scratch, at least as wide as x.
+    `rate_1_s` and `drawn` are those of `uniform_loss`; B (m, n_x) the input columns in force, as rows; `link`
+    (4, w) is scratch. The losses act for the whole time, links and shapes half before and half after them.
     """
-    n_x = M.shape[0]
-    for a in range(n_x):
-        b[a] = 0.0
-        for i in range(n_x):
-            M[a, i] = 0.0
-        M[a, a] = 1.0
-    couple(c, loss_1_s, loss_degC, z, B, half_s, x, M, b, link)
-
-
-def couple(c, loss_1_s, loss_degC, z, B, half_s, x, M, b, link):
-    """Do to the columns of M (n_x, r) and to b (n_x,) what the couplings do to a state in `half_s`: M takes
-    their linear part alone. The rest is as for `coupled`; a state itself is x and b in one, with r = 0.
-
-    The losses act for the whole time, links half before and half after them.
-    """
-    rate_1_s, drawn = _uniform_loss(c, loss_1_s, loss_degC, z, x)
-    for i in range(len(c.spreads.rate_1_s) - 1, -1, -1):
-        _spread(c, i, B, 0.5 * half_s, M, b, link)
+    _fade_shapes(c, B, 0.5 * half_s, link[3])
+    for j in range(len(c.place_gain) - 1, -1, -1):
+        _spread(c, j, columns, link[3])
     for i in range(len(c.links.source) - 1, -1, -1):
-        _link(c, i, z, B, 0.5 * half_s, M, b, link)
-    _lose(c, rate_1_s, drawn, half_s, M, b, link)
+        _link(c, i, B, 0.5 * half_s, columns, link)
+    _lose(c, rate_1_s, drawn, half_s, columns, link[2])
     for i in range(len(c.links.source)):
-        _link(c, i, z, B, 0.5 * half_s, M, b, link)
-    for i in range(len(c.spreads.rate_1_s)):
-        _spread(c, i, B, 0.5 * half_s, M, b, link)
+        _link(c, i, B, 0.5 * half_s, columns, link)
+    for j in range(len(c.place_gain)):
+        _spread(c, j, columns, link[3])
 
 
-def _uniform_loss(c, loss_1_s, loss_degC, z, x):
+def uniform_loss(c, loss_1_s, loss_degC, ambient_degC, x):
     """The rate of the losses that are the same along the screw, 1/s, and rate × what they draw to; radiation
     in its tangent at the mean temperature, and with the variance along the screw in its mean.
     """
@@ -55,7 +43,7 @@ def _uniform_loss(c, loss_1_s, loss_degC, z, x):
         for a in range(len(c.mean)):
             mean_degC += c.mean[a] * x[a]
         square = c.square * _product(c, x, x)
-        mean_K, around_K = mean_degC + c.zero_degC_K, z[c.ambient] + c.zero_degC_K
+        mean_K, around_K = mean_degC + c.zero_degC_K, ambient_degC + c.zero_degC_K
         mean_K2, around_K2 = mean_K * mean_K, around_K * around_K
         mean_K3 = mean_K * mean_K2
         lost = (
@@ -81,131 +69,123 @@ def _product(c, x, y):
     return total
 
 
-def _lose(c, rate_1_s, drawn, time_s, M, b, link):
-    """Losses that are the same along the screw; what is beside it keeps its temperature."""
+def _lose(c, rate_1_s, drawn, time_s, columns, gain):
+    """Losses that are the same along the screw; what is beside it keeps its temperature. Each shape of a
+    screw with sections loses at a rate of its own.
+    """
     if rate_1_s == 0.0:
         return
     if len(c.uneven.rate) > 0:
         for e in range(len(c.uneven.rate)):
-            _lose_unevenly(c, e, rate_1_s, drawn, time_s, M, b, link)
+            gain[e] = expm1(-c.uneven.rate[e] * rate_1_s * time_s)
+        _warm(c, -drawn / rate_1_s, columns)
+        _read_columns(c.uneven.row, 0, len(c.uneven.rate), columns)
+        _add_factors(c.uneven.into, 0, len(c.uneven.rate), gain, columns)
+        _warm(c, drawn / rate_1_s, columns)
         return
-    keep, lost = exp(-rate_1_s * time_s), -expm1(-rate_1_s * time_s)
-    towards_degC = lost * drawn / rate_1_s
-    if len(c.beside) == 0:
-        for a in range(c.modes):
-            b[a] = keep * b[a] + towards_degC * c.uniform[a]
-            for q in range(M.shape[1]):
-                M[a, q] *= keep
-        return
-    for i in range(len(c.beside)):
-        _give_back(c, i, lost / keep, M, b, link)
+    keep, lost, states = exp(-rate_1_s * time_s), -expm1(-rate_1_s * time_s), c.modes
+    if len(c.beside) > 0:  # they get back what they will lose with the screw
+        states = len(c.uniform)
+        for i in range(len(c.beside)):
+            gain[i] = lost / keep
+        _read_columns(c.beside, 0, len(c.beside), columns)
+        _add_factors(c.beside_into, 0, len(c.beside), gain, columns)
+    for a in range(states):
+        for q in range(columns.X.shape[1]):
+            columns.X[a, q] *= keep
+    _warm(c, lost * drawn / rate_1_s, columns)
+
+
+def _warm(c, by_K, columns):
+    """Warm the whole screw, and nothing else."""
     for a in range(len(c.uniform)):
-        b[a] = keep * b[a] + towards_degC * c.uniform[a]
-        for q in range(M.shape[1]):
-            M[a, q] *= keep
+        add_row(columns.X[a], by_K * c.uniform[a], columns.known[columns.known.shape[0] - 1])
 
 
-def _lose_unevenly(c, e, rate_1_s, drawn, time_s, M, b, link):
-    """What a shape of a screw with sections loses at a rate of its own: the others do not see it."""
-    n_x = M.shape[0]
-    lost = -expm1(-c.uneven.rate[e] * rate_1_s * time_s)
-    excess = 0.0
-    for a in range(n_x):
-        excess += c.uneven.row[e, a] * (b[a] - drawn / rate_1_s * c.uniform[a])
-    for a in range(n_x):
-        b[a] -= lost * excess * c.uneven.into[e, a]
-    _pass_on(c.uneven.row[e], c.uneven.into[e], -lost, n_x, M, link[2])
-
-
-def _give_back(c, i, more, M, b, link):
-    """Make up for what a state beside the screw will lose with it."""
-    n_x, held = M.shape[0], 0.0
-    for a in range(n_x):
-        held += c.beside[i, a] * b[a]
-    for a in range(n_x):
-        b[a] += more * held * c.beside_into[i, a]
-    _pass_on(c.beside[i], c.beside_into[i], more, n_x, M, link[2])
-
-
-def _link(c, i, z, B, time_s, M, b, link):
+def _link(c, i, B, time_s, columns, link):
     """A node gives Q = G (T_node − T) to the screw.
 
     With d the row of the difference and v the column of 1 J passed, dx/dt = G v d x: both temperatures meet
     at the rate κ = −G d·v.
     """
-    source, n_x, compliance = c.links.source[i], M.shape[0], 0.0
+    source, compliance = c.links.source[i], 0.0
     see_under(c, source, B, link)
-    for a in range(n_x):
+    for a in range(columns.X.shape[0]):
         link[0, a] = c.links.C[i, a] - link[0, a]
         link[1, a] = c.place_gain[source] * B[source, a] - c.links.B[i, a]
         compliance -= link[0, a] * link[1, a]
-    heat_J_K = -expm1(-c.links.conductance_W_K[i] * compliance * time_s) / compliance
-    apart_K = 0.0
-    for q in range(len(z)):
-        apart_K -= c.under_F[source, q] * z[q]
-    for a in range(n_x):
-        apart_K += link[0, a] * b[a]
-    for a in range(n_x):
-        b[a] += link[1, a] * heat_J_K * apart_K
-    _pass_on(link[0], link[1], heat_J_K, n_x, M, link[2])
+    link[2, 0] = -expm1(-c.links.conductance_W_K[i] * compliance * time_s) / compliance
+    _read_columns(link, 0, 1, columns)
+    for q in range(c.under_F.shape[1]):
+        add_row(columns.sums[0], -c.under_F[source, q], columns.known[q])
+    _add_factors(link, 1, 1, link[2], columns)
 
 
 def see_under(c, source, B, link):
     """Put the row that reads the temperature under a source into the first of `link`."""
-    scale = c.conductance_W_m * c.place_gain[source]
-    for a in range(c.under_C.shape[1]):
-        link[0, a] = c.under_C[source, a]
+    scale, n_x = c.conductance_W_m * c.place_gain[source], c.under_C.shape[1]
+    for a in range(n_x):
+        link[0, a] = 0.0
     if c.metric.shape[0] == 0:
         for a in range(c.modes):
-            link[0, a] += scale * B[source, a]
-        return
-    for a in range(c.metric.shape[0]):
-        row = 0.0
-        for i in range(c.metric.shape[0]):
-            row += c.metric[a, i] * B[source, i]
-        link[0, a] += scale * row
+            link[0, a] = B[source, a]
+    else:
+        add_scaled(link[0, :n_x], c.metric, B[source], n_x)
+    for a in range(n_x):
+        link[0, a] = c.under_C[source, a] + scale * link[0, a]
 
 
-def _spread(c, i, B, time_s, M, b, link):
-    """What a sweeping nut passes on top of its mean: one shape fades.
+def _fade_shapes(c, B, time_s, gain):
+    """Put into `gain` what each shape that fades under a nut that sweeps loses: nothing where the nut stands.
 
     The rate goes with the variance of the places swept: with the square of the stretch, which is about the
     reciprocal of the column's squared size.
     """
-    source = c.spreads.source[i]
-    size = squared(c.place_gain[source]) * _product(c, B[source], B[source])
-    nut = squared(c.spreads.swept[source] / c.spreads.at_rest[source])
-    now = squared(c.spreads.swept[source] / size)
-    lost = -expm1(-c.spreads.rate_1_s[i] * min(max((now - nut) / (1.0 - nut), 0.0), 1.0) * time_s)
-    if lost == 0.0:  # the nut stands
-        return
-    warm = 0.0
-    for a in range(c.spreads.row.shape[1]):
-        warm += c.spreads.row[i, a] * b[a]
-    for a in range(c.spreads.row.shape[1]):
-        b[a] -= lost * warm * c.spreads.into[i, a]
-    _pass_on(c.spreads.row[i], c.spreads.into[i], -lost, c.spreads.row.shape[1], M, link[2])
+    for j in range(len(c.place_gain)):
+        share, first, end = 0.0, c.spreads.first[j], c.spreads.first[j + 1]
+        if first < end:
+            size = squared(c.place_gain[j]) * _product(c, B[j], B[j])
+            nut = squared(c.spreads.swept[j] / c.spreads.at_rest[j])
+            now = squared(c.spreads.swept[j] / size)
+            share = min(max((now - nut) / (1.0 - nut), 0.0), 1.0)
+        for i in range(first, end):
+            gain[i] = expm1(-c.spreads.rate_1_s[i] * share * time_s)
 
 
-def _pass_on(read, into, share, n_x, M, sums):
-    """M += share · into (readᵀ M) over the first n_x rows of M (n_x, r); `sums` (w,) is scratch.
+def _spread(c, j, columns, gain):
+    """What a sweeping nut passes on top of its mean: its shapes fade."""
+    first = c.spreads.first[j]
+    count = c.spreads.first[j + 1] - first
+    if count > 0 and gain[first] < 0.0:
+        _read_columns(c.spreads.row, first, count, columns)
+        _add_factors(c.spreads.into, first, count, gain[first:], columns)
 
-    Columns are taken w at a time.
-    """
-    first = 0
-    while first < M.shape[1]:
-        count = min(len(sums), M.shape[1] - first)
-        for q in range(count):
-            sums[q] = 0.0
-        for a in range(n_x):
-            weight = read[a]
-            for q in range(count):
-                sums[q] += weight * M[a, first + q]
-        for a in range(n_x):
-            weight = share * into[a]
-            for q in range(count):
-                M[a, first + q] += weight * sums[q]
-        first += count
+
+def _read_columns(rows, first, count, columns):
+    """Put what each of `count` rows reads of the columns into `sums`."""
+    states = min(rows.shape[1], columns.X.shape[0])
+    for i in range(count):
+        for q in range(columns.X.shape[1]):
+            columns.sums[i, q] = 0.0
+        add_scaled(columns.sums[i], columns.X, rows[first + i], states)
+
+
+def _add_factors(into, first, count, gain, columns):
+    """X += Σ_i gain_i into_i sums_i, in sums of four, with `sums` as `_read_columns` left them."""
+    fours, sums = count // 4 * 4, columns.sums
+    for i in range(count):
+        for q in range(sums.shape[1]):
+            sums[i, q] *= gain[i]
+    for a in range(min(into.shape[1], columns.X.shape[0])):
+        for i in range(0, fours, 4):
+            w0, w1 = into[first + i, a], into[first + i + 1, a]
+            w2, w3 = into[first + i + 2, a], into[first + i + 3, a]
+            for q in range(sums.shape[1]):
+                columns.X[a, q] += (w0 * sums[i, q] + w1 * sums[i + 1, q]) + (
+                    w2 * sums[i + 2, q] + w3 * sums[i + 3, q]
+                )
+        for i in range(fours, count):
+            add_row(columns.X[a], into[first + i, a], sums[i])
 
 
 def swept(c, source, shapes, time_s, x, order):

@@ -39,40 +39,46 @@ def force_columns(P, G, columns, n_x, decay, d, half, H):
 
 
 def fade_and_force(P, H, G, columns, n_x, decay, Q, d):
-    """P = (d dᵀ)∘P + Q + Σ_j (H_j G_jᵀ + G_j H_jᵀ), lower triangle; G is zero beyond its first n_x entries.
-
-    Columns are taken two at a time, and where G is zero four: G and H have rows of zeros up to a number that
-    four divides.
-    """
-    n, forced = P.shape[0], registers(n_x)
-    for a in range(n_x):
-        scale, end = decay[d, a], registers(a + 1)
-        h0, g0, h1, g1 = H[0, a], G[0, a], H[1, a], G[1, a]
-        for q in range(end):
-            own = scale * load(decay, d, q) * load(P, a, q) + load_of(Q, d, a, q)
-            two = (h0 * load(G, 0, q) + g0 * load(H, 0, q)) + (h1 * load(G, 1, q) + g1 * load(H, 1, q))
-            store(P, a, q, own + two)
-        for j in range(2, columns, 2):
-            h0, g0, h1, g1 = H[j, a], G[j, a], H[j + 1, a], G[j + 1, a]
-            for q in range(end):
-                two = h0 * load(G, j, q) + g0 * load(H, j, q)
-                two += h1 * load(G, j + 1, q) + g1 * load(H, j + 1, q)
-                store(P, a, q, load(P, a, q) + two)
-    for a in range(n_x, n):
+    """P = (d dᵀ)∘P + Q + Σ_j (H_j G_jᵀ + G_j H_jᵀ), lower triangle; G is zero beyond n_x entries."""
+    for a in range(P.shape[0]):
         scale = decay[d, a]
-        h0, h1, h2, h3 = H[0, a], H[1, a], H[2, a], H[3, a]
-        for q in range(forced):
-            own = scale * load(decay, d, q) * load(P, a, q) + load_of(Q, d, a, q)
-            two, more = h0 * load(G, 0, q) + h1 * load(G, 1, q), h2 * load(G, 2, q) + h3 * load(G, 3, q)
-            store(P, a, q, own + two + more)
-        for j in range(4, columns, 4):
-            h0, h1, h2, h3 = H[j, a], H[j + 1, a], H[j + 2, a], H[j + 3, a]
-            for q in range(forced):
-                two = h0 * load(G, j, q) + h1 * load(G, j + 1, q)
-                more = h2 * load(G, j + 2, q) + h3 * load(G, j + 3, q)
-                store(P, a, q, load(P, a, q) + two + more)
-        for q in range(forced, registers(a + 1)):
+        for q in range(registers(a + 1)):
             store(P, a, q, scale * load(decay, d, q) * load(P, a, q) + load_of(Q, d, a, q))
+    add_products(1.0, H, G, columns, P.shape[0], n_x, P)
+    add_products(1.0, G, H, columns, n_x, n_x, P)
+
+
+def add_products(sign, A, B, count, rows, columns, P):
+    """P += sign Σ_j A_j B_jᵀ over the first `count` rows of A and B, in the lower triangle of the first
+    `rows` and `columns` of P: four rows at a time, in whole pairs of registers.
+    """
+    fours = rows // 4 * 4
+    for a in range(0, fours, 4):
+        for q in range(0, registers(min(columns, a + 4)), 2):
+            left0, right0 = load(P, a, q), load(P, a, q + 1)
+            left1, right1 = load(P, a + 1, q), load(P, a + 1, q + 1)
+            left2, right2 = load(P, a + 2, q), load(P, a + 2, q + 1)
+            left3, right3 = load(P, a + 3, q), load(P, a + 3, q + 1)
+            for j in range(count):
+                left, right = sign * load(B, j, q), sign * load(B, j, q + 1)
+                left0 += A[j, a] * left
+                right0 += A[j, a] * right
+                left1 += A[j, a + 1] * left
+                right1 += A[j, a + 1] * right
+                left2 += A[j, a + 2] * left
+                right2 += A[j, a + 2] * right
+                left3 += A[j, a + 3] * left
+                right3 += A[j, a + 3] * right
+            store_pair(P, a, q, left0, right0)
+            store_pair(P, a + 1, q, left1, right1)
+            store_pair(P, a + 2, q, left2, right2)
+            store_pair(P, a + 3, q, left3, right3)
+    for a in range(fours, rows):
+        for q in range(registers(min(columns, a + 1))):
+            left0 = load(P, a, q)
+            for j in range(count):
+                left0 += sign * A[j, a] * load(B, j, q)
+            store(P, a, q, left0)
 
 
 def mirror(P):
@@ -98,35 +104,47 @@ def subtract_seen(read, C, x):
         store_at(read, q, rest)
 
 
-def sensor_covariances(C, n_x, P, g):
-    """g_i = P c_i, of what each sensor sees of the first n_x states, (s, W); four sensors at a time."""
-    s, width = g.shape[0], registers(P.shape[0])
-    fours = s // 4 * 4
+def multiply_rows(A, B, inner, columns, lower, out):
+    """out_i = Σ_a A_ia B_a over the first `inner` rows of B, for every row of `out`, four at a time; as many
+    `columns` of it, or where it is `lower` those up to the diagonal, in whole pairs of registers.
+    """
+    fours = out.shape[0] // 4 * 4
     for i in range(0, fours, 4):
-        for q in range(0, width, 2):
+        for q in range(0, registers(min(columns, i + 4) if lower else columns), 2):
             left0, left1, left2, left3 = none(), none(), none(), none()
             right0, right1, right2, right3 = none(), none(), none(), none()
-            for a in range(n_x):
-                left, right = load(P, a, q), load(P, a, q + 1)
-                left0 += C[i, a] * left
-                right0 += C[i, a] * right
-                left1 += C[i + 1, a] * left
-                right1 += C[i + 1, a] * right
-                left2 += C[i + 2, a] * left
-                right2 += C[i + 2, a] * right
-                left3 += C[i + 3, a] * left
-                right3 += C[i + 3, a] * right
-            store_pair(g, i, q, left0, right0)
-            store_pair(g, i + 1, q, left1, right1)
-            store_pair(g, i + 2, q, left2, right2)
-            store_pair(g, i + 3, q, left3, right3)
-    for i in range(fours, s):
-        for q in range(0, width, 2):
+            for a in range(inner):
+                left, right = load(B, a, q), load(B, a, q + 1)
+                left0 += A[i, a] * left
+                right0 += A[i, a] * right
+                left1 += A[i + 1, a] * left
+                right1 += A[i + 1, a] * right
+                left2 += A[i + 2, a] * left
+                right2 += A[i + 2, a] * right
+                left3 += A[i + 3, a] * left
+                right3 += A[i + 3, a] * right
+            store_pair(out, i, q, left0, right0)
+            store_pair(out, i + 1, q, left1, right1)
+            store_pair(out, i + 2, q, left2, right2)
+            store_pair(out, i + 3, q, left3, right3)
+    for i in range(fours, out.shape[0]):
+        for q in range(0, registers(min(columns, i + 1) if lower else columns), 2):
             left, right = none(), none()
-            for a in range(n_x):
-                left += C[i, a] * load(P, a, q)
-                right += C[i, a] * load(P, a, q + 1)
-            store_pair(g, i, q, left, right)
+            for a in range(inner):
+                left += A[i, a] * load(B, a, q)
+                right += A[i, a] * load(B, a, q + 1)
+            store_pair(out, i, q, left, right)
+
+
+def take_along(M, MT, n_x, P, scratch):
+    """P ← T P Tᵀ for the T that is M on the first n_x states and leaves the others as they are; `MT` is Mᵀ,
+    `scratch` as large as P. P is whole before; after it its lower triangle counts.
+    """
+    multiply_rows(P, MT, n_x, n_x, False, scratch)
+    multiply_rows(M, scratch, n_x, n_x, True, P[:n_x])
+    for a in range(n_x, P.shape[0]):
+        for b in range(n_x):
+            P[a, b] = scratch[a, b]
 
 
 def store_pair(A, a, q, left, right):
@@ -166,23 +184,6 @@ def whiten(L, g, count, i, W):
         store_pair(W, count, q, left, right)
 
 
-def subtract_squares(W, count, P):
-    """P -= Wᵀ W over the first rows of W, four of them at a time; the lower triangle."""
-    fours = count // 4 * 4
-    for a in range(P.shape[0]):
-        end = registers(a + 1)
-        for j in range(0, fours, 4):
-            w0, w1, w2, w3 = W[j, a], W[j + 1, a], W[j + 2, a], W[j + 3, a]
-            for q in range(end):
-                two = w0 * load(W, j, q) + w1 * load(W, j + 1, q)
-                two += w2 * load(W, j + 2, q) + w3 * load(W, j + 3, q)
-                store(P, a, q, load(P, a, q) - two)
-        for j in range(fours, count):
-            w0 = W[j, a]
-            for q in range(end):
-                store(P, a, q, load(P, a, q) - w0 * load(W, j, q))
-
-
 def squares_of_rows(P, rows, count, total):
     """c P cᵀ of the first `count` of the rows (n_x, W), which are columns here, from the lower triangle of P:
     2 Σ_a c_a (½ P_aa c_a + Σ_{b<a} P_ab c_b).
@@ -204,6 +205,32 @@ def sum_scaled(total, rows, q, weights, w, count):
     for a in range(fours, count):
         total += weights[w, a] * load(rows, a, q)
     return total
+
+
+def add_scaled(target, rows, weights, count):
+    """target += Σ_a weights_a · rows_a over the first `count` rows, in sums of four, two at a time."""
+    pairs, whole = count // 8 * 8, count // 4 * 4
+    for a in range(0, pairs, 8):
+        w0, w1, w2, w3 = weights[a], weights[a + 1], weights[a + 2], weights[a + 3]
+        w4, w5, w6, w7 = weights[a + 4], weights[a + 5], weights[a + 6], weights[a + 7]
+        for b in range(len(target)):
+            four = (w0 * rows[a, b] + w1 * rows[a + 1, b]) + (w2 * rows[a + 2, b] + w3 * rows[a + 3, b])
+            more = (w4 * rows[a + 4, b] + w5 * rows[a + 5, b]) + (w6 * rows[a + 6, b] + w7 * rows[a + 7, b])
+            target[b] = (target[b] + four) + more
+    for a in range(pairs, whole, 4):
+        w0, w1, w2, w3 = weights[a], weights[a + 1], weights[a + 2], weights[a + 3]
+        for b in range(len(target)):
+            target[b] += (w0 * rows[a, b] + w1 * rows[a + 1, b]) + (w2 * rows[a + 2, b] + w3 * rows[a + 3, b])
+    for a in range(whole, count):
+        w0 = weights[a]
+        for b in range(len(target)):
+            target[b] += w0 * rows[a, b]
+
+
+def add_row(target, weight, row):
+    """target += weight · row."""
+    for q in range(len(target)):
+        target[q] += weight * row[q]
 
 
 def squared(value):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from observer.kernels.advance import add_scaled
 from observer.kernels.codes import (
     CAUSE,
     COMMON_K,
@@ -27,7 +26,7 @@ from observer.kernels.codes import (
     STALE,
     STEPS,
 )
-from observer.kernels.covariance import squared, squares_of_rows, sum_scaled
+from observer.kernels.covariance import add_scaled, squared, squares_of_rows, sum_scaled
 from observer.kernels.libc import INFINITY, NAN, floor, fmod, isfinite, isinf, sqrt
 from observer.kernels.vector import LANES, none, store_at
 

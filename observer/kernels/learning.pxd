@@ -2,8 +2,7 @@ cdef double FOLLOWS_S, _SURE
 
 cdef void follow(PlantArrays p, StepTable t, Py_ssize_t d, Inputs u, Py_ssize_t k, double[:, ::1] B, double[:, ::1] C, double[::1] around, double[::1] x, Work work) noexcept nogil
 cdef void bring(PlantArrays p, double[:, ::1] B, double[::1] before, Work work) noexcept nogil
-@cython.locals(total=double)
-cdef void multiply(double[:, ::1] V, double[::1] x, double[::1] y) noexcept nogil
+cdef void multiply(double[:, ::1] VT, double[::1] x, double[::1] y) noexcept nogil
 @cython.locals(tied=double, heat_W=double)
 cdef void drive(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] B, Py_ssize_t i, double[::1] x, Work work, double[::1] c) noexcept nogil
 @cython.locals(apart_K=double, heat_W=double, source=Py_ssize_t)

@@ -8,10 +8,10 @@ so slowly that the noise is gone from it.
 
 from __future__ import annotations
 
-from observer.kernels.advance import advance_diagonal, couple_half, put_laws
+from observer.kernels.advance import advance_diagonal, put_laws, step_half
 from observer.kernels.codes import AMBIENT, LAW, OFFSET, STILL
 from observer.kernels.coupling import see_under
-from observer.kernels.covariance import squared
+from observer.kernels.covariance import add_scaled, squared
 from observer.kernels.judging import add_prior, clear
 from observer.kernels.libc import exp, expm1, sqrt
 
@@ -39,7 +39,7 @@ def follow(p, t, d, u, k, B, C, around, x, work):
             pass_heat(p, u, k, B, p.learn.tie[i], work.before_around, work, work.G[row])
         elif len(p.learn.V) > 0:
             drive(p, u, k, work.plain_B, i, work.plain, work, work.shift)
-            multiply(p.learn.inverse, work.shift, work.G[row])
+            multiply(p.inverse_T, work.shift, work.G[row])
         else:
             drive(p, u, k, B, i, work.before_around, work, work.shift)
             for a in range(n_x):
@@ -55,19 +55,18 @@ def bring(p, B, before, work):
     """Take columns and a state of [ξ | δ] to the states x = V ξ in which parameters are described."""
     n_x = B.shape[1]
     for j in range(B.shape[0]):
-        multiply(p.learn.V, B[j], work.plain_B[j])
-    multiply(p.learn.V, before, work.plain)
+        multiply(p.VT, B[j], work.plain_B[j])
+    multiply(p.VT, before, work.plain)
     for j in range(len(p.source)):
         work.plain[n_x + j] = before[n_x + j]
 
 
-def multiply(V, x, y):
-    """y = V x over the columns of V (n_x, n_x)."""
-    for a in range(V.shape[0]):
-        total = 0.0
-        for b in range(V.shape[1]):
-            total += V[a, b] * x[b]
-        y[a] = total
+def multiply(VT, x, y):
+    """y = V x for the transposed matrix VT (n_x, n_x)."""
+    n_x = VT.shape[0]
+    for a in range(n_x):
+        y[a] = 0.0
+    add_scaled(y[:n_x], VT, x, n_x)
 
 
 def drive(p, u, k, B, i, x, work, c):
@@ -162,7 +161,7 @@ def advance_learning(p, t, d, u, k, B, x, learnt, work):
     """Take a state over step k as `advance` does, with what so many parameters behind it add, which fade."""
     n_x, first = B.shape[1], B.shape[1] + len(p.source)
     if p.coupling.active:
-        couple_half(p, u, k, u.z_start[k], B, x, 0, work)
+        step_half(p, u, k, u.z_start[k], B, x, 0, work)
     put_laws(p, u, k, B, x, work.law)
     advance_diagonal(p, t, d, u, k, B, x, work)
     if learnt > 0:
@@ -170,7 +169,7 @@ def advance_learning(p, t, d, u, k, B, x, learnt, work):
     for q in range(learnt):
         x[first + q] *= t.decay[d, first + q]
     if p.coupling.active:
-        couple_half(p, u, k, u.z_end[k], B, x, 1, work)
+        step_half(p, u, k, u.z_end[k], B, x, 1, work)
 
 
 def add_columns_of(G, first, count, n_x, x):

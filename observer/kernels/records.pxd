@@ -9,7 +9,7 @@ cdef class Links(Record):
 
 
 cdef class Spreads(Record):
-    cdef public Py_ssize_t[::1] source
+    cdef public Py_ssize_t[::1] first
     cdef public double[::1] rate_1_s, swept, at_rest
     cdef public double[:, ::1] row, into
 
@@ -51,7 +51,7 @@ cdef class AdvancePlant(Record):
 
 
 cdef class PlantArrays(AdvancePlant):
-    cdef public double[:, ::1] C, F, rows, rows_F, lags, prior_P
+    cdef public double[:, ::1] C, F, rows, rows_F, lags, prior_P, VT, inverse_T
     cdef public double[::1] R_K2, uniform, initial_W2, jump_uncertainty
     cdef public Py_ssize_t[::1] moving_heat
     cdef public unsigned char[::1] thermal
@@ -68,16 +68,22 @@ cdef class StepTable(AdvanceTable):
     cdef public double[:, :, :, ::1] walk_xx
 
 
+cdef class CoupledColumns(Record):
+    cdef public double[:, ::1] X, known, sums
+
+
 cdef class AdvanceWork(Record):
     cdef public double[::1] law, driven
-    cdef public double[:, ::1] before, none, link
+    cdef public double[:, ::1] before, link
+    cdef public CoupledColumns state
     cdef public double[:, :, :, ::1] sweep
 
 
 cdef class Work(AdvanceWork):
+    cdef public CoupledColumns half_step
     cdef public double[::1] plain, value, shared, shift, e, K, row, half, nu, S_nu, suspect
-    cdef public double[::1] before_around, read
-    cdef public double[:, ::1] plain_B, B, C, rows, couple, was, G, H, M, L, W, g, A, kept, CT, S
+    cdef public double[::1] before_around, read, made_of
+    cdef public double[:, ::1] plain_B, B, C, rows, half_step_T, was, G, H, M, L, W, g, A, kept, CT, S
     cdef public Py_ssize_t[::1] order
     cdef public unsigned char[::1] usable, accepted
 

@@ -10,7 +10,7 @@ cdef void write_jumps(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] r, doub
 cdef inline void correct_back(PlantArrays p, double[:, ::1] C, Py_ssize_t i, Py_ssize_t k, Tape tape, double[::1] r, double[:, ::1] N, double[::1] NK, Smoothed out) noexcept nogil
 @cython.locals(total=double)
 cdef inline void step_back(PlantArrays p, StepTable t, Py_ssize_t d, double[:, ::1] B, double[::1] r, double[:, ::1] N, Work work) noexcept nogil
-@cython.locals(total=double)
+@cython.locals(M=double[:, ::1], MT=double[:, ::1], moved=double[::1])
 cdef void couple_back(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] z, double[:, ::1] B, double[::1] x, double[::1] r, double[:, ::1] N, Work work) noexcept nogil
 cpdef run_forward(PlantArrays p, StepTable t, Inputs u, Py_ssize_t[::1] step, Running state, double gate_sigma, Work work, Tape tape)
 cpdef run_backward(PlantArrays p, StepTable t, Inputs u, Py_ssize_t[::1] step, Tape tape, Adjoint adjoint, Work work, Smoothed out)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from observer.kernels.advance import add_scaled, move_columns
-from observer.kernels.coupling import coupled
-from observer.kernels.covariance import mirror
+from observer.kernels.advance import form_half, move_columns
+from observer.kernels.covariance import add_scaled, mirror, take_along
 from observer.kernels.kalman import SKIPPED, STEPPED, judge_and_correct, start_or_predict
 from observer.kernels.libc import cython, sqrt
 from observer.kernels.step import compare, is_drastic, project
@@ -178,32 +177,16 @@ def step_back(p, t, d, B, r, N, work):
 
 def couple_back(p, u, k, z, B, x, r, N, work):
     """Take r and N back through half a coupling: r ← Tᵀ r, N ← Tᵀ N T with T = [[M, 0], [0, I]]."""
-    M, was = work.couple, work.was
-    n_x, n = M.shape[0], N.shape[0]
-    coupled(p.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, 0.5 * u.dt_s[k], x, M, work.shift, work.link)
+    M, MT, n_x = work.half_step.X, work.half_step_T, B.shape[1]
+    moved = work.half_step.sums[0]
+    form_half(p, u, k, z, B, x, work)
+    for a in range(len(moved)):
+        moved[a] = 0.0
+    add_scaled(moved, M, r, n_x)
     for a in range(n_x):
-        work.shift[a] = r[a]
-        r[a] = 0.0
-    for i in range(n_x):
-        for a in range(n_x):
-            r[a] += M[i, a] * work.shift[i]
-    for a in range(n_x):
-        for b in range(n):
-            was[a, b] = 0.0
-        for i in range(n_x):
-            if M[i, a] != 0.0:
-                for b in range(n):
-                    was[a, b] += M[i, a] * N[i, b]
-    for a in range(n_x):
-        for b in range(n_x, n):
-            N[a, b] = was[a, b]
-            N[b, a] = was[a, b]
-        for b in range(a + 1):
-            total = 0.0
-            for i in range(n_x):
-                total += was[a, i] * M[i, b]
-            N[a, b] = total
-            N[b, a] = total
+        r[a] = moved[a]
+    take_along(MT, M, n_x, N, work.was)
+    mirror(N)
 
 
 def run_forward(p, t, u, step, state, gate_sigma, work, tape):

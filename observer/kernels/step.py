@@ -7,16 +7,17 @@ Arrays are changed in place; shapes are those of `packing`.
 
 from __future__ import annotations
 
-from observer.kernels.advance import add_scaled, couple_covariance
+from observer.kernels.advance import couple_covariance
 from observer.kernels.codes import COMMON_K
 from observer.kernels.covariance import (
+    add_products,
+    add_scaled,
     fade_and_force,
     force_columns,
     innovation_covariances,
     mirror,
-    sensor_covariances,
+    multiply_rows,
     subtract_seen,
-    subtract_squares,
     whiten,
 )
 from observer.kernels.judging import add_prior, clear
@@ -31,10 +32,11 @@ def predict(p, t, d, u, k, state, work):
     advance_learning(p, t, d, u, k, work.B, state.x, len(p.learn.kind), work)
     if p.coupling.active:
         mirror(state.P)
-        couple_covariance(p, u, k, u.z_start[k], work.B, 0, state.P, work)
+        couple_covariance(p, u, k, u.z_start[k], 0, state.P, work)
     predict_covariance(p, t, d, u, k, state, work)
     if p.coupling.active:
-        couple_covariance(p, u, k, u.z_end[k], work.B, 1, state.P, work)
+        couple_covariance(p, u, k, u.z_end[k], 1, state.P, work)
+        mirror(state.P)
 
 
 def predict_covariance(p, t, d, u, k, state, work):
@@ -208,7 +210,7 @@ def correct_lower(p, state, work):
         whiten(work.L, work.g, count, i, work.W)
         count += 1
     add_scaled(state.x, work.W, work.e, count)
-    subtract_squares(work.W, count, state.P)
+    add_products(-1.0, work.W, work.W, count, state.P.shape[0], state.P.shape[0], state.P)
     return -0.5 * (squares + log(volume))
 
 
@@ -282,7 +284,7 @@ def compare(p, u, k, state, work):
         if p.thermal[i]:
             work.read[i] -= state.verdict[COMMON_K]
     subtract_seen(work.read, work.CT, state.x)
-    sensor_covariances(work.C, n_x, state.P, work.g)
+    multiply_rows(work.C, state.P, n_x, state.P.shape[0], False, work.g)
     for q in range(p.learn.machine, len(p.learn.kind)):
         add_rows(work.C, p.learn.of[q], first + q, first + q + 1, state.P, work.g)
     innovation_covariances(work.g, work.CT, work.S)

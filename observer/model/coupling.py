@@ -15,7 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.frames import FloatArray
+from observer.kernels.layout import aligned_zeros, padded_width
 from observer.physics.constants import ZERO_DEGC_K
+
+_REGISTER = 8
 
 
 class Links(NamedTuple):
@@ -32,17 +35,55 @@ class Links(NamedTuple):
 
 class Spreads(NamedTuple):
     """Under a nut that sweeps over its stroke, colder places take more: the orthonormal shapes of the links
-    at `source` (e,), which `row` (e, w) reads and `into` (e, w) warms, decay at `rate_1_s` (e,) where its
-    column is that of the whole stroke, of the squared size `swept` (m,), and not at all where it is that of a
-    nut in one place, `at_rest` (m,).
+    at source j, from number `first` (m + 1,) of j to that of the next, which `row` (e, w) reads and `into`
+    (e, w) warms, decay at `rate_1_s` (e,) where its column is that of the whole stroke, of the squared size
+    `swept` (m,), and not at all where it is that of a nut in one place, `at_rest` (m,).
     """
 
-    source: NDArray[np.int64]
+    first: NDArray[np.int64]
     rate_1_s: FloatArray
     row: FloatArray
     into: FloatArray
     swept: FloatArray
     at_rest: FloatArray
+
+
+class CoupledColumns(NamedTuple):
+    """Columns on which couplings act: `X` (n_x, w), `known` (p + 1, w), scratch `sums` (f, w) (see
+    `kernels.coupling`).
+    """
+
+    X: FloatArray
+    known: FloatArray
+    sums: FloatArray
+
+
+def state_column(coupling: Coupling) -> CoupledColumns:
+    """Return room for one state."""
+    n_x, known = len(coupling.uniform), coupling.under_F.shape[1] + 1
+    return CoupledColumns(np.zeros((n_x, 1)), np.ones((known, 1)), np.zeros((_together(coupling), 1)))
+
+
+def half_step_columns(coupling: Coupling) -> tuple[CoupledColumns, FloatArray]:
+    """Return room for the matrix [M N r] of half a step, and for its transpose (w, W): N begins at column W,
+    so that the columns of M are padded with zeros to whole registers.
+    """
+    n_x, known = len(coupling.uniform), coupling.under_F.shape[1] + 1
+    first = padded_width(n_x, _REGISTER)
+    width = padded_width(first + known, _REGISTER // 2)
+    columns = CoupledColumns(*(aligned_zeros((rows, width)) for rows in (n_x, known, _together(coupling))))
+    columns.known[np.arange(known), first + np.arange(known)] = 1.0
+    return columns, aligned_zeros((width, first))
+
+
+def link_scratch(coupling: Coupling) -> FloatArray:
+    """Return scratch of the couplings, (4, w)."""
+    return aligned_zeros((4, max(len(coupling.uniform), len(coupling.spreads.rate_1_s))))
+
+
+def _together(c: Coupling) -> int:
+    """How many factors are taken together at most."""
+    return int(max(1, len(c.beside), len(c.uneven.rate), *np.diff(c.spreads.first)))
 
 
 class Fades(NamedTuple):
@@ -120,7 +161,9 @@ def no_coupling(n_x: int, sources: int, known: int, modes: int = 0) -> Coupling:
         beside=np.zeros((0, n_x)),
         beside_into=np.zeros((0, n_x)),
         links=Links(none, nothing, np.zeros((0, n_x)), np.zeros((0, n_x))),
-        spreads=Spreads(none, nothing, no_shape, no_shape, np.zeros(sources), np.zeros(sources)),
+        spreads=Spreads(
+            np.zeros(sources + 1, np.int64), nothing, no_shape, no_shape, np.zeros(sources), np.zeros(sources)
+        ),
         fades=Fades(np.zeros(sources), np.zeros(sources)),
         uneven=Uneven(nothing, np.zeros((0, n_x)), np.zeros((0, n_x))),
     )

@@ -278,7 +278,7 @@ def spreads(modes: Modes, machine: Description, beside: Attached, moving: Sequen
         at_rest[s.source] = _at_rest(modes, source, mean_stretch(source, machine.screw))
     shape = np.vstack([np.zeros((0, len(modes))), *(s.shape for s in found)])
     return Spreads(
-        np.array([s.source for s in found for _ in s.rate_1_s], dtype=np.int64),
+        np.array([sum(len(s.rate_1_s) for s in found if s.source < j) for j in range(m + 1)], dtype=np.int64),
         np.concatenate([np.zeros(0), *(s.rate_1_s for s in found)]),
         shape,
         shape,

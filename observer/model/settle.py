@@ -214,10 +214,11 @@ def _placed(plant: Plant, point: OperatingPoint) -> Plant:
     for i, nut in enumerate(plant.moving):
         j = nut.index
         B[:, j], C[:, plant.modes + j] = point.moving_B[i], point.moving_C[i]
-        if (own := c.spreads.source == j).any():
+        shapes = slice(*c.spreads.first[j : j + 2])
+        if shapes.start < shapes.stop:
             size = c.place_gain[j] ** 2 * _product(c, B[:, j], B[:, j])
             now, at_rest = (c.spreads.swept[j] / s for s in (size, c.spreads.at_rest[j]))
-            rate_1_s[own] *= min(max((now**2 - at_rest**2) / (1.0 - at_rest**2), 0.0), 1.0)
+            rate_1_s[shapes] *= min(max((now**2 - at_rest**2) / (1.0 - at_rest**2), 0.0), 1.0)
     coupling = c._replace(spreads=c.spreads._replace(rate_1_s=rate_1_s))
     return replace(plant, B=B, rows=replace(plant.rows, C=C), coupling=coupling)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from observer.frames import FloatArray, Inputs, contiguous
 from observer.kernels import march, record
 from observer.kernels.layout import pad_rows, padded_width
-from observer.model.coupling import Coupling
+from observer.model.coupling import CoupledColumns, Coupling, link_scratch, state_column
 from observer.model.plant import Plant
 
 _CHUNK = 512
@@ -53,16 +53,16 @@ class AdvanceWork(NamedTuple):
     law: FloatArray
     driven: FloatArray
     before: FloatArray
-    none: FloatArray
     link: FloatArray
+    state: CoupledColumns
     sweep: FloatArray
 
     @classmethod
     def of(cls, p: AdvancePlant, n_x: int, sweep: FloatArray) -> AdvanceWork:
         """Scratch for a plant of n_x states."""
         m, width = p.B.shape
-        before, none, link = np.zeros((2, n_x)), np.zeros((n_x, 0)), np.zeros((3, n_x))
-        return cls(np.zeros(m), np.zeros(width), before, none, link, sweep)
+        state = state_column(p.coupling)
+        return cls(np.zeros(m), np.zeros(width), np.zeros((2, n_x)), link_scratch(p.coupling), state, sweep)
 
 
 def start(plant: Plant, temperature_degC: float, law_W: FloatArray) -> FloatArray:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer.kernels.coupling import coupled
+from observer.estimators.specification import half_step
 from observer.model.discretise import augmented, quantise, step_matrices
 from observer.model.simulate import start
 
@@ -48,7 +48,7 @@ def _joint_prior(plant, u):
     K, n_x, m_e = len(u), len(plant.decay_1_s), int(plant.estimated.sum())
     n = n_x + m_e
     mean, cov = np.zeros((K, n)), np.zeros((K, n, K, n))
-    mean[0, :n_x] = start_mean(plant, u)
+    mean[0, :n_x], nothing = start_mean(plant, u), np.zeros(n)
     cov[0, :n_x, 0, :n_x] = plant.prior_P
     cov[0, n_x:, 0, n_x:] = np.diag(plant.initial_sigma_W**2)
     for k in range(1, K):
@@ -57,8 +57,8 @@ def _joint_prior(plant, u):
         F, Q = augmented(here, step)
         known = step.hold * (here.B @ u.law_W[k] + here.E @ u.z_start[k])
         known += step.ramp * (here.E @ (u.z_end[k] - u.z_start[k]))
-        before, shift = _half(here, u, k, u.z_start[k], n)
-        after, shift_after = _half(here, u, k, u.z_end[k], n)
+        before, shift = half_step(here, u, k, u.z_start[k], here.B, nothing, n)
+        after, shift_after = half_step(here, u, k, u.z_end[k], here.B, nothing, n)
         mean[k] = after @ (F @ (before @ mean[k - 1] + shift) + np.pad(known, (0, n - n_x))) + shift_after
         jump = np.zeros((n, n))
         jump[n_x:, n_x:] = np.diag((plant.jump_uncertainty * u.law_jump_W[k][plant.estimated]) ** 2)
@@ -67,17 +67,6 @@ def _joint_prior(plant, u):
         cov[:, :, k] = np.moveaxis(cov[k], 0, -1)
         cov[k, :, k] = whole @ cov[k - 1, :, k - 1] @ whole.T + after @ (F @ jump @ F.T + Q) @ after.T
     return mean, cov.reshape(K * n, K * n)
-
-
-def _half(plant, u, k, z, n):
-    """What couples the states in half a step, on all n states; linear couplings only."""
-    whole, shift, n_x = np.eye(n), np.zeros(n), len(plant.decay_1_s)
-    if plant.coupling.active:
-        M, b = np.empty((n_x, n_x)), np.empty(n_x)
-        B, half_s, x = np.ascontiguousarray(plant.B.T), 0.5 * u.dt_s[k], np.zeros(n_x)
-        coupled(plant.coupling, u.loss_1_s[k], u.loss_degC[k], z, B, half_s, x, M, b, np.empty((3, n_x)))
-        whole[:n_x, :n_x], shift[:n_x] = M, b
-    return whole, shift
 
 
 def _moved(plant, u, k):

@@ -40,7 +40,7 @@ def test_a_covariance_is_predicted(n: int, n_x: int, columns: int) -> None:
     rng, P = made(n)
     width = P.shape[1]
     d, Q = pad_rows(rng.random((2, n)), width), pad_rows(np.array([np.eye(n), made(n, 2)[1][:, :n]]), width)
-    G, H = aligned_zeros((padded_width(columns, 4), width)), aligned_zeros((padded_width(columns, 4), width))
+    G, H = aligned_zeros((columns, width)), aligned_zeros((columns, width))
     G[:columns, :n_x] = rng.standard_normal((columns, n_x))
     Ad = np.diag(d[1, :n])
     Ad[:, n_x : n_x + columns] += G[:columns, :n].T
@@ -62,7 +62,7 @@ def test_innovations_have_their_covariances(n: int, n_x: int, s: int) -> None:
         aligned_zeros((s, wide)),
         pad_rows(y, wide),
     )
-    covariance.sensor_covariances(C, n_x, P, g)
+    covariance.multiply_rows(C, P, n_x, n, False, g)
     covariance.innovation_covariances(g, CT, S)
     covariance.subtract_seen(read, CT, x)
     np.testing.assert_allclose(g[:, :n], C @ P[:n_x, :n], rtol=1e-12, atol=1e-12)
@@ -84,7 +84,17 @@ def test_a_correction_takes_squares_off(n: int, n_x: int, s: int) -> None:
         covariance.whiten(inverses, g, i, i, W)
     np.testing.assert_allclose(W, np.linalg.solve(L, g), rtol=1e-10, atol=1e-12)
     expected = P[:, :n] - W[:, :n].T @ W[:, :n]
-    covariance.subtract_squares(W, s, P)
+    covariance.add_products(-1.0, W, W, s, n, n, P)
+    np.testing.assert_allclose(lower(P), np.tril(expected), rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("n", "n_x", "s"), SIZES)
+def test_a_covariance_is_taken_along_by_what_couples_the_states(n: int, n_x: int, s: int) -> None:
+    rng, P = made(n)
+    M, T = rng.standard_normal((n_x, n_x)), np.eye(n)
+    T[:n_x, :n_x] = M
+    expected, width = T @ P[:, :n] @ T.T, padded_width(n_x, 8)
+    covariance.take_along(pad_rows(M, width), pad_rows(M.T, width), n_x, P, np.zeros_like(P))
     np.testing.assert_allclose(lower(P), np.tril(expected), rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
