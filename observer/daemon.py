@@ -40,10 +40,10 @@ from observer.process.notify import service_manager
 from observer.process.shutdown import StopSignals
 from observer.publish.codec import config_json
 from observer.publish.session import refuse_taken
-from observer.publish.zenoh import ZenohPublisher
+from observer.publish.zenoh import ServiceIdentity, ZenohPublisher
 from observer.quality.alarms import AlarmDesk
 from observer.quality.gap import GapState
-from observer.record.recorder import NoRecorder, Recorder
+from observer.record.recorder import Companions, NoRecorder, Recorder
 from observer.record.retention import Retention, refuse_shared
 
 _TRIAL_END_S = 0.2
@@ -64,6 +64,8 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
     renewals: Renewals[_Ready] = Renewals(None if path is None else lambda: _reread(path, ready.config))
     trial = None if path is None else AdoptionTrial(path, renewals.reload)
 
+    process = _Process(path, renewals, trial)
+
     def anew(renewal: Renewal[_Ready]) -> Service:
         nonlocal ready, clock, desk
         before, ready, snapshot = ready, renewal.prepared or ready, renewal.snapshot
@@ -79,14 +81,12 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
         )  # fmt: skip
         if trial is not None:
             trial.in_force(ready.config)
-        return _service(
-            ready, clock, renewals, trial, path, desk, snapshot, compensation=compensation, alone=False
-        )
+        return _service(ready, clock, desk, process, _Start(snapshot, None, compensation, alone=False))
 
-    file, start, gap, compensation = config.checkpoint_file, None, None, None
-    if file is not None:
-        start, gap, compensation = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s)
-    service = _service(ready, clock, renewals, trial, path, desk, start, gap, compensation, alone=True)
+    start = _Start()
+    if (file := config.checkpoint_file) is not None:
+        start = _Start(*stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s))
+    service = _service(ready, clock, desk, process, start)
     if trial is None:
         run(service, seconds, anew)
         return
@@ -124,37 +124,44 @@ def _reread(path: Path, now: Installation) -> _Ready:
     return _Ready.of(config)
 
 
-def _service(
-    ready: _Ready,
-    clock: ServiceClock,
-    renewals: Renewals[_Ready],
-    trial: AdoptionTrial | None,
-    path: Path | None,
-    desk: AlarmDesk | None,
-    start: Snapshot | None,
-    gap: GapState | None = None,
-    compensation: CompensationState | None = None,
-    *,
-    alone: bool,
-) -> Service:
-    """Put the parts of the daemon together; `start` is the state from which the pipeline continues, None if
-    cold.
+@dataclass(frozen=True, slots=True)
+class _Process:
+    """The parts that outlive a renewal: the configuration's file, its renewals, and the adoption on trial."""
 
-    `alone` requires that no other service has the axis; `gap` and `compensation` are the known state of the
-    prediction's gap and of the compensation for a cold start.
+    path: Path | None
+    renewals: Renewals[_Ready]
+    trial: AdoptionTrial | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Start:
+    """The state from which a service continues: a snapshot, None for a cold start, which then has the state
+    of the prediction's gap and of the compensation. `alone` requires that no other service has the axis.
     """
+
+    snapshot: Snapshot | None = None
+    gap: GapState | None = None
+    compensation: CompensationState | None = None
+    alone: bool = True
+
+
+def _service(
+    ready: _Ready, clock: ServiceClock, desk: AlarmDesk | None, process: _Process, start: _Start
+) -> Service:
+    """Put the parts of the daemon together."""
     config, machine, pipeline = ready.config, ready.machine, ready.machine.pipeline()
-    instance = secrets.token_hex(4)
-    if pipeline.gap is not None and gap is not None:
-        pipeline.gap.restore(gap)
-    publisher = _publisher(ready, instance, path)
+    instance, snapshot = secrets.token_hex(4), start.snapshot
+    if pipeline.gap is not None and start.gap is not None:
+        pipeline.gap.restore(start.gap)
+    publisher = _publisher(ready, instance, process.path)
     publish = {
         key: partial(publisher.document, key) for key in ("alarms", "compensation", "forecast", "probing")
     }
     observers: list[StepObserver] = []
     if config.compensation.enabled:
-        if start is not None and start.compensation is not None:
-            compensation = start.compensation
+        compensation = start.compensation
+        if snapshot is not None and snapshot.compensation is not None:
+            compensation = snapshot.compensation
         compensator = Compensator(config, machine.plant.layout.position_m, instance, compensation)
         observers.append(
             CompensationObserver(
@@ -167,8 +174,8 @@ def _service(
         )
     if config.checkpoint_file is not None:
         observers.append(Keeper(config.checkpoint_file, ready.fit, config.checkpoint.period_s))
-    if trial is not None:
-        observers.append(trial)
+    if process.trial is not None:
+        observers.append(process.trial)
     if desk is not None:
         air = machine.plant.known.ambient
         observers.append(AlarmObserver(desk, publish["alarms"], air, instance))
@@ -183,12 +190,12 @@ def _service(
         publisher=publisher,
         clock=clock,
         notify=service_manager(),
-        recorder=_recorder(ready, start, instance),
+        recorder=_recorder(ready, snapshot, instance),
         observers=tuple(observers),
         instance=instance,
-        start=start,
-        renewals=renewals,
-        alone=alone,
+        start=snapshot,
+        renewals=process.renewals,
+        alone=start.alone,
         sensors={sensor.channel: sensor.name for sensor in config.sensor},
         options=f"--machine {config.machine.name} --axis {config.machine.axis}",
         nut_channel=next((s.position_channel for s in config.source if s.position_channel), None),
@@ -215,9 +222,11 @@ def _recorder(ready: _Ready, start: Snapshot | None, instance: str) -> Recorder 
         int(record.rotate_MB * 1e6),
         record.sync_s,
         Retention.of(record),
-        None if start is None else pack(start, ready.fit),
-        config_json(ready.config, instance).encode(),
-        partial(pack, fit=ready.fit),
+        Companions(
+            start=None if start is None else pack(start, ready.fit),
+            config=config_json(ready.config, instance).encode(),
+            pack=partial(pack, fit=ready.fit),
+        ),
     )
 
 
@@ -226,16 +235,17 @@ def _publisher(ready: _Ready, instance: str, path: Path | None) -> ZenohPublishe
     config, name, forecasts = ready.config, ready.config.machine, is_wanted(ready.machine)
     folder = config.record.directory
     in_force, start = config_json(config, instance), Start.of(config, path, forecasts=forecasts)
+    offered = {
+        "compensation": config.compensation.enabled,
+        "forecast": forecasts,
+        "probing": is_advised(config),
+    }
     return ZenohPublisher(
-        name.name,
-        name.axis,
+        ServiceIdentity(name.name, name.axis, instance),
         config.publish,
         in_force,
         ready.machine.shown.layout(ready.machine.estimator().layout),
-        instance,
-        compensates=config.compensation.enabled,
-        forecasts=forecasts,
-        probes=is_advised(config),
+        offers=[key for key, runs in offered.items() if runs],
         outlet=None if start is None else Feed(start, in_force.encode()),
         past=None if folder is None else Archivist(in_force.encode(), folder),
     )

@@ -2,6 +2,8 @@
 
 from observer.app.exports import export, export_table
 from observer.app.logs import (
+    HeatFiles,
+    ImportOptions,
     compare,
     extract_log,
     forecast,
@@ -14,6 +16,8 @@ from observer.app.logs import (
 from observer.app.models import calibrate, discover, learned
 
 __all__ = [
+    "HeatFiles",
+    "ImportOptions",
     "calibrate",
     "compare",
     "discover",

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from observer.errors import LogError
 from observer.estimate.pipeline import MachineModel
@@ -85,6 +85,13 @@ def forecast(
     return list(found.sentences)
 
 
+class HeatFiles(NamedTuple):
+    """The suffix of the heats' file, and whether a picture is drawn."""
+
+    suffix: str = ".csv"
+    picture: bool = True
+
+
 def identify(
     log_path: Path,
     config: Installation,
@@ -92,16 +99,14 @@ def identify(
     options: MethodOptions,
     *,
     progress: Callable[[str], None],
-    suffix: str = ".csv",
-    picture: bool = True,
+    files: HeatFiles = HeatFiles(),  # noqa: B008 (it is frozen)
     report: Report | None = None,
     **accept: bool,
 ) -> dict[str, Any]:
     """Estimate the heats over a whole log at once; write `heat.csv`, `summary.json` and `heat.png`.
 
-    `suffix` is that of the heats' file; `picture` says whether there is to be one; a
-    `report` is `report.csv` and `report.png`. `accept` is handed to `read_log`. Returns the summary. Raises
-    `LogError`, `ConfigError` or `UserError`.
+    A `report` is written as `report.csv` and `report.png`. `accept` is handed to `read_log`. Returns the
+    summary. Raises `LogError`, `ConfigError` or `UserError`.
     """
     from observer.library.heats import identified_heats
 
@@ -116,7 +121,7 @@ def identify(
         progress("temperatures and thermal error")
         along = profiles(log, config, found, report)
     progress("writing and drawing")
-    found.write(output, suffix.removeprefix("."), picture=picture)
+    found.write(output, files.suffix.removeprefix("."), picture=files.picture)
     if along is not None:
         from observer.library.profiles import write_report
 
@@ -198,16 +203,21 @@ def extract_log(paths: Sequence[Path], config: Installation | None, output: Path
     return len(data)
 
 
+class ImportOptions(NamedTuple):
+    """The options of an import that override `[log]`: columns as `CHANNEL=COLUMN`, and the clock."""
+
+    columns: Sequence[str] = ()
+    time: str | None = None
+    time_format: str | None = None
+    timezone: str | None = None
+
+
 def import_log(
     paths: Sequence[Path],
     config: Installation,
     output: Path,
     agree: Callable[[Proposal], bool] | None,
-    *,
-    columns: Sequence[str] = (),
-    time: str | None = None,
-    time_format: str | None = None,
-    timezone: str | None = None,
+    options: ImportOptions = ImportOptions(),  # noqa: B008 (it is frozen)
 ) -> Proposal:
     """Write files as one log, by `[log]`, the options and guesses; return the result.
 
@@ -222,9 +232,9 @@ def import_log(
 
     suffix_of(output)
     given = config.log.model_dump(exclude_unset=True)
-    clock = {"time": time, "time_format": time_format, "timezone": timezone}
-    given |= {key: value for key, value in clock.items() if value}
-    given["columns"] = config.log.columns | dict(map(column_option, columns))
+    clock = {key: value for key, value in options._asdict().items() if key != "columns" and value}
+    given |= clock
+    given["columns"] = config.log.columns | dict(map(column_option, options.columns))
     if unknown := [name for name in given["columns"] if name not in config.channels]:
         known = ", ".join(config.channels)
         raise LogError(f"--column: the model reads no channel {unknown[0]}; it reads {known}")

@@ -28,7 +28,7 @@ from observer.terminal import echo, print_for_people, readable_json
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from observer.publish.ask import Reply
+    from observer.publish.ask import Address, Reply
     from observer.tables.publishing import Client
 
 verbs = typer.Typer()
@@ -54,6 +54,12 @@ def _client(path: Path | None) -> Client | None:
     return None if path is None else load_client(path)
 
 
+def _address(connect: str, machine: str, axis: str, client: Path | None) -> Address:
+    from observer.publish.ask import Address
+
+    return Address(connect, machine, axis, _client(client))
+
+
 @verbs.command()
 def health(
     connect: ConnectOption = DEFAULT_ENDPOINT,
@@ -67,11 +73,12 @@ def health(
     from observer.publish.ask import ask, ask_health, gives_estimates
     from observer.publish.watch import health_table
 
-    who = _client(client)
-    answer = ask_health(connect, machine, axis, timeout_s, who)
+    address = _address(connect, machine, axis, client)
+    answer = ask_health(address, timeout_s)
 
     def table(report: dict[str, Any]) -> RenderableType:
-        alarms = ask(connect, *answer.source, "alarms", timeout_s, who)
+        machine, axis = answer.source
+        alarms = ask(address._replace(machine=machine, axis=axis), "alarms", timeout_s)
         return health_table(report, alarms.document or {}, "/".join(answer.source), time.time())
 
     _print_answer(answer, gives_estimates, None if as_json else table)
@@ -109,25 +116,22 @@ def _command_verb(kind: str) -> Callable[..., None]:
         client: ClientOption = None,
         config_hash: HashOption = None,
     ) -> None:
-        _give(kind, machine, axis, connect, timeout_s, client, config_hash)
+        _give(kind, _address(connect, machine, axis, client), timeout_s, config_hash)
 
     return give
 
 
 def _give(
     kind: str,
-    machine: str,
-    axis: str,
-    connect: str,
+    address: Address,
     timeout_s: float,
-    client: Path | None,
     config_hash: str | None,
     parameters: dict[str, str] | None = None,
 ) -> None:
     """Give a running service a command and print the outcome."""
     from observer.publish.ask import command
 
-    answer = command(kind, connect, machine, axis, timeout_s, _client(client), config_hash, parameters)
+    answer = command(kind, address, timeout_s, config_hash, parameters)
     _print_answer(answer, lambda document: document.get("done") is True)
 
 
@@ -152,7 +156,7 @@ def arm(
     if strange := [name for name in names if not re.fullmatch(r"[A-Za-z0-9_.-]{1,64}", name)]:
         raise UserError(f"--without: {strange[0]!r} is not the name of a sensor")
     parameters = {"without": ",".join(names)} if names else None
-    _give("arm", machine, axis, connect, timeout_s, client, config_hash, parameters)
+    _give("arm", _address(connect, machine, axis, client), timeout_s, config_hash, parameters)
 
 
 @verbs.command()
@@ -169,4 +173,4 @@ def acknowledge(
     if alarm is not None and not re.fullmatch(r"[A-Za-z0-9_.-]{1,250}", alarm):
         raise UserError(f"{alarm!r} is not an alarm; `observer watch` lists them")
     parameters = None if alarm is None else {"id": alarm}
-    _give("acknowledge", machine, axis, connect, timeout_s, client, config_hash, parameters)
+    _give("acknowledge", _address(connect, machine, axis, client), timeout_s, config_hash, parameters)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -75,8 +75,8 @@ def import_(
         return typer.confirm("Is that right?", default=False)
 
     asks = not yes and sys.stdin.isatty()
-    given: dict[str, Any] = {"columns": column or (), "time": time, "time_format": time_format}
-    found = parts.import_log(file, load(config), output, agree if asks else None, timezone=timezone, **given)
+    options = parts.ImportOptions(column or (), time, time_format, timezone)
+    found = parts.import_log(file, load(config), output, agree if asks else None, options)
     if not (asks and found.asked):
         show(found)
     warn([*found.log.doubts, *(words.text for words in found.log.words)])

@@ -98,9 +98,8 @@ def _under_nut(nut_m: float, screw_m: float) -> FloatArray:
 def footprint(
     run: Run,
     first: NDArray[np.int64],
-    table: NutTable,
+    nut: MovingSource,
     highest: int,
-    channel: str,
     stroke: Stretch,
     weight: FloatArray,
     *,
@@ -112,8 +111,8 @@ def footprint(
     `stroke` is the stretch it is spread over while its position is unknown; `weight` (K,) the weight of each
     row; `at_ends` places the nut at both ends of its actual stroke.
     """
-    frames, step_1_m = run.frames, np.pi / (table.screw_m * PER_MODE)
-    waves, path = _wave_table(table, highest, step_1_m, stroke), frames.path[channel]
+    frames, step_1_m = run.frames, np.pi / (nut.table.screw_m * PER_MODE)
+    waves, path = _wave_table(nut.table, highest, step_1_m, stroke), frames.path[nut.channel]
     rows = moving.from_unknown(waves, frames.dt_s, path, at_ends=at_ends)[0][:, :-1]
     count = np.diff([*first, len(frames)])
     number = np.repeat(np.arange(len(first)), count)
@@ -330,8 +329,8 @@ class SteppedRun:
         return self._footprints.get(
             (i, at_ends, highest),
             lambda: footprint(
-                self.run, self.ticks.first, source.table, highest, source.channel, self._strokes[i],
-                self._weight[i], at_ends=at_ends,
+                self.run, self.ticks.first, source, highest, self._strokes[i], self._weight[i],
+                at_ends=at_ends,
             ),
         )  # fmt: skip
 

@@ -134,7 +134,8 @@ def _replay(job: Job, options: RunOptions, part: Path) -> dict[str, Any]:
 def _identify(job: Job, options: RunOptions, part: Path) -> dict[str, Any]:
     config, method = load(job.config), MethodOptions(options.method)
     suffix = f".{options.format}"
-    summary = app.identify(job.logs[0], config, part, method, progress=_silent, suffix=suffix, picture=False)
+    files = app.HeatFiles(suffix, picture=False)
+    summary = app.identify(job.logs[0], config, part, method, progress=_silent, files=files)
     return _heats(config, summary)
 
 

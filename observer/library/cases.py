@@ -97,7 +97,8 @@ def steady_case(
         point = mean_point(survey.plant, inputs_of(frames, Drive(survey.config, survey.plant)))
     found = settled(survey.plant, point)
     growth = growth_of(survey, found.rows[None])
-    return _case(name, config, survey, found.rows, growth, found.heat_W, point.loss_1_s, found.slowest_s)
+    outcome = _Outcome(found.rows, growth, found.heat_W, point.loss_1_s, found.slowest_s)
+    return _case(name, config, survey, outcome)
 
 
 def cycle_case(name: str, config: Installation, inputs: Mapping[str, float], log: Log) -> SurveyedCase:
@@ -124,7 +125,7 @@ def cycle_case(name: str, config: Installation, inputs: Mapping[str, float], log
         raise LogError(f"{log.path}: an input that the model needs never has a value; fill its column")
     heat_W = heat_J / max(duration_s, 1e-9)
     whole = Growth(*map(np.concatenate, zip(*grown, strict=True))) if grown else None
-    return _case(name, config, survey, hottest, whole, heat_W, loss_1_s, None)
+    return _case(name, config, survey, _Outcome(hottest, whole, heat_W, loss_1_s, None))
 
 
 def _refuse_implausible(config: Installation, inputs: Mapping[str, float]) -> None:
@@ -151,18 +152,21 @@ def with_inputs(log: Log, inputs: Mapping[str, float], survey: Survey) -> Log:
     return program
 
 
-def _case(
-    name: str,
-    config: Installation,
-    survey: Survey,
-    hottest: FloatArray,
-    growth: Growth | None,
-    heat_W: FloatArray,
-    loss_1_s: float,
-    slowest_s: float | None,
-) -> SurveyedCase:
-    """The figures of the highest outputs (R,) and growth, with the largest loss that goes with the speed."""
-    plant, g = survey.plant, len(survey.grid_m)
+class _Outcome(NamedTuple):
+    """The highest outputs (R,), the growth, the heats (m,), the largest loss that goes with the speed, and
+    the slowest time constant, None for a cycle.
+    """
+
+    hottest: FloatArray
+    growth: Growth | None
+    heat_W: FloatArray
+    loss_1_s: float
+    slowest_s: float | None
+
+
+def _case(name: str, config: Installation, survey: Survey, outcome: _Outcome) -> SurveyedCase:
+    """Return the figures of a case from its outcome."""
+    plant, g, hottest, growth = survey.plant, len(survey.grid_m), outcome.hottest, outcome.growth
     field_degC = hottest[plant.rows.field_slice]
     travel = travel_of(config, survey.grid_m)
     error_um, force_N, largest, at = np.zeros((0,)), 0.0, 0.0, 0
@@ -174,7 +178,7 @@ def _case(
     names = [s.name.removeprefix(NODE) for s in survey.config.sensor]
     machine = realise(survey.config).config
     given = {s.name for s in machine.source if s.law != "heat_W" or s.heat_W}
-    film_W_m2K = machine.surface.convection_W_m2K + loss_1_s / surface_rate(machine.screw)
+    film_W_m2K = machine.surface.convection_W_m2K + outcome.loss_1_s / surface_rate(machine.screw)
     figures = CaseFigures(
         name=name,
         position_m=survey.grid_m,
@@ -182,12 +186,12 @@ def _case(
         warmest_degC=float(field_degC.max()),
         coldest_degC=float(field_degC.min()),
         temperature_degC=dict(zip(names, hottest[plant.rows.sensor_slice].tolist(), strict=True)),
-        heat_W={n: w for n, w in zip(plant.source_names, heat_W.tolist(), strict=True) if n in given},
+        heat_W={n: w for n, w in zip(plant.source_names, outcome.heat_W.tolist(), strict=True) if n in given},
         error_um=error_um,
         force_N=force_N,
         largest_error_um=largest,
         largest_at_m=float(survey.grid_m[at]),
-        slowest_s=slowest_s,
+        slowest_s=outcome.slowest_s,
         biot=biot_number(machine.screw, film_W_m2K),
     )
     return SurveyedCase(figures, growth, travel)

@@ -22,7 +22,7 @@ from observer.library.messages import (
     documents_of,
     message_from,
 )
-from observer.publish.ask import ask, command
+from observer.publish.ask import Address, ask, command
 from observer.publish.codec import decode_estimate
 from observer.publish.session import client_config, close_within
 
@@ -138,9 +138,7 @@ class ServiceClient:
         parameters |= {"id": alarm} if alarm is not None else {}
         if strange := [text for text in parameters.values() if not _NAMES.fullmatch(text)]:
             raise UserError(f"{strange[0]!r} is not a name; names consist of letters, digits and _.-")
-        reply = await asyncio.to_thread(
-            command, kind, self._endpoint, self.machine, self.axis, self._timeout_s, parameters=parameters
-        )
+        reply = await asyncio.to_thread(command, kind, self._address, self._timeout_s, parameters=parameters)
         if reply.document is None:
             raise UserError(reply.problem)
         text = str(reply.document.get("text", ""))
@@ -148,8 +146,12 @@ class ServiceClient:
             raise UserError(text)
         return text
 
+    @property
+    def _address(self) -> Address:
+        return Address(self._endpoint, self.machine, self.axis)
+
     async def _ask(self, wanted: str, timeout_s: float) -> dict[str, Any]:
-        reply = await asyncio.to_thread(ask, self._endpoint, self.machine, self.axis, wanted, timeout_s, None)
+        reply = await asyncio.to_thread(ask, self._address, wanted, timeout_s)
         if reply.document is None:
             raise UserError(reply.problem)
         self.machine, self.axis = reply.source

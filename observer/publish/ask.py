@@ -10,7 +10,7 @@ import socket
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import zenoh
 
@@ -33,11 +33,20 @@ class Reply:
     source: tuple[str, str] = ("", "")
 
 
-def ask_health(
-    connect: str, machine: str, axis: str, timeout_s: float, client: Client | None = None
-) -> Reply:
+class Address(NamedTuple):
+    """Where a service is asked: its endpoint, its machine and axis, which may be `*` where one service
+    answers, and the login of this client.
+    """
+
+    connect: str
+    machine: str
+    axis: str
+    client: Client | None = None
+
+
+def ask_health(address: Address, timeout_s: float) -> Reply:
     """Ask a running service for its health."""
-    return ask(connect, machine, axis, "health", timeout_s, client)
+    return ask(address, "health", timeout_s)
 
 
 def gives_estimates(health: Mapping[str, Any]) -> bool:
@@ -52,40 +61,39 @@ def gives_estimates(health: Mapping[str, Any]) -> bool:
 
 def command(
     kind: str,
-    connect: str,
-    machine: str,
-    axis: str,
+    address: Address,
     timeout_s: float,
-    client: Client | None = None,
     digest: str | None = None,
     parameters: Mapping[str, str] | None = None,
 ) -> Reply:
     """Send a command to a running service; `done` in the answer says whether it was carried out.
 
-    `machine` and `axis` may be `*` where one service answers. The command names the configuration it is meant
-    for, by its hash `digest`; where none is given, it is the one in force now. `parameters` are further ones,
-    such as the `id` of the alarm that is acknowledged.
+    The command names the configuration it is meant for, by its hash `digest`; where none is given, it is the
+    one in force now. `parameters` are further ones, such as the `id` of the alarm that is acknowledged.
     """
     until_s = time.monotonic() + timeout_s
-    if digest is None or "*" in (machine, axis):
-        config = _only_config(connect, machine, axis, timeout_s, client)
+    if digest is None or "*" in address[1:3]:
+        config = _only_config(address, timeout_s)
         if config.document is None:
             return config
         machine, axis = config.source
+        address = address._replace(machine=machine, axis=axis)
         digest = digest or config.document.get("hash")
     if not isinstance(digest, str) or not _HASH.fullmatch(digest):
-        return Reply(None, f"the hash of the configuration of {machine}/{axis} is none; nothing was asked")
+        name = f"{address.machine}/{address.axis}"
+        return Reply(None, f"the hash of the configuration of {name} is none; nothing was asked")
     further = "".join(f";{name}={value}" for name, value in (parameters or {}).items())
     wanted = f"command/{kind}?config={digest};by={_myself()}{further}"
-    return ask(connect, machine, axis, wanted, max(0.1, until_s - time.monotonic()), client)
+    return ask(address, wanted, max(0.1, until_s - time.monotonic()))
 
 
-def _only_config(connect: str, machine: str, axis: str, timeout_s: float, client: Client | None) -> Reply:
+def _only_config(address: Address, timeout_s: float) -> Reply:
     """The configuration of the one service that a command can be meant for, or a sentence that lists them."""
-    if "*" not in (machine, axis):
-        return ask(connect, machine, axis, "config", timeout_s, client)
+    connect, machine, axis, client = address
     until_s = time.monotonic() + timeout_s
-    first = ask(connect, machine, axis, "config", timeout_s, client)
+    first = ask(address, "config", timeout_s)
+    if "*" not in (machine, axis):
+        return first
     if first.document is None:
         return first
     try:
@@ -127,8 +135,9 @@ def _myself() -> str:
     return plain_name(f"{user}@{socket.gethostname()}")
 
 
-def ask(connect: str, machine: str, axis: str, wanted: str, timeout_s: float, client: Client | None) -> Reply:
+def ask(address: Address, wanted: str, timeout_s: float) -> Reply:
     """Query an axis until it answers or the time is up; then name the axes that do answer."""
+    connect, machine, axis, client = address
     config = client_config((connect,), client)
     until_s = time.monotonic() + timeout_s
     selector = f"ballscrew/{machine}/{axis}/{wanted}"

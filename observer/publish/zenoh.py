@@ -12,9 +12,9 @@ import os
 import re
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import structlog
 import zenoh
@@ -86,30 +86,34 @@ class Outlet(Protocol):
         """End."""
 
 
+class ServiceIdentity(NamedTuple):
+    """The axis of a service, and the instance that every message carries."""
+
+    machine: str
+    axis: str
+    instance: str
+
+
 class ZenohPublisher:
     """Publishes estimates and health of one axis; answers for configuration, health and last estimates."""
 
     def __init__(
         self,
-        machine: str,
-        axis: str,
+        identity: ServiceIdentity,
         settings: Publish,
         config_json: str,
         layout: Layout,
-        instance: str,
         *,
-        compensates: bool = False,
-        forecasts: bool = False,
-        probes: bool = False,
+        offers: Collection[str] = (),
         outlet: Outlet | None = None,
         past: Past | None = None,
     ) -> None:
-        """Take what is published, by which instance, and whether a compensation, a forecast and the advice
-        to probe are.
+        """Prepare to publish; `offers` are those of `compensation`, `forecast` and `probing` that run.
 
         Raises `ConfigError` where a file of keys or passwords cannot be used.
         """
-        self._prefix = key_prefix(machine, axis)
+        instance = identity.instance
+        self._prefix = key_prefix(identity.machine, identity.axis)
         self._settings = settings
         self._config, self._ear = service_config(settings), ear_config(settings)
         self._instance = instance
@@ -119,11 +123,9 @@ class ZenohPublisher:
             "sensors_used": 0,
             "sensors": len(layout.sensors),
         }
-        there = {
-            "expansion": layout.has_error, "learned": bool(layout.learned), "compensation": compensates,
-            "forecast": forecasts, "probing": probes,
-        }  # fmt: skip
-        self._keys = {n: key for n, key in KEYS.items() if key.needs is None or there[key.needs]}
+        of_layout = {"expansion": layout.has_error, "learned": bool(layout.learned)}
+        met = {None, *offers, *(need for need, is_met in of_layout.items() if is_met)}
+        self._keys = {name: key for name, key in KEYS.items() if key.needs in met}
         self._answers = Responder(self._prefix, config_json.encode(), settings.history, instance, past)
         self._slots: dict[str, int] = {}
         self._link: _Link | None = None

@@ -60,14 +60,23 @@ class RecordStatus:
     reason: str | None = None
 
 
+class Companions(NamedTuple):
+    """The files beside a recording: `start` says where the service stood before the first file, `config` is
+    in force, and `pack` writes where the service stood after the last tick of a full file.
+    """
+
+    start: bytes | None = None
+    config: bytes | None = None
+    pack: Callable[[Any], bytes] | None = None
+
+
 class Recorder:
     """Writes readings and ticks to CSV files named by machine, axis and UTC start.
 
     A file is complete by itself: when it has grown to `rotate_bytes` the next tick is its last row. All rows
-    are handed to the system at least every 0.2 s and to the disk at least every `sync_s`. After a warm start
-    `start` says where the service stood; it goes beside the first file. Beside each goes `config`, and beside
-    those that go on with a full one what `pack` makes of where the service stood after its last tick. What
-    `keep` does not keep is removed.
+    are handed to the system at least every 0.2 s and to the disk at least every `sync_s`. Beside the first
+    file goes the start of `companions`, beside each file its configuration, and beside each that follows a
+    full one the state after that one's last tick. What `keep` does not keep is removed.
     """
 
     def __init__(
@@ -78,10 +87,9 @@ class Recorder:
         rotate_bytes: float,
         sync_s: float,
         keep: Retention | None = None,
-        start: bytes | None = None,
-        config: bytes | None = None,
-        pack: Callable[[Any], bytes] | None = None,
+        companions: Companions = Companions(),  # noqa: B008 (it is frozen)
     ) -> None:
+        start, config, self._pack = companions
         self._directory = directory
         self._name = name
         self._channels = tuple(channels)
@@ -90,7 +98,6 @@ class Recorder:
         self._keep = keep
         self._always = {} if config is None else {CONFIG_SUFFIX: sealed(config)}
         self._beside = self._always if start is None else {START_SUFFIX: start, **self._always}
-        self._pack = pack
         self._first = header(self._channels)
         self._size = len(self._first)  # of the file that the next row goes into, without checksums
         self._queue: deque[_Row] = deque()

@@ -143,22 +143,32 @@ class Panel(NamedTuple):
         return self.axes.fill_between([], [], color=QUIET, alpha=0.25, lw=0)
 
 
-def heats(
-    panel: Panel, names: Sequence[str], inks: Sequence[Any], heat_W: FloatArray, sigma_W: FloatArray,
-    law_W: FloatArray, extremes_W: tuple[FloatArray, FloatArray], title: str = "Heat entering the screw",
-) -> None:  # fmt: skip
-    """Estimated heats (n, c) with 95 % bands, the extremes between samples, and their laws as thin dashes."""
-    reach_W = Z95 * sigma_W
-    for low_W, high_W, ink in zip(extremes_W[0].T, extremes_W[1].T, inks, strict=True):
+class HeatCurves(NamedTuple):
+    """Estimated heats (n, c) by name, each with its colour, σ, law, and lowest and highest value between the
+    samples.
+    """
+
+    names: Sequence[str]
+    inks: Sequence[Any]
+    heat_W: FloatArray
+    sigma_W: FloatArray
+    law_W: FloatArray
+    extremes_W: tuple[FloatArray, FloatArray]
+
+
+def heats(panel: Panel, curves: HeatCurves, title: str = "Heat entering the screw") -> None:
+    """Draw heats with 95 % bands, the extremes between samples, and their laws as thin dashes."""
+    heat_W, law_W, reach_W = curves.heat_W, curves.law_W, Z95 * curves.sigma_W
+    for low_W, high_W, ink in zip(curves.extremes_W[0].T, curves.extremes_W[1].T, curves.inks, strict=True):
         panel.band(low_W, high_W, ink, 0.35)
-    panel.curves(heat_W, names, inks, reach_W)
-    known = np.flatnonzero(law_W.any(axis=0)).tolist()
-    for i in known:
-        panel.axes.plot(panel.t, law_W[:, i], color=inks[i], **DASHED)
+    panel.curves(heat_W, curves.names, curves.inks, reach_W)
+    with_law = np.flatnonzero(law_W.any(axis=0)).tolist()
+    for i in with_law:
+        panel.axes.plot(panel.t, law_W[:, i], color=curves.inks[i], **DASHED)
     usual_W = np.nanmedian(reach_W, axis=0) if np.isfinite(reach_W).any() else 0.0
-    panel.limits(law_W[:, known], heat_W - usual_W, heat_W + usual_W)
+    panel.limits(law_W[:, with_law], heat_W - usual_W, heat_W + usual_W)
     panel.axes.set(title=title, ylabel="W")
-    by_law = [panel.sample(color=QUIET, **DASHED)] if len(known) else []
+    by_law = [panel.sample(color=QUIET, **DASHED)] if len(with_law) else []
     panel.explain([*by_law, panel.shade()], [*["by its law"] * len(by_law), "95 %"])
 
 

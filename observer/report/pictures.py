@@ -23,7 +23,7 @@ from observer.model.build import grid_of
 from observer.model.realise import realise
 from observer.report import panels
 from observer.report.collect import Decimator, ReplaySamples
-from observer.report.panels import QUIET, RC, Panel, colour, duration_text, elapsed
+from observer.report.panels import QUIET, RC, HeatCurves, Panel, colour, duration_text, elapsed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,10 +37,9 @@ def draw_overview(figure: Figure, config: Config, samples: ReplaySamples, title:
     page = _page_of(figure, config, title, samples, note, (3.0, 3.2, 2.6, 2.6, 0.28))
     heats, field, error, innovations, quality = page
     inks = [colour(i) for i in range(len(layout.sources))]
-    panels.heats(
-        heats, layout.sources, inks, last("heat_W"), last("heat_sigma_W"), last("law_W"),
-        (samples.low("heat_W"), samples.high("heat_W")),
-    )  # fmt: skip
+    extremes_W = samples.low("heat_W"), samples.high("heat_W")
+    curves = HeatCurves(layout.sources, inks, last("heat_W"), last("heat_sigma_W"), last("law_W"), extremes_W)
+    panels.heats(heats, curves)
     panels.field(field, layout.position_m, last("field_degC"), config)
     values, sigma = ("error_um", "error_sigma_um") if layout.has_error else ("field_degC", "field_sigma_K")
     panels.at_positions(
@@ -95,7 +94,8 @@ def draw_heat_history(
         heat, sigma, law = (samples.last(key)[:, [i]] for key in ("heat_W", "sigma_W", "law_W"))
         extremes_W = samples.low("heat_W")[:, [i]], samples.high("heat_W")[:, [i]]
         page[i].axes.axhline(0.0, color=QUIET, lw=0.7)
-        panels.heats(page[i], [name], [colour(i)], heat, sigma, law, extremes_W, f"Heat of {name}")
+        curves = HeatCurves([name], [colour(i)], heat, sigma, law, extremes_W)
+        panels.heats(page[i], curves, f"Heat of {name}")
     used = np.maximum(np.isfinite(history.residual_K).sum(axis=0), 1)
     rms_K = np.sqrt(np.nansum(history.residual_K**2, axis=0) / used).tolist()
     sensors = [f"{s.name}, {rms:.2g} K" for s, rms in zip(config.sensor, rms_K, strict=True)]

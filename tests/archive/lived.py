@@ -15,7 +15,7 @@ from observer.estimate.pipeline import MachineModel
 from observer.frames import Reading
 from observer.installation import Installation, load
 from observer.publish.codec import EstimateEncoder, config_json
-from observer.record.recorder import Recorder
+from observer.record.recorder import Companions, Recorder
 
 DEMO = Path(__file__).parents[2] / "config" / "demo.toml"
 BEGIN_S = 1_700_000_000.0
@@ -50,8 +50,11 @@ def lived(
         pipeline.restore(start.drive, start.estimator, start.gap)
     recorder = Recorder(
         config.record.directory, f"{config.machine.name}-{config.machine.axis}", config.channels,
-        rotate_bytes, 5.0, None, None if start is None else pack(start, fit),
-        config_json(config, instance).encode(), partial(pack, fit=fit),
+        rotate_bytes, 5.0, None,
+        Companions(
+            None if start is None else pack(start, fit), config_json(config, instance).encode(),
+            partial(pack, fit=fit),
+        ),
     )  # fmt: skip
     encoder, dice = EstimateEncoder(pipeline.layout, instance), np.random.default_rng(int(begin_s))
     sensors = [sensor.channel for sensor in config.sensor]

@@ -28,7 +28,7 @@ from observer.gateway.feed import Feed
 from observer.gateway.opcua import NAMESPACE
 from observer.gateway.start import Start
 from observer.publish.session import session_config
-from observer.publish.zenoh import ZenohPublisher
+from observer.publish.zenoh import ServiceIdentity, ZenohPublisher
 from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
 from observer.tables.publishing import Publish
 from tests.docs.reference import keys
@@ -46,7 +46,8 @@ start = Start(
     mqtt=Mqtt(broker=mqtt) if has_broker else None, opcua=Opcua(listen=f"opc.tcp://{opcua}"),
 )
 publisher = ZenohPublisher(
-    "lathe", "z", Publish(mode="router", listen=(f"tcp/{endpoint}",)), '{"hash":"h"}', LAYOUT, "0a0a0a0a",
+    ServiceIdentity("lathe", "z", "0a0a0a0a"), Publish(mode="router", listen=(f"tcp/{endpoint}",)),
+    '{"hash":"h"}', LAYOUT,
     outlet=Feed(start, b'{"config": {}}'),
 )
 step = 0

@@ -43,14 +43,16 @@ def written(path: Path, was: Truth, time: Callable[[datetime], str], name: str =
 def questions(path: Path, **given: str) -> str:
     """What `observer import` asks where nobody can answer."""
     with pytest.raises(LogError) as caught:
-        app.import_log([path], configured(path.parent), path.with_suffix(".parquet"), None, **given)
+        app.import_log(
+            [path], configured(path.parent), path.with_suffix(".parquet"), None, app.ImportOptions(**given)
+        )
     return str(caught.value)
 
 
 def imported(path: Path, **given: str):
     """The log of a file about which nothing is left to ask."""
     out = path.with_suffix(".parquet")
-    app.import_log([path], configured(path.parent), out, None, **given)
+    app.import_log([path], configured(path.parent), out, None, app.ImportOptions(**given))
     return read_log(out)
 
 

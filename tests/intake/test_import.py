@@ -36,7 +36,7 @@ def test_a_strangers_file_becomes_a_log_after_one_answer(tmp_path, name):
         return True
 
     zone = "Europe/Berlin" if name == "lauf.csv" else "UTC"
-    found = app.import_log([path], configured(tmp_path), out, agree, timezone=zone)
+    found = app.import_log([path], configured(tmp_path), out, agree, app.ImportOptions(timezone=zone))
     assert len(asked) <= 1
     log = read_log(out)
     assert set(log.channels) == set(configured(tmp_path).channels)
@@ -59,7 +59,7 @@ def test_a_doubtful_log_is_rejected_where_nobody_can_answer(tmp_path):
     assert "screw_speed_rpm:" not in message  # its name and unit leave no doubt
     assert not out.exists()
     said = ("t1_degC=Temp. Lager", "t2_degC=Temp. Mutter")
-    app.import_log([path], configured(tmp_path), out, None, columns=said, timezone="Europe/Berlin")
+    app.import_log([path], configured(tmp_path), out, None, app.ImportOptions(said, timezone="Europe/Berlin"))
     assert_is(read_log(out), truth(), apart=6e-6)
 
 

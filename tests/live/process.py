@@ -13,7 +13,7 @@ from observer.estimate.pipeline import Pipeline
 from observer.live.loop import Service
 from observer.process.clock import ServiceClock
 from observer.process.shutdown import leave
-from observer.publish.zenoh import ZenohPublisher
+from observer.publish.zenoh import ServiceIdentity, ZenohPublisher
 from observer.record.recorder import Recorder
 from observer.tables.publishing import Publish
 from tests.live.fakes import FakeDrive, FakeDriver, FakeEstimator
@@ -49,7 +49,10 @@ def main() -> None:
     endpoint, folder, hangs = sys.argv[1:]
     estimator = HangingEstimator(hangs)
     publisher = ZenohPublisher(
-        "m", "x", Publish(mode="client", connect=(endpoint,)), "{}", estimator.layout, "0a0a0a0a"
+        ServiceIdentity("m", "x", "0a0a0a0a"),
+        Publish(mode="client", connect=(endpoint,)),
+        "{}",
+        estimator.layout,
     )
     recorder = Recorder(Path(folder), "m-x", CHANNELS, 1e9, 5.0)
     script = [(0.05 * k, {"t1_degC": 20.0 + k, "t2_degC": 20.0}, {}) for k in range(2000)]

@@ -14,7 +14,7 @@ from observer.estimate.pipeline import MachineModel
 from observer.estimators.design.probing import probing_worth
 from observer.live.observers import Step
 from observer.live.probing import ProbingAdvisor, is_advised
-from observer.publish.zenoh import ZenohPublisher
+from observer.publish.zenoh import ServiceIdentity, ZenohPublisher
 from observer.tables.publishing import Publish
 from tests.model.test_displacement import OCCASIONAL, log_of, probed, with_readings
 
@@ -63,7 +63,9 @@ def test_it_is_advised_when_the_part_needs_it(needs_um: float, now: bool) -> Non
     assert said[0]["within_um"] == pytest.approx(np.max(blocks[-1].error_bound_um), abs=1e-3)
     assert said[0]["after_um"] < said[0]["within_um"]
     assert (said[0]["sensor"], said[0]["instance"], said[0]["sequence"]) == ("probe", "one", 7)
-    publisher = ZenohPublisher("m", "x", Publish(), "{}", machine.plant.layout, "one", probes=True)
+    publisher = ZenohPublisher(
+        ServiceIdentity("m", "x", "one"), Publish(), "{}", machine.plant.layout, offers=["probing"]
+    )
     publisher.document("probing", said[0])  # the key is there
 
 

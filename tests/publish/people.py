@@ -7,7 +7,7 @@ from pathlib import Path
 import zenoh
 
 from observer.publish.session import client_config
-from observer.publish.zenoh import ZenohPublisher
+from observer.publish.zenoh import ServiceIdentity, ZenohPublisher
 from observer.tables.publishing import Client, Publish
 from tests.patience import until as wait
 from tests.publish.blocks import LAYOUT
@@ -76,7 +76,11 @@ def published(
     endpoint = f"{scheme}/127.0.0.1:{free_port()}"
     publish = Publish.model_validate({"mode": "router", "listen": (endpoint,), **settings})
     made = ZenohPublisher(
-        "lathe-7", axis, publish, f'{{"hash":"{digest}"}}', LAYOUT, "0a0a0a0a", compensates=compensates
+        ServiceIdentity("lathe-7", axis, "0a0a0a0a"),
+        publish,
+        f'{{"hash":"{digest}"}}',
+        LAYOUT,
+        offers=["compensation"] if compensates else [],
     )
     made.start()
     wait(lambda: made.status.connected)

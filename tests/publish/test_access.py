@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from observer.errors import ConfigError
 from observer.exchange import Outcome
-from observer.publish.ask import ask_health, command
+from observer.publish.ask import Address, ask_health, command
 from observer.publish.session import client_config, service_config
 from observer.tables.publishing import Client, Publish
 from tests.docs.console import blocks
@@ -143,9 +143,9 @@ def test_the_commands_of_the_program_log_in(tmp_path):
     with published(**_users(tmp_path)) as (made, endpoint):
         made.document("health", {"state": "good"})
         anna = user(tmp_path, "anna", "see")
-        assert ask_health(endpoint, "lathe-7", "z", 10, anna).document == HEALTH
-        assert "rejects this client" in ask_health(endpoint, "lathe-7", "z", 2).problem
-        assert command("reset", endpoint, "lathe-7", "z", 2, anna).document is None
+        assert ask_health(Address(endpoint, "lathe-7", "z", anna), 10).document == HEALTH
+        assert "rejects this client" in ask_health(Address(endpoint, "lathe-7", "z"), 2).problem
+        assert command("reset", Address(endpoint, "lathe-7", "z", anna), 2).document is None
         assert made.commands() == []
 
 

@@ -160,9 +160,9 @@ def test_whatever_comes_back_an_asker_gets_an_answer_in_words(data):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     liar = _Liar(endpoint, data)
     try:
-        health = asking.ask_health(endpoint, "lathe-7", "z", 5)
+        health = asking.ask_health(asking.Address(endpoint, "lathe-7", "z"), 5)
         assert health.problem or isinstance(health.document, dict)
-        armed = asking.command("arm", endpoint, "lathe-7", "z", 5)
+        armed = asking.command("arm", asking.Address(endpoint, "lathe-7", "z"), 5)
         assert armed.problem or armed.document.get("done") is not True
     finally:
         liar.close()
@@ -190,9 +190,9 @@ def test_a_request_for_a_missing_axis_names_those_that_exist():
     with published() as (made, endpoint):
         made.document("health", {"state": "good"})
         instead = f"at {endpoint} answers lathe-7/z, not lathe-8/{{}}; name it with --machine and --axis"
-        assert asking.ask_health(endpoint, "lathe-8", "*", 1).problem == instead.format("*")
+        assert asking.ask_health(asking.Address(endpoint, "lathe-8", "*"), 1).problem == instead.format("*")
         for digest in (None, "ab12"):
-            answer = asking.command("reset", endpoint, "lathe-8", "z", 1, None, digest)
+            answer = asking.command("reset", asking.Address(endpoint, "lathe-8", "z"), 1, digest)
             assert answer.problem == instead.format("z")
         assert made.commands() == []
 
@@ -201,7 +201,7 @@ def test_a_request_for_a_missing_axis_names_those_that_exist():
 def test_of_many_axes_that_answer_instead_some_are_named():
     with published() as (_, endpoint), session(endpoint) as other:
         tokens = [other.liveliness().declare_token(f"ballscrew/m{k}/x/alive") for k in range(9)]
-        answer = asking.ask_health(endpoint, "lathe-8", "z", 1)
+        answer = asking.ask_health(asking.Address(endpoint, "lathe-8", "z"), 1)
         names = ", ".join(["lathe-7/z", *(f"m{k}/x" for k in range(7))])
         assert f"answer {names} and 2 more, not lathe-8/z; name one" in answer.problem
         assert len(tokens) == 9
@@ -211,7 +211,7 @@ def test_of_many_axes_that_answer_instead_some_are_named():
 def test_an_axis_that_lives_and_does_not_answer_is_not_taken_for_another():
     with published() as (_, endpoint), session(endpoint) as other:
         token = other.liveliness().declare_token("ballscrew/lathe-8/z/alive")
-        assert "no service answers" in asking.ask_health(endpoint, "lathe-8", "z", 1).problem
+        assert "no service answers" in asking.ask_health(asking.Address(endpoint, "lathe-8", "z"), 1).problem
         token.undeclare()
 
 
@@ -219,7 +219,9 @@ def test_an_axis_that_lives_and_does_not_answer_is_not_taken_for_another():
 def test_the_commands_find_the_hash_themselves_or_take_the_one_given():
     with published() as (made, endpoint), ThreadPoolExecutor(1) as pool:
         for digest, done in ((None, True), ("ab12", True), ("ab13", False)):
-            answer = pool.submit(asking.command, "disarm", endpoint, "lathe-7", "z", 10, None, digest)
+            answer = pool.submit(
+                asking.command, "disarm", asking.Address(endpoint, "lathe-7", "z"), 10, digest
+            )
             while not answer.done():
                 for command in made.commands():
                     assert "@" in command.by

@@ -6,7 +6,7 @@ import zenoh
 
 from observer.publish.codec import EstimateEncoder
 from observer.publish.session import session_config
-from observer.publish.zenoh import _INSTANCE, ZenohPublisher
+from observer.publish.zenoh import _INSTANCE, ServiceIdentity, ZenohPublisher
 from observer.tables.publishing import Publish
 from tests.patience import until as wait
 from tests.publish.blocks import LAYOUT, block
@@ -16,7 +16,7 @@ from tests.publish.router import Router, free_port
 
 def _client(endpoint: str, instance: str, mode: str = "client") -> ZenohPublisher:
     settings = Publish.model_validate({"mode": mode, "connect": (endpoint,)})
-    made = ZenohPublisher("lathe-7", "z", settings, '{"hash":"ab12"}', LAYOUT, instance)
+    made = ZenohPublisher(ServiceIdentity("lathe-7", "z", instance), settings, '{"hash":"ab12"}', LAYOUT)
     made.start()
     return made
 

@@ -12,7 +12,7 @@ import zenoh
 from observer.publish.codec import decode, decode_estimate
 from observer.publish.session import session_config
 from observer.publish.watch import Subscription
-from observer.publish.zenoh import ZenohPublisher
+from observer.publish.zenoh import ServiceIdentity, ZenohPublisher
 from observer.tables.publishing import Publish
 from tests.patience import HERE, PATIENCE_S, Stopwatch
 from tests.patience import until as _wait
@@ -28,7 +28,10 @@ OUTAGE_S = 3.3  # by then Zenoh's own pauses between attempts have grown to four
 def _publisher(endpoint: str, mode: str = "client", **settings) -> ZenohPublisher:
     ends = {"listen": (endpoint,)} if mode == "router" else {"connect": (endpoint,)}
     publisher = ZenohPublisher(
-        "lathe-7", "z", Publish(mode=mode, **ends, **settings), '{"hash":"h"}', LAYOUT, "0a0a0a0a"
+        ServiceIdentity("lathe-7", "z", "0a0a0a0a"),
+        Publish(mode=mode, **ends, **settings),
+        '{"hash":"h"}',
+        LAYOUT,
     )
     publisher.start()
     return publisher
@@ -99,7 +102,9 @@ def test_messages_say_what_they_are(publisher):
 
 
 def test_field_and_error_keep_their_rate_by_the_time_of_the_estimate():
-    publisher = ZenohPublisher("m", "x", Publish(field_rate_Hz=2.0), "{}", LAYOUT, "0a0a0a0a")
+    publisher = ZenohPublisher(
+        ServiceIdentity("m", "x", "0a0a0a0a"), Publish(field_rate_Hz=2.0), "{}", LAYOUT
+    )
     sent = []
     publisher._put = lambda key, payload: sent.append((key, payload))
     for k in range(1000):

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from observer.align.aligner import Aligner, faults_of, frames_of_log
 from observer.files.logs import read_log
 from observer.frames import Reading
-from observer.record.recorder import Recorder, header, row_of_reading
+from observer.record.recorder import Companions, Recorder, header, row_of_reading
 from observer.record.retention import Retention
 from tests.logs.recordings import CHANNELS, joined, plan, play, same_bits, streams
 from tests.patience import PATIENCE_S, Stopwatch
@@ -193,7 +193,7 @@ def test_a_recording_cut_anywhere_replays_up_to_the_cut(tmp_path):
 
 def test_only_the_owner_may_read_recordings(tmp_path):
     folder = tmp_path / "new"
-    recorder = Recorder(folder, "m-x", CHANNELS, 1e9, 5.0, start=b"where it stood")
+    recorder = Recorder(folder, "m-x", CHANNELS, 1e9, 5.0, companions=Companions(start=b"where it stood"))
     _rows(recorder, 0, 3)
     recorder.close()
     modes = {path.suffix: stat.S_IMODE(path.stat().st_mode) for path in folder.iterdir()}
@@ -214,7 +214,7 @@ def test_each_write_ends_with_a_checksum(tmp_path):
 
 
 def test_where_the_service_stood_goes_beside_the_first_file_only(tmp_path):
-    recorder = Recorder(tmp_path, "m-x", CHANNELS, 1000, 5.0, start=b"where it stood")
+    recorder = Recorder(tmp_path, "m-x", CHANNELS, 1000, 5.0, companions=Companions(start=b"where it stood"))
     _rows(recorder, 0, 100)
     recorder.close()
     (start,) = tmp_path.glob("*.start")

@@ -31,7 +31,7 @@ def read_lvm(path: Path, text: str) -> list[Sheet]:
     if not ends:
         raise LogError(f"{path}: has no {_END}, which a LabVIEW measurement has; export it again")
     head = {row[0].strip(): row[1].strip() for row in cells[: ends[0]] if len(row) > 1}
-    decimal = head.get("Decimal_Separator") or ("," if head.get("Separator") == "," else ".")
+    decimal = _decimal(head)
     starts = ends[1:] or ends[:1]
     sheets: dict[tuple[str, ...], list[tuple[FloatArray, list[list[str]]]]] = {}
     units: dict[tuple[str, ...], Sequence[str]] = {}
@@ -53,18 +53,25 @@ def read_lvm(path: Path, text: str) -> list[Sheet]:
                 (time_s, [[row[i] if i < len(row) else "" for i in at] for row in own])
             )
             units[columns] = [labels[begin + i - 1] if 0 < begin + i <= len(labels) else "" for i in at]
-    absolute = head.get("Time_Pref") == "Absolute"
-    since_1970 = "Date" in head or absolute
     return [
-        _sheet(path, i, names, parts, units[names], decimal, since_1970, on_wall=not absolute)
-        for i, (names, parts) in enumerate(sheets.items())
+        _sheet(path, i, head, names, parts, units[names]) for i, (names, parts) in enumerate(sheets.items())
     ]
 
 
+def _decimal(head: Mapping[str, str]) -> str:
+    return head.get("Decimal_Separator") or ("," if head.get("Separator") == "," else ".")
+
+
 def _sheet(
-    path: Path, number: int, names: tuple[str, ...], parts: list[tuple[FloatArray, list[list[str]]]],
-    units: Sequence[str], decimal: str, since_1970: bool, *, on_wall: bool,
-) -> Sheet:  # fmt: skip
+    path: Path,
+    number: int,
+    head: Mapping[str, str],
+    names: tuple[str, ...],
+    parts: list[tuple[FloatArray, list[list[str]]]],
+    units: Sequence[str],
+) -> Sheet:
+    """Return one segment of the file as a sheet; `head` says how its times and numbers are written."""
+    absolute = head.get("Time_Pref") == "Absolute"
     rows = [row for _, part in parts for row in part]
     columns = tuple(
         RawColumn(
@@ -80,9 +87,9 @@ def _sheet(
         f"segment {number + 1}" if number else "",
         columns,
         time_s,
-        since_1970,
-        on_wall=on_wall,
-        decimal=decimal,
+        "Date" in head or absolute,
+        on_wall=not absolute,
+        decimal=_decimal(head),
     )
 
 
