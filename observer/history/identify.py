@@ -15,7 +15,7 @@ from observer.history.history import HeatHistory, MethodOptions
 from observer.history.smoother import smooth_heats
 from observer.history.sweeps import Readings, Sweeps, readings
 from observer.history.tikhonov import BENDS, Regularised, by_discrepancy, by_gcv, by_ico, by_l_curve, trials
-from observer.history.tolerances import Changes, less, most_probable
+from observer.history.tolerances import Changes, averaged, less, most_probable
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
@@ -38,14 +38,17 @@ def heat_history(
     """Return the heats over a whole log, given as consecutive blocks of inputs.
 
     `tolerances` returns what one standard deviation of each tolerance does to the sensors, along heats (K,
-    m_e), NaN where they are not known; it is given those that the smoother estimates without any. The learnt
+    m_e), NaN where they are not known; it is given those that the smoother estimates without any, averaged
+    over minutes. The learnt
     part is subtracted from the readings, and the remaining uncertainty, as for the smoother, is added to σ
     for every method. `progress` is told of each iteration of a descent. Raises `UserError` where the options
     contradict each other, or the method cannot take this log.
     """
     options.check()
     first = None if tolerances is None else smooth_heats(plant, settings, blocks)
-    changes = None if tolerances is None or first is None else tolerances(first.heat_W)
+    changes = None
+    if tolerances is not None and first is not None:
+        changes = tolerances(averaged(blocks, plant.estimated, first.heat_W))
     if changes is not None and len(changes.learnt):
         found = most_probable(plant, settings, blocks, changes)
         history = _by_method(plant, settings, less(blocks, found.sensor_K), options, progress)

@@ -34,6 +34,11 @@ from observer.model.plant import Plant
 from observer.model.simulate import start_from_sensors
 from observer.tables.estimator import EstimatorSettings
 
+AVERAGED_S = 300.0
+"""Time over which the heats are averaged along which changes are simulated. The smoother's response to a
+reading's noise lasts a minute or two; a screw warms in half an hour or more.
+"""
+
 
 class Changes(NamedTuple):
     """The change of the sensors with one standard deviation of each of c tolerances: `sensor_K` (K, s, c), K;
@@ -71,6 +76,25 @@ def changes_within(config: Config, blocks: Sequence[Inputs], heat_W: FloatArray)
                 air_degC = u.z_end[:, plant.known.ambient, None]
                 D[rows, own, L + own] = np.nan_to_num(common * (air_degC - expected_degC))
     return Changes(D, np.concatenate([learnt, np.zeros(D.shape[2] - L, dtype=np.bool_)]))
+
+
+def averaged(blocks: Sequence[Inputs], estimated: BoolArray, heat_W: FloatArray) -> FloatArray:
+    """Return estimated heats (K, m_e) with their departure from the laws averaged over `AVERAGED_S`.
+
+    Estimated heats follow the noise of the readings. Changes simulated along them would correlate with that
+    noise, and the estimate of the tolerances would be biased. Rows with a NaN stay NaN.
+    """
+    time_s = np.concatenate([block.time_s for block in blocks])
+    law_W = np.concatenate([block.law_W for block in blocks])[:, estimated]
+    finite = np.isfinite(heat_W + law_W).all(axis=1)
+    departure_W = np.where(finite[:, None], heat_W - law_W, 0.0)
+    total_W = np.cumsum(np.vstack([np.zeros(departure_W.shape[1]), departure_W]), axis=0)
+    count = np.cumsum(np.concatenate([[0], finite]))
+    first = np.searchsorted(time_s, time_s - 0.5 * AVERAGED_S)
+    end = np.searchsorted(time_s, time_s + 0.5 * AVERAGED_S, side="right")
+    rows = np.maximum(count[end] - count[first], 1)
+    mean_W = (total_W[end] - total_W[first]) / rows[:, None]
+    return np.where(finite[:, None], law_W + mean_W, np.nan)
 
 
 def _roughly_known(config: Config) -> tuple[Plant, BoolArray]:
