@@ -75,7 +75,8 @@ class Held(NamedTuple):
     """The bounds found last, of the heats and of the reported rows, what drifts add to the variances of both,
     what laws that have changed add to those of heats, and the limits of the rows. `known_sigma` (2,) are the
     standard deviations of field and error below which they are known, `grid` is the number of rows of the
-    field, and `published` says whether these sensors give a bound.
+    field, and `published` says whether these sensors give a bound, which is at least `sigmas` standard
+    deviations.
     """
 
     heat_W: FloatArray
@@ -87,6 +88,22 @@ class Held(NamedTuple):
     known_sigma: FloatArray
     grid: int
     published: int
+    sigmas: float
+
+
+class BankFilters(NamedTuple):
+    """The filters of a bank as the kernel takes them: which sensors each uses (F, s), their states, and their
+    results after a step. `misfit` (F, s) and `S` (s, s) are filled as `kernels.bank.run_bank` says.
+    """
+
+    gathered: Any
+    drifting: int
+    filters: tuple[Any, ...]
+    results: tuple[Any, ...]
+    uses: NDArray[np.uint8]
+    work: Any
+    misfit: FloatArray
+    S: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +165,7 @@ class Bank:
 
     def __init__(self, plant: Plant, settings: Integrity, plant_record: Any, steps: StepCache) -> None:
         """Allocate it for a plant."""
-        self._plant_record, self._steps = plant_record, steps
+        self._steps = steps
         s, wide = plant.rows.sensors, len(plant.rows.C) - plant.rows.sensors
         self.design, self._thermal = Design.of(plant.thermal, settings), plant.thermal
         self._allows = plant.learnt > 0  # else the model is taken as exact, and no difference is trusted
@@ -162,7 +179,6 @@ class Bank:
             packing.Running._make(self._filters[name][f] for name in packing.Running._fields)
             for f in range(F)
         )
-        self._filter_records = tuple(map(record, self._runnings))
         self._octets: bytes | None = None
         self._own = Bundle.of(_between(plant))
         self.gathered = Gathered._make(self._own[name] for name in Gathered._fields)
@@ -173,19 +189,23 @@ class Bank:
         limit[g:] = np.inf if settings.limit_um is None else settings.limit_um
         remembered = [self._own[name] for name in Held._fields[: Held._fields.index("limit")]]
         known_sigma, publishes = KNOWN * _largest_prior(plant), not self._rests_on_laws
-        self.held = Held._make([*remembered, limit, known_sigma, g, publishes])
+        self.held = Held._make([*remembered, limit, known_sigma, g, publishes, self.design.sigmas])
         self.held_record = record(self.held)
         self._results = packing.empty_results(plant, F)
-        self._result_records = tuple(record(packing.cut(self._results, slice(f, f + 1))) for f in range(F))
-        self._work = record(packing.scratch(packing.pack_plant(plant)))
         m, p, M = len(plant.B.T), len(plant.E.T), len(plant.moving)
         self._inputs = Inputs.empty(m, p, s, M, len(plant.decay_1_s), len(plant.rows.C))
-        self._inputs_record = record(self._inputs)
-        self._first = np.zeros(1, np.int64)
+        self._batch = record(packing.Batch(plant_record, None, self._inputs, np.zeros(1, np.int64), _NEVER))
         self._trace = Trace._make(self._own[name] for name in Trace._fields)
         self._answer_K = answers_of(np.sqrt(plant.noise_R_K2))
         self._answers = SensorAnswers._make(self._own[name] for name in SensorAnswers._fields)
         self._misfit, self._S = np.zeros((F, s)), np.zeros((s, s))
+        self._filters_record = record(
+            BankFilters(
+                self.gathered_record, self.design.drifting, tuple(map(record, self._runnings)),
+                tuple(record(packing.cut(self._results, slice(f, f + 1))) for f in range(F)),
+                self.design.uses, packing.scratch(packing.pack_plant(plant)), self._misfit, self._S,
+            )
+        )  # fmt: skip
 
     @property
     def is_due(self) -> bool:
@@ -233,15 +253,11 @@ class Bank:
         `main` is the estimate's state after its step k, `results` that and what else it has found.
         """
         self._octets = None
-        pour(self.gathered_record, main_record, self._inputs_record)
+        pour(self.gathered_record, main_record, self._batch.inputs)
         span_s = float(quantise(self._inputs.dt_s)[0])
         self._inputs.dt_s[0] = span_s
-        design = self.design
-        run_bank(
-            self._plant_record, self._steps.table([span_s]), self._inputs_record, self._first,
-            self.gathered_record, design.drifting, design.walk_K2_s * span_s, self._filter_records,
-            design.uses, main_record, _NEVER, self._result_records, self._work, self._misfit, self._S,
-        )  # fmt: skip
+        self._batch.table = self._steps.table([span_s])
+        run_bank(self._batch, self._filters_record, main_record, self.design.walk_K2_s * span_s)
         self._hold(results, k, float(main.verdict[of.AGE_S]))
         if not self._runnings[-1].flags[0] and self._runnings[0].flags[0]:
             self._runnings[-1].flags[0] = 1  # by laws and air alone, from where all were at first

@@ -72,6 +72,10 @@ class BlockEstimator(ABC):
         self._steps = StepCache(plant)
         self._own = threading.local()
 
+    def batch(self, chunk: Chunk, inputs: Any) -> Any:
+        """Return a chunk's steps as kernels take them; `inputs` are the chunk's."""
+        return record(packing.Batch(self.plant_record, chunk.table, inputs, chunk.step, self.gate_sigma))
+
     @property
     def layout(self) -> Layout:
         """What the columns of the estimates are."""

@@ -167,11 +167,12 @@ class FixedGainEstimator(BlockEstimator):
     def take(self, chunk: Chunk, inputs: Any, scratch: FixedGainScratch, _out: Results, results: Any) -> None:
         """Run the kernel, designing the gains it asks for on the way."""
         bins, at = record(self._bank.bins(chunk.lengths_s)), scratch.at
+        batch = self.batch(chunk, inputs)
         at[:] = 0
         while True:
             run_fixed_gain(
-                self.plant_record, chunk.table, bins, inputs, chunk.step, scratch.running_record,
-                self.gate_sigma, self._bank.table, results, scratch.work_record, scratch.own,
+                batch, bins, scratch.running_record, self._bank.table, results, scratch.work_record,
+                scratch.own,
             )  # fmt: skip
             if at[KEY] == DONE:
                 return

@@ -68,18 +68,15 @@ class KalmanEstimator(BlockEstimator):
 
     def take(self, chunk: Chunk, inputs: Any, scratch: Scratch, out: Results, results: Any) -> None:
         """Take a chunk's steps by the compiled filter."""
-        bank, k = scratch.bank, 0
+        bank, batch, k = scratch.bank, self.batch(chunk, inputs), 0
         if bank is None:
-            run_kalman(
-                self.plant_record, chunk.table, inputs, chunk.step, scratch.running_record, self.gate_sigma,
-                results, scratch.work_record,
-            )  # fmt: skip
+            run_kalman(batch, scratch.running_record, results, scratch.work_record)
             return
         while k < len(chunk.step):
             k = run_until_due(
-                self.plant_record, chunk.table, inputs, chunk.step, scratch.running_record, self.gate_sigma,
-                results, scratch.work_record, bank.gathered_record, bank.held_record, bank.design.sigmas, k,
+                batch, scratch.running_record, results, scratch.work_record, bank.gathered_record,
+                bank.held_record, k,
             )  # fmt: skip
             if bank.is_due:
                 scratch.step_bank(out, k - 1, float(chunk.inputs.time_s[k - 1]))
-                put_bounds(self.plant_record, inputs, results, k - 1, bank.held_record, bank.design.sigmas)
+                put_bounds(self.plant_record, inputs, results, k - 1, bank.held_record)

@@ -45,8 +45,10 @@ class LiveEstimator:
         kalman = isinstance(estimator, KalmanEstimator)
         self.record = record(
             EstimatorTick(
-                inputs_record, math.nan, self._table_of, np.zeros(1, np.int64), estimator.plant_record,
-                self._scratch.running_record, estimator.gate_sigma, results, self._scratch.work_record,
+                packing.Batch(
+                    estimator.plant_record, None, inputs_record, np.zeros(1, np.int64), estimator.gate_sigma
+                ),
+                math.nan, self._table_of, self._scratch.running_record, results, self._scratch.work_record,
                 None if kalman else self._take, self._name if self._folds or plant.learnt else None,
                 self._block["time_s"], self._block.octets, *self._bounded(),
             )
@@ -57,12 +59,12 @@ class LiveEstimator:
         self._chunk = self._estimator.single(self._inputs, length_s)
         return self._chunk.table
 
-    def _bounded(self) -> tuple[Any, Any, float, Callable[[], None] | None]:
-        """What is gathered for the bank, the bounds it holds, how many σ they are at least, and its step."""
+    def _bounded(self) -> tuple[Any, Any, Callable[[], None] | None]:
+        """What is gathered for the bank, the bounds it holds, and its step."""
         bank = self._scratch.bank
         if bank is None:
-            return None, None, 0.0, None
-        return bank.gathered_record, bank.held_record, bank.design.sigmas, self._step_bank
+            return None, None, None
+        return bank.gathered_record, bank.held_record, self._step_bank
 
     def _step_bank(self) -> None:
         """Step the bank, which is due."""
@@ -109,13 +111,10 @@ class EstimatorTick(NamedTuple):
     With a bank, `step_bank` steps it when it is due.
     """
 
-    inputs: Any
+    batch: packing.Batch
     length_s: float
     table_of: Callable[[float], Any]
-    step: Any
-    plant: Any
     running: Any
-    gate_sigma: float
     results: Any
     work: Any
     other: Callable[[], None] | None
@@ -124,7 +123,6 @@ class EstimatorTick(NamedTuple):
     octets: Any
     gathered: Any
     held: Any
-    sigmas: float
     step_bank: Callable[[], None] | None
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,18 @@ IntArray = NDArray[np.int64]
 # of 512 bytes would all share few places of the processor's cache: then it is half a register less, or more.
 _REGISTER, _CROWDED = 16, 64
 _TOGETHER = 4  # sensors that the kernels take at a time
+
+
+class Batch(NamedTuple):
+    """K steps as records of the kernels: a plant, their inputs, the table of their lengths, and `step` (K,),
+    where each one's length is in it. A reading farther off than `gate_sigma` standard deviations is rejected.
+    """
+
+    plant: Any
+    table: Any
+    inputs: Any
+    step: IntArray
+    gate_sigma: float = np.inf
 
 
 class PlantArrays(NamedTuple):

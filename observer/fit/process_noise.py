@@ -157,7 +157,8 @@ def innovations_log_likelihood(plant: Plant, inputs: Inputs) -> float:
     arrays, steps = packing.pack_plant(bare), StepCache(bare)
     p, work, state = record(arrays), record(packing.scratch(arrays)), record(running)
     for part, _, table, u, step in chunks(steps, inputs.sensors_only(plant.rows.sensors)):
-        run_kalman(p, table, record(u), step, state, np.inf, record(packing.cut(results, part)), work)
+        batch = record(packing.Batch(p, table, u, step))
+        run_kalman(batch, state, record(packing.cut(results, part)), work)
     started = np.flatnonzero(np.isfinite(results.innovation).any(axis=1))
     return float(results.log_likelihood[started[1:]].sum()) if len(started) else 0.0
 

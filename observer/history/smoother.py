@@ -105,6 +105,13 @@ def smooth_changes(
     return passes.information, heat
 
 
+class Changed(NamedTuple):
+    """The changes of readings (K, s, c) and of heats (K, m_e, c), as `kernels.changes` leaves them."""
+
+    moved: FloatArray
+    heat: FloatArray
+
+
 class _Segment(NamedTuple):
     """Some of a log's steps: their rows, inputs, and the index of each one's length in the table."""
 
@@ -175,10 +182,12 @@ class _Passes:
             array[...] = then
 
     def _filter(self, segment: _Segment) -> None:
-        run_forward(
-            self._plant_record, segment.table, record(segment.u), segment.step, record(self._state),
-            self._gate_sigma, self._work, self._tape,
-        )  # fmt: skip
+        run_forward(self._batch(segment), record(self._state), self._work, self._tape)
+
+    def _batch(self, segment: _Segment) -> Any:
+        return record(
+            packing.Batch(self._plant_record, segment.table, segment.u, segment.step, self._gate_sigma)
+        )
 
     def _smooth(self, segment: _Segment) -> tuple[FloatArray, ...]:
         """Heats and σ (K, m_e), residuals (K, s)."""
@@ -187,10 +196,7 @@ class _Passes:
     def _smoothed(self, segment: _Segment) -> Smoothed:
         K, s, m_e = len(segment.step), len(self._arrays.R_K2), len(self._arrays.source)
         out = Smoothed(*(np.full((K, width), np.nan) for width in (m_e, m_e, s, s, m_e, m_e)))
-        run_backward(
-            self._plant_record, segment.table, record(segment.u), segment.step, self._tape, self._adjoint,
-            self._work, record(out),
-        )  # fmt: skip
+        run_backward(self._batch(segment), self._tape, self._adjoint, self._work, record(out))
         return out
 
 
@@ -211,6 +217,7 @@ class _ChangedPasses(_Passes):
         columns = padded_width(1 + count, _REGISTER)
         self._X, self._adjoints = np.zeros((2, len(self._state.x), columns))
         self._moved, self._heat = np.zeros((K, s, columns)), np.zeros((K, len(self._arrays.source), columns))
+        self._changed = record(Changed(self._moved, self._heat))
         self._information = np.zeros((count, columns))
 
     @property
@@ -231,16 +238,12 @@ class _ChangedPasses(_Passes):
         self._moved[:] = 0.0
         self._moved[: len(D), :, self._own] = D
         self._heat[:] = np.nan
-        run_changes_forward(*self._over(segment), self._X, self._moved, self._heat)
+        run_changes_forward(self._batch(segment), self._tape, self._work, self._X, self._changed)
 
     def _smooth(self, segment: _Segment) -> tuple[FloatArray, ...]:
         """The changes of the heats (K, m_e, c)."""
         D = self._changes_K[segment.rows]
         run_changes_backward(
-            *self._over(segment), self._adjoints, self._moved, self._heat, D, self._information
+            self._batch(segment), self._tape, self._work, self._adjoints, self._changed, D, self._information
         )
         return (self._heat[: len(D), :, self._own].copy(),)
-
-    def _over(self, segment: _Segment) -> tuple[Any, ...]:
-        u = record(segment.u)
-        return self._plant_record, segment.table, u, segment.step, self._tape, self._work

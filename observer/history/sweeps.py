@@ -14,7 +14,6 @@ import numpy as np
 
 from observer.errors import UserError
 from observer.estimators import packing
-from observer.estimators.packing import IntArray
 from observer.estimators.steps import chunks
 from observer.frames import FloatArray, Inputs
 from observer.history.prior import HeldSteps, independent, jumps_W
@@ -72,12 +71,10 @@ def readings(plant: Plant, blocks: Sequence[Inputs], order: int) -> Readings:
 
 
 class _Stretch(NamedTuple):
-    """Some rows of a log: their inputs and steps as kernels take them; whether the log begins with them."""
+    """Some rows of a log, as kernels take them, and whether the log begins with them."""
 
     rows: slice
-    u: Any
-    step: IntArray
-    table: Any
+    batch: Any
     begins: bool
 
 
@@ -92,11 +89,13 @@ class Sweeps:
         """Prepare the sweeps; in order 0 the field is known at the start, unless `start_known` says."""
         plant = plant.sensors_only()
         arrays = packing.pack_plant(plant)
-        self._plant, self._work = record(arrays), record(packing.scratch(arrays))
+        plant_record, self._work = record(arrays), record(packing.scratch(arrays))
         self._states, self._n_x = packing.states_of(plant), len(plant.decay_1_s)
         self._scale, _ = jumps_W(plant, inputs, order)
         self._stretches = [
-            _Stretch(c.part, record(c.inputs), c.step, c.table, c.part.start == 0)
+            _Stretch(
+                c.part, record(packing.Batch(plant_record, c.table, c.inputs, c.step)), c.part.start == 0
+            )
             for c in chunks(HeldSteps(plant, keeps=order == 1), inputs)
         ]
         known = order == 0 if start_known is None else start_known
@@ -114,13 +113,11 @@ class Sweeps:
         c = V.shape[1]
         X = np.zeros((self._states, c))
         X[: self._n_x] = self._root @ V[: self.start]
-        w = np.ascontiguousarray(V[self.start :]).reshape(self.rows, self.heats, c)
+        unit = V[self.start :].reshape(self.rows, self.heats, c)
+        w = np.multiply(self._scale[:, :, None], unit, order="C")
         heat, rows = np.zeros((self.rows, self.heats, c)), np.zeros((self.rows, self.sensors, c))
         for s in self._stretches:
-            run_sweep(
-                self._plant, s.table, s.u, s.step, self._work, X, s.begins, self._scale[s.rows], w[s.rows],
-                heat[s.rows], rows[s.rows],
-            )  # fmt: skip
+            run_sweep(s.batch, self._work, X, s.begins, w[s.rows], heat[s.rows], rows[s.rows])
         heat[0] = heat[1]
         return heat, rows
 
@@ -129,10 +126,8 @@ class Sweeps:
         c = rows.shape[2]
         R, w = np.zeros((self._states, c)), np.zeros((self.rows, self.heats, c))
         for s in reversed(self._stretches):
-            run_sweep_back(
-                self._plant, s.table, s.u, s.step, self._work, R, s.begins, self._scale[s.rows], rows[s.rows],
-                w[s.rows],
-            )  # fmt: skip
+            run_sweep_back(s.batch, self._work, R, s.begins, rows[s.rows], w[s.rows])
+        w *= self._scale[:, :, None]
         return np.vstack([self._root.T @ R[: self._n_x], w.reshape(-1, c)])
 
     def largest(self, weight_1_K: FloatArray) -> float:

@@ -122,7 +122,7 @@ class _Along:
         of_machine = max(arrays.learn.machine, 1)
         self._x = np.zeros(n)
         around, S = np.zeros(n - L + 2 * s), np.zeros((n - L, of_machine))
-        self._considered = record(considered(arrays, around, S))
+        self._considered, self._plant_record = record(considered(arrays, around, S)), record(arrays)
 
     def __call__(self, u: Inputs, D: FloatArray) -> FloatArray:
         """Fill D (K, s, …) for the steps of a block, the very first of which starts from the sensors; return
@@ -134,16 +134,8 @@ class _Along:
             self._x[: len(field)] = field
         expected_degC = np.full(u.y_degC.shape, np.nan)
         for part, _, table, chunk, step in chunks(self._steps, u):
-            run_tolerances(
-                self._considered,
-                table,
-                record(chunk),
-                step,
-                self._x,
-                self._begins,
-                D[part],
-                expected_degC[part],
-            )
+            batch = record(packing.Batch(self._plant_record, table, chunk, step))
+            run_tolerances(self._considered, batch, self._x, self._begins, D[part], expected_degC[part])
             self._begins = False
         return expected_degC
 

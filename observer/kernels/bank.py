@@ -103,15 +103,16 @@ def open_again(p, state, P):
             open_offset(p, i, state.guard[i, OPENED_K2], P)
 
 
-def pass_left_out(p, u, uses, free, common_K, state, work, misfit):
-    """Write how far each reading that a filter has not used is from what it expects, in σ."""
-    for i in range(len(free)):
-        misfit[i] = 0.0
-        if not free[i] or uses[i] or state.flags[0] == 0:
+def pass_left_out(b, bank, f, state):
+    """Write how far each reading that filter f has not used is from what it expects, in σ."""
+    for i in range(len(bank.gathered.free)):
+        bank.misfit[f, i] = 0.0
+        if not bank.gathered.free[i] or bank.uses[f, i] or state.flags[0] == 0:
             continue
-        sensor_covariance(work.C, i, state.P, work.g)
-        variance_K2 = project(work.C, i, work.g, i) + p.R_K2[i]
-        misfit[i] = (residual(p, work.C, u, 0, i, state.x) - common_K) / sqrt(variance_K2)
+        sensor_covariance(bank.work.C, i, state.P, bank.work.g)
+        variance_K2 = project(bank.work.C, i, bank.work.g, i) + b.plant.R_K2[i]
+        off_K = residual(b.plant, bank.work.C, b.inputs, 0, i, state.x) - state.verdict[COMMON_K]
+        bank.misfit[f, i] = off_K / sqrt(variance_K2)
 
 
 def predict_on(p, t, u, d, g, work):
@@ -125,32 +126,33 @@ def predict_on(p, t, u, d, g, work):
             g.ahead_degC[w, i] = below(p, u, 0, work.C, i, g.ahead[w])
 
 
-def run_bank(p, t, u, step, g, drifting, walk_K2, filters, uses, main, gate_sigma, results, work, misfit, S):
-    """Step every filter over the span: filter f takes the sensors that `uses[f]` names.
+def run_bank(b, bank, main, walk_K2):
+    """Step every filter of a bank over the span: filter f takes the sensors that `bank.uses[f]` names.
 
-    In filter `drifting` each offset walks, and what all have in common. `u` is filled from what `g` gathered.
-    `misfit` (F, s) is filled with what readings say that filters have not used, `S` (s, s) with the
-    covariance of the first one's innovations.
+    In filter `bank.drifting` each offset walks, and what all have in common, by a variance of `walk_K2`. The
+    inputs of `b` come from what the bank has gathered. `bank.misfit` (F, s) is filled with what readings say
+    that filters have not used, `bank.S` (s, s) with the covariance of the first one's innovations.
     """
-    for f in range(len(filters)):
-        state = filters[f]
+    p, u, g = b.plant, b.inputs, bank.gathered
+    for f in range(len(bank.filters)):
+        state = bank.filters[f]
         for i in range(len(g.free)):
-            u.usable[0, i] = g.free[i] and uses[f, i]
+            u.usable[0, i] = g.free[i] and bank.uses[f, i]
         state.verdict[COMMON_K] = main.verdict[COMMON_K]
         open_again(p, main, state.P)
-        if f == drifting and state.flags[0] != 0:
+        if f == bank.drifting and state.flags[0] != 0:
             open_common(p, walk_K2, state.P)
             for i in range(len(g.free)):
                 open_offset(p, i, walk_K2, state.P)
-        result = results[f]
-        filter_part(p, t, u, step, state, gate_sigma, result, work, 0, 1)
+        result = bank.results[f]
+        filter_part(b, state, result, bank.work, 0, 1)
         if f == 0:
-            for i in range(len(S)):
-                for j in range(i, len(S)):
-                    S[i, j] = S[j, i] = work.S[i, j]
-                S[i, i] += p.R_K2[i]
-            predict_on(p, t, u, step[0], g, work)
-        pass_left_out(p, u, uses[f], g.free, state.verdict[COMMON_K], state, work, misfit[f])
+            for i in range(len(bank.S)):
+                for j in range(i, len(bank.S)):
+                    bank.S[i, j] = bank.S[j, i] = bank.work.S[i, j]
+                bank.S[i, i] += p.R_K2[i]
+            predict_on(p, b.table, u, b.step[0], g, bank.work)
+        pass_left_out(b, bank, f, state)
     main.verdict[OPENED_PRIOR] = main.verdict[OPENED_COMMON_K2] = 0.0
     for i in range(len(main.guard)):
         main.guard[i, OPENED_K2] = 0.0
@@ -169,8 +171,9 @@ def add_change(p, u, k, held, j):
     return held.law_change_W2[j] + squared(0.5 * jump_W)
 
 
-def put_bounds(p, u, out, k, held, sigmas):
-    """Write the bounds of step k: those of the bank's last step, and at least `sigmas` standard deviations.
+def put_bounds(p, u, out, k, held):
+    """Write the bounds of step k: those of the bank's last step, and at least `held.sigmas` standard
+    deviations.
 
     The standard deviations first get what readings that drift add to them. The bound of a heat also gets what
     a law that has just changed adds: a few seconds, in which the heat still counts as known. Field and error
@@ -180,11 +183,11 @@ def put_bounds(p, u, out, k, held, sigmas):
     for j in range(len(held.heat_W)):
         variance_W2 = squared(out.heat_sigma[k, j]) + held.heat_drift_W2[j]
         out.heat_sigma[k, j] = sqrt(variance_W2)
-        bound = max(held.heat_W[j], sigmas * sqrt(variance_W2 + add_change(p, u, k, held, j)))
+        bound = max(held.heat_W[j], held.sigmas * sqrt(variance_W2 + add_change(p, u, k, held, j)))
         out.heat_bound[k, j] = bound if held.published else NAN
     for r in range(len(held.field)):
         out.field_sigma[k, r] = sqrt(squared(out.field_sigma[k, r]) + held.field_drift2[r])
-        part, bound = FIELD if r < held.grid else ERROR, sigmas * out.field_sigma[k, r]
+        part, bound = FIELD if r < held.grid else ERROR, held.sigmas * out.field_sigma[k, r]
         if held.published:
             bound = max(held.field[r], bound)
         out.field_bound[k, r] = bound if held.published else NAN
@@ -200,14 +203,14 @@ def put_bounds(p, u, out, k, held, sigmas):
             out.field_bound[k, r] = NAN
 
 
-def run_until_due(p, t, u, step, state, gate_sigma, out, work, g, held, sigmas, first):
+def run_until_due(b, state, out, work, g, held, first):
     """Run the filter on from step `first` until the bank is due; return the step after the last one taken.
 
     The bounds of a step at which the bank is due are put after it has stepped.
     """
-    for k in range(first, len(step)):
-        filter_part(p, t, u, step, state, gate_sigma, out, work, k, k + 1)
-        if gather(u, k, g):
+    for k in range(first, len(b.step)):
+        filter_part(b, state, out, work, k, k + 1)
+        if gather(b.inputs, k, g):
             return k + 1
-        put_bounds(p, u, out, k, held, sigmas)
-    return len(step)
+        put_bounds(b.plant, b.inputs, out, k, held)
+    return len(b.step)

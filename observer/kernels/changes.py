@@ -21,7 +21,7 @@ from observer.kernels.learning import advance_learning, below
 from observer.kernels.libc import cython
 
 
-def run_tolerances(a, t, u, step, x, begins, D, expected):
+def run_tolerances(a, b, x, begins, D, expected):
     """Fill D (K, s, ≥ L) with what one standard deviation of each tolerance does to the sensors, and
     `expected` (K, s) with what they would read without any, °C.
 
@@ -29,45 +29,46 @@ def run_tolerances(a, t, u, step, x, begins, D, expected):
     cannot be computed leaves it as it is.
     """
     with cython.nogil:
-        tolerances_forward(a, t, u, step, x, begins, D, expected)
+        tolerances_forward(a, b, x, begins, D, expected)
 
 
-def run_changes_forward(p, t, u, step, tape, work, X, moved, heat):
+def run_changes_forward(b, tape, work, X, changed):
     """Take the changes X (n, c) of the state over the K steps on the tape.
 
-    `moved` (K, s, c) are the changes of the readings, and then those of the innovations, each given the
-    sensors before it; `heat` (K, m_e, c) is filled with those of the heats. Where the filter began, nothing
-    has changed: the level it began from is what the log says.
+    `changed.moved` (K, s, c) are the changes of the readings, and then those of the innovations, each given
+    the sensors before it; `changed.heat` (K, m_e, c) is filled with those of the heats. Where the filter
+    began, nothing has changed: the level it began from is what the log says.
     """
     with cython.nogil:
-        changes_forward(p, t, u, step, tape, work, X, moved, heat)
+        changes_forward(b, tape, work, X, changed)
 
 
-def run_changes_backward(p, t, u, step, tape, work, R, moved, heat, D, information):
-    """Take the adjoint R (n, c) back over the tape; `moved` is then Σ⁻¹ times the readings about their mean,
-    and `heat` smoothed. Dᵀ times the former is added to `information` (d, c), with D (K, s, d).
+def run_changes_backward(b, tape, work, R, changed, D, information):
+    """Take the adjoint R (n, c) back over the tape; `changed.moved` is then Σ⁻¹ times the readings about
+    their mean, and `changed.heat` smoothed. Dᵀ times the former is added to `information` (d, c), with D
+    (K, s, d).
     """
     with cython.nogil:
-        changes_backward(p, t, u, step, tape, work, R, moved, heat, D, information)
+        changes_backward(b, tape, work, R, changed, D, information)
 
 
-def tolerances_forward(a, t, u, step, x, begins, D, expected):
+def tolerances_forward(a, b, x, begins, D, expected):
     """What is allowed for beside a gain of nothing; the tolerances of sensors say it by their rows alone."""
     machine, L = a.plant.learn.machine, len(a.plant.learn.kind)
     first = len(a.plant.uniform) + len(a.plant.source)
-    for k in range(len(step)):
-        if not step_is_finite(u, k):
+    for k in range(len(b.step)):
+        if not step_is_finite(b.inputs, k):
             continue
         if begins and k == 0:
-            begin_considered(a, u, k, x)
+            begin_considered(a, b.inputs, k, x)
         else:
             a.taken[0] = 0
-            propagate_considered(a, t, step[k], u, k)
+            propagate_considered(a, b.table, b.step[k], b.inputs, k)
             if L == 0:  # then nothing follows the field
-                advance_learning(a.plant, t, step[k], u, k, a.work.B, a.around, 0, a.work)
+                advance_learning(a.plant, b.table, b.step[k], b.inputs, k, a.work.B, a.around, 0, a.work)
         consider_readings(a, a.e)
         for i in range(D.shape[1]):
-            expected[k, i] = below(a.plant, u, k, a.work.C, i, a.around)
+            expected[k, i] = below(a.plant, b.inputs, k, a.work.C, i, a.around)
             for q in range(machine):
                 D[k, i, q] = a.nu[i, q]
         for q in range(machine, L):
@@ -75,63 +76,63 @@ def tolerances_forward(a, t, u, step, x, begins, D, expected):
             D[k, own, q] = a.work.C[own, first + q] * a.plant.learn.sigma[q]
 
 
-def changes_forward(p, t, u, step, tape, work, X, moved, heat):
+def changes_forward(b, tape, work, X, changed):
     """The filter's arithmetic, in the order of `advance.advance` and of the tape's corrections."""
     B, C, n_x, n, count = work.B, work.C, work.B.shape[1], X.shape[0], X.shape[1]
-    for k in range(len(step)):
+    for k in range(len(b.step)):
         if tape.kind[k] == SKIPPED:
             continue
-        move_columns(p, u, k, B, C)
+        move_columns(b.plant, b.inputs, k, B, C)
         if tape.kind[k] == STEPPED:
-            if p.coupling.active:
-                couple_columns(p, u, k, u.z_start[k], tape.coupled[k, 0], X, work)
-            advance_columns(p, t, step[k], B, X)
-            if p.coupling.active:
-                couple_columns(p, u, k, u.z_end[k], tape.coupled[k, 1], X, work)
-        for i in range(len(p.R_K2)):
+            if b.plant.coupling.active:
+                couple_columns(b.plant, b.inputs, k, b.inputs.z_start[k], tape.coupled[k, 0], X, work)
+            advance_columns(b.plant, b.table, b.step[k], B, X)
+            if b.plant.coupling.active:
+                couple_columns(b.plant, b.inputs, k, b.inputs.z_end[k], tape.coupled[k, 1], X, work)
+        for i in range(len(b.plant.R_K2)):
             if tape.weight[k, i] > 0.0:
                 for a in range(n_x):
-                    add_row(moved[k, i], -C[i, a], X[a])
+                    add_row(changed.moved[k, i], -C[i, a], X[a])
                 for a in range(n):
-                    add_row(X[a], tape.gain[k, i, a], moved[k, i])
-                moved[k, i, 0] = tape.innovation[k, i]
+                    add_row(X[a], tape.gain[k, i, a], changed.moved[k, i])
+                changed.moved[k, i, 0] = tape.innovation[k, i]
             else:  # what is not used says nothing
                 for q in range(count):
-                    moved[k, i, q] = 0.0
-        for j in range(len(p.source)):
+                    changed.moved[k, i, q] = 0.0
+        for j in range(len(b.plant.source)):
             for q in range(count):
-                heat[k, j, q] = X[n_x + j, q]
-            heat[k, j, 0] = tape.heat[k, j]
+                changed.heat[k, j, q] = X[n_x + j, q]
+            changed.heat[k, j, 0] = tape.heat[k, j]
 
 
-def changes_backward(p, t, u, step, tape, work, R, moved, heat, D, information):
+def changes_backward(b, tape, work, R, changed, D, information):
     """The way of `smoother.smooth_back` for every column of r, without N."""
     B, C, n_x, n, count = work.B, work.C, work.B.shape[1], R.shape[0], R.shape[1]
-    for k in range(len(step) - 1, -1, -1):
+    for k in range(len(b.step) - 1, -1, -1):
         if tape.kind[k] == SKIPPED:
             continue
-        for j in range(len(p.source)):
+        for j in range(len(b.plant.source)):
             for a in range(n):
-                add_row(heat[k, j], tape.cross[k, j, a], R[a])
-        move_columns(p, u, k, B, C)
-        for i in range(len(p.R_K2) - 1, -1, -1):
+                add_row(changed.heat[k, j], tape.cross[k, j, a], R[a])
+        move_columns(b.plant, b.inputs, k, B, C)
+        for i in range(len(b.plant.R_K2) - 1, -1, -1):
             if tape.weight[k, i] > 0.0:
                 weight = tape.weight[k, i]
                 for q in range(count):
-                    moved[k, i, q] *= weight
+                    changed.moved[k, i, q] *= weight
                 for a in range(n):
-                    add_row(moved[k, i], -tape.gain[k, i, a], R[a])
+                    add_row(changed.moved[k, i], -tape.gain[k, i, a], R[a])
                 for a in range(n_x):
-                    add_row(R[a], C[i, a], moved[k, i])
+                    add_row(R[a], C[i, a], changed.moved[k, i])
                 for q in range(D.shape[2]):
                     if D[k, i, q] != 0.0:
-                        add_row(information[q], D[k, i, q], moved[k, i])
+                        add_row(information[q], D[k, i, q], changed.moved[k, i])
         if tape.kind[k] == STEPPED:
-            if p.coupling.active:
-                couple_changes_back(p, u, k, u.z_end[k], tape.coupled[k, 1], R, work)
-            step_changes_back(p, t, step[k], B, R)
-            if p.coupling.active:
-                couple_changes_back(p, u, k, u.z_start[k], tape.coupled[k, 0], R, work)
+            if b.plant.coupling.active:
+                couple_changes_back(b.plant, b.inputs, k, b.inputs.z_end[k], tape.coupled[k, 1], R, work)
+            step_changes_back(b.plant, b.table, b.step[k], B, R)
+            if b.plant.coupling.active:
+                couple_changes_back(b.plant, b.inputs, k, b.inputs.z_start[k], tape.coupled[k, 0], R, work)
 
 
 def step_changes_back(p, t, d, B, R):

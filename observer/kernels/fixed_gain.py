@@ -119,7 +119,7 @@ def key_of(u, k, state, work, step_bin):
     return (step_bin << s) + alive, complete, correcting
 
 
-def observe(p, t, bins, u, step, state, gate_sigma, gains, out, work, own):
+def observe(b, bins, state, gains, out, work, own):
     """Run the observer over the K steps of `u`, changing `state` and filling `out`.
 
     `step` (K,) is where each step's length is in the table `t`. `own.at` says which step is next, and, where
@@ -131,59 +131,56 @@ def observe(p, t, bins, u, step, state, gate_sigma, gains, out, work, own):
     taken = own.at[TAKEN]
     settled = find_settled(gains, state.P) if taken == SKIPPED else -1
     k = own.at[STEP]
-    while k < len(step):
+    while k < len(b.step):
         if settled >= 0:
-            k = take_steady_steps(
-                p, t, bins, u, step, state, gate_sigma, gains, settled, out, k, work, own.steady,
-                own.considered,
-            )  # fmt: skip
+            k = take_steady_steps(b, bins, state, gains, settled, out, k, work, own)
             settled = -1
             continue
         if taken == SKIPPED:
-            taken = start_or_predict(p, t, step[k], u, k, state, work)
+            taken = start_or_predict(b.plant, b.table, b.step[k], b.inputs, k, state, work)
             if taken == STARTED:
-                begin_considered(own.considered, u, k, state.x)
+                begin_considered(own.considered, b.inputs, k, state.x)
             elif taken == STEPPED:
-                propagate_considered(own.considered, t, step[k], u, k)
+                propagate_considered(own.considered, b.table, b.step[k], b.inputs, k)
             else:
-                skip(u, k, work.usable, state, out)
+                skip(b.inputs, k, work.usable, state, out)
                 settled = find_settled(gains, state.P)
                 k += 1
                 continue
-        compare(p, u, k, state, work)
+        compare(b.plant, b.inputs, k, state, work)
         consider_readings(own.considered, work.S_nu)
         copy(state.suspect, work.suspect)
         write_innovations(work.nu, own.considered.variance, work.usable, k, out)
         out.log_likelihood[k] = 0.0
-        released = gate(own.considered.variance, gate_sigma, state, work)
+        released = gate(own.considered.variance, b.gate_sigma, state, work)
         if not released:
             defer_readmitted(state, work)
-        key, complete, correcting = key_of(u, k, state, work, bins.number[step[k]])
+        key, complete, correcting = key_of(b.inputs, k, state, work, bins.number[b.step[k]])
         chosen = find_gain(gains, key)
         if chosen < 0 and correcting:
             copy(work.suspect, state.suspect)
             own.at[STEP], own.at[KEY], own.at[TAKEN] = k, key, taken
             return
         if released:
-            add_prior(p, state.P, 1.0)
-        if inflate_for_rejected(p, u.dt_s[k], state, work) > 0.0 or released:
-            compare(p, u, k, state, work)
+            add_prior(b.plant, state.P, 1.0)
+        if inflate_for_rejected(b.plant, b.inputs.dt_s[k], state, work) > 0.0 or released:
+            compare(b.plant, b.inputs, k, state, work)
         if correcting and (own.optimal or taken == STARTED or released):
-            drastic = is_drastic(p, work)
-            correct(p, state, work)
+            drastic = is_drastic(b.plant, work)
+            correct(b.plant, state, work)
             if drastic:  # no factors are left; the gain of the table is near enough for what is considered
                 correct_considered(own.considered, gains.K[chosen], work.accepted)
             else:
                 correct_considered_jointly(own.considered, work.accepted, work.L, work.W, work.order)
         elif correcting:
             correct_considered(own.considered, gains.K[chosen], work.accepted)
-            correct_by_gain(p, gains.K[chosen], state, work)
-        steady = correcting and complete and bins.exact[step[k]] and p.coupling.active == 0
+            correct_by_gain(b.plant, gains.K[chosen], state, work)
+        steady = correcting and complete and bins.exact[b.step[k]] and b.plant.coupling.active == 0
         if steady and gains.steady[chosen] and near(state.P, gains, chosen):
             put(gains.P[chosen], state.P)
             settled = chosen
-        finish_considered(own.considered, u.dt_s[k], state.x)
-        known = write_step(p, u, k, state, work, out)
+        finish_considered(own.considered, b.inputs.dt_s[k], state.x)
+        known = write_step(b.plant, b.inputs, k, state, work, out)
         add_considered(own.considered, work.rows, k, out)
         if not known:
             invalidate(out, k)
@@ -191,7 +188,7 @@ def observe(p, t, bins, u, step, state, gate_sigma, gains, out, work, own):
     own.at[STEP], own.at[KEY] = k, DONE
 
 
-def run_fixed_gain(p, t, bins, u, step, state, gate_sigma, gains, out, work, own):
+def run_fixed_gain(b, bins, state, gains, out, work, own):
     """Run an observer with fixed gains (see `fixed_gain.observe`)."""
     with cython.nogil:
-        observe(p, t, bins, u, step, state, gate_sigma, gains, out, work, own)
+        observe(b, bins, state, gains, out, work, own)

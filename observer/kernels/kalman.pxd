@@ -3,7 +3,7 @@ cdef Py_ssize_t SKIPPED, STARTED, STEPPED
 cdef Py_ssize_t start_or_predict(PlantArrays p, StepTable t, Py_ssize_t d, Inputs u, Py_ssize_t k, Running state, Work work) noexcept nogil
 @cython.locals(log_likelihood=double, opened=bint)
 cdef double judge_and_correct(PlantArrays p, Inputs u, Py_ssize_t k, double gate_sigma, Running state, Work work) noexcept nogil
-cdef void filter_steps(PlantArrays p, StepTable t, Inputs u, Py_ssize_t[::1] step, Running state, double gate_sigma, Results out, Work work) noexcept nogil
+cdef void filter_steps(Batch b, Running state, Results out, Work work) noexcept nogil
 @cython.locals(known=bint)
-cdef void filter_part(PlantArrays p, StepTable t, Inputs u, Py_ssize_t[::1] step, Running state, double gate_sigma, Results out, Work work, Py_ssize_t first, Py_ssize_t end) noexcept nogil
-cpdef run_kalman(PlantArrays p, StepTable t, Inputs u, Py_ssize_t[::1] step, Running state, double gate_sigma, Results out, Work work)
+cdef void filter_part(Batch b, Running state, Results out, Work work, Py_ssize_t first, Py_ssize_t end) noexcept nogil
+cpdef run_kalman(Batch b, Running state, Results out, Work work)

@@ -66,33 +66,33 @@ def judge_and_correct(p, u, k, gate_sigma, state, work):
     return log_likelihood
 
 
-def filter_steps(p, t, u, step, state, gate_sigma, out, work):
+def filter_steps(b, state, out, work):
     """Run the Kalman filter over the K steps of `u` (see `filter_part`)."""
-    filter_part(p, t, u, step, state, gate_sigma, out, work, 0, len(step))
+    filter_part(b, state, out, work, 0, len(b.step))
 
 
-def filter_part(p, t, u, step, state, gate_sigma, out, work, first, end):
+def filter_part(b, state, out, work, first, end):
     """Run the Kalman filter from step `first` up to `end`, changing `state` and filling `out`.
 
     `step` (K,) is where each step's length is in the table `t`. A step whose laws or known inputs are no
     numbers cannot be computed: it leaves the state as it is and is invalid.
     """
     for k in range(first, end):
-        if start_or_predict(p, t, step[k], u, k, state, work) == SKIPPED:
-            skip(u, k, work.usable, state, out)
+        if start_or_predict(b.plant, b.table, b.step[k], b.inputs, k, state, work) == SKIPPED:
+            skip(b.inputs, k, work.usable, state, out)
             continue
-        compare(p, u, k, state, work)
+        compare(b.plant, b.inputs, k, state, work)
         write_innovations(work.nu, work.S_nu, work.usable, k, out)
-        out.log_likelihood[k] = judge_and_correct(p, u, k, gate_sigma, state, work)
-        draw_near(p, u.dt_s[k], state.x, state.around)
-        known = write_step(p, u, k, state, work, out)
-        report_learned(p, state.x, state.P, k, work, out)
+        out.log_likelihood[k] = judge_and_correct(b.plant, b.inputs, k, b.gate_sigma, state, work)
+        draw_near(b.plant, b.inputs.dt_s[k], state.x, state.around)
+        known = write_step(b.plant, b.inputs, k, state, work, out)
+        report_learned(b.plant, state.x, state.P, k, work, out)
         if not known:
             invalidate(out, k)
     mirror(state.P)
 
 
-def run_kalman(p, t, u, step, state, gate_sigma, out, work):
+def run_kalman(b, state, out, work):
     """Run the Kalman filter over the K steps of `u` (see `kalman.filter_steps`)."""
     with cython.nogil:
-        filter_steps(p, t, u, step, state, gate_sigma, out, work)
+        filter_steps(b, state, out, work)

@@ -145,20 +145,18 @@ def watch_frame(own):
 
 def estimate_frame(own):
     """Take the step of one frame: by the Kalman filter, unless `own.other` takes it."""
-    length_s = rint(own.inputs.dt_s[0] * TICKS_PER_S) / TICKS_PER_S
+    length_s = rint(own.batch.inputs.dt_s[0] * TICKS_PER_S) / TICKS_PER_S
     if length_s != own.length_s:
-        own.table, own.length_s = own.table_of(length_s), length_s
+        own.batch.table, own.length_s = own.table_of(length_s), length_s
     if own.other is not None:
         own.other()
     else:
-        filter_steps(
-            own.plant, own.table, own.inputs, own.step, own.running, own.gate_sigma, own.results, own.work
-        )
-    own.time_s[0] = own.inputs.time_s[0]
+        filter_steps(own.batch, own.running, own.results, own.work)
+    own.time_s[0] = own.batch.inputs.time_s[0]
     if own.step_bank is not None:
-        if gather(own.inputs, 0, own.gathered):
+        if gather(own.batch.inputs, 0, own.gathered):
             own.step_bank()
-        put_bounds(own.plant, own.inputs, own.results, 0, own.held, own.sigmas)
+        put_bounds(own.batch.plant, own.batch.inputs, own.results, 0, own.held)
     if own.finish is not None:
         own.finish()
 

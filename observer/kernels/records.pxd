@@ -97,6 +97,14 @@ cdef class Inputs(Record):
     cdef public signed char[::1] degraded
 
 
+cdef class Batch(Record):
+    cdef public PlantArrays plant
+    cdef public StepTable table
+    cdef public Inputs inputs
+    cdef public Py_ssize_t[::1] step
+    cdef public double gate_sigma
+
+
 cdef class Running(Record):
     cdef public double[::1] x, suspect, refused_s, opened_K, lost_s, around, verdict
     cdef public double[:, ::1] P, guard
@@ -122,6 +130,16 @@ cdef class Held(Record):
     cdef public double[::1] heat_W, field, heat_drift_W2, field_drift2, law_change_W2, limit, known_sigma
     cdef public Py_ssize_t grid
     cdef public bint published
+    cdef public double sigmas
+
+
+cdef class BankFilters(Record):
+    cdef public Gathered gathered
+    cdef public Py_ssize_t drifting
+    cdef public tuple filters, results
+    cdef public unsigned char[:, ::1] uses
+    cdef public Work work
+    cdef public double[:, ::1] misfit, S
 
 
 cdef class GainTable(Record):
@@ -166,6 +184,10 @@ cdef class Tape(Record):
 cdef class Adjoint(Record):
     cdef public double[::1] r, NK
     cdef public double[:, ::1] N
+
+
+cdef class Changed(Record):
+    cdef public double[:, :, ::1] moved, heat
 
 
 cdef class Smoothed(Record):

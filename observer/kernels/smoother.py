@@ -9,22 +9,22 @@ from observer.kernels.libc import cython, sqrt
 from observer.kernels.step import compare, is_drastic, project
 
 
-def filter_with_tape(p, t, u, step, state, gate_sigma, work, tape):
+def filter_with_tape(b, state, work, tape):
     """Run the Kalman filter over the K steps of `u`, changing `state` and filling `tape`.
 
     The steps are those of `kalman.filter_steps`: the same sensors correct, and P grows where it does there. A
     step that cannot be computed is skipped.
     """
-    for k in range(len(step)):
-        tape.kind[k] = start_or_predict(p, t, step[k], u, k, state, work)
+    for k in range(len(b.step)):
+        tape.kind[k] = start_or_predict(b.plant, b.table, b.step[k], b.inputs, k, state, work)
         if tape.kind[k] == SKIPPED:
             continue
         for a in range(work.B.shape[1]):
             tape.coupled[k, 0, a], tape.coupled[k, 1, a] = work.before[0, a], work.before[1, a]
-        compare(p, u, k, state, work)
-        judge_and_correct(p, u, k, gate_sigma, state, work)
+        compare(b.plant, b.inputs, k, state, work)
+        judge_and_correct(b.plant, b.inputs, k, b.gate_sigma, state, work)
         mirror(state.P)
-        write_tape(p, work.C, work.accepted, state.x, state.P, k, work, tape)
+        write_tape(b.plant, work.C, work.accepted, state.x, state.P, k, work, tape)
 
 
 def write_tape(p, C, accepted, x, P, k, work, tape):
@@ -58,31 +58,31 @@ def write_tape(p, C, accepted, x, P, k, work, tape):
             tape.cross[k, j, b] = P[n_x + j, b]
 
 
-def smooth_back(p, t, u, step, tape, adjoint, work, out):
+def smooth_back(b, tape, adjoint, work, out):
     """Go back over the K steps on the tape, changing `adjoint` and filling `out`.
 
     q_s = q̂ + p_jᵀ r and σ² = P_jj - p_jᵀ N p_j with p_j the heat's column of P after the corrections. A law's
     jump of variance s² is found as s² r_j at the start of its step, of variance s² - s⁴ N_jj.
     """
     r, N, NK, B, C = adjoint.r, adjoint.N, adjoint.NK, work.B, work.C
-    for k in range(len(step) - 1, -1, -1):
+    for k in range(len(b.step) - 1, -1, -1):
         if tape.kind[k] == SKIPPED:
             continue
-        for j in range(len(p.source)):
+        for j in range(len(b.plant.source)):
             out.heat[k, j] = tape.heat[k, j] + dot(tape.cross, k, j, r)
             variance = tape.cross[k, j, C.shape[1] + j] - quadratic(tape.cross, k, j, N, NK)
             out.sigma[k, j] = sqrt(max(0.0, variance))
-        move_columns(p, u, k, B, C)
-        for i in range(len(p.R_K2) - 1, -1, -1):
+        move_columns(b.plant, b.inputs, k, B, C)
+        for i in range(len(b.plant.R_K2) - 1, -1, -1):
             if tape.weight[k, i] > 0.0:
-                correct_back(p, C, i, k, tape, r, N, NK, out)
+                correct_back(b.plant, C, i, k, tape, r, N, NK, out)
         if tape.kind[k] == STEPPED:
-            if p.coupling.active:
-                couple_back(p, u, k, u.z_end[k], B, tape.coupled[k, 1], r, N, work)
-            step_back(p, t, step[k], B, r, N, work)
-            write_jumps(p, u, k, r, N, out)
-            if p.coupling.active:
-                couple_back(p, u, k, u.z_start[k], B, tape.coupled[k, 0], r, N, work)
+            if b.plant.coupling.active:
+                couple_back(b.plant, b.inputs, k, b.inputs.z_end[k], B, tape.coupled[k, 1], r, N, work)
+            step_back(b.plant, b.table, b.step[k], B, r, N, work)
+            write_jumps(b.plant, b.inputs, k, r, N, out)
+            if b.plant.coupling.active:
+                couple_back(b.plant, b.inputs, k, b.inputs.z_start[k], B, tape.coupled[k, 0], r, N, work)
 
 
 def write_jumps(p, u, k, r, N, out):
@@ -189,13 +189,13 @@ def couple_back(p, u, k, z, B, x, r, N, work):
     mirror(N)
 
 
-def run_forward(p, t, u, step, state, gate_sigma, work, tape):
+def run_forward(b, state, work, tape):
     """Run the smoother's way forward (see `smoother.filter_with_tape`)."""
     with cython.nogil:
-        filter_with_tape(p, t, u, step, state, gate_sigma, work, tape)
+        filter_with_tape(b, state, work, tape)
 
 
-def run_backward(p, t, u, step, tape, adjoint, work, out):
+def run_backward(b, tape, adjoint, work, out):
     """Run the smoother's way back (see `smoother.smooth_back`)."""
     with cython.nogil:
-        smooth_back(p, t, u, step, tape, adjoint, work, out)
+        smooth_back(b, tape, adjoint, work, out)

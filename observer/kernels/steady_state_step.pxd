@@ -27,4 +27,4 @@ cdef inline void write_qualities(signed char[:, ::1] given, signed char[::1] deg
 cdef inline bint is_known(Results out, Py_ssize_t k) noexcept nogil
 cdef inline void go_on(PlantArrays p, SteadyStep c, Py_ssize_t r, Running state) noexcept nogil
 @cython.locals(roughly=bint, moving=bint)
-cdef Py_ssize_t take_steady_steps(PlantArrays p, StepTable t, StepBins bins, Inputs u, Py_ssize_t[::1] step, Running state, double gate_sigma, GainTable gains, Py_ssize_t settled, Results out, Py_ssize_t k, Work work, SteadyStep c, Considered considered) noexcept nogil
+cdef Py_ssize_t take_steady_steps(Batch b, StepBins bins, Running state, GainTable gains, Py_ssize_t settled, Results out, Py_ssize_t k, Work work, FixedGainWork own) noexcept nogil

@@ -299,43 +299,56 @@ def go_on(p, c, r, state):
         state.flags[1] = 0
 
 
-def take_steady_steps(p, t, bins, u, step, state, gate_sigma, gains, settled, out, k, work, c, considered):
+def take_steady_steps(b, bins, state, gains, settled, out, k, work, own):
     """Take regular steps from k on; return the first that is not, or that the gate would refuse."""
-    laid_out, roughly, moving, s = -1, considered.S.shape[1] > 0, len(p.moving) > 0, len(c.present)
-    most = 1 if roughly or moving else len(c.weights)
-    if not begin_steady_state(p, gains, settled, state, c):
+    laid_out, roughly, moving, s = (
+        -1,
+        own.considered.S.shape[1] > 0,
+        len(b.plant.moving) > 0,
+        len(own.steady.present),
+    )
+    most = 1 if roughly or moving else len(own.steady.weights)
+    if not begin_steady_state(b.plant, gains, settled, state, own.steady):
         return k
     count, passed = 0, 0
-    while k < len(step) and passed == count:
-        d = step[k]
-        count = read_run(u, k, count_regular(p, u, step, k, most, c), c)
+    while k < len(b.step) and passed == count:
+        d = b.step[k]
+        count = read_run(
+            b.inputs, k, count_regular(b.plant, b.inputs, b.step, k, most, own.steady), own.steady
+        )
         if count == 0 or not bins.exact[d] or gains.key[settled] >> s != bins.number[d]:
             break
-        move_columns(p, u, k, work.B, work.C)
-        move_rows(p, u, k, c.rows)
+        move_columns(b.plant, b.inputs, k, work.B, work.C)
+        move_rows(b.plant, b.inputs, k, own.steady.rows)
         if d == laid_out and moving:
-            lay_out_moving(p, t, d, work.B, work.C, c)
+            lay_out_moving(b.plant, b.table, d, work.B, work.C, own.steady)
         if d != laid_out:
-            lay_out(p, t, d, work.B, work.C, gains.K[settled], c)
+            lay_out(b.plant, b.table, d, work.B, work.C, gains.K[settled], own.steady)
             for i in range(s):
-                c.gate_K2[i] = gate_sigma * gate_sigma * gains.S[settled, i] if c.present[i] else INFINITY
+                own.steady.gate_K2[i] = (
+                    b.gate_sigma * b.gate_sigma * gains.S[settled, i] if own.steady.present[i] else INFINITY
+                )
             laid_out = d
         if roughly:
-            propagate_considered(considered, t, d, u, k)
-            consider_readings(considered, gains.S[settled])
+            propagate_considered(own.considered, b.table, d, b.inputs, k)
+            consider_readings(own.considered, gains.S[settled])
             for i in range(s):
-                c.gate_K2[i] = gate_sigma * gate_sigma * considered.variance[i] if c.present[i] else INFINITY
-        step_states(c, count, len(c.decay) - len(p.source))
-        passed = count_passed(c, count)
-        write_run(p, u, k, passed, gains, settled, c, out)
-        go_on(p, c, passed, state)
+                own.steady.gate_K2[i] = (
+                    b.gate_sigma * b.gate_sigma * own.considered.variance[i]
+                    if own.steady.present[i]
+                    else INFINITY
+                )
+        step_states(own.steady, count, len(own.steady.decay) - len(b.plant.source))
+        passed = count_passed(own.steady, count)
+        write_run(b.plant, b.inputs, k, passed, gains, settled, own.steady, out)
+        go_on(b.plant, own.steady, passed, state)
         if roughly and passed == 1:
-            correct_considered(considered, gains.K[settled], c.present)
-            finish_considered(considered, u.dt_s[k], state.x)
+            correct_considered(own.considered, gains.K[settled], own.steady.present)
+            finish_considered(own.considered, b.inputs.dt_s[k], state.x)
             for i in range(s):
-                if c.present[i]:
-                    out.innovation_sigma[k, i] = sqrt(considered.variance[i])
-            move_rows(p, u, k, work.rows)
-            add_considered(considered, work.rows, k, out)
+                if own.steady.present[i]:
+                    out.innovation_sigma[k, i] = sqrt(own.considered.variance[i])
+            move_rows(b.plant, b.inputs, k, work.rows)
+            add_considered(own.considered, work.rows, k, out)
         k += passed
     return k

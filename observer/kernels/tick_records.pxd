@@ -36,12 +36,9 @@ cdef class DriveTick(Record):
 
 
 cdef class EstimatorTick(Record):
-    cdef public Inputs inputs
-    cdef public double length_s, gate_sigma, sigmas
+    cdef public Batch batch
+    cdef public double length_s
     cdef public object table_of, other, finish, step_bank
-    cdef public StepTable table
-    cdef public Py_ssize_t[::1] step
-    cdef public PlantArrays plant
     cdef public Running running
     cdef public Results results
     cdef public Work work
