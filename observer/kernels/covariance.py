@@ -39,45 +39,51 @@ def force_columns(P, G, columns, n_x, decay, d, half, H):
 
 
 def fade_and_force(P, H, G, columns, n_x, decay, Q, d):
-    """P = (d dᵀ)∘P + Q + Σ_j (H_j G_jᵀ + G_j H_jᵀ), lower triangle; G is zero beyond n_x entries."""
-    for a in range(P.shape[0]):
-        scale = decay[d, a]
-        for q in range(registers(a + 1)):
-            store(P, a, q, scale * load(decay, d, q) * load(P, a, q) + load_of(Q, d, a, q))
-    add_products(1.0, H, G, columns, P.shape[0], n_x, P)
-    add_products(1.0, G, H, columns, n_x, n_x, P)
+    """P = (d dᵀ)∘P + Q + Σ_j (H_j G_jᵀ + G_j H_jᵀ), lower triangle; G is zero beyond n_x entries.
 
-
-def add_products(sign, A, B, count, rows, columns, P):
-    """P += sign Σ_j A_j B_jᵀ over the first `count` rows of A and B, in the lower triangle of the first
-    `rows` and `columns` of P: four rows at a time, in whole pairs of registers.
+    Four rows are taken at a time, in whole pairs of registers.
     """
-    fours = rows // 4 * 4
+    fours, forced = P.shape[0] // 4 * 4, registers(n_x)
     for a in range(0, fours, 4):
-        for q in range(0, registers(min(columns, a + 4)), 2):
-            left0, right0 = load(P, a, q), load(P, a, q + 1)
-            left1, right1 = load(P, a + 1, q), load(P, a + 1, q + 1)
-            left2, right2 = load(P, a + 2, q), load(P, a + 2, q + 1)
-            left3, right3 = load(P, a + 3, q), load(P, a + 3, q + 1)
-            for j in range(count):
-                left, right = sign * load(B, j, q), sign * load(B, j, q + 1)
-                left0 += A[j, a] * left
-                right0 += A[j, a] * right
-                left1 += A[j, a + 1] * left
-                right1 += A[j, a + 1] * right
-                left2 += A[j, a + 2] * left
-                right2 += A[j, a + 2] * right
-                left3 += A[j, a + 3] * left
-                right3 += A[j, a + 3] * right
+        for q in range(0, registers(a + 4), 2):
+            left, right = load(decay, d, q), load(decay, d, q + 1)
+            left0 = decay[d, a] * left * load(P, a, q) + load_of(Q, d, a, q)
+            right0 = decay[d, a] * right * load(P, a, q + 1) + load_of(Q, d, a, q + 1)
+            left1 = decay[d, a + 1] * left * load(P, a + 1, q) + load_of(Q, d, a + 1, q)
+            right1 = decay[d, a + 1] * right * load(P, a + 1, q + 1) + load_of(Q, d, a + 1, q + 1)
+            left2 = decay[d, a + 2] * left * load(P, a + 2, q) + load_of(Q, d, a + 2, q)
+            right2 = decay[d, a + 2] * right * load(P, a + 2, q + 1) + load_of(Q, d, a + 2, q + 1)
+            left3 = decay[d, a + 3] * left * load(P, a + 3, q) + load_of(Q, d, a + 3, q)
+            right3 = decay[d, a + 3] * right * load(P, a + 3, q + 1) + load_of(Q, d, a + 3, q + 1)
+            for j in range(columns if q < forced else 0):
+                left, right = load(G, j, q), load(G, j, q + 1)
+                left0 += H[j, a] * left
+                right0 += H[j, a] * right
+                left1 += H[j, a + 1] * left
+                right1 += H[j, a + 1] * right
+                left2 += H[j, a + 2] * left
+                right2 += H[j, a + 2] * right
+                left3 += H[j, a + 3] * left
+                right3 += H[j, a + 3] * right
+            for j in range(columns if a < n_x else 0):
+                left, right = load(H, j, q), load(H, j, q + 1)
+                left0 += G[j, a] * left
+                right0 += G[j, a] * right
+                left1 += G[j, a + 1] * left
+                right1 += G[j, a + 1] * right
+                left2 += G[j, a + 2] * left
+                right2 += G[j, a + 2] * right
+                left3 += G[j, a + 3] * left
+                right3 += G[j, a + 3] * right
             store_pair(P, a, q, left0, right0)
             store_pair(P, a + 1, q, left1, right1)
             store_pair(P, a + 2, q, left2, right2)
             store_pair(P, a + 3, q, left3, right3)
-    for a in range(fours, rows):
-        for q in range(registers(min(columns, a + 1))):
-            left0 = load(P, a, q)
-            for j in range(count):
-                left0 += sign * A[j, a] * load(B, j, q)
+    for a in range(fours, P.shape[0]):
+        for q in range(registers(a + 1)):
+            left0 = decay[d, a] * load(decay, d, q) * load(P, a, q) + load_of(Q, d, a, q)
+            for j in range(columns):
+                left0 += H[j, a] * load(G, j, q) + G[j, a] * load(H, j, q)
             store(P, a, q, left0)
 
 
@@ -182,6 +188,23 @@ def whiten(L, g, count, i, W):
             left -= shared * load(W, j, q)
             right -= shared * load(W, j, q + 1)
         store_pair(W, count, q, left, right)
+
+
+def subtract_squares(W, count, P):
+    """P -= Wᵀ W over the first rows of W, four of them at a time; the lower triangle."""
+    fours = count // 4 * 4
+    for a in range(P.shape[0]):
+        end = registers(a + 1)
+        for j in range(0, fours, 4):
+            w0, w1, w2, w3 = W[j, a], W[j + 1, a], W[j + 2, a], W[j + 3, a]
+            for q in range(end):
+                two = w0 * load(W, j, q) + w1 * load(W, j + 1, q)
+                two += w2 * load(W, j + 2, q) + w3 * load(W, j + 3, q)
+                store(P, a, q, load(P, a, q) - two)
+        for j in range(fours, count):
+            w0 = W[j, a]
+            for q in range(end):
+                store(P, a, q, load(P, a, q) - w0 * load(W, j, q))
 
 
 def squares_of_rows(P, rows, count, total):

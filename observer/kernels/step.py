@@ -10,7 +10,6 @@ from __future__ import annotations
 from observer.kernels.advance import couple_covariance
 from observer.kernels.codes import COMMON_K
 from observer.kernels.covariance import (
-    add_products,
     add_scaled,
     fade_and_force,
     force_columns,
@@ -18,6 +17,7 @@ from observer.kernels.covariance import (
     mirror,
     multiply_rows,
     subtract_seen,
+    subtract_squares,
     whiten,
 )
 from observer.kernels.judging import add_prior, clear
@@ -210,7 +210,7 @@ def correct_lower(p, state, work):
         whiten(work.L, work.g, count, i, work.W)
         count += 1
     add_scaled(state.x, work.W, work.e, count)
-    add_products(-1.0, work.W, work.W, count, state.P.shape[0], state.P.shape[0], state.P)
+    subtract_squares(work.W, count, state.P)
     return -0.5 * (squares + log(volume))
 
 

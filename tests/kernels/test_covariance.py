@@ -84,7 +84,7 @@ def test_a_correction_takes_squares_off(n: int, n_x: int, s: int) -> None:
         covariance.whiten(inverses, g, i, i, W)
     np.testing.assert_allclose(W, np.linalg.solve(L, g), rtol=1e-10, atol=1e-12)
     expected = P[:, :n] - W[:, :n].T @ W[:, :n]
-    covariance.add_products(-1.0, W, W, s, n, n, P)
+    covariance.subtract_squares(W, s, P)
     np.testing.assert_allclose(lower(P), np.tril(expected), rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
