@@ -27,31 +27,32 @@ def respond(rate_1_s, heat_rate_1_s, dt_s):
     return exp(-slow * dt_s) * hold(abs(rate_1_s - heat_rate_1_s), dt_s)
 
 
-def discretise(rate, heat_rate, intensity, dt_s, nodes, weights, response, decay, held, ramped, heat_decay,
-               couple, walk_xx, walk_dx, walk_dd):  # fmt: skip
-    """Fill in the step of length dt: n_x plant states of the rates `rate`, m_e heats of the rates `heat_rate`
-    and the random walks' `intensity`; quadrature by `nodes` and `weights` on [0, 1]; `response` is scratch.
+def discretise(rate, heat_rate, intensity, nodes, weights, response, step):
+    """Fill in the matrices of `step`, of length `step.dt_s`.
+
+    There are n_x plant states of the rates `rate`, and m_e heats of the rates `heat_rate` and the random
+    walks' `intensity`. Quadrature is by `nodes` and `weights` on [0, 1]; `response` (n_x,) is scratch.
     """
-    n_x, m_e = len(rate), len(heat_rate)
+    n_x, m_e, dt_s = len(rate), len(heat_rate), step.dt_s
     for i in range(n_x):
-        decay[i] = exp(-rate[i] * dt_s)
-        held[i] = hold(rate[i], dt_s)
-        ramped[i] = ramp(rate[i], dt_s)
+        step.decay[i] = exp(-rate[i] * dt_s)
+        step.hold[i] = hold(rate[i], dt_s)
+        step.ramp[i] = ramp(rate[i], dt_s)
     for j in range(m_e):
-        heat_decay[j] = exp(-heat_rate[j] * dt_s)
+        step.heat_decay[j] = exp(-heat_rate[j] * dt_s)
         for i in range(n_x):
-            couple[j, i] = respond(rate[i], heat_rate[j], dt_s)
+            step.couple[j, i] = respond(rate[i], heat_rate[j], dt_s)
         for q in range(len(nodes)):
             s = nodes[q] * dt_s
             weight = weights[q] * dt_s * intensity[j]
-            own = exp(-heat_rate[j] * s)
+            decayed = exp(-heat_rate[j] * s)
             for i in range(n_x):
                 response[i] = respond(rate[i], heat_rate[j], s)
             for i in range(n_x):
-                walk_dx[j, i] += weight * own * response[i]
+                step.walk_dx[j, i] += weight * decayed * response[i]
                 for k in range(n_x):
-                    walk_xx[j, i, k] += weight * response[i] * response[k]
-            walk_dd[j] += weight * own * own
+                    step.walk_xx[j, i, k] += weight * response[i] * response[k]
+            step.walk_dd[j] += weight * decayed * decayed
 
 
 def number_steps(dt_s, start, step, lengths):

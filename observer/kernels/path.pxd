@@ -18,7 +18,7 @@ cdef (double, double) on_the_way(double here_m, double run_m, double low_m, doub
 @cython.locals(weight=double, gap_s=double, located=bint, here_m=double, there_m=double, since_s=double, before=double, low_m=double, high_m=double, turn_m=double, runs_on=bint, run_m=double, share=double, out_m=double, back_m=double, length_m=double, points=Py_ssize_t, part=double, centre=double, _=double, fade=double, settle=double, spread=bint, seen=double)
 cpdef void average_columns(NutTable nut, NutDesk desk, const double[::1] dt_s, const double[::1] sample_s, const double[::1] sample_m, const Py_ssize_t[::1] offset, const double[::1] driven_m_s) noexcept nogil
 @cython.locals(centre=double, a=double, b=double, middle=double, half=double, reach=double, mean=double, place=double, low=Py_ssize_t, right=double)
-cpdef void add_columns(double[::1] B, double[::1] C, double share, double centre_m, const double[::1] mu, const double[::1] phase, const double[::1] scale, double kA, double nut_m, double screw_m, const double[:, ::1] table_C) noexcept nogil
+cpdef void add_columns(double[::1] B, double[::1] C, double share, double centre_m, NutTable nut) noexcept nogil
 @cython.locals(G=Py_ssize_t, cos_x=double, sin_x=double, cos_half=double, sin_half=double, c=double, s=double, h=double, r=double, reach=double, mean=double)
 cdef void add_waves(double[::1] B, double share, double x, double half, const double[::1] mu) noexcept nogil
 cdef inline double sign(double value) noexcept nogil

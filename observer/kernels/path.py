@@ -194,10 +194,7 @@ def average_columns(nut, desk, dt_s, sample_s, sample_m, offset, driven_m_s):
                     centre = here_m + part * length_m * sign(turn_m - here_m)
                 else:
                     centre = turn_m + (part * length_m - out_m) * sign(there_m - turn_m)
-                add_columns(
-                    step_B, step_C, share / points, centre, nut.mu_1_m, nut.phase, nut.scale,
-                    nut.conductance_W_m, nut.nut_m, nut.screw_m, nut.table_C,
-                )  # fmt: skip
+                add_columns(step_B, step_C, share / points, centre, nut)
         if weight > 0.0:
             share = max(min(dt_s[k], MEMORY_S / 4), 1e-6)  # a longer step says where the nut is after it only
             fade = exp(-share / MEMORY_S)
@@ -223,18 +220,19 @@ def average_columns(nut, desk, dt_s, sample_s, sample_m, offset, driven_m_s):
             desk.out_C[k, r] = C[r]
 
 
-def add_columns(B, C, share, centre_m, mu, phase, scale, kA, nut_m, screw_m, table_C):
+def add_columns(B, C, share, centre_m, nut):
     """Add `share` of the columns with the nut at one place; without phases the modes are plain waves."""
-    centre = min(max(centre_m, 0.0), screw_m)
-    a, b = max(centre - nut_m / 2, 0.0), min(centre + nut_m / 2, screw_m)
+    mu, phase, scale, table_C = nut.mu_1_m, nut.phase, nut.scale, nut.table_C
+    centre = min(max(centre_m, 0.0), nut.screw_m)
+    a, b = max(centre - nut.nut_m / 2, 0.0), min(centre + nut.nut_m / 2, nut.screw_m)
     middle, half = (a + b) / 2, (b - a) / 2
     if len(phase) == 0 and len(mu) > 0:
-        add_waves(B, share, middle - screw_m / 2, half, mu)
+        add_waves(B, share, middle - nut.screw_m / 2, half, mu)
     for n in range(len(phase)):
         reach = mu[n] * half
         mean = sin(reach) / reach if reach > 1e-8 else 1.0
-        B[n] += share * scale[n] * cos(mu[n] * middle - phase[n]) * mean / kA
-    place = centre / screw_m * (len(table_C) - 1)
+        B[n] += share * scale[n] * cos(mu[n] * middle - phase[n]) * mean / nut.conductance_W_m
+    place = centre / nut.screw_m * (len(table_C) - 1)
     low = min(lrint(floor(place)), len(table_C) - 2)
     right = place - low
     for r in range(len(C)):

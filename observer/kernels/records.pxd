@@ -68,6 +68,13 @@ cdef class StepTable(AdvanceTable):
     cdef public double[:, :, :, ::1] walk_xx
 
 
+cdef class StepMatrices(Record):
+    cdef public double dt_s
+    cdef public double[::1] decay, hold, ramp, heat_decay, walk_dd
+    cdef public double[:, ::1] couple, walk_dx
+    cdef public double[:, :, ::1] walk_xx
+
+
 cdef class CoupledColumns(Record):
     cdef public double[:, ::1] X, known, sums
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.frames import FloatArray, contiguous
-from observer.kernels import discretise
+from observer.kernels import discretise, record
 from observer.kernels.codes import TICKS_PER_S
 from observer.model.plant import Plant
 
@@ -69,7 +69,7 @@ def step_matrices(plant: Plant, dt_s: float) -> StepMatrices:
         walk_dd=np.zeros(m_e),
     )
     rates = (plant.decay_1_s, plant.heat_decay_1_s, plant.random_walk_W2_s)
-    discretise(*map(contiguous, rates), step.dt_s, _NODES, _WEIGHTS, np.empty(n_x), *step[1:])
+    discretise(*map(contiguous, rates), _NODES, _WEIGHTS, np.empty(n_x), record(step))
     return step
 
 

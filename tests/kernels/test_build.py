@@ -126,9 +126,8 @@ def test_no_kernel_reads_or_writes_out_of_bounds(tmp_path: Path) -> None:
 def leaves_bounds(root: Path) -> bool:
     """Whether the kernels of a tree report an index beyond the end of an array."""
     code = (
-        "import numpy as np; from observer.kernels import add_columns\n"
-        "add_columns(np.zeros(1), np.zeros(1), 1.0, 0.5, np.ones(4), np.zeros(4), np.ones(4), 1.0, 0.1, 1.0,"
-        " np.zeros((2, 1)))"
+        "import numpy as np; from observer.kernels import number_steps\n"
+        "number_steps(np.ones(3), 0, np.zeros(1, dtype=np.int64), np.zeros(1))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=root, env=os.environ | PATHS | {"PYTHONPATH": str(root)},

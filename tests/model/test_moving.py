@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from observer.frames import NutPath
-from observer.kernels import add_columns
+from observer.kernels import add_columns, record
 from observer.model.rod.moving import NutTable, columns, columns_at, start
 
 SCREW_M, NUT_M, STROKE_M, CONDUCTANCE_W_M = 1.0, 0.08, 0.6, 0.05
@@ -48,19 +48,7 @@ def by_points(table: NutTable, places_m: np.ndarray) -> tuple[np.ndarray, np.nda
 def test_a_column_is_the_mean_over_the_nut_as_far_as_it_is_on_the_screw(waves: bool, at_m: float) -> None:
     table = table_of(waves=waves)
     B, C = np.ones(len(table.mean_B)), np.ones(2)
-    add_columns(
-        B,
-        C,
-        0.5,
-        at_m,
-        table.mu_1_m,
-        table.phase,
-        table.scale,
-        CONDUCTANCE_W_M,
-        NUT_M,
-        SCREW_M,
-        table.table_C,
-    )
+    add_columns(B, C, 0.5, at_m, record(table))
     expected_B, expected_C = by_points(table, np.array([at_m]))
     np.testing.assert_allclose(B, 1.0 + 0.5 * np.append(expected_B, 0.0), rtol=1e-10)
     np.testing.assert_allclose(C, 1.0 + 0.5 * expected_C, rtol=1e-10)

@@ -192,11 +192,9 @@ def columns_at(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, 
     """Return the columns (n_x,), (R,) of a nut that stands at each of some places for equal times."""
     B, C = table.mean_B.copy(), np.zeros_like(table.mean_C)
     B[: len(table.mu_1_m)] = 0.0
+    nut = record(table)
     for place_m in places_m:
-        add_columns(
-            B, C, 1.0 / len(places_m), place_m, table.mu_1_m, table.phase, table.scale,
-            table.conductance_W_m, table.nut_m, table.screw_m, table.table_C,
-        )  # fmt: skip
+        add_columns(B, C, 1.0 / len(places_m), place_m, nut)
     return (table.turn @ B if len(table.turn) else B), C
 
 
