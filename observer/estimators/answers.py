@@ -3,7 +3,8 @@
 Each minute a prediction begins from the estimate and runs on for ten minutes by laws and air, without
 readings. A reading that stays constant within its noise, while a prediction of it moves clearly, does not
 answer, and nothing is good until it does. A sensor that stays constant while others answer is at fault.
-Nothing is said where no law has changed lately: a machine at rest asks for no answer.
+Nothing is said where no law has changed lately: a machine at rest asks for no answer. Nor where heats rest on
+their laws, and a prediction moves by no more than these heats leave open.
 """
 
 from __future__ import annotations
@@ -11,8 +12,11 @@ from __future__ import annotations
 from typing import NamedTuple, Self
 
 import numpy as np
+from scipy.linalg import expm
 
 from observer.frames import BoolArray, FloatArray
+from observer.model.generator import generator
+from observer.model.plant import Plant
 
 PREDICTIONS = 10
 """How many predictions run on side by side."""
@@ -23,6 +27,7 @@ _SMOOTH_STEPS = 6.0  # over which readings and predictions are averaged alike
 _SMOOTH_NOISE = 1.0 / np.sqrt(2.0 * _SMOOTH_STEPS - 1.0)  # what averaging leaves of the noise
 _CONSTANT_SIGMA = 3.3  # standard deviations of averaged noise within which a reading is constant
 _ASKED_K, _ASKED_TIMES = 0.7, 8.0  # a prediction that moves so far, in K and in constant readings, asks
+_UNCERTAIN_SIGMA = 3.0  # and by more than so many of its standard deviations
 _SURE_TIMES = 2.0  # and so much farther proves which sensor is at fault
 _ALL_ASKED, _ALL_CONSTANT = 0.3, 1.1  # of both, in the root mean square over all readings
 _ANSWER_SHARE = 0.5  # of a prediction's way, what an answer shows
@@ -79,12 +84,16 @@ class SensorAnswers(NamedTuple):
     def note(self, read_degC: FloatArray, predicted_degC: FloatArray) -> int:
         """Take in a step's readings (s,), NaN where none came, and predictions (w, s).
 
-        Return which prediction is to begin again from the estimate, or -1.
+        Return which prediction is to begin again from the estimate, or -1. None counts before it has begun.
         """
         present = np.isfinite(read_degC)
+        count = int(self.since[1])
+        predicted_degC = np.where(
+            count > _BEGIN_STEPS * np.arange(PREDICTIONS)[:, None], predicted_degC, np.nan
+        )
         mean_degC = self.mean_degC + (read_degC - self.mean_degC) / _SMOOTH_STEPS
         np.copyto(self.mean_degC, np.where(np.isnan(mean_degC), read_degC, mean_degC), where=present)
-        begins = present & np.isnan(self.predicted_degC)
+        begins = present & np.isnan(self.predicted_degC) & np.isfinite(predicted_degC)
         predicted = self.predicted_degC + (predicted_degC - self.predicted_degC) / _SMOOTH_STEPS
         np.copyto(self.predicted_degC, np.where(begins, predicted_degC, predicted), where=present)
         np.copyto(self.first_degC, self.mean_degC, where=begins)
@@ -95,7 +104,6 @@ class SensorAnswers(NamedTuple):
         ):
             np.copyto(moved_K, 0.0, where=begins)
             np.copyto(moved_K, np.maximum(moved_K, np.abs(now - first)), where=present)
-        count = int(self.since[1])
         self.since[1] += 1.0
         if count % _BEGIN_STEPS:
             return -1
@@ -117,10 +125,11 @@ class SensorAnswers(NamedTuple):
         changed = np.any(np.abs(self.law_W - self.first_law_W) > _LAW_SIGMA * self.first_sigma_W)
         self.since[0] = 0.0 if changed else self.since[0] + span_s
 
-    def judge(self, constant_K: FloatArray, asked_K: FloatArray) -> None:
+    def judge(self, constant_K: FloatArray, asked_K: FloatArray, response_K_W: FloatArray) -> None:
         """Mark which sensors answer the laws.
 
-        A reading within `constant_K` (s,) is constant; a prediction that moves beyond `asked_K` (s,) asks.
+        A reading within `constant_K` (s,) is constant; a prediction that moves beyond `asked_K` (s,) asks,
+        unless the heats it began with leave that open by their `response_K_W` (see `heat_response_K_W`).
         """
         if self.since[0] > _ASKED_AFTER_S:
             return
@@ -129,14 +138,22 @@ class SensorAnswers(NamedTuple):
         if not (asked > _ALL_ASKED).any():
             return
         still = self.moved_K / constant_K
-        constant = (asked > 1.0) & (still < 1.0)
+        sigma_K = self._sigma_K(response_K_W)
+        certain = self.predicted_moved_K > _UNCERTAIN_SIGMA * sigma_K
+        constant = (asked > 1.0) & certain & (still < 1.0)
         answers = (asked > 1.0) & (self.moved_K > _ANSWER_SHARE * self.predicted_moved_K)
         unanswered: BoolArray = np.any(constant, axis=0)
         self.answering[:] = np.any(answers, axis=0) & ~unanswered
-        if _none_answers(asked, still):
+        if _none_answers(asked, sigma_K / asked_K, still):
             unanswered[:] = True
         self.silent[:] = ((self.silent > 0.0) | unanswered) & (self.answering == 0.0)
         self.at_fault[:] = (constant & (asked > _SURE_TIMES)).any(axis=0)
+
+    def _sigma_K(self, response_K_W: FloatArray) -> FloatArray:
+        """Return the standard deviations (w, s) of predictions now, by the heats they began with, in K."""
+        steps = (int(self.since[1]) - 1 - _BEGIN_STEPS * np.arange(PREDICTIONS)) % len(response_K_W)
+        first_W = np.nan_to_num(self.first_sigma_W)
+        return np.asarray(np.sqrt(np.einsum("wsh,wh->ws", response_K_W[steps] ** 2, first_W**2)))
 
     def sensor_at_fault(self, taken: BoolArray) -> int:
         """Return the only one of the sensors taken that does not answer while others do, or -1."""
@@ -151,9 +168,32 @@ def answers_of(noise_K: FloatArray) -> tuple[FloatArray, FloatArray]:
     return constant_K, np.maximum(_ASKED_K, _ASKED_TIMES * constant_K)
 
 
-def _none_answers(asked: FloatArray, still: FloatArray) -> bool:
-    """Return whether, since some prediction began, all of several readings have been constant together."""
+def heat_response_K_W(plant: Plant, step_s: float) -> FloatArray:
+    """Return by how much a sensor's prediction rises for each watt more of a heat at its beginning.
+
+    The shape is (t, s, m_e), after each of the t steps that a prediction lasts. A nut that moves is spread
+    over its stroke, and the heat returns to its law as the estimator has it.
+    """
+    A, B = generator(plant), plant.B[:, plant.estimated]
+    n_x, m_e = B.shape
+    both = np.zeros((n_x + m_e, n_x + m_e))
+    both[:n_x, :n_x], both[:n_x, n_x:] = A, B
+    both[n_x:, n_x:] = -np.diag(plant.heat_decay_1_s)
+    step, state = expm(step_s * both), np.vstack([np.zeros((n_x, m_e)), np.eye(m_e)])
+    response = np.empty((_BEGIN_STEPS * PREDICTIONS, plant.rows.sensors, m_e))
+    for t in range(len(response)):
+        response[t] = plant.rows.C[: plant.rows.sensors] @ state[:n_x]
+        state = step @ state
+    return response
+
+
+def _none_answers(asked: FloatArray, sigma: FloatArray, still: FloatArray) -> bool:
+    """Return whether, since some prediction began, all of several readings have been constant together.
+
+    All are (w, s): how far predictions moved, their standard deviation, and how far readings moved.
+    """
     present = np.isfinite(asked)
     count = present.sum(axis=1)
-    moves, stays = (np.where(present, a * a, 0.0).sum(axis=1) for a in (asked, still))
-    return bool(((count > 1) & (stays < _ALL_CONSTANT**2 * count) & (moves > _ALL_ASKED**2 * count)).any())
+    moves, spread, stays = (np.where(present, a * a, 0.0).sum(axis=1) for a in (asked, sigma, still))
+    asks = (moves > _ALL_ASKED**2 * count) & (moves > spread)
+    return bool(((count > 1) & (stays < _ALL_CONSTANT**2 * count) & asks).any())

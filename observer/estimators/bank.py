@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.estimators import packing
-from observer.estimators.answers import PREDICTIONS, SETTLED_S, SensorAnswers, answers_of
+from observer.estimators.answers import PREDICTIONS, SETTLED_S, SensorAnswers, answers_of, heat_response_K_W
 from observer.estimators.fault_search import SearchResult, Seen, Trace, search
 from observer.estimators.steps import StepCache
 from observer.frames import BoolArray, FloatArray, Inputs
@@ -197,6 +197,8 @@ class Bank:
         self._batch = record(packing.Batch(plant_record, None, self._inputs, np.zeros(1, np.int64), _NEVER))
         self._trace = Trace._make(self._own[name] for name in Trace._fields)
         self._answer_K = answers_of(np.sqrt(plant.noise_R_K2))
+        # with sensors on the screw a heat is known well beside what a prediction moves
+        self._response_K_W = float(self._rests_on_laws) * heat_response_K_W(plant, DUE_S)
         self._answers = SensorAnswers._make(self._own[name] for name in SensorAnswers._fields)
         self._misfit, self._S = np.zeros((F, s)), np.zeros((s, s))
         self._filters_record = record(
@@ -308,7 +310,7 @@ class Bank:
         if begun >= 0:
             self.gathered.ahead[begun] = self._runnings[0].x
         answers.note_laws(self._results.law[0], self._results.heat_sigma[0], span_s)
-        answers.judge(*self._answer_K)
+        answers.judge(*self._answer_K, self._response_K_W)
         main.guard[(answers.silent > 0.0) & ~taken, of.AGREES_S] = 0.0  # not taken back before it answers
 
     def _act(self, main: packing.Running, span_s: float, time_s: float) -> None:

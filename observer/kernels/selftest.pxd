@@ -1,13 +1,13 @@
 cdef double[2] WINDOWS_S, _BIAS, _COLOUR, _LAW_WINDOWS_S, _OFF_LAW, _ALL_OFF_LAW
 cdef double _SURE_SE, _LASTING, _NOISE, _CLEAR, _CLEAN, _CLIP, _CLIP_LAW, KNOWN, _PEAK_S, _FLOOR, _LEAST_W, _MOTION_S, _MOTION_ENOUGH
 cdef double GREATEST_ACCELERATION_m_s2, GREATEST_SPEED_m_s, SKEW_S, ROUNDED_m, _WAY_SHARE, _SAMPLES_FIRST
-cdef double _LATENESS_FADES_S, _UNEXPLAINED, _LONGEST_REFRESH_S, _UNUSUAL, _OPEN_S, _AGREE_S, _AGREE_TRAVELS
+cdef double _LATENESS_FADES_S, _STOPPED_S, _UNEXPLAINED, _LONGEST_REFRESH_S, _UNUSUAL, _OPEN_S, _AGREE_S, _AGREE_TRAVELS
 cdef double DISAGREE, FALLS_SHORT
 cdef Py_ssize_t MADE_m, ALLOWED_m, AT_S, PLACE_m, SPEED_m_s, SPEED_AGE_S, SAMPLES, USUAL_S, LATER_S, LATE_S, REPEATS_S, REFRESH_S
-cdef Py_ssize_t JUMP_m, JUMPED_S, DISAGREED, LOWEST_m, HIGHEST_m, JUDGED_m, AGREED_S, AGREED_TRAVELS, OPEN_m2, REPEATS_m, OF_MOTION
+cdef Py_ssize_t JUMP_m, JUMPED_S, DISAGREED, LOWEST_m, HIGHEST_m, JUDGED_m, AGREED_S, AGREED_TRAVELS, OPEN_m2, OPEN_m, REPEATS_m, OF_MOTION
 cdef Py_ssize_t RATIO, JUMP, WAY, OF_NUT, OF_SENSOR, OF_HEAT
 
-@cython.locals(stroke_m=double, since_s=double, way_m=double, allowed_m=double, fade=double, open_s=double, open_m=double, jumped=bint)
+@cython.locals(stroke_m=double, since_s=double, way_m=double, allowed_m=double, fade=double, open_s=double, open_m=double, farther_m=double, shorter_m=double, jumped=bint)
 cpdef void compare_ways(const double[::1] sample_s, const double[::1] sample_m, const Py_ssize_t[::1] offset, const double[::1] driven_m_s, const double[::1] speed_age_s, const double[::1] travel_m, double[::1] memory, double[:, :] motion, signed char[::1] degraded) noexcept nogil
 @cython.locals(change_m_s=double, gained_m=double, way_m=double)
 cpdef double longest_way(double before_m_s, double after_m_s, double unsure_m_s, double elapsed_s) noexcept nogil

@@ -45,6 +45,7 @@ SKEW_S = 0.025
 ROUNDED_m, _WAY_SHARE = 0.002, 0.03  # by rounding, and by an inexact lead
 _SAMPLES_FIRST = 30.0  # samples of a turning screw before anything is judged
 _LATENESS_FADES_S = 3.0
+_STOPPED_S = 2.0  # a process that was late by more has stood still; the ways it reads then are not compared
 _UNEXPLAINED = 2.0  # a difference of ways is judged beyond so many times what the polls leave open
 _LONGEST_REFRESH_S = 0.25  # a position that repeats for longer on a turning screw is stuck
 _UNUSUAL = 0.1  # part by which one time between samples moves the usual one at most
@@ -66,9 +67,9 @@ SAMPLES, USUAL_S, LATER_S, LATE_S, REPEATS_S, REPEATS_m, REFRESH_S = 6, 7, 8, 9,
 # Jumps: their sum, since when, whether way and speed have disagreed since the last, the travel before it.
 JUMP_m, JUMPED_S, DISAGREED, LOWEST_m, HIGHEST_m = 13, 14, 15, 16, 17
 # The jump that temperatures are compared with, and for what time and way they have agreed; the variance in m²
-# of the recent way that polls leave open.
-JUDGED_m, AGREED_S, AGREED_TRAVELS, OPEN_m2 = 18, 19, 20, 21
-OF_MOTION = 22
+# of the recent way that polls leave open, and the most that they leave open, in m.
+JUDGED_m, AGREED_S, AGREED_TRAVELS, OPEN_m2, OPEN_m = 18, 19, 20, 21, 22
+OF_MOTION = 23
 RATIO, JUMP, WAY = 0, 1, 2
 OF_NUT = 3
 """What each step says of a nut: the ratio of ways, the sum of its jumps in m, and its way in travels."""
@@ -91,21 +92,25 @@ def compare_ways(sample_s, sample_m, offset, driven_m_s, speed_age_s, travel_m, 
             if since_s > 0.0 and isfinite(way_m):
                 jumped = _look_for_jump(memory, sample_s[i], way_m, driven_m_s[i], speed_age_s[i])
             if jumped:
-                memory[MADE_m], memory[ALLOWED_m], memory[OPEN_m2] = 0.0, 0.0, 0.0
-            elif 0.0 < since_s < 10.0 and 2.5 * allowed_m <= stroke_m:
+                memory[MADE_m], memory[ALLOWED_m] = 0.0, 0.0
+                memory[OPEN_m2], memory[OPEN_m] = 0.0, 0.0
+            elif 0.0 < since_s < 10.0 and 2.5 * allowed_m <= stroke_m and memory[LATE_S] <= _STOPPED_S:
                 motion[k, WAY] += abs(way_m) / stroke_m
                 fade = exp(-since_s / _MOTION_S)
                 memory[MADE_m] = fade * memory[MADE_m] + abs(way_m)
                 memory[ALLOWED_m] = fade * memory[ALLOWED_m] + allowed_m
                 open_m = longest_way(memory[SPEED_m_s], driven_m_s[i], 0.0, since_s) - allowed_m
                 memory[OPEN_m2] = squared(fade) * memory[OPEN_m2] + squared(open_m)
+                memory[OPEN_m] = fade * memory[OPEN_m] + open_m
             memory[AT_S], memory[PLACE_m] = sample_s[i], sample_m[i]
             memory[SPEED_m_s], memory[SPEED_AGE_S] = driven_m_s[i], speed_age_s[i]
             _compare_with_travel(memory, travel_m)
         motion[k, RATIO] = NAN
-        open_m = _UNEXPLAINED * sqrt(memory[OPEN_m2])
+        # polls in step with a motion to and fro miss all of its speed: a long way is judged by the most
+        farther_m = memory[MADE_m] - memory[ALLOWED_m] - memory[OPEN_m]
+        shorter_m = memory[ALLOWED_m] - memory[MADE_m] - _UNEXPLAINED * sqrt(memory[OPEN_m2])
         if max(memory[MADE_m], memory[ALLOWED_m]) >= _MOTION_ENOUGH * stroke_m and (
-            abs(memory[MADE_m] - memory[ALLOWED_m]) > open_m
+            farther_m > 0.0 or shorter_m > 0.0
         ):
             motion[k, RATIO] = memory[MADE_m] / max(memory[ALLOWED_m], 1e-6 * stroke_m)
         motion[k, JUMP] = memory[JUMP_m]

@@ -74,7 +74,29 @@ def test_a_sensor_that_sends_nothing_is_not_taken_for_one_that_does_not_answer()
         rising_K = np.full((10, 2), 0.05 * step)
         answers.note(np.array([20.0 + 0.05 * step, np.nan if step > 5 else 20.0]), rising_K)
         answers.note_laws(np.array([40.0 if step > 5 else 0.0]), np.array([1.0]), 5.0)
-        answers.judge(*answers_of(np.full(2, 0.05)))
+        answers.judge(*answers_of(np.full(2, 0.05)), np.zeros((120, 2, 1)))
         assert not answers.silent[0]
     assert answers.since[1] == 120.0
     assert not answers.silent[1]
+
+
+@pytest.mark.parametrize(("response_K_W", "silent"), [(0.0, True), (0.05, True), (0.5, False)])
+def test_a_prediction_within_what_its_heats_leave_open_asks_no_single_sensor(response_K_W, silent):
+    """A prediction moves by 6 K in ten minutes, from a heat known to 10 W; one reading is constant."""
+    answers, step_K = SensorAnswers.empty(2, 1), 0.05
+    for step in range(240):
+        answers.note(np.array([20.0, 20.0 + step_K * step]), np.full((10, 2), 20.0 + step_K * step))
+        answers.note_laws(np.array([90.0 if step > 5 else 0.0]), np.array([10.0]), 5.0)
+        answers.judge(*answers_of(np.full(2, 0.05)), np.full((120, 2, 1), response_K_W))
+    assert answers.silent.tolist() == [float(silent), 0.0]
+
+
+def test_a_prediction_that_has_not_begun_asks_for_no_answer():
+    """Each minute one more begins; those that wait stand at 0 °C, which warms to the air's temperature."""
+    answers = SensorAnswers.empty(2, 1)
+    for step in range(120):
+        waiting_degC = np.where(step > 12 * np.arange(10), 20.0, 0.05 * step)[:, None]
+        answers.note(np.full(2, 20.0), np.broadcast_to(waiting_degC, (10, 2)))
+        answers.note_laws(np.array([90.0 if step > 5 else 0.0]), np.array([10.0]), 5.0)
+        answers.judge(*answers_of(np.full(2, 0.05)), np.zeros((120, 2, 1)))
+        assert not answers.silent.any()
