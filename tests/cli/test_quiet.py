@@ -75,7 +75,7 @@ def test_bash_completes_verbs_and_options(tmp_path: Path) -> None:
     script = """
         eval "$(observer --show-completion bash)"
         complete -p observer >/dev/null
-        for words in "observer dis" "observer check --pl" "observer fleet rep"; do
+        for words in "observer dis" "observer check --wi" "observer fleet rep"; do
             COMP_WORDS=($words); COMP_CWORD=$(( ${#COMP_WORDS[@]} - 1 ))
             $(complete -p observer | sed 's/.*-F \\([^ ]*\\).*/\\1/') observer
             echo "${COMPREPLY[*]}"
@@ -85,4 +85,4 @@ def test_bash_completes_verbs_and_options(tmp_path: Path) -> None:
     done = subprocess.run(
         ["bash", "-c", script], env=environment, capture_output=True, text=True, check=False
     )
-    assert done.stdout.split("\n")[:3] == ["discover disarm", "--plot", "replay"], done.stderr
+    assert done.stdout.split("\n")[:3] == ["discover disarm", "--wires", "replay"], done.stderr

@@ -70,6 +70,14 @@ def bounded(command: Command) -> bool:
     return not ENDLESS.search(command.text) or bool(BOUNDED.search(command.text))
 
 
+_PROGRESS = r"^(identify|compare|calibrate|discover|place): .* \(\d+ s\)\n"
+
+
+def without_progress(printed: str) -> str:
+    """What was printed without the lines by which long work says, each ten seconds, how far it is."""
+    return re.sub(_PROGRESS, "", printed, flags=re.MULTILINE)
+
+
 def matches(expected: str, printed: str) -> bool:
     """Whether what was printed is what the page shows; blanks at the end of lines do not count."""
     pattern = ""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.console import bounded, commands, matches
+from tests.docs.console import bounded, commands, matches, without_progress
 from tests.patience import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]
@@ -76,7 +76,7 @@ def test_commands_of_a_page_work(page: Path, workplace: Path, environment: dict[
         )
         assert done.returncode == 0, f"{place}\nexit code {done.returncode}\n{done.stdout}\n{done.stderr}"
         if command.expected:
-            assert matches(command.expected, done.stdout + done.stderr), (
+            assert matches(command.expected, done.stdout + without_progress(done.stderr)), (
                 f"{place}\nthe page shows:\n{command.expected}\nprinted:\n{done.stdout}{done.stderr}"
             )
 
