@@ -1,6 +1,6 @@
 """`make first-day`: the first hours of machines as most users have them, as `observer init` configures them.
 
-Without options the judged machines work two hours each and four of them a day; the results go into `docs/`.
+Without options the judged machines work an hour each and two of them a day; the results go into `docs/`.
 With `-o` they go into a folder, together with logs, truths and configurations. Rows that are there are not
 run again. `--write` writes a machine's files and replays none.
 """

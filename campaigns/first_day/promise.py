@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-DEVELOPMENT, JUDGED = (*range(1, 7), *range(101, 125)), range(301, 325)
+DEVELOPMENT, JUDGED = (*range(1, 7), *range(101, 125), *range(301, 325)), range(401, 425)
 """Machines to develop with, and those that count: 24, half of them horizontal."""
-LONG = (301, 302, 303, 304)
+LONG = (401, 402)
 """Of the judged machines those that also work a whole day."""
-HOURS, DAY_HOURS = 2.0, 8.0
+HOURS, DAY_HOURS = 1.0, 8.0
 MONTH_H = 720.0
 Row = Mapping[str, str]
 

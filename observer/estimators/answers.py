@@ -27,7 +27,7 @@ _SMOOTH_STEPS = 6.0  # over which readings and predictions are averaged alike
 _SMOOTH_NOISE = 1.0 / np.sqrt(2.0 * _SMOOTH_STEPS - 1.0)  # what averaging leaves of the noise
 _CONSTANT_SIGMA = 3.3  # standard deviations of averaged noise within which a reading is constant
 _ASKED_K, _ASKED_TIMES = 0.7, 8.0  # a prediction that moves so far, in K and in constant readings, asks
-_UNCERTAIN_SIGMA = 3.0  # and by more than so many of its standard deviations
+_UNCERTAIN_SIGMA, _ALL_UNCERTAIN_SIGMA = 3.0, 2.0  # and beyond so many of its standard deviations
 _SURE_TIMES = 2.0  # and so much farther proves which sensor is at fault
 _ALL_ASKED, _ALL_CONSTANT = 0.3, 1.1  # of both, in the root mean square over all readings
 _ANSWER_SHARE = 0.5  # of a prediction's way, what an answer shows
@@ -195,5 +195,5 @@ def _none_answers(asked: FloatArray, sigma: FloatArray, still: FloatArray) -> bo
     present = np.isfinite(asked)
     count = present.sum(axis=1)
     moves, spread, stays = (np.where(present, a * a, 0.0).sum(axis=1) for a in (asked, sigma, still))
-    asks = (moves > _ALL_ASKED**2 * count) & (moves > spread)
+    asks = (moves > _ALL_ASKED**2 * count) & (moves > _ALL_UNCERTAIN_SIGMA**2 * spread)
     return bool(((count > 1) & (stays < _ALL_CONSTANT**2 * count) & asks).any())
