@@ -65,12 +65,12 @@ def text_of(config: Any) -> str:
 
 def expected_sigma_K(bank: Bank) -> Any:
     """Return how uncertain each reading is by the filter without it, noise included."""
-    rows = np.asarray(bank._work.C)
+    rows = np.asarray(bank._filters_record.work.C)
     states = [bank._runnings[f] for f in bank.design.alone]
     variance_K2 = [
         c[: len(s.x)] @ s.P[:, : len(s.x)] @ c[: len(s.x)] for c, s in zip(rows, states, strict=True)
     ]
-    return np.sqrt(np.array(variance_K2) + np.asarray(bank._plant_record.R_K2))
+    return np.sqrt(np.array(variance_K2) + np.asarray(bank._batch.plant.R_K2))
 
 
 def test_the_least_faults_are_by_the_sigma_that_estimate_and_bank_have_over_the_shift(
