@@ -17,7 +17,7 @@ SEED, MACHINES = 53000, 9
 def test_good_sensors_find_what_their_sigma_says_they_find_better() -> None:
     """Of all sets of three the best, the middle one and the worst, by the product of the three σ. The best
     has at most half of the others' σ of field and thermal error, and in rms over the machines smaller errors
-    of both. Three machines work each of the programmes; on one of these the best set may be mistaken by itself.
+    of both. Three machines work each programme; on one of them the best set may be mistaken by itself.
     """
     sets = list(itertools.combinations(range(ALL), 3))
     sigma = ranked(sets)

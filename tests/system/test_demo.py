@@ -113,7 +113,7 @@ def test_recordings_to_keep_are_in_the_given_folder(tmp_path):
 
 
 def test_the_live_view_shows_estimates_beside_the_truth(demo):
-    lines = [line for line in demo["out"].splitlines() if line.startswith(("good: nut", "starting: nut"))]
+    lines = [line for line in demo["out"].splitlines() if line.startswith(("good to ±", "starting: nut"))]
     assert len(lines) > SECONDS / 2
     assert sum(line.startswith("good") for line in lines) > SECONDS / 4
     assert all("truth" in line for line in lines[2:])
