@@ -27,11 +27,11 @@ _SMOOTH_NOISE = 1.0 / np.sqrt(2.0 * _SMOOTH_STEPS - 1.0)  # what averaging leave
 _CONSTANT_SIGMA = 3.3  # standard deviations of averaged noise within which a reading is constant
 _ASKED_K, _ASKED_TIMES = 0.7, 8.0  # a prediction that moves so far, in K and in constant readings, asks
 _UNCERTAIN_SIGMA, _ALL_UNCERTAIN_SIGMA = 3.0, 2.0  # and beyond so many of its standard deviations
-_PARTS = 256  # of a step of its response, which is right to 1e-4 for what settles within 20 s
 _SURE_TIMES = 2.0  # and so much farther proves which sensor is at fault
 _ALL_ASKED, _ALL_CONSTANT = 0.3, 1.1  # of both, in the root mean square over all readings
 _ANSWER_SHARE = 0.5  # of a prediction's way, what an answer shows
 _ASKED_AFTER_S = 1800.0  # a change of a law
+_PARTS = 256  # of a step of a response, which is right to 1e-4 for what settles within 20 s
 _LAW_STEPS, _LAW_SIGMA = 12.0, 4.0  # averaged over, and standard deviations of its heat, a law has changed
 
 

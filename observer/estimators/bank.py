@@ -198,7 +198,9 @@ class Bank:
         self._trace = Trace._make(self._own[name] for name in Trace._fields)
         self._answer_K = answers_of(np.sqrt(plant.noise_R_K2))
         # with sensors on the screw a heat is known well beside what a prediction moves
-        self._response_K_W = float(self._rests_on_laws) * heat_response_K_W(plant, DUE_S)
+        self._response_K_W = np.zeros((1, s, int(plant.estimated.sum())))
+        if self._rests_on_laws:
+            self._response_K_W = heat_response_K_W(plant, DUE_S)
         self._answers = SensorAnswers._make(self._own[name] for name in SensorAnswers._fields)
         self._misfit, self._S = np.zeros((F, s)), np.zeros((s, s))
         self._filters_record = record(
