@@ -15,7 +15,7 @@ from tests.patience import PATIENCE_S, Stopwatch, until
 from tests.publish.router import free_port
 from tests.system.plant import COMPENSATION, ROOT, Daemon, Subscriber, machine, table_for
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 FOLLOWING, LET_GO = 1, 0
 RELEASED_S = 5.0
 WARM_MINUTES = 20.0  # by then thermocouples differ by kelvins
@@ -41,11 +41,25 @@ def _arm(endpoint: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
 
-def _undisturbed_s(heard: Subscriber) -> float:
-    """For how long everything has been there that the estimate needs."""
-    times_s = [e["time_s"] for e in heard.estimates]
-    disturbed_s = [e["time_s"] for e in heard.estimates if e["quality"] not in ("starting", "good")]
-    return times_s[-1] - max([times_s[0], *disturbed_s])
+def _wait_until_judged(heard: Subscriber) -> None:
+    """Wait until everything that the estimate needs has been there long enough for values to be judged.
+
+    A computer that is too busy for a reading once in so many seconds begins the wait again.
+    """
+
+    def disturbed() -> list[tuple[float, str]]:
+        judged = [(e["time_s"], e["quality"]) for e in heard.estimates]
+        return [(time_s, quality) for time_s, quality in judged if quality not in ("starting", "good")]
+
+    def is_judged() -> bool:
+        latest_s = max([heard.estimates[0]["time_s"], *(time_s for time_s, _ in disturbed())])
+        return bool(heard.estimates[-1]["time_s"] - latest_s > JUDGED_S)
+
+    try:
+        until(is_judged, 2.0 * PATIENCE_S)
+    except AssertionError as error:
+        error.add_note(f"disturbed at {disturbed()}; it says of itself: {json.dumps(heard.health())}")
+        raise
 
 
 def _found(heard: Subscriber, finding: str) -> list[str]:
@@ -77,7 +91,7 @@ def test_a_control_is_released_when_values_are_wrong(tmp_path, case):
                 return heard.documents["compensation"][-1]
 
             heard.wait_until_good()
-            until(lambda: _undisturbed_s(heard) > JUDGED_S)
+            _wait_until_judged(heard)
             done = _arm(endpoint)
             assert done.returncode == 0, done.stdout + done.stderr
             until(lambda: control.status()["state"] == FOLLOWING and control.largest_um > 20.0)
