@@ -3,7 +3,8 @@
 Each file is written in Python; the header of the same name gives the types (Cython's augmenting `.pxd`).
 They are put one behind the other, without their imports of each other, and Cython does the rest. Records are
 what kernels take for NamedTuples of the package: headers list their typed fields, and their classes are made
-here. On x86-64 the same C code is compiled twice, for any such processor and for one with AVX2.
+here, and numpy's types of the structures of `states.pxd`. On x86-64 the same C code is compiled twice, for
+any such processor and for one with AVX2.
 
 KERNELS_CHECKED=1 in the environment builds them for tests instead: every index is checked, and one out of
 bounds is an IndexError. This build runs some times slower, on any processor.
@@ -32,7 +33,7 @@ _spec.loader.exec_module(files)
 KERNELS = Path("observer/kernels")
 BUILD = Path("build/kernels")
 CHECKED = os.environ.get("KERNELS_CHECKED", "") == "1"
-RECORDS = ("records", "tick_records")
+RECORDS = ("states", "records", "tick_records")
 PARTS = (
     "codes", "covariance", "coupling", "exact_step", "advance", "judging", "screening", "learning", "step",
     "kalman", "consider", "steady_state_step", "fixed_gain", "smoother", "bank", "changes", "sweep", "path",
@@ -114,11 +115,24 @@ LIMITED = [("Py_LIMITED_API", "0x030B0000"), ("NDEBUG", None)]
 INLINED = [] if CHECKED else [("CYTHON_INLINE", "inline __attribute__((always_inline))")]
 
 
+def fields_of(header: str) -> dict[str, list[tuple[str, str, int | tuple[()]]]]:
+    """Return the numbers of each structure in a header, as numpy describes them."""
+    return {
+        name: [
+            (field, "f8", int(size) if size else ())
+            for size, fields in re.findall(r"^    double(?:\[(\d+)\])? (.+)$", body, re.M)
+            for field in fields.split(", ")
+        ]
+        for name, body in re.findall(r"^cdef struct (\w+):\n((?:    .+\n)+)", header, re.M)
+    }
+
+
 def join(build: Path) -> Path:
     """Write all parts into one file and one header below `build`; return the file."""
     headers = {part: (KERNELS / f"{part}.pxd").read_text("utf-8") for part in ("vector", *RECORDS, *PARTS)}
     records = re.findall(r"^cdef class (\w+)\((\w+)\):", "".join(headers[part] for part in RECORDS), re.M)
-    names = {name for name, _ in records}
+    structures = fields_of(headers["states"])
+    names = {name for name, _ in records} | set(structures)
     code = [HEAD, RECORD, *(f"\nclass {name}({base}):\n    pass\n" for name, base in records)]
     for part in PARTS:
         text = (KERNELS / f"{part}.py").read_text("utf-8")
@@ -139,6 +153,7 @@ def join(build: Path) -> Path:
     joined = folder / "core.py"
     header = [HEADER_HEAD, *headers.values()]
     digest = hashlib.sha256("".join(code + header).encode()).hexdigest()
+    code.append(f"STATES = {structures}")
     code.append(f'FILES = "{files.digest(KERNELS)}"  # as `observer.kernels` has it of those beside it\n')
     code.append(f'MADE_OF = "{digest}"  # tests ask whether these are the files that they have before them\n')
     for path, text in ((joined, "\n".join(code)), (joined.with_suffix(".pxd"), "\n".join(header))):

@@ -8,9 +8,10 @@ import numpy as np
 
 from campaigns.motion.axis import BoolArray, Path, draw_axis, draw_path
 from campaigns.motion.polls import Polling, Samples, draw_polling, sample
-from observer.estimators.selftest import no_motion_yet
-from observer.kernels import compare_ways
-from observer.kernels.selftest import DISAGREE, FALLS_SHORT, JUMP, OF_NUT, RATIO
+from observer.estimators.selftest import MOTION_STEP, no_motion_yet
+from observer.frames import NutPath
+from observer.kernels import compare_ways, record
+from observer.kernels.selftest import DISAGREE, FALLS_SHORT
 
 PERIODS_S = (0.02, 0.05, 0.1, 0.2, 0.5)
 WATCHED_S, FAULT_S = 900.0, 600.0
@@ -26,14 +27,15 @@ class Flags(NamedTuple):
 def flags(samples: Samples, path: Path) -> Flags:
     """Return what is found after each sample."""
     n = len(samples.time_s)
-    motion = np.empty((n, OF_NUT))
+    motion = np.empty(n, MOTION_STEP)
     travel_m = np.array([path.axis.low_m, path.axis.high_m])
-    compare_ways(
+    polled = NutPath(
         samples.time_s, samples.place_m, np.arange(n + 1, dtype=np.intp), samples.driven_m_s,
-        samples.speed_age_s, travel_m, no_motion_yet(), motion, np.zeros(n, np.int8),
+        samples.speed_age_s,
     )  # fmt: skip
-    ratio = motion[:, RATIO]
-    return Flags(motion[:, JUMP] != 0.0, (ratio > DISAGREE) | (ratio < FALLS_SHORT))
+    compare_ways(record(polled), travel_m, no_motion_yet(), motion, np.zeros(n, np.int8))
+    ratio = motion["ratio"]
+    return Flags(motion["jump_m"] != 0.0, (ratio > DISAGREE) | (ratio < FALLS_SHORT))
 
 
 def starts(flag: BoolArray) -> int:

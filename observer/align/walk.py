@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from observer.frames import BoolArray, FloatArray, FrameBlock, NutPath, Quality, QualityArray
 from observer.kernels import put_reading, record, tick_on, walk_rows
-from observer.kernels.layout import Bundle, Fields, packed
-from observer.kernels.walk import _LAST, _SEEN
+from observer.kernels.layout import Bundle, Fields, Records, packed, state_type
 
 IntArray = NDArray[np.int64]
 
@@ -44,7 +43,7 @@ class Memory(NamedTuple):
     """What the walk remembers of the rows so far; arrays, updated in place.
 
     (c,): last usable value, when that was true, usual gap between values, newest quality, whether one arrived
-    since the last tick, whether stuck, the last breach of a limit and by what value; `noise` (c, 7) as in
+    since the last tick, whether stuck, the last breach of a limit and by what value; `noise` (c,) as in
     `stuck`; `passed` (P, 2) time and position of each path's last sample; `last_tick_s` (1,).
     """
 
@@ -56,7 +55,7 @@ class Memory(NamedTuple):
     stuck: BoolArray
     breach: QualityArray
     refused: FloatArray
-    noise: FloatArray
+    noise: Records
     passed: FloatArray
     last_tick_s: FloatArray
 
@@ -68,8 +67,8 @@ class Memory(NamedTuple):
 def nothing_yet(plan: Expected, last_tick_s: float = math.nan) -> Memory:
     """The memory before the first row; `last_tick_s` is the last tick before a warm start."""
     c = len(plan.noise_K)
-    noise = np.zeros((c, _SEEN + 1))
-    noise[:, _LAST] = np.nan
+    noise = np.zeros(c, state_type("ChannelNoise"))
+    noise["last"] = np.nan
 
     def unknown() -> FloatArray:
         return np.full(c, np.nan)

@@ -23,12 +23,16 @@ from observer.control.compensation import CompensationState
 from observer.estimate.pipeline import MachineModel
 from observer.estimators.protocol import EstimatorState
 from observer.estimators.selftest import SelfTestState
-from observer.kernels.codes import COMMON_S, FIRST_S, HELD_S, HELD_UNTIL_S, LATCH_S
 from observer.quality.gap import GapState
 
 _FORMAT = b"ballscrew-observer checkpoint 1\n"
 _MOST_BYTES = 64_000_000
-_MOMENTS = frozenset({"time_s", "last_s", "begin_s", "held_since_s", "released_s"})
+_MOMENTS = frozenset(
+    {
+        "time_s", "last_s", "begin_s", "held_since_s", "released_s", "first_out_s", "latched_s",
+        "common_from_s", "held_from_s", "held_until_s",
+    }
+)  # fmt: skip
 """The fields that hold a moment of the service's time."""
 
 
@@ -149,10 +153,6 @@ def recent(snapshot: Snapshot, now_s: float, oldest_s: float) -> Snapshot:
 def shifted(snapshot: Snapshot, by_s: float) -> Snapshot:
     """A snapshot with all its times shifted, for a service whose time was reset."""
     drive, estimator = _moved(snapshot.drive, by_s), _moved(snapshot.estimator, by_s)
-    guard, verdict = estimator.guard.copy(), estimator.verdict.copy()
-    guard[:, FIRST_S] += by_s
-    verdict[[LATCH_S, COMMON_S, HELD_S, HELD_UNTIL_S]] += by_s
-    estimator = replace(estimator, guard=guard, verdict=verdict)
     gap, held = _moved(snapshot.gap, by_s), _moved(snapshot.compensation, by_s)
     return replace(
         snapshot,
@@ -183,6 +183,7 @@ def _plain(value: Any) -> Any:
     """Dataclasses, tuples, arrays and scalars as what CBOR has; floats stay 64 bits wide."""
     if is_dataclass(value):
         return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    value = _by_name(value)
     if isinstance(value, np.ndarray):
         return [value.dtype.str, list(value.shape), value.tobytes()]
     if isinstance(value, np.generic):
@@ -194,12 +195,29 @@ def _plain(value: Any) -> Any:
     return value
 
 
+def _by_name(value: Any) -> Any:
+    """An array of records as an array for each of their names; anything else as it is."""
+    if isinstance(value, np.ndarray) and value.dtype.names:
+        return {name: value[name] for name in value.dtype.names}
+    return value
+
+
+def _records(like: Any, parts: Mapping[str, Any]) -> Any:
+    """Return records like some others, with these numbers by name."""
+    records = np.empty_like(like)
+    for name, part in parts.items():
+        records[name] = part
+    return records
+
+
 def _filled(like: Any, plain: Any, name: str) -> Any:
     """The value that `plain` encodes, of the type and shape of `like`; raises `UnfitError` otherwise."""
     if is_dataclass(like) and not isinstance(like, type):
         names = [field.name for field in fields(like)]
         if isinstance(plain, dict) and set(plain) == set(names):
             return replace(like, **{n: _filled(getattr(like, n), plain[n], f"{name}.{n}") for n in names})
+    elif isinstance(like, np.ndarray) and like.dtype.names:
+        return _records(like, _filled(_by_name(like), plain, name))
     elif isinstance(like, np.ndarray):
         match plain:
             case [like.dtype.str, [*shape], bytes(data)] if tuple(shape) == like.shape:
@@ -231,6 +249,9 @@ def _moved(value: Any, by_s: float) -> Any:
     """Add to every field that holds a moment, at any depth."""
     if isinstance(value, tuple):
         return tuple(_moved(one, by_s) for one in value)
+    if isinstance(value, np.ndarray) and value.dtype.names:
+        parts = _by_name(value)
+        return _records(value, parts | {n: parts[n] + by_s for n in _MOMENTS.intersection(parts)})
     if not is_dataclass(value) or isinstance(value, type):
         return value
     parts = {field.name: getattr(value, field.name) for field in fields(value)}

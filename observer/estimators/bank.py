@@ -26,10 +26,10 @@ from observer.estimators.answers import PREDICTIONS, SETTLED_S, SensorAnswers, a
 from observer.estimators.fault_search import SearchResult, Seen, Trace, search
 from observer.estimators.steps import StepCache
 from observer.frames import BoolArray, FloatArray, Inputs
-from observer.kernels import codes as of
 from observer.kernels import pour, record, run_bank
 from observer.kernels.bank import DUE_S as DUE
 from observer.kernels.bank import SPAN_S
+from observer.kernels.codes import DEPARTED
 from observer.kernels.layout import Bundle
 from observer.kernels.screening import DECIDED_S, YOUNG_S
 from observer.kernels.selftest import KNOWN
@@ -45,9 +45,9 @@ DUE_S = 5.0
 _MOST_PAIRS = 28  # of eight sensors; with more, a second fault is found once the first is excluded
 _TRUSTED = 1.5  # standard deviations that a clean filter may be away
 _NEVER = 1e9  # as a gate: readings are judged by the estimate
-_AFRESH = [
-    of.OUT_S, of.AGREES_S, of.PENDING, of.PENDING_S, of.STEP_K, of.MEAN, of.SEEN, of.UNREST, of.BACK
-]  # fmt: skip
+_AFRESH = (
+    "out_s", "agrees_s", "pending", "pending_s", "step_K", "mean_K", "samples", "unrest", "stepped_back",
+)  # fmt: skip
 
 
 class Gathered(NamedTuple):
@@ -262,7 +262,7 @@ class Bank:
         self._inputs.dt_s[0] = span_s
         self._batch.table = self._steps.table([span_s])
         run_bank(self._batch, self._filters_record, main_record, self.design.walk_K2_s * span_s)
-        self._hold(results, k, float(main.verdict[of.AGE_S]))
+        self._hold(results, k, float(main.verdict[0].age_s))
         if not self._runnings[-1].flags[0] and self._runnings[0].flags[0]:
             self._runnings[-1].flags[0] = 1  # by laws and air alone, from where all were at first
             _copy(self._runnings[0], self._runnings[-1])
@@ -302,26 +302,26 @@ class Bank:
 
     def _note_answers(self, main: packing.Running, span_s: float) -> None:
         """Compare how readings move with predictions from earlier estimates, which run on without them."""
-        answers, inputs, taken = self._answers, self._inputs, main.guard[:, of.CAUSE] == 0.0
-        if main.verdict[of.AGE_S] < SETTLED_S:
+        answers, inputs, taken = self._answers, self._inputs, main.guard["cause"] == 0.0
+        if main.verdict[0].age_s < SETTLED_S:
             answers.forget()
             return
-        read_degC = inputs.y_degC[0] - main.verdict[of.COMMON_K] * self._thermal
+        read_degC = inputs.y_degC[0] - main.verdict[0].common_K * self._thermal
         compared = ((self.gathered.free != 0) | ~taken) & self._thermal
         begun = answers.note(np.where(compared, read_degC, np.nan), self.gathered.ahead_degC)
         if begun >= 0:
             self.gathered.ahead[begun] = self._runnings[0].x
         answers.note_laws(self._results.law[0], self._results.heat_sigma[0], span_s)
         answers.judge(*self._answer_K, self._response_K_W)
-        main.guard[(answers.silent > 0.0) & ~taken, of.AGREES_S] = 0.0  # not taken back before it answers
+        main.guard["agrees_s"][(answers.silent > 0.0) & ~taken] = 0.0  # not taken back before it answers
 
     def _act(self, main: packing.Running, span_s: float, time_s: float) -> None:
         """Look for a fault, and leave the sensor out that is found; what is ambiguous is not good."""
         each = self.design.alone, np.arange(len(main.guard))
         seen = Seen(
-            float(main.verdict[of.AGE_S]),
-            main.guard[:, of.CAUSE] == 0.0,
-            main.guard[:, of.CAUSE] == of.DEPARTED,
+            float(main.verdict[0].age_s),
+            main.guard["cause"] == 0.0,
+            main.guard["cause"] == DEPARTED,
             self._thermal,
             self._misfit[each],
             np.where(self.design.pair >= 0, self._misfit[self.design.pair, each[1]], np.nan),
@@ -329,22 +329,23 @@ class Bank:
             self._S,
         )
         result = SearchResult(False, -1, 0)
-        if main.verdict[of.LATCH] == 0.0:
+        if main.verdict[0].latch == 0.0:
             result = search(seen, self._trace, self._answers, span_s)
         if result.doubted:
-            main.verdict[of.HOLD_S] = DECIDED_S
+            main.verdict[0].hold_s = DECIDED_S
         if result.latch:
-            main.verdict[of.LATCH], main.verdict[of.LATCH_S] = result.latch, time_s
+            main.verdict[0].latch, main.verdict[0].latched_s = result.latch, time_s
         if result.sensor >= 0:
             self._exclude(result.sensor, main, time_s)
 
     def _exclude(self, i: int, main: packing.Running, time_s: float) -> None:
         """Go on without sensor i, from the filter that never had it; every other one from its like."""
-        design, guard = self.design, main.guard
-        guard[i, of.CAUSE], guard[i, of.EXCESS_K] = of.DEPARTED, np.nan
-        guard[i, _AFRESH] = 0.0
-        if guard[i, of.STEPS] == 0.0:
-            guard[i, of.FIRST_S] = time_s
+        design, guard = self.design, main.guard[i]
+        guard.cause, guard.excess_K = DEPARTED, np.nan
+        for name in _AFRESH:
+            guard[name] = 0.0
+        if guard.steps_out == 0.0:
+            guard.first_out_s = time_s
         main.suspect[i] = main.refused_s[i] = main.opened_K[i] = 0.0
         self._answers.begin_again()
         clean = int(design.alone[i])

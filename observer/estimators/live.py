@@ -13,11 +13,10 @@ from observer.estimators.by_block import BlockEstimator
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.packing import Results
 from observer.estimators.protocol import EstimatorState
-from observer.estimators.selftest import SelfTest, SelfTestState, Tested
+from observer.estimators.selftest import MOTION_STEP, SelfTest, SelfTestState, Tested
 from observer.frames import EstimateBlock, FloatArray, Inputs
 from observer.kernels import record
 from observer.kernels.layout import Bundle
-from observer.kernels.selftest import OF_NUT
 
 
 class LiveEstimator:
@@ -172,7 +171,7 @@ class LiveSelfTest:
         seen = Tested(
             inputs.time_s, inputs.dt_s, inputs.quality, results.sensor_quality, results.innovation,
             results.innovation_sigma, results.heat, results.heat_sigma, results.law,
-            np.empty((1, OF_NUT * len(test.travel_m))),
+            np.empty((1, len(test.travel_m)), MOTION_STEP),
         )  # fmt: skip
         self.record = record(
             TestTick(

@@ -7,11 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.estimators.protocol import EstimatorState
+from observer.estimators.protocol import SCREENING_VERDICT, SENSOR_GUARD, EstimatorState
 from observer.frames import PARTS, BoolArray, EstimateBlock, FloatArray, QualityArray, contiguous
 from observer.kernels import layout
-from observer.kernels.codes import GUARD, VERDICT
-from observer.kernels.layout import packed, pad_rows
+from observer.kernels.layout import Records, packed, pad_rows
 from observer.model.coupling import CoupledColumns, Coupling, half_step_columns, link_scratch
 from observer.model.learning import LearningArrays
 from observer.model.plant import Plant
@@ -83,8 +82,8 @@ class Running(NamedTuple):
     lost_s: FloatArray
     flags: IntArray
     around: FloatArray
-    guard: FloatArray
-    verdict: FloatArray
+    guard: Records
+    verdict: Records
 
 
 class Work(NamedTuple):
@@ -211,7 +210,7 @@ def initial_state(plant: Plant, *, screens: bool = False) -> EstimatorState:
         around = np.zeros(n - plant.learnt + 2 * len(never))
     return EstimatorState(
         np.zeros(n), np.zeros((n, n)), False, never, never, never, float("nan"), around=around,
-        guard=np.zeros((len(never) if screens else 0, GUARD)), verdict=np.zeros(VERDICT),
+        guard=np.zeros(len(never) if screens else 0, SENSOR_GUARD), verdict=np.zeros(1, SCREENING_VERDICT),
     )  # fmt: skip
 
 
@@ -227,7 +226,7 @@ def thaw(state: EstimatorState) -> Running:
         np.array([state.lost_s]),
         flags,
         np.array(state.around),
-        np.array(state.guard, order="C"),
+        np.array(state.guard),
         np.array(state.verdict),
     )
 
@@ -243,7 +242,7 @@ def thaw_into(running: Running, state: EstimatorState) -> None:
     running.flags[0], running.flags[1] = state.started, state.silent
     running.around[:] = state.around
     # An estimator that does not screen (a forecast's) goes on from the state of one that does.
-    running.guard[:] = state.guard if state.guard.shape == running.guard.shape else 0.0
+    running.guard[:] = state.guard if state.guard.shape == running.guard.shape else np.zeros(1, SENSOR_GUARD)
     running.verdict[:] = state.verdict
 
 

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
-from observer.kernels.codes import GUARD, VERDICT
+from observer.kernels.layout import Records, state_type
+
+SENSOR_GUARD, SCREENING_VERDICT = state_type("SensorGuard"), state_type("ScreeningVerdict")
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,9 +24,9 @@ class EstimatorState:
     (s,) for how long, and `opened_K` (s,) how far off it was when the state was last opened for it; `silent`
     counts the steps in a row in which no sensor was good; for `lost_s` the place of a nut has not been known.
     `around` (n_x + m_e + 2 s,) is where the effects of what is learnt are taken, with what each sensor would
-    read there without and with a lag; empty where nothing is learnt. `guard` (s, c) and `verdict` are what
-    the screening of readings remembers (`observer.kernels.codes`), `bank` where the filters beside it
-    stand (`observer.estimators.bank`), as octets; without screening they are empty.
+    read there without and with a lag; empty where nothing is learnt. `guard` (s,) and `verdict` (1,) are
+    what the screening of readings remembers (`kernels/states.pxd`), `bank` where the filters beside it stand
+    (`observer.estimators.bank`), as octets; without screening they are empty.
     """
 
     x_hat: FloatArray
@@ -37,8 +39,8 @@ class EstimatorState:
     silent: int = 0
     lost_s: float = 0.0
     around: FloatArray = field(default_factory=lambda: np.zeros(0))
-    guard: FloatArray = field(default_factory=lambda: np.zeros((0, GUARD)))
-    verdict: FloatArray = field(default_factory=lambda: np.zeros(VERDICT))
+    guard: Records = field(default_factory=lambda: np.zeros(0, SENSOR_GUARD))
+    verdict: Records = field(default_factory=lambda: np.zeros(1, SCREENING_VERDICT))
     bank: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
 
 

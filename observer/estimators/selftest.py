@@ -21,21 +21,9 @@ from observer.estimators.protocol import EstimatorState
 from observer.frames import EstimateBlock, FloatArray, FrameBlock, Inputs, Layout, QualityArray
 from observer.kernels import codes as of
 from observer.kernels import compare_ways, longest_way, record, run_selftest
-from observer.kernels.layout import packed
+from observer.kernels.layout import Records, packed, state_type
 from observer.kernels.screening import READMIT_S
-from observer.kernels.selftest import (
-    AT_S,
-    OF_HEAT,
-    OF_MOTION,
-    OF_NUT,
-    OF_SENSOR,
-    SKEW_S,
-    SPEED_AGE_S,
-    GREATEST_ACCELERATION_m_s2,
-    HIGHEST_m,
-    LOWEST_m,
-    ROUNDED_m,
-)
+from observer.kernels.selftest import OF_HEAT, OF_SENSOR, SKEW_S, GREATEST_ACCELERATION_m_s2, ROUNDED_m
 from observer.model.plant import Plant
 
 _SLACK = 1.4
@@ -94,20 +82,18 @@ class Finding:
 class SelfTestState(NamedTuple):
     """What is remembered.
 
-    `sensor` (s, 2, 5): per window the means of the normalised innovation, of its product with the one before
-    and of its square, the variance factor of such a mean, and the mean of what lasts; `last` (s, 2) the
-    innovation before and its time; `heat` (m_e + 1, 2) the mean distance from the law per window, the last
-    row that of all heats; `peak_W` (m_e,); `motion` (M, OF_MOTION) the memory of each nut's motion (see
-    `kernels.selftest`); `since_s`, `value`, `expected` (T,) of each test, NaN while it passes;
+    `sensor` (s, 2) per window, `last` (s,) and `motion` (M,) are those of `kernels/states.pxd`; `heat`
+    (m_e + 1, 2) is the mean distance from the law per window, the last row that of all heats; `peak_W`
+    (m_e,); `since_s`, `value`, `expected` (T,) of each test, NaN while it passes;
     `steps`, `first_s` (T,) how often it has failed, and when first; `refused` (1,) whether a sensor was
     refused at the last step.
     """
 
-    sensor: FloatArray
-    last: FloatArray
+    sensor: Records
+    last: Records
     heat: FloatArray
     peak_W: FloatArray
-    motion: FloatArray
+    motion: Records
     since_s: FloatArray
     value: FloatArray
     expected: FloatArray
@@ -140,14 +126,18 @@ class Tested(NamedTuple):
     heat_W: FloatArray
     heat_sigma_W: FloatArray
     law_W: FloatArray
-    motion: FloatArray
+    motion: Records
 
 
-def no_motion_yet() -> FloatArray:
-    """Return the memory of a nut's motion before its first sample."""
-    memory = np.zeros(OF_MOTION)
-    memory[AT_S : SPEED_AGE_S + 1] = np.nan
-    memory[LOWEST_m], memory[HIGHEST_m] = np.inf, -np.inf
+MOTION_STEP = state_type("MotionStep")
+
+
+def no_motion_yet(nuts: int = 1) -> Records:
+    """Return the memory (M,) of the motion of nuts before their first samples."""
+    memory = np.zeros(nuts, state_type("NutMotion"))
+    for name in ("time_s", "place_m", "speed_m_s", "speed_age_s"):
+        memory[name] = np.nan
+    memory["lowest_m"], memory["highest_m"] = np.inf, -np.inf
     return memory
 
 
@@ -179,11 +169,11 @@ class SelfTest:
         s, m_e, M = len(self._sensors), len(self._sources), len(self.travel_m)
         tests = OF_SENSOR * s + OF_HEAT * m_e + 1 + 2 * M
         return SelfTestState(
-            sensor=np.zeros((s, 2, 5)),
-            last=np.full((s, 2), np.nan),
+            sensor=np.zeros((s, 2), state_type("InnovationWindow")),
+            last=np.full(s, np.nan, state_type("LastInnovation")),
             heat=np.zeros((m_e + 1, 2)),
             peak_W=np.zeros(m_e),
-            motion=np.tile(no_motion_yet(), (M, 1)),
+            motion=no_motion_yet(M),
             since_s=np.full(tests, np.nan),
             value=np.full(tests, np.nan),
             expected=np.full(tests, np.nan),
@@ -197,14 +187,15 @@ class SelfTest:
     ) -> tuple[SelfTestState, FloatArray, Inputs]:
         """Compare each nut's way with its speed, before the estimator runs.
 
-        Return the state, what each step says of the nuts (K, OF_NUT M), and the inputs, degraded where the
+        Return the state, what each step shows of the nuts (K, M), and the inputs, degraded where the
         position of a nut is lost.
         """
         state = state._replace(motion=state.motion.copy())
-        motion, degraded = np.empty((len(inputs), OF_NUT * len(self.travel_m))), inputs.degraded.copy()
+        motion = np.empty((len(inputs), len(self.travel_m)), MOTION_STEP)
+        degraded = inputs.degraded.copy()
         for i, (channel, travel_m) in enumerate(self.travel_m.items()):
-            steps = motion[:, OF_NUT * i : OF_NUT * (i + 1)]
-            compare_ways(*frames.path[channel], np.array(travel_m), state.motion[i], steps, degraded)
+            path, memory = record(frames.path[channel]), state.motion[i : i + 1]
+            compare_ways(path, np.array(travel_m), memory, motion[:, i], degraded)
         return state, motion, inputs._replace(degraded=degraded)
 
     def run(
@@ -279,28 +270,27 @@ def screening_history(layout: Layout, state: EstimatorState) -> tuple[tuple[Find
 
 
 def _of_all(layout: Layout, state: EstimatorState, *, now: bool) -> list[tuple[Finding, int]]:
-    found = []
-    for name, unit, own in zip(layout.sensors, layout.units, state.guard, strict=False):
-        if own[of.CAUSE] if now else own[of.STEPS]:
+    findings = []
+    for name, unit, sensor in zip(layout.sensors, layout.units, state.guard, strict=False):
+        if sensor.cause if now else sensor.steps_out:
             fault, other = Fault.EXCLUDED, ""
-            if own[of.CAUSE] == of.SWAPPED:
-                fault, other = Fault.SWAPPED, layout.sensors[int(own[of.OTHER])]
-            excess, sigma = float(own[of.EXCESS_K]), float(own[of.EXCESS_SIGMA_K])
-            agrees_s = float(own[of.AGREES_S]) if now else 0.0
+            if sensor.cause == of.SWAPPED:
+                fault, other = Fault.SWAPPED, layout.sensors[int(sensor.partner)]
+            excess, sigma = float(sensor.excess_K), float(sensor.excess_sigma_K)
+            agrees_s = float(sensor.agrees_s) if now else 0.0
             returns_s = max(READMIT_S - agrees_s, 0.0) if agrees_s > 0.0 else math.nan
-            finding = Finding(fault, name, float(own[of.FIRST_S]), excess, sigma, other, unit, returns_s)
-            found.append((finding, int(own[of.STEPS])))
-    verdict = state.verdict
-    if verdict[of.COMMON_K]:
-        finding = Finding(
-            Fault.SHARED_OFFSET, "", float(verdict[of.COMMON_S]), float(verdict[of.COMMON_K]), 0.0
-        )
-        found.append((finding, int(verdict[of.COMMON_STEPS])))
-    if verdict[of.LATCH]:
-        fault = _LATCHED.get(int(verdict[of.LATCH]), Fault.UNEXPLAINED)
-        finding = Finding(fault, "", float(verdict[of.LATCH_S]), float(verdict[of.FACTOR]), 1.0)
-        found.append((finding, int(verdict[of.LATCH_STEPS])))
-    if max(verdict[of.HOLD_S], verdict[of.SETTLING_S]) > 0.0 if now else verdict[of.HELD_STEPS] > 0.0:
-        finding = Finding(Fault.SETTLING, "", float(verdict[of.HELD_S]), 0.0, 0.0)
-        found.append((finding, int(verdict[of.HELD_STEPS])))
-    return found
+            since_s = float(sensor.first_out_s)
+            finding = Finding(fault, name, since_s, excess, sigma, other, unit, returns_s)
+            findings.append((finding, int(sensor.steps_out)))
+    verdict = state.verdict[0]
+    if verdict.common_K:
+        since_s, offset_K = float(verdict.common_from_s), float(verdict.common_K)
+        findings.append((Finding(Fault.SHARED_OFFSET, "", since_s, offset_K, 0.0), int(verdict.common_steps)))
+    if verdict.latch:
+        fault = _LATCHED.get(int(verdict.latch), Fault.UNEXPLAINED)
+        finding = Finding(fault, "", float(verdict.latched_s), float(verdict.factor), 1.0)
+        findings.append((finding, int(verdict.latch_steps)))
+    if max(verdict.hold_s, verdict.settling_s) > 0.0 if now else verdict.held_steps > 0.0:
+        finding = Finding(Fault.SETTLING, "", float(verdict.held_from_s), 0.0, 0.0)
+        findings.append((finding, int(verdict.held_steps)))
+    return findings

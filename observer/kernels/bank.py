@@ -6,19 +6,7 @@ is one over all of them. Every filter is the Kalman filter itself, with sensors 
 
 from __future__ import annotations
 
-from observer.kernels.codes import (
-    CAUSE,
-    COMMON_K,
-    ERROR,
-    ESTIMATE_DEGRADED,
-    ESTIMATE_INVALID,
-    ESTIMATE_STARTING,
-    FIELD,
-    OPENED_COMMON_K2,
-    OPENED_K2,
-    OPENED_PRIOR,
-    PENDING,
-)
+from observer.kernels.codes import ERROR, ESTIMATE_DEGRADED, ESTIMATE_INVALID, ESTIMATE_STARTING, FIELD
 from observer.kernels.covariance import squared
 from observer.kernels.judging import add_prior, step_is_finite
 from observer.kernels.kalman import filter_part
@@ -83,7 +71,7 @@ def pour(g, state, u):
         for r in range(g.C.shape[1]):
             u.moving_C[0, i, r] = g.C[i, r]
     for i in range(len(g.y_degC)):
-        doubted = state.guard[i, CAUSE] != 0.0 or state.guard[i, PENDING] > 0.0 or state.suspect[i] > 0.0
+        doubted = state.guard[i].cause != 0.0 or state.guard[i].pending > 0.0 or state.suspect[i] > 0.0
         u.y_degC[0, i], g.free[i] = g.y_degC[i], g.seen[i] and not doubted
         g.seen[i] = False
     u.loss_1_s[0] = g.loss[0] / span_s
@@ -94,13 +82,13 @@ def pour(g, state, u):
 
 def open_again(p, state, P):
     """Open P as that of the estimate was opened since the last step of the bank."""
-    if state.verdict[OPENED_PRIOR] > 0.0:
-        add_prior(p, P, min(1.0, state.verdict[OPENED_PRIOR]))
-    if state.verdict[OPENED_COMMON_K2] > 0.0:
-        open_common(p, state.verdict[OPENED_COMMON_K2], P)
+    if state.verdict[0].opened_prior > 0.0:
+        add_prior(p, P, min(1.0, state.verdict[0].opened_prior))
+    if state.verdict[0].opened_common_K2 > 0.0:
+        open_common(p, state.verdict[0].opened_common_K2, P)
     for i in range(len(state.guard)):
-        if state.guard[i, OPENED_K2] > 0.0:
-            open_offset(p, i, state.guard[i, OPENED_K2], P)
+        if state.guard[i].opened_K2 > 0.0:
+            open_offset(p, i, state.guard[i].opened_K2, P)
 
 
 def pass_left_out(b, bank, f, state):
@@ -111,7 +99,7 @@ def pass_left_out(b, bank, f, state):
             continue
         sensor_covariance(bank.work.C, i, state.P, bank.work.g)
         variance_K2 = project(bank.work.C, i, bank.work.g, i) + b.plant.R_K2[i]
-        off_K = residual(b.plant, bank.work.C, b.inputs, 0, i, state.x) - state.verdict[COMMON_K]
+        off_K = residual(b.plant, bank.work.C, b.inputs, 0, i, state.x) - state.verdict[0].common_K
         bank.misfit[f, i] = off_K / sqrt(variance_K2)
 
 
@@ -138,7 +126,7 @@ def run_bank(b, bank, main, walk_K2):
         state = bank.filters[f]
         for i in range(len(g.free)):
             u.usable[0, i] = g.free[i] and bank.uses[f, i]
-        state.verdict[COMMON_K] = main.verdict[COMMON_K]
+        state.verdict[0].common_K = main.verdict[0].common_K
         open_again(p, main, state.P)
         if f == bank.drifting and state.flags[0] != 0:
             open_common(p, walk_K2, state.P)
@@ -153,9 +141,9 @@ def run_bank(b, bank, main, walk_K2):
                 bank.S[i, i] += p.R_K2[i]
             predict_on(p, b.table, u, b.step[0], g, bank.work)
         pass_left_out(b, bank, f, state)
-    main.verdict[OPENED_PRIOR] = main.verdict[OPENED_COMMON_K2] = 0.0
+    main.verdict[0].opened_prior = main.verdict[0].opened_common_K2 = 0.0
     for i in range(len(main.guard)):
-        main.guard[i, OPENED_K2] = 0.0
+        main.guard[i].opened_K2 = 0.0
 
 
 def add_change(p, u, k, held, j):

@@ -44,36 +44,8 @@ TICKS_PER_S = 1e6
 DONE = -1
 
 
-# What is remembered of a sensor, by column: the mean of its innovations, over how many, the time since its
-# last sample; for how many samples and how long it has been off by what step; …
-MEAN, SEEN, SINCE_S, PENDING, PENDING_S, STEP_K = 0, 1, 2, 3, 4, 5
-# … why it is excluded, for how long, how much too high it reads, that with what σ, and for how long it has
-# agreed; its last reading that was used; the part of its samples that stepped; when it was first excluded,
-# and in how many steps; the sensor that it is swapped with; by how much its offset was opened of late.
-CAUSE, OUT_S, EXCESS_K, EXCESS_SIGMA_K, AGREES_S, VALUE_degC, UNREST, FIRST_S, STEPS, OTHER, OPENED_K2 = (
-    6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16,
-)  # fmt: skip
-# By how much it was off when it was excluded, and whether it has stepped back by that much since.
-SIZE_K, BACK = 17, 18
-GUARD = 19
-
-# Causes.
+# Why a sensor is excluded.
 JUMPED, SWAPPED, DEPARTED, RESTLESS = 1, 2, 3, 4
-
-# What is remembered of all: for how long all inputs have been known, how long the estimate still settles and
-# is still held not good, what cannot be explained, since when; the common offset, since when; the factor of a
-# gain; in how many steps each of both; how much of the prior was added of late, and how much in common.
-AGE_S, SETTLING_S, HOLD_S, LATCH, LATCH_S, COMMON_K, COMMON_S, FACTOR, LATCH_STEPS, COMMON_STEPS = (
-    0, 1, 2, 3, 4, 5, 6, 7, 8, 9,
-)  # fmt: skip
-OPENED_PRIOR, OPENED_COMMON_K2 = 10, 11
-# Since when the estimate settles or is held back, until when, and in how many steps it ever was.
-HELD_S, HELD_UNTIL_S, HELD_STEPS = 12, 13, 14
-# The air's last reading, for how long it has not changed, by how much it has leapt, and whether it was seen.
-AIR_degC, AIR_S, AIR_OFF_K, AIR_SEEN = 15, 16, 17, 18
-# How long the estimator has run, whatever was lost meanwhile.
-RUNS_S = 19
-VERDICT = 20
 
 # What is not explained: unequal steps of all, a gain, a step that could be taken up by no offset, a drift of
 # all, a departure that more than one sensor explains, or none, and a leap of the air's reading.

@@ -18,16 +18,7 @@ from observer.kernels.consider import (
     finish_considered,
     propagate_considered,
 )
-from observer.kernels.judging import (
-    add_prior,
-    defer_readmitted,
-    gate,
-    inflate_for_rejected,
-    invalidate,
-    skip,
-    write_innovations,
-    write_step,
-)
+from observer.kernels.judging import invalidate, readmit, refuse, skip, write_innovations, write_step
 from observer.kernels.kalman import SKIPPED, STARTED, STEPPED, start_or_predict
 from observer.kernels.libc import cython
 from observer.kernels.steady_state_step import take_steady_steps
@@ -152,18 +143,14 @@ def observe(b, bins, state, gains, out, work, own):
         copy(state.suspect, work.suspect)
         write_innovations(work.nu, own.considered.variance, work.usable, k, out)
         out.log_likelihood[k] = 0.0
-        released = gate(own.considered.variance, b.gate_sigma, state, work)
-        if not released:
-            defer_readmitted(state, work)
+        released = refuse(own.considered.variance, b.gate_sigma, True, state, work)
         key, complete, correcting = key_of(b.inputs, k, state, work, bins.number[b.step[k]])
         chosen = find_gain(gains, key)
         if chosen < 0 and correcting:
             copy(work.suspect, state.suspect)
             own.at[STEP], own.at[KEY], own.at[TAKEN] = k, key, taken
             return
-        if released:
-            add_prior(b.plant, state.P, 1.0)
-        if inflate_for_rejected(b.plant, b.inputs.dt_s[k], state, work) > 0.0 or released:
+        if readmit(b.plant, b.inputs.dt_s[k], released, True, state, work) > 0.0:
             compare(b.plant, b.inputs, k, state, work)
         if correcting and (own.optimal or taken == STARTED or released):
             drastic = is_drastic(b.plant, work)

@@ -10,13 +10,15 @@ cdef inline bint gate(double[::1] S, double gate_sigma, Running state, Work work
 @cython.locals(due=bint)
 cdef inline void defer_readmitted(Running state, Work work) noexcept nogil
 @cython.locals(share=double)
-cdef inline double inflate_for_rejected(PlantArrays p, double dt_s, Running state, Work work) noexcept nogil
+cdef inline double readmit(PlantArrays p, double dt_s, bint released, bint model_may_be_wrong, Running state, Work work) noexcept nogil
+@cython.locals(released=bint)
+cdef inline bint refuse(double[::1] S, double gate_sigma, bint model_may_be_wrong, Running state, Work work) noexcept nogil
 cdef inline void inflate_for_lost_position(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] lost_s, double[:, ::1] P) noexcept nogil
 @cython.locals(variance=double)
 cdef double _share_of_prior(PlantArrays p, double[:, ::1] C, Py_ssize_t i, double nu) noexcept nogil
 cdef void add_prior(PlantArrays p, double[:, ::1] P, double share) noexcept nogil
 cdef inline Py_ssize_t judge(Inputs u, Py_ssize_t k, unsigned char[::1] usable, unsigned char[::1] accepted, Running state, Results out) noexcept nogil
-cdef inline Py_ssize_t judge_screening(double[::1] verdict, double time_s) noexcept nogil
+cdef inline Py_ssize_t judge_screening(ScreeningVerdict *verdict, double time_s) noexcept nogil
 cdef void skip(Inputs u, Py_ssize_t k, unsigned char[::1] usable, Running state, Results out) noexcept nogil
 cdef inline void write_innovations(double[::1] nu, double[::1] S, unsigned char[::1] usable, Py_ssize_t k, Results out) noexcept nogil
 cdef void invalidate(Results out, Py_ssize_t k) noexcept nogil

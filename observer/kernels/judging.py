@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from observer.kernels.codes import (
-    CAUSE,
-    COMMON_K,
-    COMMON_STEPS,
     ESTIMATE_DEGRADED,
     ESTIMATE_GOOD,
     ESTIMATE_INVALID,
@@ -13,21 +10,12 @@ from observer.kernels.codes import (
     ESTIMATE_STARTING,
     EXCLUDED,
     GOOD,
-    HELD_S,
-    HELD_STEPS,
-    HELD_UNTIL_S,
-    HOLD_S,
-    LATCH,
-    LATCH_STEPS,
     NUT_LOST,
     REJECTED,
-    RUNS_S,
-    SETTLING_S,
     STALE,
-    STEPS,
 )
 from observer.kernels.covariance import add_scaled, squared, squares_of_rows, sum_scaled
-from observer.kernels.libc import INFINITY, NAN, floor, fmod, isfinite, isinf, sqrt
+from observer.kernels.libc import INFINITY, NAN, cython, floor, fmod, isfinite, isinf, sqrt
 from observer.kernels.vector import LANES, none, store_at
 
 RELEASE_AFTER_STEPS = 3
@@ -107,15 +95,25 @@ def defer_readmitted(state, work):
             state.suspect[i] = 1.0
 
 
-def inflate_for_rejected(p, dt_s, state, work):
-    """Count for how long each sensor has been refused; return by what share of its prior P was inflated.
+def refuse(S, gate_sigma, model_may_be_wrong, state, work):
+    """Refuse what lies beyond the gate; return whether most sensors were released from it (see `gate`)."""
+    released = gate(S, gate_sigma, state, work)
+    if model_may_be_wrong and not released:
+        defer_readmitted(state, work)
+    return released
 
-    A filter that was led astray by wrong inputs is sure of itself and refuses the sensors that are right.
-    After 20 s and three samples, and then every minute, P gets the share of its prior that would let the
-    refused sensor be right, and the others say first what they make of it. One that is broken is refused
-    again.
+
+def readmit(p, dt_s, released, model_may_be_wrong, state, work):
+    """The rule by which refused sensors come back; return by what share of its prior P was inflated.
+
+    Where most were released at once, by the whole. A filter that was led astray by wrong inputs is sure of
+    itself and refuses the sensors that are right. While the model may be wrong, P gets, after 20 s and three
+    samples and then every minute, the share of its prior that would let the refused sensor be right. The
+    others say first what they make of it. A broken sensor is refused again.
     """
     share = 0.0
+    if released:
+        add_prior(p, state.P, 1.0)
     for i in range(len(work.usable)):
         if work.usable[i] and work.accepted[i]:
             state.refused_s[i] = 0.0
@@ -123,6 +121,8 @@ def inflate_for_rejected(p, dt_s, state, work):
         elif work.usable[i] or state.refused_s[i] > 0.0:
             before = floor((state.refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S)
             state.refused_s[i] += dt_s
+            if not model_may_be_wrong:
+                continue
             if floor((state.refused_s[i] - REOPEN_AFTER_S) / REOPEN_EVERY_S) > before:
                 state.opened_K[i] = INFINITY  # due with its next sample
             if work.usable[i] and isinf(state.opened_K[i]) and state.suspect[i] >= RELEASE_AFTER_STEPS:
@@ -130,17 +130,13 @@ def inflate_for_rejected(p, dt_s, state, work):
                 state.opened_K[i] = work.nu[i]
     if share > 0.0:
         add_prior(p, state.P, share)
-    return share
+    return share + 1.0 if released else share
 
 
 def judge_sensors(p, u, k, gate_sigma, state, work):
     """Which usable sensors may correct; return whether P was inflated: then they are to be compared anew."""
-    released = gate(work.S_nu, gate_sigma, state, work)
-    if released:
-        add_prior(p, state.P, 1.0)
-    else:
-        defer_readmitted(state, work)
-    return inflate_for_rejected(p, u.dt_s[k], state, work) > 0.0 or released
+    released = refuse(work.S_nu, gate_sigma, True, state, work)
+    return readmit(p, u.dt_s[k], released, True, state, work) > 0.0
 
 
 def inflate_for_lost_position(p, u, k, lost_s, P):
@@ -192,8 +188,8 @@ def judge(u, k, usable, accepted, state, out):
     good, stale, refused, lost = 0, 0, 0, 0
     for i in range(len(usable)):
         quality = u.quality[k, i]
-        if len(state.guard) > 0 and state.guard[i, CAUSE] != 0.0:
-            state.guard[i, STEPS] += 1.0
+        if len(state.guard) > 0 and state.guard[i].cause != 0.0:
+            state.guard[i].steps_out += 1.0
             if quality == GOOD:
                 quality = EXCLUDED
         elif quality != GOOD:
@@ -213,23 +209,25 @@ def judge(u, k, usable, accepted, state, out):
         return ESTIMATE_STALE
     if u.degraded[k] != 0 or refused > 0 or (lost > 0 and state.flags[2] == 0):
         return ESTIMATE_DEGRADED
-    return judge_screening(state.verdict, u.time_s[k]) if len(state.guard) > 0 else ESTIMATE_GOOD
+    if len(state.guard) == 0:
+        return ESTIMATE_GOOD
+    return judge_screening(cython.address(state.verdict[0]), u.time_s[k])
 
 
 def judge_screening(verdict, time_s):
     """The quality that is left where something is not explained, was decided just now or still settles, or
     where readings are not judged yet.
     """
-    if verdict[HOLD_S] > 0.0 or verdict[SETTLING_S] > 0.0:
-        if time_s > verdict[HELD_UNTIL_S]:
-            verdict[HELD_S] = time_s
-        verdict[HELD_UNTIL_S] = time_s + max(verdict[HOLD_S], verdict[SETTLING_S])
-        verdict[HELD_STEPS] += 1.0
-    verdict[LATCH_STEPS] += 1.0 if verdict[LATCH] != 0.0 else 0.0
-    verdict[COMMON_STEPS] += 1.0 if verdict[COMMON_K] != 0.0 else 0.0
-    if verdict[LATCH] != 0.0 or verdict[HOLD_S] > 0.0:
+    if verdict.hold_s > 0.0 or verdict.settling_s > 0.0:
+        if time_s > verdict.held_until_s:
+            verdict.held_from_s = time_s
+        verdict.held_until_s = time_s + max(verdict.hold_s, verdict.settling_s)
+        verdict.held_steps += 1.0
+    verdict.latch_steps += 1.0 if verdict.latch != 0.0 else 0.0
+    verdict.common_steps += 1.0 if verdict.common_K != 0.0 else 0.0
+    if verdict.latch != 0.0 or verdict.hold_s > 0.0:
         return ESTIMATE_DEGRADED
-    if verdict[SETTLING_S] > 0.0 or verdict[RUNS_S] <= QUIET_S:
+    if verdict.settling_s > 0.0 or verdict.runs_s <= QUIET_S:
         return ESTIMATE_STARTING
     return ESTIMATE_GOOD
 

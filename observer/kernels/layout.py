@@ -9,8 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.kernels import STATES
+
 Array = NDArray[np.float64]
+Records = np.ndarray[Any, Any]
+"""An array of a `state_type`; one of its elements has the numbers as attributes."""
 _LINE = 8  # numbers in a line of the cache
+
+
+def state_type(name: str) -> np.dtype[Any]:
+    """Return numpy's type of a structure of `states.pxd`: its numbers by name."""
+    return np.dtype((np.record, STATES[name]))
 
 
 def padded_width(columns: int, register: int) -> int:

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from math import fmod
+from types import SimpleNamespace
 from typing import Any, Final
 
 from numpy import floor, isfinite, isinf, isnan, rint
 
-cython: Any = None
-"""The compiler's own module: only compiled functions name it."""
+cython: Any = SimpleNamespace(address=lambda record: record)
+"""The compiler's own module; a record stands for its address here."""
 
 INFINITY: Final = math.inf
 NAN: Final = math.nan

@@ -12,7 +12,6 @@ cdef inline void _fill_laws(DriveDesk desk, Py_ssize_t k) noexcept nogil
 cdef void put_products(Products laws, const double[:, ::1] values, double[:, ::1] law) noexcept nogil
 @cython.locals(desk=DriveDesk, inputs=Inputs, moment=double[::1], nut=LiveNut)
 cdef drive_frame(DriveTick own)
-@cython.locals(path=PathSamples)
 cdef watch_frame(TestTick own)
 @cython.locals(length_s=double)
 cdef estimate_frame(EstimatorTick own)

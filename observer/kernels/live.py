@@ -11,7 +11,7 @@ from observer.kernels.codes import GOOD, INPUT_LOST, NO_PRODUCT, NUT_LOST, OF_NO
 from observer.kernels.kalman import filter_steps
 from observer.kernels.libc import bytes_of, isfinite, isnan, rint, take_bytes
 from observer.kernels.path import average_columns
-from observer.kernels.selftest import OF_NUT, compare_ways, run_selftest
+from observer.kernels.selftest import compare_ways, run_selftest
 from observer.kernels.walk import walk_rows
 
 
@@ -127,19 +127,15 @@ def drive_frame(own):
     inputs.time_s[0], inputs.dt_s[0] = desk.time_s[0], own.dt_s[0]
     for i in range(len(own.nuts)):
         nut = own.nuts[i]
-        average_columns(
-            nut.table, nut.desk, own.dt_s, nut.path.time_s, nut.path.position_m, nut.path.offset,
-            nut.path.driven_m_s,
-        )  # fmt: skip
+        average_columns(nut.table, nut.desk, own.dt_s, nut.path)
 
 
 def watch_frame(own):
     """Compare the ways of nuts with their speeds over one frame (see `selftest.compare_ways`)."""
     for i in range(len(own.paths)):
-        path = own.paths[i]
         compare_ways(
-            path.time_s, path.position_m, path.offset, path.driven_m_s, path.speed_age_s, own.travel_m[i],
-            own.state.motion[i], own.seen.motion[:, OF_NUT * i : OF_NUT * (i + 1)], own.inputs.degraded,
+            own.paths[i], own.travel_m[i], own.state.motion[i : i + 1], own.seen.motion[:, i],
+            own.inputs.degraded,
         )  # fmt: skip
 
 

@@ -1,11 +1,11 @@
 """The path of a nut, sample by sample, and its columns averaged over the path inside a step.
 
-See `observer.model.rod.moving`. `scalars` (26,) are what is remembered of the nut, under the indices below.
+See `observer.model.rod.moving`.
 """
 
 from __future__ import annotations
 
-from observer.kernels.libc import NAN, cos, exp, floor, fmod, isnan, lrint, sin
+from observer.kernels.libc import NAN, cos, cython, exp, floor, fmod, isnan, lrint, sin
 
 MEMORY_S = 10.0
 """Time constant of what is remembered of a nut's footprint."""
@@ -30,64 +30,51 @@ BELIEVED = 0.7
 """Part of speed times lead that lately must have been made, or the lead is not that of this nut."""
 
 
-# What is remembered, by index.
-_AT, _HERE, _VELOCITY, _SPEED, _LOW, _HIGH, _DRIVEN, _SENSE, _FAR, _COUNT, _MADE = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    6,
-    7,
-    8,
-    9,
-    10,
-)
-
-
-def follow_path(scalars, sample_s, sample_m, offset, driven_m_s, stroke_m, ends_m):
-    """Take in the samples of K steps; `ends_m` (K, 2) are then where the nut turned last after each."""
+def follow_path(memory, path, stroke_m, ends_m):
+    """Take in the samples of K steps; `ends_m` (K, 2) are then where the nut turned last after each, and
+    `memory` (1,) is updated.
+    """
+    nut = cython.address(memory[0])
     for k in range(len(ends_m)):
-        for i in range(offset[k], offset[k + 1]):
-            take_sample(scalars, sample_s[i], sample_m[i], driven_m_s[i], stroke_m)
-        ends_m[k, 0], ends_m[k, 1] = scalars[_LOW], scalars[_HIGH]
+        for i in range(path.offset[k], path.offset[k + 1]):
+            take_sample(nut, path.time_s[i], path.position_m[i], path.driven_m_s[i], stroke_m)
+        ends_m[k, 0], ends_m[k, 1] = nut.low_m, nut.high_m
 
 
-def take_sample(scalars, at_s, there_m, driven_m_s, stroke_m):
+def take_sample(nut, at_s, there_m, driven_m_s, stroke_m):
     """Take in a sample; `driven_m_s` is speed times lead at it, NaN where unknown. Return where the nut
     turned on its way to it: the sample itself if it came straight, NaN if that is unknown.
     """
-    since_s, here_m, before = at_s - scalars[_AT], scalars[_HERE], scalars[_VELOCITY]
+    since_s, here_m, before = at_s - nut.time_s, nut.here_m, nut.velocity_m_s
     turn_m = NAN
     if since_s > 0.0:
         made_m_s = abs(there_m - here_m) / since_s
-        lately_m_s = _remember(scalars, made_m_s, since_s)
-        speed_m_s = _mean_driven(scalars[_DRIVEN], driven_m_s)
+        lately_m_s = _remember(nut, made_m_s, since_s)
+        speed_m_s = _mean_driven(nut.driven_m_s, driven_m_s)
         known = not isnan(speed_m_s)
         resolved = (
             speed_m_s if known else max(lately_m_s, made_m_s)
         ) * since_s * SAMPLES_PER_TRAVERSE <= stroke_m
-        if not known or (resolved and scalars[_COUNT] >= RECENT and lately_m_s < BELIEVED * speed_m_s):
+        if not known or (resolved and nut.count >= RECENT and lately_m_s < BELIEVED * speed_m_s):
             speed_m_s = lately_m_s
         if resolved:
-            scalars[_SPEED] = speed_m_s
-            turn_m = _turn(scalars, there_m, speed_m_s * since_s, stroke_m)
-            _come(scalars, turn_m, stroke_m)
-            _come(scalars, there_m, stroke_m)
-        elif since_s < FORGOTTEN_S and before != 0.0 and scalars[_LOW] < scalars[_HIGH]:
+            nut.speed_m_s = speed_m_s
+            turn_m = _turn(nut, there_m, speed_m_s * since_s, stroke_m)
+            _come(nut, turn_m, stroke_m)
+            _come(nut, there_m, stroke_m)
+        elif since_s < FORGOTTEN_S and before != 0.0 and nut.low_m < nut.high_m:
             if known:
-                scalars[_SPEED] = speed_m_s
-            run_m = sign(before) * scalars[_SPEED] * since_s
-            _, sense = on_the_way(here_m, run_m, scalars[_LOW], scalars[_HIGH])
-            scalars[_VELOCITY] = sense * sign(before) * scalars[_SPEED]
-            scalars[_SENSE], scalars[_FAR] = sense * sign(before), there_m
+                nut.speed_m_s = speed_m_s
+            run_m = sign(before) * nut.speed_m_s * since_s
+            _, sense = on_the_way(here_m, run_m, nut.low_m, nut.high_m)
+            nut.velocity_m_s = sense * sign(before) * nut.speed_m_s
+            nut.sense, nut.far_m = sense * sign(before), there_m
         else:
-            scalars[_VELOCITY], scalars[_SPEED] = 0.0, speed_m_s
-            scalars[_SENSE], scalars[_FAR] = 0.0, there_m
+            nut.velocity_m_s, nut.speed_m_s = 0.0, speed_m_s
+            nut.sense, nut.far_m = 0.0, there_m
     elif not isnan(since_s):
         turn_m = there_m  # the same moment again: it is there, and that took no time
-    scalars[_AT], scalars[_HERE], scalars[_DRIVEN] = at_s, there_m, driven_m_s
+    nut.time_s, nut.here_m, nut.driven_m_s = at_s, there_m, driven_m_s
     return turn_m
 
 
@@ -98,53 +85,53 @@ def _mean_driven(first_m_s, last_m_s):
     return first_m_s if isnan(last_m_s) else 0.5 * (first_m_s + last_m_s)
 
 
-def _remember(scalars, made_m_s, since_s):
+def _remember(nut, made_m_s, since_s):
     """Remember the speed of a step that was long enough to show it; return what counts as full speed."""
     if since_s >= BRIEF_S:
-        scalars[_MADE + lrint(fmod(scalars[_COUNT], RECENT))] = made_m_s
-        scalars[_COUNT] += 1.0
-    known = min(lrint(scalars[_COUNT]), RECENT)
+        nut.recent_m_s[lrint(fmod(nut.count, RECENT))] = made_m_s
+        nut.count += 1.0
+    known = min(lrint(nut.count), RECENT)
     if known == 0:
         return 0.0
     rank = min(RANK, 1 + known // 4)
     for i in range(known):
-        faster, as_fast, own = 0, 0, scalars[_MADE + i]
+        faster, as_fast, own = 0, 0, nut.recent_m_s[i]
         for j in range(known):
-            faster += 1 if scalars[_MADE + j] > own else 0
-            as_fast += 1 if scalars[_MADE + j] == own else 0
+            faster += 1 if nut.recent_m_s[j] > own else 0
+            as_fast += 1 if nut.recent_m_s[j] == own else 0
         if faster < rank <= faster + as_fast:
             return own
     return 0.0
 
 
-def _turn(scalars, there_m, run_m, stroke_m):
+def _turn(nut, there_m, run_m, stroke_m):
     """Where the nut turned since the last sample, given how far it ran; the new place, if it did not."""
-    here_m, before, speed_m_s = scalars[_HERE], scalars[_VELOCITY], scalars[_SPEED]
+    here_m, before, speed_m_s = nut.here_m, nut.velocity_m_s, nut.speed_m_s
     made_m = there_m - here_m
     full = abs(made_m) >= FULL * run_m and made_m != 0.0
     fine = run_m * FINE <= stroke_m
     if full or fine or before == 0.0:
         if full or (fine and made_m * before < 0.0):
-            scalars[_VELOCITY] = sign(made_m) * speed_m_s
+            nut.velocity_m_s = sign(made_m) * speed_m_s
         elif not fine:
-            scalars[_VELOCITY] = 0.0
+            nut.velocity_m_s = 0.0
         return there_m
-    scalars[_VELOCITY] = -sign(before) * speed_m_s  # it runs back
+    nut.velocity_m_s = -sign(before) * speed_m_s  # it runs back
     return here_m + 0.5 * (sign(before) * run_m + made_m)
 
 
-def _come(scalars, place_m, stroke_m):
+def _come(nut, place_m, stroke_m):
     """Note that the nut came to a place: where it has come back far enough, the farthest was an end."""
-    back_m = scalars[_FAR] - place_m
-    onward = scalars[_SENSE] != 0.0 and scalars[_SENSE] * back_m <= 0.0
+    back_m = nut.far_m - place_m
+    onward = nut.sense != 0.0 and nut.sense * back_m <= 0.0
     if onward or isnan(back_m):
-        scalars[_FAR] = place_m
+        nut.far_m = place_m
     elif abs(back_m) >= TURNED * stroke_m:
-        if scalars[_SENSE] > 0.0:
-            scalars[_HIGH] = scalars[_FAR]
-        elif scalars[_SENSE] < 0.0:
-            scalars[_LOW] = scalars[_FAR]
-        scalars[_SENSE], scalars[_FAR] = -sign(back_m), place_m
+        if nut.sense > 0.0:
+            nut.high_m = nut.far_m
+        elif nut.sense < 0.0:
+            nut.low_m = nut.far_m
+        nut.sense, nut.far_m = -sign(back_m), place_m
 
 
 def on_the_way(here_m, run_m, low_m, high_m):
@@ -156,13 +143,10 @@ def on_the_way(here_m, run_m, low_m, high_m):
     return low_m + (2.0 * length_m - along if back else along), -1.0 if turned else 1.0
 
 
-def average_columns(nut, desk, dt_s, sample_s, sample_m, offset, driven_m_s):
-    """Advance the averaged columns B, C of a nut through K steps; `desk.scalars` are those of `PathState`, in
-    its order; `step_B`, `step_C` are scratch.
-    """
-    scalars, weight_s, B, C, sum_B, sum_C = (
-        desk.scalars, desk.weight_s, desk.B, desk.C, desk.sum_B, desk.sum_C,
-    )  # fmt: skip
+def average_columns(nut, desk, dt_s, path):
+    """Advance the averaged columns B, C of a nut through K steps; `step_B`, `step_C` are scratch."""
+    weight_s, B, C, sum_B, sum_C = desk.weight_s, desk.B, desk.C, desk.sum_B, desk.sum_C
+    memory = cython.address(desk.path[0])
     step_B, step_C, turn, stroke_m = desk.step_B, desk.step_C, nut.turn, nut.stroke_m
     for k in range(len(dt_s)):
         for n in range(len(step_B)):
@@ -170,12 +154,12 @@ def average_columns(nut, desk, dt_s, sample_s, sample_m, offset, driven_m_s):
         for r in range(len(step_C)):
             step_C[r] = 0.0
         weight, gap_s, located = 0.0, 0.0, True
-        for i in range(offset[k], offset[k + 1]):
-            here_m, there_m, since_s = scalars[1], sample_m[i], sample_s[i] - scalars[0]
-            before, low_m, high_m = scalars[2], scalars[4], scalars[5]
-            turn_m = take_sample(scalars, sample_s[i], there_m, driven_m_s[i], stroke_m)
-            runs_on = isnan(turn_m) and since_s > 0.0 and before != 0.0 and scalars[4] < scalars[5]
-            run_m = sign(before) * scalars[3] * since_s
+        for i in range(path.offset[k], path.offset[k + 1]):
+            here_m, there_m, since_s = memory.here_m, path.position_m[i], path.time_s[i] - memory.time_s
+            before, low_m, high_m = memory.velocity_m_s, memory.low_m, memory.high_m
+            turn_m = take_sample(memory, path.time_s[i], there_m, path.driven_m_s[i], stroke_m)
+            runs_on = isnan(turn_m) and since_s > 0.0 and before != 0.0 and memory.low_m < memory.high_m
+            run_m = sign(before) * memory.speed_m_s * since_s
             if abs(run_m) > 4 * stroke_m:  # it has been everywhere equally long
                 run_m = 2 * (high_m - low_m)
             if isnan(turn_m) and not runs_on:

@@ -113,8 +113,10 @@ cdef class Batch(Record):
 
 
 cdef class Running(Record):
-    cdef public double[::1] x, suspect, refused_s, opened_K, lost_s, around, verdict
-    cdef public double[:, ::1] P, guard
+    cdef public double[::1] x, suspect, refused_s, opened_K, lost_s, around
+    cdef public double[:, ::1] P
+    cdef public SensorGuard[::1] guard
+    cdef public ScreeningVerdict[::1] verdict
     cdef public Py_ssize_t[::1] flags
 
 
@@ -219,12 +221,15 @@ cdef class Memory(Record):
     cdef public double[::1] value, seen_s, gap_s, refused, last_tick_s
     cdef public signed char[::1] newest, breach
     cdef public unsigned char[::1] arrived, stuck
-    cdef public double[:, ::1] noise, passed
+    cdef public ChannelNoise[::1] noise
+    cdef public double[:, ::1] passed
 
 
 cdef class SelfTestState(Record):
-    cdef public double[:, :, ::1] sensor
-    cdef public double[:, ::1] last, heat, motion
+    cdef public InnovationWindow[:, ::1] sensor
+    cdef public LastInnovation[::1] last
+    cdef public double[:, ::1] heat
+    cdef public NutMotion[::1] motion
     cdef public double[::1] peak_W, since_s, value, expected, steps, first_s, refused
 
 
@@ -236,7 +241,8 @@ cdef class Trust(Record):
 cdef class Tested(Record):
     cdef public double[::1] time_s, dt_s
     cdef public signed char[:, ::1] given, sensor_quality
-    cdef public double[:, ::1] nu, nu_sigma, heat_W, heat_sigma_W, law_W, motion
+    cdef public double[:, ::1] nu, nu_sigma, heat_W, heat_sigma_W, law_W
+    cdef public MotionStep[:, ::1] motion
 
 
 cdef class Rows(Record):
@@ -265,6 +271,11 @@ cdef class DriveDesk(Record):
     cdef public signed char[::1] degraded
 
 
+cdef class NutPath(Record):
+    cdef public const double[::1] time_s, position_m, driven_m_s, speed_age_s
+    cdef public const Py_ssize_t[::1] offset
+
+
 cdef class NutTable(Record):
     cdef public double[::1] mu_1_m, phase, scale, mean_B, mean_C
     cdef public double conductance_W_m, nut_m, screw_m, stroke_m, lag_decay_1_s
@@ -273,5 +284,6 @@ cdef class NutTable(Record):
 
 
 cdef class NutDesk(Record):
-    cdef public double[::1] scalars, weight_s, B, C, sum_B, sum_C, step_B, step_C
+    cdef public PathMemory[::1] path
+    cdef public double[::1] weight_s, B, C, sum_B, sum_C, step_B, step_C
     cdef public double[:, ::1] out_B, out_C

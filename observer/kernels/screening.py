@@ -14,52 +14,18 @@ that were exchanged only a step counts, of both plugs put right (Brown and Chin 
 from __future__ import annotations
 
 from observer.kernels.codes import (
-    AGE_S,
-    AGREES_S,
     AIR_LEAPT,
-    AIR_OFF_K,
-    AIR_S,
-    AIR_SEEN,
-    BACK,
-    CAUSE,
-    COMMON_K,
-    COMMON_S,
-    EXCESS_K,
-    EXCESS_SIGMA_K,
-    FACTOR,
-    FIRST_S,
     GAIN,
     GOOD,
-    HOLD_S,
     JUMPED,
-    LATCH,
-    LATCH_S,
-    MEAN,
     NO_OFFSET,
     OFFSET,
-    OPENED_COMMON_K2,
-    OPENED_K2,
-    OPENED_PRIOR,
-    OTHER,
-    OUT_S,
-    PENDING,
-    PENDING_S,
     RESTLESS,
-    RUNS_S,
-    SEEN,
-    SETTLING_S,
-    SINCE_S,
-    SIZE_K,
-    STEP_K,
-    STEPS,
     SWAPPED,
     UNEQUAL,
-    UNREST,
-    AIR_degC,
-    VALUE_degC,
 )
-from observer.kernels.judging import QUIET_S, add_prior, defer_readmitted, gate, inflate_for_rejected
-from observer.kernels.libc import exp, isfinite, isnan, sqrt
+from observer.kernels.judging import QUIET_S, readmit, refuse
+from observer.kernels.libc import cython, exp, isfinite, isnan, sqrt
 
 JUMP_SIGMA = 6.0
 LEAST_JUMP_K = 0.15
@@ -84,19 +50,19 @@ _LEAST_LEAP_K, _LEAP_K_S = 2.0, 0.01  # of the air's reading, and for each secon
 
 def screen(p, u, k, gate_sigma, state, work):
     """Which usable sensors may correct; return whether P was opened: then they are to be compared anew."""
-    guard, verdict, dt_s = state.guard, state.verdict, u.dt_s[k]
+    guard, verdict = state.guard, cython.address(state.verdict[0])
     pass_time(u, k, verdict)
     watch_air(p, u, k, verdict)
     for i in range(len(guard)):
-        guard[i, SINCE_S] += dt_s
-        look_at(i, guard, verdict, state, work)
+        guard[i].since_s += u.dt_s[k]
+        look_at(i, cython.address(guard[i]), verdict.age_s, state, work)
     opened = False
     if is_decided(guard):
         opened = decide(p, u, k, state)
     for i in range(len(guard)):
-        if guard[i, PENDING] > 0.0 or guard[i, CAUSE] != 0.0:
+        if guard[i].pending > 0.0 or guard[i].cause != 0.0:
             work.usable[i] = False
-    opened = refuse(p, u, k, gate_sigma, state, work) or opened
+    opened = refuse_or_settle(p, u, k, gate_sigma, state, work) or opened
     for i in range(len(guard)):
         opened = remember(p, u, k, i, state, work) or opened
     return opened
@@ -104,10 +70,10 @@ def screen(p, u, k, gate_sigma, state, work):
 
 def pass_time(u, k, verdict):
     """Count the times on; after an input was lost, the model may be wrong again."""
-    verdict[AGE_S] = verdict[AGE_S] + u.dt_s[k] if u.degraded[k] == 0 else 0.0
-    verdict[RUNS_S] += u.dt_s[k]
-    verdict[SETTLING_S] = max(0.0, verdict[SETTLING_S] - u.dt_s[k])
-    verdict[HOLD_S] = max(0.0, verdict[HOLD_S] - u.dt_s[k])
+    verdict.age_s = verdict.age_s + u.dt_s[k] if u.degraded[k] == 0 else 0.0
+    verdict.runs_s += u.dt_s[k]
+    verdict.settling_s = max(0.0, verdict.settling_s - u.dt_s[k])
+    verdict.hold_s = max(0.0, verdict.hold_s - u.dt_s[k])
 
 
 def watch_air(p, u, k, verdict):
@@ -115,84 +81,84 @@ def watch_air(p, u, k, verdict):
     if len(p.learn.kind) == 0:
         return
     air_degC = u.z_end[k, p.learn.ambient]
-    leap_K = air_degC - verdict[AIR_degC]
-    verdict[AIR_S] += u.dt_s[k]
+    leap_K = air_degC - verdict.air_degC
+    verdict.air_same_s += u.dt_s[k]
     if leap_K == 0.0 or not isfinite(air_degC):
         return
-    if verdict[AIR_SEEN] > 0.0 and abs(leap_K) > _LEAST_LEAP_K + _LEAP_K_S * verdict[AIR_S]:
-        verdict[AIR_OFF_K] += leap_K
-        if verdict[LATCH] == 0.0:
-            verdict[LATCH], verdict[LATCH_S] = AIR_LEAPT, u.time_s[k]
-        if abs(verdict[AIR_OFF_K]) <= _LEAST_LEAP_K:
-            verdict[AIR_OFF_K] = 0.0
-        if verdict[LATCH] == AIR_LEAPT:
-            verdict[FACTOR] = verdict[AIR_OFF_K]
-            if verdict[AIR_OFF_K] == 0.0:
-                verdict[LATCH] = 0.0
-                verdict[SETTLING_S] = max(verdict[SETTLING_S], _SETTLING_S)
-    verdict[AIR_degC], verdict[AIR_S], verdict[AIR_SEEN] = air_degC, 0.0, 1.0
+    if verdict.air_known > 0.0 and abs(leap_K) > _LEAST_LEAP_K + _LEAP_K_S * verdict.air_same_s:
+        verdict.air_off_K += leap_K
+        if verdict.latch == 0.0:
+            verdict.latch, verdict.latched_s = AIR_LEAPT, u.time_s[k]
+        if abs(verdict.air_off_K) <= _LEAST_LEAP_K:
+            verdict.air_off_K = 0.0
+        if verdict.latch == AIR_LEAPT:
+            verdict.factor = verdict.air_off_K
+            if verdict.air_off_K == 0.0:
+                verdict.latch = 0.0
+                verdict.settling_s = max(verdict.settling_s, _SETTLING_S)
+    verdict.air_degC, verdict.air_same_s, verdict.air_known = air_degC, 0.0, 1.0
 
 
-def look_at(i, guard, verdict, state, work):
-    """Count whether sensor i has stepped, if a sample came."""
-    if not work.usable[i] or guard[i, CAUSE] != 0.0:
+def look_at(i, sensor, age_s, state, work):
+    """Note whether sensor i has stepped, where a sample came."""
+    if not work.usable[i] or sensor.cause != 0.0:
         return
-    step_K = work.nu[i] - guard[i, MEAN]
-    limit_K = max(JUMP_SIGMA * sqrt(work.S_nu[i]), LEAST_JUMP_K) + DRIFT_K_S * guard[i, SINCE_S]
-    judged = guard[i, SEEN] >= _FEW and verdict[AGE_S] > QUIET_S
+    step_K = work.nu[i] - sensor.mean_K
+    limit_K = max(JUMP_SIGMA * sqrt(work.S_nu[i]), LEAST_JUMP_K) + DRIFT_K_S * sensor.since_s
+    judged = sensor.samples >= _FEW and age_s > QUIET_S
     if judged and not abs(step_K) <= limit_K:
-        guard[i, PENDING_S] += guard[i, SINCE_S] if guard[i, PENDING] > 0.0 else 0.0
-        guard[i, PENDING] += 1.0
-        guard[i, STEP_K] += (step_K - guard[i, STEP_K]) / guard[i, PENDING]
-        guard[i, UNREST] += _UNREST * (1.0 - guard[i, UNREST])
+        sensor.pending_s += sensor.since_s if sensor.pending > 0.0 else 0.0
+        sensor.pending += 1.0
+        sensor.step_K += (step_K - sensor.step_K) / sensor.pending
+        sensor.unrest += _UNREST * (1.0 - sensor.unrest)
         state.suspect[i] = 1.0
     else:
-        if guard[i, PENDING] > 0.0:
+        if sensor.pending > 0.0:
             state.suspect[i] = 0.0
-        settle(guard, i)
-        guard[i, UNREST] -= _UNREST * guard[i, UNREST]
+        settle(sensor)
+        sensor.unrest -= _UNREST * sensor.unrest
 
 
-def settle(guard, i):
-    """Forget that sensor i has stepped."""
-    guard[i, PENDING], guard[i, PENDING_S], guard[i, STEP_K] = 0.0, 0.0, 0.0
+def settle(sensor):
+    """Forget that a sensor has stepped."""
+    sensor.pending, sensor.pending_s, sensor.step_K = 0.0, 0.0, 0.0
 
 
 def is_decided(guard):
     """Whether a step has lasted for so long that it is none of a single sample."""
     decided = False
     for i in range(len(guard)):
-        lasted = guard[i, PENDING] >= LASTS_SAMPLES and guard[i, PENDING_S] >= LASTS_S
-        decided = decided or lasted or guard[i, UNREST] >= _UNREST_SHARE
+        lasted = guard[i].pending >= LASTS_SAMPLES and guard[i].pending_s >= LASTS_S
+        decided = decided or lasted or guard[i].unrest >= _UNREST_SHARE
     return decided
 
 
 def decide(p, u, k, state):
     """Say what stepped, and act on it; return whether P was opened."""
-    guard, verdict = state.guard, state.verdict
+    guard, verdict = state.guard, cython.address(state.verdict[0])
     present, stepped, mean_K = 0, 0, 0.0
     for i in range(len(guard)):  # a displacement shares no reference junction
-        if p.thermal[i] and guard[i, CAUSE] == 0.0 and u.quality[k, i] == GOOD:
+        if p.thermal[i] and guard[i].cause == 0.0 and u.quality[k, i] == GOOD:
             present += 1
-            if guard[i, PENDING] > 0.0:
+            if guard[i].pending > 0.0:
                 stepped += 1
-                mean_K += guard[i, STEP_K]
-    verdict[HOLD_S] = DECIDED_S
+                mean_K += guard[i].step_K
+    verdict.hold_s = DECIDED_S
     if stepped == present and present > 1:
         open_all(p, u, k, mean_K / present, state)
         for i in range(len(guard)):
             if p.thermal[i]:
-                forget_step(guard, i)
+                forget_step(cython.address(guard[i]))
                 state.suspect[i] = 0.0
         return True
     other = swapped_with(p, guard) if stepped == 2 else -1
     for i in range(len(guard)):
-        if guard[i, CAUSE] != 0.0:
+        if guard[i].cause != 0.0:
             continue
-        if guard[i, PENDING] > 0.0:
+        if guard[i].pending > 0.0:
             exclude(u, k, i, SWAPPED if other >= 0 else JUMPED, state)
-            guard[i, OTHER] = other - i
-        elif guard[i, UNREST] >= _UNREST_SHARE:
+            guard[i].partner = other - i
+        elif guard[i].unrest >= _UNREST_SHARE:
             exclude(u, k, i, RESTLESS, state)
     return False
 
@@ -201,58 +167,58 @@ def swapped_with(p, guard):
     """The sum of the two sensors that stepped, if each now reads what the other read; else -1."""
     first, second = -1, -1
     for i in range(len(guard)):
-        if p.thermal[i] and guard[i, CAUSE] == 0.0 and guard[i, PENDING] > 0.0:
+        if p.thermal[i] and guard[i].cause == 0.0 and guard[i].pending > 0.0:
             first, second = second, i
-    apart_K = guard[second, VALUE_degC] - guard[first, VALUE_degC]
+    apart_K = guard[second].value_degC - guard[first].value_degC
     limit_K = max(_EQUAL_K, _EQUAL_SIGMA * sqrt(p.R_K2[first] + p.R_K2[second]))
-    if abs(guard[first, STEP_K] - apart_K) <= limit_K and abs(guard[second, STEP_K] + apart_K) <= limit_K:
+    if abs(guard[first].step_K - apart_K) <= limit_K and abs(guard[second].step_K + apart_K) <= limit_K:
         return first + second
     return -1
 
 
 def exclude(u, k, i, cause, state):
     """Leave sensor i out from now on."""
-    guard = state.guard
-    guard[i, CAUSE], guard[i, OUT_S], guard[i, AGREES_S] = cause, 0.0, 0.0
-    guard[i, EXCESS_K] = guard[i, SIZE_K] = guard[i, STEP_K]
-    guard[i, BACK] = 0.0
-    if guard[i, STEPS] == 0.0:
-        guard[i, FIRST_S] = u.time_s[k]
-    forget_step(guard, i)
+    sensor = cython.address(state.guard[i])
+    sensor.cause, sensor.out_s, sensor.agrees_s = cause, 0.0, 0.0
+    sensor.excess_K = sensor.size_K = sensor.step_K
+    sensor.stepped_back = 0.0
+    if sensor.steps_out == 0.0:
+        sensor.first_out_s = u.time_s[k]
+    forget_step(sensor)
     state.suspect[i], state.refused_s[i], state.opened_K[i] = 0.0, 0.0, 0.0
 
 
-def forget_step(guard, i):
-    """Begin the mean of sensor i's innovations afresh."""
-    settle(guard, i)
-    guard[i, MEAN], guard[i, SEEN], guard[i, UNREST] = 0.0, 0.0, 0.0
+def forget_step(sensor):
+    """Begin the mean of a sensor's innovations afresh."""
+    settle(sensor)
+    sensor.mean_K, sensor.samples, sensor.unrest = 0.0, 0.0, 0.0
 
 
 def open_all(p, u, k, mean_K, state):
     """All have stepped: take an equal step out of what they read; nothing else can be explained."""
-    guard, verdict = state.guard, state.verdict
+    guard, verdict = state.guard, cython.address(state.verdict[0])
     equal, factor, free = True, gain_of(p, u, k, guard), 0
     for i in range(len(guard)):
-        if p.thermal[i] and guard[i, CAUSE] == 0.0 and guard[i, PENDING] > 0.0:
+        if p.thermal[i] and guard[i].cause == 0.0 and guard[i].pending > 0.0:
             limit_K = max(_EQUAL_K, _EQUAL_SIGMA * sqrt(p.R_K2[i]))
-            equal = equal and abs(guard[i, STEP_K] - mean_K) <= limit_K
+            equal = equal and abs(guard[i].step_K - mean_K) <= limit_K
             free += 1 if offset_of(p, i) >= 0 else -len(guard)
     if equal and free > 0:
         open_common(p, _COMMON_K2, state.P)
-        verdict[OPENED_COMMON_K2] += _COMMON_K2
-        if verdict[COMMON_K] == 0.0:
-            verdict[COMMON_S] = u.time_s[k]
-        verdict[COMMON_K] += mean_K
+        verdict.opened_common_K2 += _COMMON_K2
+        if verdict.common_K == 0.0:
+            verdict.common_from_s = u.time_s[k]
+        verdict.common_K += mean_K
         return
     for i in range(len(guard)):
-        if p.thermal[i] and guard[i, CAUSE] == 0.0:
-            variance_K2 = _APART_K2 + guard[i, STEP_K] * guard[i, STEP_K]
+        if p.thermal[i] and guard[i].cause == 0.0:
+            variance_K2 = _APART_K2 + guard[i].step_K * guard[i].step_K
             open_offset(p, i, variance_K2, state.P)
-            guard[i, OPENED_K2] += variance_K2
-    if verdict[LATCH] == 0.0:
-        verdict[LATCH_S] = u.time_s[k]
-    verdict[LATCH] = NO_OFFSET if equal else (UNEQUAL if factor == 0.0 else GAIN)
-    verdict[FACTOR] = 1.0 + factor
+            guard[i].opened_K2 += variance_K2
+    if verdict.latch == 0.0:
+        verdict.latched_s = u.time_s[k]
+    verdict.latch = NO_OFFSET if equal else (UNEQUAL if factor == 0.0 else GAIN)
+    verdict.factor = 1.0 + factor
 
 
 def gain_of(p, u, k, guard):
@@ -260,16 +226,16 @@ def gain_of(p, u, k, guard):
     product, square = 0.0, 0.0
     air_degC = u.z_end[k, p.learn.ambient] if len(p.learn.kind) > 0 else 0.0
     for i in range(len(guard)):
-        if p.thermal[i] and guard[i, CAUSE] == 0.0 and guard[i, PENDING] > 0.0:
-            rise_K = guard[i, VALUE_degC] - air_degC
-            product += rise_K * guard[i, STEP_K]
+        if p.thermal[i] and guard[i].cause == 0.0 and guard[i].pending > 0.0:
+            rise_K = guard[i].value_degC - air_degC
+            product += rise_K * guard[i].step_K
             square += rise_K * rise_K
     factor = product / max(square, 1e-12)
     for i in range(len(guard)):
-        if p.thermal[i] and guard[i, CAUSE] == 0.0 and guard[i, PENDING] > 0.0:
-            rise_K = guard[i, VALUE_degC] - air_degC
+        if p.thermal[i] and guard[i].cause == 0.0 and guard[i].pending > 0.0:
+            rise_K = guard[i].value_degC - air_degC
             limit_K = max(_EQUAL_K, _EQUAL_SIGMA * sqrt(p.R_K2[i])) + abs(factor) * _TRUST_AIR_K
-            if not abs(guard[i, STEP_K] - factor * rise_K) <= limit_K:
+            if not abs(guard[i].step_K - factor * rise_K) <= limit_K:
                 return 0.0
     return factor
 
@@ -305,80 +271,73 @@ def open_common(p, variance_K2, P):
                 P[first + a, first + b] += variance_K2
 
 
-def refuse(p, u, k, gate_sigma, state, work):
+def refuse_or_settle(p, u, k, gate_sigma, state, work):
     """Refuse what lies beyond the gate; return whether P was opened.
 
     While the model may be wrong it gives way to the sensors, and the estimate settles. Later only where most
     are refused at once, without a step, has something surprised model and sensors alike: then field and
     offsets are open, and the estimate settles.
     """
-    verdict = state.verdict
-    released = gate(work.S_nu, gate_sigma, state, work)
-    if released:
-        add_prior(p, state.P, 1.0)
-        verdict[OPENED_PRIOR] = 1.0
-    if verdict[AGE_S] < YOUNG_S:
-        if not released:
-            defer_readmitted(state, work)
-        share = inflate_for_rejected(p, u.dt_s[k], state, work)
-        verdict[OPENED_PRIOR] += share
-        if released or share > 0.0:
-            verdict[SETTLING_S] = max(verdict[SETTLING_S], _SETTLING_S)
-        return released or share > 0.0
-    if released:
+    verdict = cython.address(state.verdict[0])
+    young = verdict.age_s < YOUNG_S
+    released = refuse(work.S_nu, gate_sigma, young, state, work)
+    share = readmit(p, u.dt_s[k], released, young, state, work)
+    verdict.opened_prior += share
+    if young and share > 0.0:
+        verdict.settling_s = max(verdict.settling_s, _SETTLING_S)
+    elif released:
         open_common(p, _SURPRISE_K2, state.P)
-        verdict[OPENED_COMMON_K2] += _SURPRISE_K2
-        verdict[SETTLING_S] = _SURPRISED_S
+        verdict.opened_common_K2 += _SURPRISE_K2
+        verdict.settling_s = _SURPRISED_S
     for i in range(len(work.usable)):
-        if work.usable[i] and work.accepted[i]:
-            state.refused_s[i], state.opened_K[i] = 0.0, 0.0
-        elif work.usable[i] or state.refused_s[i] > 0.0:
-            state.refused_s[i] += u.dt_s[k]
-            verdict[HOLD_S] = DECIDED_S
-    return released
+        if not young and ((work.usable[i] and not work.accepted[i]) or state.refused_s[i] > 0.0):
+            verdict.hold_s = DECIDED_S
+    return share > 0.0
 
 
-def look_for_return(i, since_s, noise_K, guard, work):
-    """Count for how long excluded sensor i agrees with the rest, where that proves something.
+def look_for_return(sensor, since_s, noise_K, nu, sigma_K):
+    """Count for how long an excluded sensor agrees with the others, where that proves something; `nu` is its
+    innovation and `sigma_K` the σ of that.
 
     What two exchanged sensors read may meet as a machine cools, so of them a step back is asked.
     """
-    sigma_K, exchanged = sqrt(work.S_nu[i]), guard[i, CAUSE] == SWAPPED
-    size_K = guard[i, MEAN] if exchanged else guard[i, SIZE_K]
+    exchanged = sensor.cause == SWAPPED
+    size_K = sensor.mean_K if exchanged else sensor.size_K
     clear = not exchanged or abs(size_K) >= max(_CLEARLY_OFF * noise_K, LEAST_JUMP_K)
-    back_K = guard[i, MEAN] - work.nu[i]
-    if guard[i, SEEN] >= _FEW and clear and abs(back_K - size_K) <= _BACK * abs(size_K):
-        guard[i, BACK] = 1.0
-    guard[i, MEAN] += (1.0 - exp(-since_s / _MEAN_S)) * (work.nu[i] - guard[i, MEAN])
-    if guard[i, SEEN] == 0.0:
-        guard[i, MEAN] = work.nu[i]
-    guard[i, SEEN] += 1.0
-    proves = guard[i, BACK] > 0.0 or (not exchanged and _TELLING * sigma_K <= abs(guard[i, SIZE_K]))
-    near = abs(work.nu[i]) <= _READMIT_SIGMA * sigma_K
-    guard[i, AGREES_S] = guard[i, AGREES_S] + since_s if near and proves else 0.0
+    back_K = sensor.mean_K - nu
+    if sensor.samples >= _FEW and clear and abs(back_K - size_K) <= _BACK * abs(size_K):
+        sensor.stepped_back = 1.0
+    sensor.mean_K += (1.0 - exp(-since_s / _MEAN_S)) * (nu - sensor.mean_K)
+    if sensor.samples == 0.0:
+        sensor.mean_K = nu
+    sensor.samples += 1.0
+    proves = sensor.stepped_back > 0.0 or (not exchanged and _TELLING * sigma_K <= abs(sensor.size_K))
+    near = abs(nu) <= _READMIT_SIGMA * sigma_K
+    sensor.agrees_s = sensor.agrees_s + since_s if near and proves else 0.0
 
 
 def remember(p, u, k, i, state, work):
     """Take in a sample of sensor i; return whether it is readmitted, its offset open."""
-    guard, readmitted = state.guard, False
     if not (u.usable[k, i] and isfinite(u.y_degC[k, i])):
         return False
-    since_s = guard[i, SINCE_S]
-    guard[i, SINCE_S] = 0.0
-    if guard[i, CAUSE] != 0.0:
-        guard[i, OUT_S] += since_s
-        if isnan(guard[i, EXCESS_K]):
-            guard[i, EXCESS_K] = guard[i, SIZE_K] = work.nu[i]
-        guard[i, EXCESS_K] += (1.0 - exp(-since_s / _EXCESS_S)) * (work.nu[i] - guard[i, EXCESS_K])
-        guard[i, EXCESS_SIGMA_K] = sqrt(work.S_nu[i])
-        look_for_return(i, since_s, sqrt(p.R_K2[i]), guard, work)
-        if guard[i, AGREES_S] >= READMIT_S and open_offset(p, i, _READMIT_K2, state.P):
-            guard[i, CAUSE], readmitted = 0.0, True
-            guard[i, OPENED_K2] += _READMIT_K2
-            forget_step(guard, i)
+    sensor, nu, sigma_K = cython.address(state.guard[i]), work.nu[i], sqrt(work.S_nu[i])
+    since_s = sensor.since_s
+    sensor.since_s = 0.0
+    if sensor.cause != 0.0:
+        sensor.out_s += since_s
+        if isnan(sensor.excess_K):
+            sensor.excess_K = sensor.size_K = nu
+        sensor.excess_K += (1.0 - exp(-since_s / _EXCESS_S)) * (nu - sensor.excess_K)
+        sensor.excess_sigma_K = sigma_K
+        look_for_return(sensor, since_s, sqrt(p.R_K2[i]), nu, sigma_K)
+        if sensor.agrees_s >= READMIT_S and open_offset(p, i, _READMIT_K2, state.P):
+            sensor.cause = 0.0
+            sensor.opened_K2 += _READMIT_K2
+            forget_step(sensor)
+            return True
     elif work.accepted[i]:
         share = (1.0 - exp(-since_s / _MEAN_S)) * p.R_K2[i] / work.S_nu[i]  # little from what was not known
-        guard[i, MEAN] += share * (work.nu[i] - guard[i, MEAN])
-        guard[i, SEEN] += 1.0
-        guard[i, VALUE_degC] = u.y_degC[k, i] - state.verdict[COMMON_K]
-    return readmitted
+        sensor.mean_K += share * (nu - sensor.mean_K)
+        sensor.samples += 1.0
+        sensor.value_degC = u.y_degC[k, i] - state.verdict[0].common_K
+    return False

@@ -3,29 +3,28 @@ cdef double _SURE_SE, _LASTING, _NOISE, _CLEAR, _CLEAN, _CLIP, _CLIP_LAW, KNOWN,
 cdef double GREATEST_ACCELERATION_m_s2, GREATEST_SPEED_m_s, SKEW_S, ROUNDED_m, _WAY_SHARE, _SAMPLES_FIRST
 cdef double _LATENESS_FADES_S, _STOPPED_S, _UNEXPLAINED, _LONGEST_REFRESH_S, _UNUSUAL, _OPEN_S, _AGREE_S, _AGREE_TRAVELS
 cdef double DISAGREE, FALLS_SHORT
-cdef Py_ssize_t MADE_m, ALLOWED_m, AT_S, PLACE_m, SPEED_m_s, SPEED_AGE_S, SAMPLES, USUAL_S, LATER_S, LATE_S, REPEATS_S, REFRESH_S
-cdef Py_ssize_t JUMP_m, JUMPED_S, DISAGREED, LOWEST_m, HIGHEST_m, JUDGED_m, AGREED_S, AGREED_TRAVELS, OPEN_m2, OPEN_m, REPEATS_m, OF_MOTION
-cdef Py_ssize_t RATIO, JUMP, WAY, OF_NUT, OF_SENSOR, OF_HEAT
+cdef Py_ssize_t OF_SENSOR, OF_HEAT
 
-@cython.locals(stroke_m=double, since_s=double, way_m=double, allowed_m=double, fade=double, open_s=double, open_m=double, farther_m=double, shorter_m=double, jumped=bint)
-cpdef void compare_ways(const double[::1] sample_s, const double[::1] sample_m, const Py_ssize_t[::1] offset, const double[::1] driven_m_s, const double[::1] speed_age_s, const double[::1] travel_m, double[::1] memory, double[:, :] motion, signed char[::1] degraded) noexcept nogil
+@cython.locals(nut="NutMotion*", stroke_m=double, since_s=double, way_m=double, allowed_m=double, fade=double, open_s=double, open_m=double, farther_m=double, shorter_m=double, jumped=bint)
+cpdef void compare_ways(NutPath path, const double[::1] travel_m, NutMotion[::1] memory, MotionStep[:] motion, signed char[::1] degraded) noexcept nogil
 @cython.locals(change_m_s=double, gained_m=double, way_m=double)
 cpdef double longest_way(double before_m_s, double after_m_s, double unsure_m_s, double elapsed_s) noexcept nogil
 @cython.locals(since_s=double, before_m_s=double, elapsed_s=double, late_s=double, repeats_s=double, unsure_m_s=double, allowed_m=double, mean_m=double, jump_m=double)
-cdef bint _look_for_jump(double[::1] memory, double time_s, double way_m, double driven_m_s, double speed_age_s) noexcept nogil
+cdef bint _look_for_jump(NutMotion *nut, double time_s, double way_m, double driven_m_s, double speed_age_s) noexcept nogil
 @cython.locals(longer_s=double, most_s=double)
-cdef void _time_the_poll(double[::1] memory, double since_s, double way_m, double driven_m_s) noexcept nogil
+cdef void _time_the_poll(NutMotion *nut, double since_s, double way_m, double driven_m_s) noexcept nogil
 @cython.locals(place_m=double, jump_m=double, beyond_m=double)
-cdef void _compare_with_travel(double[::1] memory, const double[::1] travel_m) noexcept nogil
+cdef void _compare_with_travel(NutMotion *nut, const double[::1] travel_m) noexcept nogil
 @cython.locals(confirmed=bint)
-cdef bint jump_stands(double[::1] memory, double[:] step, double dt_s, bint agree) noexcept nogil
+cdef bint jump_stands(NutMotion *nut, MotionStep *step, double dt_s, bint agree) noexcept nogil
 cdef bint _is_any_used(Tested u, Py_ssize_t k) noexcept nogil
 @cython.locals(failing=bint)
 cdef inline void _note(SelfTestState state, Py_ssize_t test, double score, double time_s, double value, double expected) noexcept nogil
-@cython.locals(before=double, since_s=double, share=double)
+@cython.locals(before=double, since_s=double, share=double, window="InnovationWindow*")
 cdef void _average_innovation(SelfTestState state, Py_ssize_t i, double nu, double lasting, double time_s) noexcept nogil
-@cython.locals(mean=double, product=double, square=double, sure=double, lasting=double, clean=bint)
+@cython.locals(window="InnovationWindow*", minute="InnovationWindow*", longer="InnovationWindow*", colour=double, noise=double, sure=double, lasting=double, clean=bint)
 cdef inline void _scores(SelfTestState state, Py_ssize_t i, double[::1] scores) noexcept nogil
+cdef inline void forget_window(InnovationWindow *window) noexcept nogil
 @cython.locals(score=double, clipped=double)
 cdef inline double _off_law(SelfTestState state, Py_ssize_t row, double distance, double dt_s, double* limit, double slack) noexcept nogil
 cdef inline bint _fails(SelfTestState state, Py_ssize_t test) noexcept nogil
@@ -38,5 +37,5 @@ cdef inline bint _test_sensor(SelfTestState state, Tested u, Py_ssize_t k, Py_ss
 cdef inline double _distance(SelfTestState state, Tested u, Py_ssize_t k, Py_ssize_t j, double uncertainty) noexcept nogil
 @cython.locals(total=double, laws=Py_ssize_t, failing=bint, starting=bint, sigma_W=double, needed_W=double, test=Py_ssize_t, unknown=bint, distance=double, score=double)
 cdef inline (bint, bint) _test_heats(SelfTestState state, Tested u, Py_ssize_t k, Trust trust, Py_ssize_t base) noexcept nogil
-@cython.locals(failing=bint, starting=bint, sensors_agree=bint, stands=bint, step="double[:]", test=Py_ssize_t, score=double)
+@cython.locals(failing=bint, starting=bint, sensors_agree=bint, stands=bint, step="MotionStep*", test=Py_ssize_t, score=double)
 cpdef void run_selftest(Tested u, Trust trust, SelfTestState state, signed char[::1] quality, signed char[:, ::1] part_quality, double[::1] scores) noexcept nogil

@@ -13,7 +13,7 @@ from observer.kernels.codes import (
     REJECTED,
 )
 from observer.kernels.covariance import squared
-from observer.kernels.libc import INFINITY, NAN, exp, isfinite, isnan, sqrt
+from observer.kernels.libc import INFINITY, NAN, cython, exp, isfinite, isnan, sqrt
 
 # The windows' time constants, and which means over each are more than chance and small faults make.
 WINDOWS_S = [60.0, 600.0]
@@ -57,68 +57,52 @@ DISAGREE = 1.5
 FALLS_SHORT = 0.5
 """… and below which they do; samples cut reversals off, so a way may well fall short."""
 
-# The memory of a nut's motion. Lately: the way made and the way that the speed allows, in m. The last sample:
-# its time, position, speed and how old that speed was.
-MADE_m, ALLOWED_m, AT_S, PLACE_m, SPEED_m_s, SPEED_AGE_S = 0, 1, 2, 3, 4, 5
-# When polls come: samples of a turning screw, the usual time between samples, by how much the last one may
-# be late after a longer time, by how much all may be late. For how long, and by what turned way, the position
-# has repeated on a turning screw; the slowest refresh of its register.
-SAMPLES, USUAL_S, LATER_S, LATE_S, REPEATS_S, REPEATS_m, REFRESH_S = 6, 7, 8, 9, 10, 11, 12
-# Jumps: their sum, since when, whether way and speed have disagreed since the last, the travel before it.
-JUMP_m, JUMPED_S, DISAGREED, LOWEST_m, HIGHEST_m = 13, 14, 15, 16, 17
-# The jump that temperatures are compared with, and for what time and way they have agreed; the variance in m²
-# of the recent way that polls leave open, and the most that they leave open, in m.
-JUDGED_m, AGREED_S, AGREED_TRAVELS, OPEN_m2, OPEN_m = 18, 19, 20, 21, 22
-OF_MOTION = 23
-RATIO, JUMP, WAY = 0, 1, 2
-OF_NUT = 3
-"""What each step says of a nut: the ratio of ways, the sum of its jumps in m, and its way in travels."""
 OF_SENSOR, OF_HEAT = 4, 2
 """How many tests a sensor and a heat have."""
 
 
-def compare_ways(sample_s, sample_m, offset, driven_m_s, speed_age_s, travel_m, memory, motion, degraded):
-    """Fill in what the nut's samples say of each of K steps (see `OF_NUT`).
+def compare_ways(path, travel_m, memory, motion, degraded):
+    """Fill in what the nut's samples show of each of K steps; `memory` (1,) is updated.
 
     Where way and speed disagree, and for a time after a jump, the nut's position is lost.
     """
-    stroke_m = travel_m[1] - travel_m[0]
+    nut, stroke_m = cython.address(memory[0]), travel_m[1] - travel_m[0]
     for k in range(len(motion)):
-        motion[k, WAY] = 0.0
-        for i in range(offset[k], offset[k + 1]):
-            since_s, way_m = sample_s[i] - memory[AT_S], sample_m[i] - memory[PLACE_m]
-            allowed_m = 0.5 * (driven_m_s[i] + memory[SPEED_m_s]) * since_s
+        motion[k].travels = 0.0
+        for i in range(path.offset[k], path.offset[k + 1]):
+            since_s, way_m = path.time_s[i] - nut.time_s, path.position_m[i] - nut.place_m
+            allowed_m = 0.5 * (path.driven_m_s[i] + nut.speed_m_s) * since_s
             jumped = False
             if since_s > 0.0 and isfinite(way_m):
-                jumped = _look_for_jump(memory, sample_s[i], way_m, driven_m_s[i], speed_age_s[i])
+                jumped = _look_for_jump(nut, path.time_s[i], way_m, path.driven_m_s[i], path.speed_age_s[i])
             if jumped:
-                memory[MADE_m], memory[ALLOWED_m] = 0.0, 0.0
-                memory[OPEN_m2], memory[OPEN_m] = 0.0, 0.0
-            elif 0.0 < since_s < 10.0 and 2.5 * allowed_m <= stroke_m and memory[LATE_S] <= _STOPPED_S:
-                motion[k, WAY] += abs(way_m) / stroke_m
+                nut.made_m, nut.allowed_m = 0.0, 0.0
+                nut.open_m2, nut.open_m = 0.0, 0.0
+            elif 0.0 < since_s < 10.0 and 2.5 * allowed_m <= stroke_m and nut.late_s <= _STOPPED_S:
+                motion[k].travels += abs(way_m) / stroke_m
                 fade = exp(-since_s / _MOTION_S)
-                memory[MADE_m] = fade * memory[MADE_m] + abs(way_m)
-                memory[ALLOWED_m] = fade * memory[ALLOWED_m] + allowed_m
-                open_m = longest_way(memory[SPEED_m_s], driven_m_s[i], 0.0, since_s) - allowed_m
-                memory[OPEN_m2] = squared(fade) * memory[OPEN_m2] + squared(open_m)
-                memory[OPEN_m] = fade * memory[OPEN_m] + open_m
-            memory[AT_S], memory[PLACE_m] = sample_s[i], sample_m[i]
-            memory[SPEED_m_s], memory[SPEED_AGE_S] = driven_m_s[i], speed_age_s[i]
-            _compare_with_travel(memory, travel_m)
-        motion[k, RATIO] = NAN
+                nut.made_m = fade * nut.made_m + abs(way_m)
+                nut.allowed_m = fade * nut.allowed_m + allowed_m
+                open_m = longest_way(nut.speed_m_s, path.driven_m_s[i], 0.0, since_s) - allowed_m
+                nut.open_m2 = squared(fade) * nut.open_m2 + squared(open_m)
+                nut.open_m = fade * nut.open_m + open_m
+            nut.time_s, nut.place_m = path.time_s[i], path.position_m[i]
+            nut.speed_m_s, nut.speed_age_s = path.driven_m_s[i], path.speed_age_s[i]
+            _compare_with_travel(nut, travel_m)
+        motion[k].ratio = NAN
         # polls in step with a motion to and fro miss all of its speed: a long way is judged by the most
-        farther_m = memory[MADE_m] - memory[ALLOWED_m] - memory[OPEN_m]
-        shorter_m = memory[ALLOWED_m] - memory[MADE_m] - _UNEXPLAINED * sqrt(memory[OPEN_m2])
-        if max(memory[MADE_m], memory[ALLOWED_m]) >= _MOTION_ENOUGH * stroke_m and (
+        farther_m = nut.made_m - nut.allowed_m - nut.open_m
+        shorter_m = nut.allowed_m - nut.made_m - _UNEXPLAINED * sqrt(nut.open_m2)
+        if max(nut.made_m, nut.allowed_m) >= _MOTION_ENOUGH * stroke_m and (
             farther_m > 0.0 or shorter_m > 0.0
         ):
-            motion[k, RATIO] = memory[MADE_m] / max(memory[ALLOWED_m], 1e-6 * stroke_m)
-        motion[k, JUMP] = memory[JUMP_m]
-        if motion[k, RATIO] > DISAGREE or motion[k, RATIO] < FALLS_SHORT:
-            memory[DISAGREED] = 1.0
+            motion[k].ratio = nut.made_m / max(nut.allowed_m, 1e-6 * stroke_m)
+        motion[k].jump_m = nut.jump_m
+        if motion[k].ratio > DISAGREE or motion[k].ratio < FALLS_SHORT:
+            nut.disagreed = 1.0
             degraded[k] = NUT_LOST
-        open_s = _OPEN_S * min(1.0, abs(memory[JUMP_m]) / stroke_m)
-        if memory[JUMP_m] != 0.0 and memory[AT_S] - memory[JUMPED_S] <= open_s:
+        open_s = _OPEN_S * min(1.0, abs(nut.jump_m) / stroke_m)
+        if nut.jump_m != 0.0 and nut.time_s - nut.jumped_s <= open_s:
             degraded[k] = NUT_LOST
 
 
@@ -136,74 +120,74 @@ def longest_way(before_m_s, after_m_s, unsure_m_s, elapsed_s):
     return min(way_m, max(GREATEST_SPEED_m_s, before_m_s, after_m_s) * elapsed_s)
 
 
-def _look_for_jump(memory, time_s, way_m, driven_m_s, speed_age_s):
+def _look_for_jump(nut, time_s, way_m, driven_m_s, speed_age_s):
     """Add a way that no motion explains to the jumps, and return whether there was one.
 
     A jump back to where the nut was ends them, as does any after way and speed have disagreed.
     """
-    since_s, before_m_s = time_s - memory[AT_S], memory[SPEED_m_s]
-    late_s = max(memory[LATER_S], min(memory[LATE_S], max(memory[USUAL_S] - since_s, 0.0)))
-    repeats_s = memory[REPEATS_S] if memory[REPEATS_m] > ROUNDED_m else 0.0
-    elapsed_s = since_s + max(late_s, repeats_s, memory[REFRESH_S])
-    unsure_m_s = GREATEST_ACCELERATION_m_s2 * (SKEW_S + max(speed_age_s, memory[SPEED_AGE_S]))
+    since_s, before_m_s = time_s - nut.time_s, nut.speed_m_s
+    late_s = max(nut.later_s, min(nut.late_s, max(nut.usual_s - since_s, 0.0)))
+    repeats_s = nut.repeats_s if nut.repeats_m > ROUNDED_m else 0.0
+    elapsed_s = since_s + max(late_s, repeats_s, nut.refresh_s)
+    unsure_m_s = GREATEST_ACCELERATION_m_s2 * (SKEW_S + max(speed_age_s, nut.speed_age_s))
     allowed_m = longest_way(before_m_s, driven_m_s, unsure_m_s, elapsed_s)
     allowed_m += ROUNDED_m + _WAY_SHARE * max(before_m_s, driven_m_s) * elapsed_s
-    _time_the_poll(memory, since_s, way_m, min(before_m_s, driven_m_s))
-    if isnan(allowed_m) or memory[SAMPLES] < _SAMPLES_FIRST or abs(way_m) <= allowed_m:
+    _time_the_poll(nut, since_s, way_m, min(before_m_s, driven_m_s))
+    if isnan(allowed_m) or nut.samples < _SAMPLES_FIRST or abs(way_m) <= allowed_m:
         return False
     mean_m = 0.5 * (before_m_s + driven_m_s) * since_s
-    jump_m = memory[JUMP_m] + way_m - (mean_m if way_m > 0.0 else -mean_m)
-    if memory[DISAGREED] != 0.0 or abs(jump_m) <= allowed_m:
+    jump_m = nut.jump_m + way_m - (mean_m if way_m > 0.0 else -mean_m)
+    if nut.disagreed != 0.0 or abs(jump_m) <= allowed_m:
         jump_m = 0.0
-    memory[JUMP_m], memory[JUMPED_S], memory[DISAGREED] = jump_m, time_s, 0.0
+    nut.jump_m, nut.jumped_s, nut.disagreed = jump_m, time_s, 0.0
     return True
 
 
-def _time_the_poll(memory, since_s, way_m, driven_m_s):
+def _time_the_poll(nut, since_s, way_m, driven_m_s):
     """Take in when a sample came: the usual time between samples, lateness, refresh of the register."""
-    if memory[SAMPLES] == 0.0:
-        memory[USUAL_S] = since_s
-    longer_s = since_s - memory[USUAL_S]
-    memory[LATE_S] = max(exp(-since_s / _LATENESS_FADES_S) * memory[LATE_S] + longer_s, 0.0)
-    memory[LATER_S] = memory[LATE_S] if longer_s > _UNUSUAL * memory[USUAL_S] else 0.0
-    most_s = _UNUSUAL * memory[USUAL_S] if memory[SAMPLES] >= _SAMPLES_FIRST else since_s
-    memory[USUAL_S] += min(max(longer_s, -most_s), most_s) / min(memory[SAMPLES] + 1.0, 64.0)
+    if nut.samples == 0.0:
+        nut.usual_s = since_s
+    longer_s = since_s - nut.usual_s
+    nut.late_s = max(exp(-since_s / _LATENESS_FADES_S) * nut.late_s + longer_s, 0.0)
+    nut.later_s = nut.late_s if longer_s > _UNUSUAL * nut.usual_s else 0.0
+    most_s = _UNUSUAL * nut.usual_s if nut.samples >= _SAMPLES_FIRST else since_s
+    nut.usual_s += min(max(longer_s, -most_s), most_s) / min(nut.samples + 1.0, 64.0)
     if driven_m_s > 0.0:
-        memory[SAMPLES] += 1.0
+        nut.samples += 1.0
     if way_m == 0.0 and driven_m_s > 0.0:
-        memory[REPEATS_S] += since_s
-        memory[REPEATS_m] += driven_m_s * since_s
+        nut.repeats_s += since_s
+        nut.repeats_m += driven_m_s * since_s
         return
-    if memory[REPEATS_S] <= _LONGEST_REFRESH_S and memory[REPEATS_m] > ROUNDED_m:
-        memory[REFRESH_S] = max(memory[REFRESH_S], memory[REPEATS_S])
-    memory[REPEATS_S], memory[REPEATS_m] = 0.0, 0.0
+    if nut.repeats_s <= _LONGEST_REFRESH_S and nut.repeats_m > ROUNDED_m:
+        nut.refresh_s = max(nut.refresh_s, nut.repeats_s)
+    nut.repeats_s, nut.repeats_m = 0.0, 0.0
 
 
-def _compare_with_travel(memory, travel_m):
+def _compare_with_travel(nut, travel_m):
     """Take a jump back if it would place the nut beyond the ends of its travel: then it was motion."""
-    place_m, jump_m = memory[PLACE_m], memory[JUMP_m]
+    place_m, jump_m = nut.place_m, nut.jump_m
     if jump_m == 0.0:
-        memory[LOWEST_m] = min(memory[LOWEST_m], place_m, travel_m[0])
-        memory[HIGHEST_m] = max(memory[HIGHEST_m], place_m, travel_m[1])
+        nut.lowest_m = min(nut.lowest_m, place_m, travel_m[0])
+        nut.highest_m = max(nut.highest_m, place_m, travel_m[1])
         return
-    beyond_m = max(memory[LOWEST_m] - (place_m - jump_m), (place_m - jump_m) - memory[HIGHEST_m])
+    beyond_m = max(nut.lowest_m - (place_m - jump_m), (place_m - jump_m) - nut.highest_m)
     if beyond_m > 0.5 * abs(jump_m):
-        memory[JUMP_m] = 0.0
+        nut.jump_m = 0.0
 
 
-def jump_stands(memory, step, dt_s, agree):
+def jump_stands(nut, step, dt_s, agree):
     """Return whether a nut's jump is still to be reported.
 
     Temperatures confirm the position if they have agreed with the model since the jump, for long enough while
     the nut moved. If they have disagreed once since, they can do so no more: the heats may have adapted.
     """
-    if step[JUMP] != memory[JUDGED_m]:
-        memory[JUDGED_m], memory[AGREED_S], memory[AGREED_TRAVELS] = step[JUMP], 0.0, 0.0
-    confirmed = memory[AGREED_S] >= _AGREE_S and memory[AGREED_TRAVELS] >= _AGREE_TRAVELS
-    if step[JUMP] != 0.0 and not confirmed:
-        memory[AGREED_S] = memory[AGREED_S] + dt_s if agree else -INFINITY
-        memory[AGREED_TRAVELS] += step[WAY]
-    return step[JUMP] != 0.0 and not confirmed
+    if step.jump_m != nut.judged_m:
+        nut.judged_m, nut.agreed_s, nut.agreed_travels = step.jump_m, 0.0, 0.0
+    confirmed = nut.agreed_s >= _AGREE_S and nut.agreed_travels >= _AGREE_TRAVELS
+    if step.jump_m != 0.0 and not confirmed:
+        nut.agreed_s = nut.agreed_s + dt_s if agree else -INFINITY
+        nut.agreed_travels += step.travels
+    return step.jump_m != 0.0 and not confirmed
 
 
 def _note(state, test, score, time_s, value, expected):
@@ -222,17 +206,17 @@ def _note(state, test, score, time_s, value, expected):
 
 def _average_innovation(state, i, nu, lasting, time_s):
     """Take a normalised innovation of sensor i, and the part of its variance that lasts, into their means."""
-    before, since_s = state.last[i, 0], time_s - state.last[i, 1]
-    state.last[i, 0], state.last[i, 1] = nu, time_s
+    before, since_s = state.last[i].nu, time_s - state.last[i].time_s
+    state.last[i].nu, state.last[i].time_s = nu, time_s
     if not since_s > 0.0:
         return
     for w in range(2):
-        share = 1.0 - exp(-since_s / WINDOWS_S[w])
-        state.sensor[i, w, 0] += share * (nu - state.sensor[i, w, 0])
-        state.sensor[i, w, 1] += share * (nu * before - state.sensor[i, w, 1])
-        state.sensor[i, w, 2] += share * (nu * nu - state.sensor[i, w, 2])
-        state.sensor[i, w, 3] = squared(1.0 - share) * state.sensor[i, w, 3] + share * share
-        state.sensor[i, w, 4] += share * (lasting - state.sensor[i, w, 4])
+        window, share = cython.address(state.sensor[i, w]), 1.0 - exp(-since_s / WINDOWS_S[w])
+        window.mean += share * (nu - window.mean)
+        window.product += share * (nu * before - window.product)
+        window.square += share * (nu * nu - window.square)
+        window.variance = squared(1.0 - share) * window.variance + share * share
+        window.lasting += share * (lasting - window.lasting)
 
 
 def _scores(state, i, scores):
@@ -244,22 +228,26 @@ def _scores(state, i, scores):
     for q in range(3):
         scores[q] = 0.0
     for w in range(2):
-        mean, product, square = state.sensor[i, w, 0], state.sensor[i, w, 1], state.sensor[i, w, 2]
-        sure = 1.0 / (_SURE_SE * sqrt(max(state.sensor[i, w, 3], 1e-300)))
-        lasting = _LASTING * sqrt(state.sensor[i, w, 4])
-        scores[0] = max(scores[0], min(abs(mean) * sure, abs(mean) / (_BIAS[w] + lasting)))
-        scores[1] = max(scores[1], min(product * sure, product / (_COLOUR[w] + lasting * lasting)))
-        scores[2] = max(scores[2], min((square - 1.0) * sure / sqrt(2.0), (square - 1.0) / _NOISE))
-    lasting = _LASTING * sqrt(state.sensor[i, 0, 4])
-    clean = abs(state.sensor[i, 0, 0]) < _CLEAN * (_BIAS[0] + lasting)
-    clean = clean and state.sensor[i, 0, 1] < _CLEAN * (_COLOUR[0] + lasting * lasting)
-    if (
-        clean
-        and state.sensor[i, 0, 2] < 1.0 + _CLEAN * _NOISE
-        and max(scores[0], scores[1], scores[2]) >= 1.0
-    ):
-        for q in range(3):
-            state.sensor[i, 1, q] = state.sensor[i, 0, q]
+        window = cython.address(state.sensor[i, w])
+        sure = 1.0 / (_SURE_SE * sqrt(max(window.variance, 1e-300)))
+        lasting = _LASTING * sqrt(window.lasting)
+        scores[0] = max(scores[0], min(abs(window.mean) * sure, abs(window.mean) / (_BIAS[w] + lasting)))
+        colour = min(window.product * sure, window.product / (_COLOUR[w] + lasting * lasting))
+        scores[1] = max(scores[1], colour)
+        noise = window.square - 1.0
+        scores[2] = max(scores[2], min(noise * sure / sqrt(2.0), noise / _NOISE))
+    minute, longer = cython.address(state.sensor[i, 0]), cython.address(state.sensor[i, 1])
+    lasting = _LASTING * sqrt(minute.lasting)
+    clean = abs(minute.mean) < _CLEAN * (_BIAS[0] + lasting)
+    clean = clean and minute.product < _CLEAN * (_COLOUR[0] + lasting * lasting)
+    clean = clean and minute.square < 1.0 + _CLEAN * _NOISE
+    if clean and max(scores[0], scores[1], scores[2]) >= 1.0:
+        longer.mean, longer.product, longer.square = minute.mean, minute.product, minute.square
+
+
+def forget_window(window):
+    """Begin the means of a window afresh."""
+    window.mean, window.product, window.square, window.variance, window.lasting = 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 def _off_law(state, row, distance, dt_s, limit, slack):
@@ -293,8 +281,7 @@ def _forget_after_refusals(state, u, k):
     if refused == 0.0 and state.refused[0] > 0.0:
         for i in range(state.sensor.shape[0]):
             for w in range(2):
-                for q in range(5):
-                    state.sensor[i, w, q] = 0.0
+                forget_window(cython.address(state.sensor[i, w]))
         for i in range(state.heat.shape[0]):
             for w in range(2):
                 state.heat[i, w] = 0.0
@@ -308,8 +295,7 @@ def _test_sensor(state, u, k, i, trust, scores):
         for j in range(OF_SENSOR):
             state.since_s[test + j] = NAN
         for w in range(2):
-            for q in range(5):
-                state.sensor[i, w, q] = 0.0
+            forget_window(cython.address(state.sensor[i, w]))
         return False
     came = isfinite(u.nu[k, i])
     if came and not refused:
@@ -317,10 +303,10 @@ def _test_sensor(state, u, k, i, trust, scores):
         lasting = max(0.0, 1.0 - squared(trust.noise_K[i] / u.nu_sigma[k, i]))
         _average_innovation(state, i, nu, lasting, u.time_s[k])
     _scores(state, i, scores)
-    last, long = state.sensor[i, 0, 0], state.sensor[i, 1, 0]
+    last, long = state.sensor[i, 0].mean, state.sensor[i, 1].mean
     mean = long if abs(long) / _BIAS[1] > abs(last) / _BIAS[0] else last
-    product = max(state.sensor[i, 0, 1], state.sensor[i, 1, 1])
-    square = max(state.sensor[i, 0, 2], state.sensor[i, 1, 2])
+    product = max(state.sensor[i, 0].product, state.sensor[i, 1].product)
+    square = max(state.sensor[i, 0].square, state.sensor[i, 1].square)
     _note(state, test, scores[0], u.time_s[k], mean, 0.0)
     _note(state, test + 1, scores[1], u.time_s[k], product, 0.0)
     _note(state, test + 2, scores[2], u.time_s[k], sqrt(max(square, 0.0)), 1.0)
@@ -388,17 +374,15 @@ def run_selftest(u, trust, state, quality, part_quality, scores):
             if _test_sensor(state, u, k, i, trust, scores):
                 failing, sensors_agree = True, False
         for i in range(state.motion.shape[0]):
-            test, step = OF_SENSOR * s + OF_HEAT * m_e + 1 + i, u.motion[k, OF_NUT * i : OF_NUT * (i + 1)]
+            test, step = OF_SENSOR * s + OF_HEAT * m_e + 1 + i, cython.address(u.motion[k, i])
             score = (
-                0.0
-                if isnan(step[RATIO])
-                else max(step[RATIO] / DISAGREE, FALLS_SHORT / max(step[RATIO], 1e-9))
+                0.0 if isnan(step.ratio) else max(step.ratio / DISAGREE, FALLS_SHORT / max(step.ratio, 1e-9))
             )
-            _note(state, test, score, u.time_s[k], step[RATIO], 1.0)
+            _note(state, test, score, u.time_s[k], step.ratio, 1.0)
             failing = failing or _fails(state, test)
             test += state.motion.shape[0]
-            stands = jump_stands(state.motion[i], step, u.dt_s[k], sensors_agree)
-            _note(state, test, 2.0 if stands else 0.0, u.time_s[k], step[JUMP], state.motion[i, USUAL_S])
+            stands = jump_stands(cython.address(state.motion[i]), step, u.dt_s[k], sensors_agree)
+            _note(state, test, 2.0 if stands else 0.0, u.time_s[k], step.jump_m, state.motion[i].usual_s)
             failing = failing or _fails(state, test)
         if failing:
             quality[k] = max(quality[k], ESTIMATE_DEGRADED)

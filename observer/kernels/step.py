@@ -8,7 +8,6 @@ Arrays are changed in place; shapes are those of `packing`.
 from __future__ import annotations
 
 from observer.kernels.advance import couple_covariance
-from observer.kernels.codes import COMMON_K
 from observer.kernels.covariance import (
     add_scaled,
     fade_and_force,
@@ -282,7 +281,7 @@ def compare(p, u, k, state, work):
     for i in range(s):
         work.read[i] = u.y_degC[k, i]
         if p.thermal[i]:
-            work.read[i] -= state.verdict[COMMON_K]
+            work.read[i] -= state.verdict[0].common_K
     subtract_seen(work.read, work.CT, state.x)
     multiply_rows(work.C, state.P, n_x, state.P.shape[0], False, work.g)
     for q in range(p.learn.machine, len(p.learn.kind)):

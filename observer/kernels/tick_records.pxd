@@ -3,15 +3,10 @@ cdef class Products(Record):
     cdef public double[:, ::1] factors
 
 
-cdef class PathSamples(Record):
-    cdef public double[::1] time_s, position_m, driven_m_s, speed_age_s
-    cdef public Py_ssize_t[::1] offset
-
-
 cdef class LiveNut(Record):
     cdef public NutTable table
     cdef public NutDesk desk
-    cdef public PathSamples path
+    cdef public NutPath path
 
 
 cdef class LiveWalk(Record):

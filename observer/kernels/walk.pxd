@@ -5,11 +5,10 @@ cdef Py_ssize_t even_out(double[:, ::1] samples, Py_ssize_t begin, Py_ssize_t en
 @cython.locals(place=Py_ssize_t, kept=Py_ssize_t, before_s=double, before_m=double, since_s=double)
 cdef Py_ssize_t _in_order(double[:, ::1] samples, Py_ssize_t begin, Py_ssize_t end, double[::1] passed, double period_s) noexcept nogil
 
-cdef Py_ssize_t _LAST, _DELTA, _BEND, _BEND_BEFORE, _RUN, _LONGEST, _SEEN
 cdef double _MEMORY_SAMPLES, _YOUNG_SAMPLES, _REPEATS, _PATIENCE, _LONGEST_KNOWN, _NOISE_SEEN
 
 @cython.locals(last=double, delta=double, samples=double, limit=double)
-cdef bint is_stuck(double[::1] memory, double value, double noise_K) noexcept nogil
+cdef bint is_stuck(ChannelNoise *noise, double value, double noise_K) noexcept nogil
 
 cdef double _OUTAGE, GRADUAL_K, WARMED
 cdef Py_ssize_t ABOVE_AMBIENT

@@ -11,7 +11,7 @@ been sent closer together than their message's period.
 from __future__ import annotations
 
 from observer.kernels.codes import GOOD, MISSING, REJECTED, STALE
-from observer.kernels.libc import INFINITY, NAN, isfinite, isnan
+from observer.kernels.libc import INFINITY, NAN, cython, isfinite, isnan
 
 _TOGETHER = 0.25
 """Part of a period within which a value that repeats is the same frame twice."""
@@ -58,8 +58,6 @@ def _in_order(samples, begin, end, passed, period_s):
     return kept
 
 
-# What is remembered of a channel, by column.
-_LAST, _DELTA, _BEND, _BEND_BEFORE, _RUN, _LONGEST, _SEEN = 0, 1, 2, 3, 4, 5, 6
 _MEMORY_SAMPLES = 64.0
 _YOUNG_SAMPLES = 16.0  # a mean over fewer would take the first step of a smooth curve for noise
 _REPEATS = 60.0  # this many equal samples in a row are not noise any more …
@@ -68,8 +66,8 @@ _LONGEST_KNOWN = 200.0
 _NOISE_SEEN = 0.35  # of noise_K; white noise bends by 1.95 noise_K a sample, a smooth ramp by nothing
 
 
-def is_stuck(memory, value, noise_K):
-    """Whether a channel is stuck, given one more usable value; `memory` (7,) is updated.
+def is_stuck(noise, value, noise_K):
+    """Whether a channel is stuck, given one more usable value; `noise` is updated.
 
     Noise is judged by the running mean of |Δ_k - Δ_{k-1}|, the bend of the last three samples, because it
     is nothing on the smooth curve of a noise-free log, however steep. The mean is over the samples seen so
@@ -77,23 +75,23 @@ def is_stuck(memory, value, noise_K):
     counts as stuck from the 60th repeat on (more if it has repeated for long before), until it changes. NaN
     as `noise_K` means that the channel is no thermocouple.
     """
-    last = memory[_LAST]
-    memory[_LAST] = value
+    last = noise.last
+    noise.last = value
     if isnan(noise_K) or isnan(last):
         return False
     delta = value - last
-    memory[_SEEN] += 1.0
-    samples = min(max(memory[_SEEN], _YOUNG_SAMPLES), _MEMORY_SAMPLES)
-    memory[_BEND] += (abs(delta - memory[_DELTA]) - memory[_BEND]) / samples
-    memory[_DELTA] = delta
+    noise.samples += 1.0
+    samples = min(max(noise.samples, _YOUNG_SAMPLES), _MEMORY_SAMPLES)
+    noise.bend += (abs(delta - noise.delta) - noise.bend) / samples
+    noise.delta = delta
     if delta != 0.0:
-        memory[_LONGEST] = min(max(memory[_LONGEST], memory[_RUN]), _LONGEST_KNOWN)
-        memory[_RUN] = 0.0
-        memory[_BEND_BEFORE] = memory[_BEND]
+        noise.longest = min(max(noise.longest, noise.run), _LONGEST_KNOWN)
+        noise.run = 0.0
+        noise.bend_before = noise.bend
         return False
-    memory[_RUN] += 1.0
-    limit = max(_REPEATS, _PATIENCE * memory[_LONGEST])
-    return memory[_RUN] >= limit and memory[_BEND_BEFORE] >= _NOISE_SEEN * noise_K
+    noise.run += 1.0
+    limit = max(_REPEATS, _PATIENCE * noise.longest)
+    return noise.run >= limit and noise.bend_before >= _NOISE_SEEN * noise_K
 
 
 GRADUAL_K, WARMED = 5.0, 1.5
@@ -156,7 +154,7 @@ def _take_cell(plan, memory, j, cell, faulted, true_s):
         return False
     if gap_s < 0.0:  # it was overtaken by a later one
         return True
-    if is_stuck(memory.noise[j], cell, plan.noise_K[j]):
+    if is_stuck(cython.address(memory.noise[j]), cell, plan.noise_K[j]):
         memory.newest[j], memory.stuck[j], memory.breach[j] = REJECTED, True, 0
         return False
     if isnan(memory.gap_s[j]):

@@ -20,12 +20,11 @@ from observer.effects.terms import AmbientShift, LawFactor, SensorOffset, SpeedL
 from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, NutPath, QualityArray
 from observer.kernels import fill_inputs, record
 from observer.kernels.codes import NO_PRODUCT
-from observer.kernels.layout import packed
+from observer.kernels.layout import Records, packed
 from observer.model.law import Law, Product, heat_law
 from observer.model.plant import AMBIENT, BED, LEFT, OFFSET, REFERENCE, RIGHT, MovingSource, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving
-from observer.model.rod.moving import PathState
 from observer.model.rod.screw import surface_rate
 from observer.tables.sections import law_channels
 
@@ -42,7 +41,7 @@ class DriveState:
     law_W: FloatArray
     z: FloatArray
     nuts: tuple[moving.NutState, ...]
-    turns: tuple[PathState, ...]
+    turns: tuple[Records, ...]
     begin_s: float
     last_s: float
     running_s: FloatArray
@@ -115,7 +114,7 @@ class Drive:
             law_W=np.full(len(self._laws), np.nan),
             z=z,
             nuts=tuple(moving.start(s.table) for s in self._plant.moving),
-            turns=tuple(PathState() for _ in self._plant.moving),
+            turns=tuple(moving.no_path_yet() for _ in self._plant.moving),
             begin_s=np.nan,
             last_s=np.nan,
             running_s=np.zeros(len(self._laws)),
@@ -244,7 +243,7 @@ class Drive:
 
     def _nuts(
         self, state: DriveState, frames: FrameBlock
-    ) -> tuple[tuple[moving.NutState, ...], tuple[PathState, ...], FloatArray, FloatArray]:
+    ) -> tuple[tuple[moving.NutState, ...], tuple[Records, ...], FloatArray, FloatArray]:
         """The averaged columns of every moving source: states, (K, M, n_x), (K, M, R)."""
         plant = self._plant
         B, C, nuts, turns = [], [], [], list(state.turns)
@@ -321,8 +320,8 @@ class Products(NamedTuple):
 
 
 def turned(
-    source: MovingSource, turn: PathState, dt_s: FloatArray, path: NutPath, B: FloatArray, C: FloatArray
-) -> tuple[PathState, FloatArray, FloatArray]:
+    source: MovingSource, turn: Records, dt_s: FloatArray, path: NutPath, B: FloatArray, C: FloatArray
+) -> tuple[Records, FloatArray, FloatArray]:
     """The averaged columns of a nut, but for the part of its heat that enters where it turns."""
     turn, ends_B, ends_C = moving.columns_at_ends(source.table, turn, dt_s, path)
     return turn, B + source.ends_fraction * (ends_B - B), C + source.ends_fraction * (ends_C - C)

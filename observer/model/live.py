@@ -9,21 +9,11 @@ import numpy as np
 
 from observer.frames import FloatArray, Inputs, NutPath
 from observer.kernels import record
-from observer.kernels.layout import Bundle, Fields
+from observer.kernels.layout import Bundle, Fields, Records
 from observer.model.drive import Drive, DriveDesk, DriveState, Products, turned
 from observer.model.plant import MovingSource, Plant
 from observer.model.rod import moving
-from observer.model.rod.moving import NutDesk, PathState
-
-
-class PathSamples(NamedTuple):
-    """The samples of a position in a frame, as in `NutPath`; of those behind the last nothing is read."""
-
-    time_s: FloatArray
-    position_m: FloatArray
-    offset: Any
-    driven_m_s: FloatArray
-    speed_age_s: FloatArray
+from observer.model.rod.moving import NutDesk
 
 
 class Frame:
@@ -38,7 +28,7 @@ class Frame:
             dict(zip(positions, offset, strict=True)),
         )
         self.paths = {
-            name: record(PathSamples(own[0], own[1], self._offset[name], own[2], own[3]))
+            name: record(NutPath(own[0], own[1], self._offset[name], own[2], own[3]))
             for name, own in self._samples.items()
         }
 
@@ -149,11 +139,11 @@ class LiveDrive:
         data = self._inputs.octets.tobytes()
         return Inputs._make(self._inputs.fields.columns(data, Inputs._fields))
 
-    def keep(self) -> tuple[bytes, tuple[PathState, ...]]:
+    def keep(self) -> tuple[bytes, tuple[Records, ...]]:
         """Return where it stands, to be put back."""
         return self._bundle.octets.tobytes(), self._turns
 
-    def put_back(self, kept: tuple[bytes, tuple[PathState, ...]]) -> None:
+    def put_back(self, kept: tuple[bytes, tuple[Records, ...]]) -> None:
         """Stand where it stood."""
         self._bundle.put_back(kept[0])
         self._turns = kept[1]

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from observer.align.aligner import Aligner, AlignPlan, blocks_of_log, faults_of, frames_of_log
 from observer.files.logs import Log, read_log
 from observer.frames import Quality, Reading
-from observer.kernels.walk import _LAST, _SEEN, is_stuck
+from observer.kernels.layout import state_type
+from observer.kernels.walk import is_stuck
 from tests.logs.recordings import CHANNELS, joined, plan, play, same_bits, streams, write
 
 GOOD, MISSING, STALE, REJECTED = Quality.GOOD, Quality.MISSING, Quality.STALE, Quality.REJECTED
@@ -149,9 +150,9 @@ def test_flags_are_read_back():
 
 def _stuck_at(values, noise_K=0.05):
     """The samples at which a series counts as stuck."""
-    memory = np.zeros(_SEEN + 1)
-    memory[_LAST] = np.nan
-    return [k for k, value in enumerate(values) if is_stuck(memory, float(value), noise_K)]
+    noise = np.zeros(1, state_type("ChannelNoise"))[0]
+    noise.last = np.nan
+    return [k for k, value in enumerate(values) if is_stuck(noise, float(value), noise_K)]
 
 
 def test_a_noisy_sensor_that_freezes_is_stuck_until_it_changes():

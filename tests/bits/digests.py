@@ -35,9 +35,18 @@ def given(*records: Any) -> np.ndarray:
     return np.frombuffer(digest.digest(), np.uint8)
 
 
+def numbers(array: np.ndarray) -> np.ndarray:
+    """An array as it is; the numbers of records, along one axis more."""
+    if array.dtype.names is None:
+        return array
+    return array.view(float).reshape(*array.shape, array.dtype.itemsize // 8)
+
+
 def state_of(state) -> dict[str, np.ndarray]:
     """Every part of an estimator's state; what is one number, in one array."""
-    parts = {f"state.{f.name}": np.asarray(getattr(state, f.name), dtype=float) for f in fields(state)}
+    parts = {f"state.{f.name}": numbers(np.asarray(getattr(state, f.name))) for f in fields(state)}
+    parts = {name: np.asarray(part, dtype=float) for name, part in parts.items()}
+    parts["state.verdict"] = parts["state.verdict"][0]
     single = [name for name, part in parts.items() if part.ndim == 0]
     return {name: part for name, part in parts.items() if part.ndim} | {
         "state.rest": np.array([float(parts[name]) for name in single])

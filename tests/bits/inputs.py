@@ -14,8 +14,8 @@ from observer.estimators.selftest import SelfTest
 from observer.frames import EstimateBlock, FrameBlock, Inputs, NutPath, Reading
 from observer.model.drive import Drive
 from observer.model.rod import moving
-from observer.model.rod.moving import PathState, reversals
-from tests.bits.digests import estimated, given, words
+from observer.model.rod.moving import no_path_yet, reversals
+from tests.bits.digests import estimated, given, numbers, words
 from tests.bits.shared import (
     Arrays,
     Cases,
@@ -83,11 +83,11 @@ def _runs():
 def nut_turns():
     found: Arrays = {}
     for name, time_s, position_m, driven_m_s in _runs():
-        state, ends_m = reversals(PathState(), path_of(time_s, position_m, driven_m_s), 0.6)
-        found |= {f"{name} ends_m": ends_m, f"{name} state": state.scalars}
+        state, ends_m = reversals(no_path_yet(), path_of(time_s, position_m, driven_m_s), 0.6)
+        found |= {f"{name} ends_m": ends_m, f"{name} state": numbers(state)[0]}
     time_s, nowhere_m = np.arange(6.0), np.array([0.2, 0.3, np.nan, 0.4, 0.5, 0.6])
-    state, _ = reversals(PathState(), path_of(time_s, nowhere_m), 0.6)
-    return found | {"no number state": state.scalars}
+    state, _ = reversals(no_path_yet(), path_of(time_s, nowhere_m), 0.6)
+    return found | {"no number state": numbers(state)[0]}
 
 
 def _nut(dwell=0.0):
@@ -106,7 +106,7 @@ def nut_columns():
         dt_s = np.diff(time_s[np.maximum(path.offset - 1, 0)])
         nut, B, C = moving.columns(table, moving.start(table), dt_s, path)
         found |= {f"{name} B": B, f"{name} C": C, f"{name} state B": nut.sum_B, f"{name} state C": nut.sum_C}
-        found |= {f"{name} state": np.append(nut.path.scalars, nut.weight_s)}
+        found |= {f"{name} state": np.append(numbers(nut.path), nut.weight_s)}
     return found
 
 
@@ -126,7 +126,7 @@ def nut_columns_where_it_turns():
     _, plant = _nut()
     table = plant.moving[0].table
     path = path_of(*next(iter(_runs()))[1:])
-    _, B, C = moving.columns_at_ends(table, PathState(), np.full(len(path.offset) - 1, 0.06), path)
+    _, B, C = moving.columns_at_ends(table, no_path_yet(), np.full(len(path.offset) - 1, 0.06), path)
     return {"given": given(table), "B": B, "C": C}
 
 
@@ -363,9 +363,10 @@ def selftest(laws, nut=False):
     )  # fmt: skip
     state, motion, u = test.watch(test.initial(), frames, u)
     state, judged = test.run(state, motion, u, block)
-    found = {f"state.{name}": part for name, part in state._asdict().items()}
+    found = {f"state.{name}": numbers(part) for name, part in state._asdict().items()}
     found |= {"findings": words((test.findings(state), test.history(state)))}
-    return found | {"motion": motion, "degraded": u.degraded, "quality": judged.quality}
+    found |= {"motion": numbers(motion).reshape(K, -1)}
+    return found | {"degraded": u.degraded, "quality": judged.quality}
 
 
 @case
@@ -382,5 +383,5 @@ def the_whole_path():
     return (
         {"given": given(plant, u)}
         | estimated(last, judged)
-        | {f"test.{k}": v for k, v in state._asdict().items()}
+        | {f"test.{k}": numbers(v) for k, v in state._asdict().items()}
     )

@@ -29,10 +29,10 @@ from observer.estimate.checkpoint import (
 )
 from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import estimates_of
+from observer.estimators.protocol import SCREENING_VERDICT, SENSOR_GUARD
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality
 from observer.installation import load as load_config
-from observer.kernels.codes import COMMON_S, FIRST_S, HELD_S, HELD_UNTIL_S, LATCH_S
 from observer.live import observers as keeper_module
 from observer.live.observers import Keeper, Step, carried, stored
 from observer.tables.publishing import STATE_DIRECTORY, Checkpoint, RecordSettings
@@ -122,7 +122,7 @@ def test_moments_move_and_durations_do_not(rig):
     assert moved.tick_s == snapshot.tick_s + 3600.0
     assert moved.estimator.time_s == snapshot.estimator.time_s + 3600.0
     assert moved.drive.begin_s == snapshot.drive.begin_s + 3600.0
-    assert moved.drive.nuts[0].path.time_s == snapshot.drive.nuts[0].path.time_s + 3600.0
+    assert moved.drive.nuts[0].path["time_s"] == snapshot.drive.nuts[0].path["time_s"] + 3600.0
     assert moved.drive.nuts[0].weight_s == snapshot.drive.nuts[0].weight_s
     np.testing.assert_array_equal(moved.drive.running_s, snapshot.drive.running_s)
     _assert_same(shifted(moved, -3600.0).drive.nuts[0].B, snapshot.drive.nuts[0].B)
@@ -131,12 +131,23 @@ def test_moments_move_and_durations_do_not(rig):
 def test_the_onsets_of_findings_move_with_the_clock(rig):
     """So that "since 14:03" is a time of the clock that people see."""
     snapshot = rig[1]
-    estimator = replace(snapshot.estimator, guard=np.arange(19.0)[None], verdict=np.arange(19.0))
+    guard, verdict = np.zeros(2, SENSOR_GUARD), np.zeros(1, SCREENING_VERDICT)
+    estimator = replace(snapshot.estimator, guard=guard, verdict=verdict)
     moved = shifted(replace(snapshot, estimator=estimator), 3600.0).estimator
-    assert np.flatnonzero(moved.guard[0] != np.arange(19.0)).tolist() == [FIRST_S]
-    later = [LATCH_S, COMMON_S, HELD_S, HELD_UNTIL_S]
-    assert np.flatnonzero(moved.verdict != np.arange(19.0)).tolist() == sorted(later)
-    np.testing.assert_array_equal(moved.verdict[later], np.array(later) + 3600.0)
+    later = [name for name in SENSOR_GUARD.names if moved.guard[name].any()]
+    later += [name for name in SCREENING_VERDICT.names if moved.verdict[name].any()]
+    assert later == ["first_out_s", "latched_s", "common_from_s", "held_from_s", "held_until_s"]
+    assert set(moved.guard["first_out_s"]) == {3600.0}
+
+
+def test_a_number_that_is_remembered_under_another_name_is_refused(rig, fit):
+    data = pack(rig[1], fit)
+    document = cbor2.loads(data[64:])
+    verdict = document["estimator"]["verdict"]
+    verdict["another_s"] = verdict.pop("hold_s")
+    body = cbor2.dumps(document)
+    with pytest.raises(UnfitError, match=r"its estimator\.verdict does not fit this model"):
+        unpack(data[:32] + hashlib.sha256(body).digest() + body, fit)
 
 
 def test_says_what_does_not_fit(rig, fit):

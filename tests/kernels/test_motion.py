@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from observer.estimators.selftest import no_motion_yet, smallest_jump_m
-from observer.frames import FloatArray
-from observer.kernels import compare_ways
-from observer.kernels.selftest import DISAGREE, FALLS_SHORT, JUMP, OF_NUT, RATIO, JUMP_m
+from observer.estimators.selftest import MOTION_STEP, no_motion_yet, smallest_jump_m
+from observer.frames import FloatArray, NutPath
+from observer.kernels import compare_ways, record
+from observer.kernels.layout import Records
+from observer.kernels.selftest import DISAGREE, FALLS_SHORT
 
 EVERY_S, LOW_m, STROKE_m = 0.02, 0.2, 0.4
 
@@ -44,21 +45,20 @@ def _held_up(time_s: FloatArray, rng: np.random.Generator, apart_s: float) -> Fl
     return come_s
 
 
-def _compared(come_s: FloatArray, place_m: FloatArray, speed_m_s: FloatArray) -> FloatArray:
-    """What is said of the nut's motion after each sample, (n, OF_NUT)."""
+def _compared(come_s: FloatArray, place_m: FloatArray, speed_m_s: FloatArray) -> Records:
+    """What is said of the nut's motion after each sample, (n,)."""
     n, memory = len(come_s), no_motion_yet()
-    motion, travel_m = np.empty((n, OF_NUT)), np.array([LOW_m, LOW_m + STROKE_m])
+    motion, travel_m = np.empty(n, MOTION_STEP), np.array([LOW_m, LOW_m + STROKE_m])
     offset = np.arange(n + 1, dtype=np.intp)
-    compare_ways(
-        come_s, place_m, offset, speed_m_s, np.zeros(n), travel_m, memory, motion, np.zeros(n, np.int8)
-    )
-    assert memory[JUMP_m] == motion[-1, JUMP]
+    path = NutPath(come_s, place_m, offset, speed_m_s, np.zeros(n))
+    compare_ways(record(path), travel_m, memory, motion, np.zeros(n, np.int8))
+    assert memory[0].jump_m == motion[-1].jump_m
     return motion
 
 
 def _leap_m(come_s: FloatArray, place_m: FloatArray, speed_m_s: FloatArray) -> FloatArray:
     """By how much the position has leapt, after each sample."""
-    return _compared(come_s, place_m, speed_m_s)[:, JUMP]
+    return _compared(come_s, place_m, speed_m_s)["jump_m"]
 
 
 @pytest.mark.parametrize("speed_m_s", [0.05, 0.15, 0.5])
@@ -146,14 +146,14 @@ def test_polls_in_step_with_a_motion_to_and_fro_do_not_disagree_with_its_speed()
     polls = np.arange(80)
     time_s = np.concatenate([before_s, before_s[-1] + 0.5 * (1 + polls)])
     place_m = np.concatenate([before_m, LOW_m + 0.3 * (polls % 2)])
-    ratio = _compared(time_s, place_m, np.concatenate([driven_m_s, np.zeros(80)]))[:, RATIO]
+    ratio = _compared(time_s, place_m, np.concatenate([driven_m_s, np.zeros(80)]))["ratio"]
     assert not (ratio > DISAGREE).any()
     assert not (ratio < FALLS_SHORT).any()
 
 
 def test_a_way_of_twice_what_the_speed_allows_disagrees_with_it():
     time_s, place_m, driven_m_s = _runs(0.3, 60.0)
-    assert _compared(time_s, place_m, 0.5 * driven_m_s)[-1, RATIO] > DISAGREE
+    assert _compared(time_s, place_m, 0.5 * driven_m_s)[-1].ratio > DISAGREE
 
 
 @pytest.mark.parametrize("every_s", [0.01, 0.02, 0.05, 0.1, 0.2])

@@ -14,9 +14,10 @@ from observer.control.compensation import NOT_ARMED, CompensationState
 from observer.control.steering import NoControl
 from observer.estimate.pipeline import Pipeline
 from observer.estimate.replay import estimates_of
+from observer.estimators.protocol import SENSOR_GUARD
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality, Reading
-from observer.kernels.codes import CAUSE, EXCESS_K, EXCESS_SIGMA_K, GUARD, JUMPED
+from observer.kernels.codes import JUMPED
 from observer.live.loop import Service, serve
 from observer.live.observers import CompensationObserver
 from observer.live.renewal import Renewals
@@ -165,8 +166,8 @@ class _LeavesOut(FakeEstimator):
 
     def run(self, state, inputs):
         state, block = super().run(state, inputs)
-        guard = np.zeros((2, GUARD))
-        guard[1, [CAUSE, EXCESS_K, EXCESS_SIGMA_K]] = JUMPED, 3.0, 0.2
+        guard = np.zeros(2, SENSOR_GUARD)
+        guard[1].cause, guard[1].excess_K, guard[1].excess_sigma_K = JUMPED, 3.0, 0.2
         return replace(state, guard=guard), block
 
 

@@ -18,7 +18,6 @@ from observer.estimators.fault_search import MISFIT
 from observer.estimators.packing import Running
 from observer.installation import Installation, parse
 from observer.installation.first_configuration import answers, compose
-from observer.kernels.codes import AGE_S
 from observer.kernels.screening import DRIFT_K_S, JUMP_SIGMA
 from observer.model.build import build_plant
 from observer.report import check, sensitivity
@@ -81,7 +80,7 @@ def test_the_least_faults_are_by_the_sigma_that_estimate_and_bank_have_over_the_
     plain = Bank._act
 
     def watched(self: Bank, main: Running, *args: Any) -> None:
-        if main.verdict[AGE_S] >= 600.0:
+        if main.verdict[0].age_s >= 600.0:
             sigma_K.append(expected_sigma_K(self))
         plain(self, main, *args)
 

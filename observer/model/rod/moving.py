@@ -25,48 +25,26 @@ import numpy as np
 
 from observer.frames import FloatArray, NutPath
 from observer.kernels import add_columns, average_columns, follow_path, record
-from observer.kernels.layout import packed
-from observer.kernels.path import _DRIVEN, _FAR, _HERE, _HIGH, _LOW, _MADE, RECENT, SAMPLES_PER_TRAVERSE
-
-_UNKNOWN = np.zeros(_MADE - 1 + RECENT)
-_UNKNOWN[[_HERE - 1, _LOW - 1, _HIGH - 1, _DRIVEN - 1, _FAR - 1]] = np.nan
+from observer.kernels.layout import Records, packed, state_type
+from observer.kernels.path import SAMPLES_PER_TRAVERSE
 
 
-@dataclass(frozen=True, slots=True)
-class PathState:
-    """What is remembered of a nut's motion: the time of the last sample, and `rest` (25,).
-
-    That is: its place; velocity over the step to it, 0 unless that was at full speed; speed; the places where
-    it turned last, the lower and the higher, NaN while not known; speed times lead at the last sample, NaN
-    where unknown; the sense in which it runs and the farthest place it has come to in it; how many steps were
-    made, and the speeds of the last 16 of them.
-    """
-
-    time_s: float = np.nan
-    rest: FloatArray = field(default_factory=lambda: _UNKNOWN)
-
-    @property
-    def scalars(self) -> FloatArray:
-        """The state as compiled code takes it, (26,), to be changed in place."""
-        scalars = np.empty(_MADE + RECENT)
-        scalars[0], scalars[1:] = self.time_s, self.rest
-        return scalars
-
-    @classmethod
-    def of(cls, scalars: FloatArray) -> PathState:
-        """The state from what compiled code left, (26,)."""
-        return cls(float(scalars[0]), scalars[1:])
+def no_path_yet() -> Records:
+    """Return what is remembered (1,) of a nut's path before its first sample (see `kernels/states.pxd`)."""
+    path = np.zeros(1, state_type("PathMemory"))
+    for name in ("time_s", "here_m", "low_m", "high_m", "driven_m_s", "far_m"):
+        path[name] = np.nan
+    return path
 
 
-def reversals(state: PathState, path: NutPath, stroke_m: float) -> tuple[PathState, FloatArray]:
+def reversals(state: Records, path: NutPath, stroke_m: float) -> tuple[Records, FloatArray]:
     """Return the state after K steps, and after each the places (K, 2) where the nut turned last.
 
     They are NaN before they are known.
     """
-    scalars = state.scalars
-    ends_m = np.empty((len(path.offset) - 1, 2))
-    follow_path(scalars, *path[:4], stroke_m, ends_m)
-    return PathState.of(scalars), ends_m
+    state, ends_m = state.copy(), np.empty((len(path.offset) - 1, 2))
+    follow_path(state, record(path), stroke_m, ends_m)
+    return state, ends_m
 
 
 TABLE_POINTS = 129
@@ -123,7 +101,7 @@ class NutState:
     footprints of the last seconds, with their `weight_s`.
     """
 
-    path: PathState
+    path: Records
     weight_s: float
     B: FloatArray
     C: FloatArray
@@ -134,13 +112,13 @@ class NutState:
 def start(table: NutTable) -> NutState:
     """Return the state before the first position is known."""
     B, C = table.mean_B.copy(), table.mean_C.copy()
-    return NutState(PathState(), 0.0, B, C, np.zeros_like(B), np.zeros_like(C))
+    return NutState(no_path_yet(), 0.0, B, C, np.zeros_like(B), np.zeros_like(C))
 
 
 class NutDesk(NamedTuple):
     """What is averaged: the state, changed in place, the columns of K steps, and scratch."""
 
-    scalars: FloatArray
+    path: Records
     weight_s: FloatArray
     B: FloatArray
     C: FloatArray
@@ -156,15 +134,14 @@ def arrays_of(state: NutState) -> dict[str, FloatArray]:
     """Return a state as the first arrays of a desk."""
     weight_s = np.array([state.weight_s])
     return {
-        "scalars": state.path.scalars, "weight_s": weight_s, "B": state.B, "C": state.C, "sum_B": state.sum_B,
+        "path": state.path, "weight_s": weight_s, "B": state.B, "C": state.C, "sum_B": state.sum_B,
         "sum_C": state.sum_C,
     }  # fmt: skip
 
 
 def state_of(desk: NutDesk) -> NutState:
     """Return the state that a desk holds, as copies."""
-    rest = PathState(float(desk.scalars[0]), desk.scalars[1:].copy())
-    return NutState(rest, float(desk.weight_s[0]), *[array.copy() for array in desk[2:6]])
+    return NutState(desk.path.copy(), float(desk.weight_s[0]), *[array.copy() for array in desk[2:6]])
 
 
 def columns(
@@ -184,7 +161,7 @@ def columns(
         step_B=np.empty(B),
         step_C=np.empty(C),
     )
-    average_columns(record(table), record(desk), dt_s, *path[:4])
+    average_columns(record(table), record(desk), dt_s, record(path))
     return state_of(desk), desk.out_B, desk.out_C
 
 
@@ -199,8 +176,8 @@ def columns_at(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, 
 
 
 def columns_at_ends(
-    table: NutTable, state: PathState, dt_s: FloatArray, path: NutPath
-) -> tuple[PathState, FloatArray, FloatArray]:
+    table: NutTable, state: Records, dt_s: FloatArray, path: NutPath
+) -> tuple[Records, FloatArray, FloatArray]:
     """Have the nut stand at both ends of the stroke that it really makes for equal times.
 
     The stroke of the configuration is the longest; a machine may run over part of it.
@@ -226,7 +203,7 @@ def from_unknown(
     or, `at_ends`, as `columns_at_ends` gives them.
     """
     if at_ends:
-        return columns_at_ends(table, PathState(), dt_s, path)[1:]
+        return columns_at_ends(table, no_path_yet(), dt_s, path)[1:]
     return columns(table, start(table), dt_s, path)[1:]
 
 
