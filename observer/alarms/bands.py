@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from observer.frames import FloatArray
+from observer.linear_fit import LinearFit
 
 WINDOW_S = 600.0
 """Length of one window of running."""
@@ -170,12 +171,12 @@ def _features(window: Window, most_W: float) -> FloatArray:
 def _taken(band: Band, phi: FloatArray, off: float, R: float, hours: float) -> Band:
     """One step of recursive least squares whose memory fades to the prior and to no less than that."""
     keep = math.exp(-hours / MEMORY_H)
-    known, prior = np.linalg.inv(band.P), np.diag(1.0 / _PRIOR_SIGMA**2)
-    P = np.asarray(np.linalg.inv(keep * known + (1.0 - keep) * prior + np.outer(phi, phi) / R), np.float64)
-    theta = band.theta + P @ (phi * (off / R) - (1.0 - keep) * prior @ band.theta)
+    prior = (1.0 - keep) * np.diag(1.0 / _PRIOR_SIGMA**2)
+    information = keep * np.linalg.inv(band.P) + prior + np.outer(phi, phi) / R
+    step = LinearFit.of_information(information, phi * (off / R) - prior @ band.theta)
     share = min(0.5, hours / max(hours, min(band.running_h, MEMORY_H)))
     spread2 = band.spread2 + share * (min(off * off, 0.25) - band.spread2) * (band.running_h > ALIKE_H)
-    return band._replace(theta=theta, P=P, spread2=spread2)
+    return band._replace(theta=band.theta + step.step, P=step.covariance, spread2=spread2)
 
 
 def _smoothed(band: Band, off: float, hours: float, learn_h: float) -> Band:

@@ -23,6 +23,7 @@ from observer.errors import ConfigError
 from observer.fit.hypothesis import EffectParameter, Fit
 from observer.fit.problem import Problem, modelled_lags
 from observer.frames import FloatArray
+from observer.linear_fit import unabsorbed
 from observer.model.build import refuse_on_followed
 from observer.tables.sections import Description
 
@@ -165,15 +166,12 @@ def promises(base: Fit, found: Sequence[Signature], *, everywhere: bool = False)
         by_tolerance.setdefault(modelled_lags(base.config, effect), []).append(s)
     for lags, group in by_tolerance.items():
         marginal = problem.marginal(used, lags)
-        Q, _ = np.linalg.qr(marginal(base.jacobian[used]))
-        remainder = marginal(base.residual[used])
-        remainder = remainder - Q @ (Q.T @ remainder)  # the free parameters, refitted with these tolerances
-        price = before - float(np.sum(remainder**2))
-        columns = marginal(np.column_stack([s.change for s in group])[used])
-        rest = columns - Q @ (Q.T @ columns)
-        rest = rest - Q @ (Q.T @ rest)  # twice is enough (Giraud, Langou & Rozložník 2005)
-        length, left = np.linalg.norm(columns, axis=0), np.linalg.norm(rest, axis=0)
-        along = rest.T @ remainder
+        columns = marginal(np.column_stack([base.residual, *(s.change for s in group)])[used])
+        remaining = unabsorbed(marginal(base.jacobian[used]), columns)  # all free parameters refitted
+        residual, changes = remaining[:, 0], remaining[:, 1:]
+        price = before - float(np.sum(residual**2))
+        length, left = np.linalg.norm(columns[:, 1:], axis=0), np.linalg.norm(changes, axis=0)
+        along = changes.T @ residual
         for j, s in enumerate(group):
             low, high = s.candidate.strengths(s.candidate.shapes[s.shape])
             strength = min(max(float(along[j] / max(left[j] ** 2, 1e-12)), low), high)

@@ -222,12 +222,11 @@ class _JointFit:
 
     def _by_column(self, name: str, unit: str, column_um: FloatArray) -> Cause:
         """So many times a column (n,) in µm, beside all that is free."""
-        fit, used, problem = self.fit, self.evidence.used, self.fit.problem
-        marginal = fit.marginal(used)
-        A = marginal(np.column_stack([fit.jacobian, self.evidence.whitened(column_um)])[used])
-        b = marginal(fit.residual[used])
-        step = np.linalg.lstsq(A, b, rcond=1e-8)[0]
-        value, half = float(step[-1]), NORMAL_95 * float(np.sqrt(np.linalg.pinv(A.T @ A)[-1, -1]))
+        fit, problem = self.fit, self.fit.problem
+        whitened = self.evidence.whitened(column_um)
+        linear = replace(fit, jacobian=np.column_stack([fit.jacobian, whitened])).linear(self.evidence.used)
+        step = linear.step
+        value, half = float(step[-1]), NORMAL_95 * float(linear.sigma[-1])
         config = problem.with_free(fit.config, problem.free_values(fit.config) - step[:-1] * problem.scale)
         error_um = problem.error_K(config) - value * column_um
         moved = replace(fit, config=config, residual=self.evidence.whitened(error_um))

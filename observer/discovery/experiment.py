@@ -14,6 +14,7 @@ from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.fit.problem import Problem, modelled_lags
 from observer.fit.runs import prepare
 from observer.frames import FloatArray, FrameBlock, NutPath
+from observer.linear_fit import unabsorbed
 from observer.model.cycle import LEAD_M
 
 STEP_S = 1.0
@@ -176,10 +177,10 @@ def separation(problem: Problem, answers: Sequence[Config], phases: Sequence[Pha
     test = Problem.of(config, problem.keys, [run, run]).with_nuisance(answers[0])
     rows = test.evidence.proof
     marginal = test.marginal(rows, modelled_lags(answers[0]))
-    Q, _ = np.linalg.qr(marginal(test.derivatives(answers[0]).columns[rows]))
+    slopes = marginal(test.derivatives(answers[0]).columns[rows])
     seen = [marginal(test.evidence.whitened(test.predicted(a))[rows]) for a in answers]
-    apart = [b - a for i, a in enumerate(seen) for b in seen[i + 1 :]]
-    return min(float(np.linalg.norm(d - Q @ (Q.T @ d))) for d in apart)
+    apart = np.column_stack([b - a for i, a in enumerate(seen) for b in seen[i + 1 :]])
+    return float(np.min(np.linalg.norm(unabsorbed(slopes, apart), axis=0)))
 
 
 def frames_of(config: Config, phases: Sequence[Phase], habits: Habits) -> FrameBlock:

@@ -20,6 +20,7 @@ from observer.fit.problem import Problem
 from observer.fit.runs import Run
 from observer.fit.steps import SteppedRun
 from observer.frames import BoolArray, FloatArray
+from observer.linear_fit import LinearFit
 from observer.model.cycle import DWELL_S, FAST, PHASES
 from observer.tables.sections import Source
 from observer.tables.sensors import Sensor
@@ -305,8 +306,8 @@ def _in_run(fit: Fit, run: int, error_K: FloatArray) -> Event:
             pulse = _later(step, begin) - _later(step, end)
             G[mine, j * windows + w] = pulse[mean, sensor]
     A, b = evidence.whitened(G)[mine], evidence.whitened(error_K)[mine]
-    P = np.linalg.inv(A.T @ A + np.eye(A.shape[1]) / PRIOR_W**2)
-    q, sigma = (P @ (A.T @ b)).reshape(sensors, windows), np.sqrt(np.diag(P)).reshape(sensors, windows)
+    linear = LinearFit.of(A, b, 1.0 / PRIOR_W)
+    q, sigma = (values.reshape(sensors, windows) for values in (linear.step, linear.sigma))
     worst, at = np.unravel_index(int(np.argmax(np.abs(q / sigma))), q.shape)
     first, last = int(at), int(at)
     same = (np.abs(q[worst] / sigma[worst]) > LEAST_SIGMA) & (np.sign(q[worst]) == np.sign(q[worst, at]))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from observer.effects.terms import AmbientShift, SensorOffset
 from observer.fit.hypothesis import Fit
 from observer.fit.problem import Problem, modelled_lags
 from observer.frames import FloatArray
+from observer.linear_fit import LinearFit
 
 What = Literal[
     "heat starts late",
@@ -86,26 +87,9 @@ class FaultFit:
     config: Config
 
 
-class Linear(NamedTuple):
-    """A fit linear about a configuration: its deviance, the step (p,), and the covariance (p, p) of that."""
-
-    deviance: float
-    step: FloatArray
-    covariance: FloatArray
-
-
-def solved(problem: Problem, config: Config, residual: FloatArray, J: FloatArray) -> Linear:
-    """The least squares of a whitened residual (n,) over all rows, tolerances marginalised."""
-    marginal = problem.marginal(np.ones(len(residual), dtype=bool), modelled_lags(config))
-    A, b = marginal(J), marginal(residual)
-    step = np.linalg.lstsq(A, b, rcond=1e-8)[0]
-    covariance = np.asarray(np.linalg.pinv(A.T @ A))
-    return Linear(float(np.sum((b - A @ step) ** 2)), np.asarray(step), covariance)
-
-
 def deviance(fit: Fit) -> float:
     """The deviance of a fitted hypothesis over all logs, its parameters refitted to all of them."""
-    return solved(fit.problem, fit.config, fit.residual, fit.jacobian).deviance
+    return fit.linear(np.ones(len(fit.residual), dtype=bool)).deviance
 
 
 @dataclass(frozen=True)
@@ -129,32 +113,27 @@ class Linearised:
         """Fit a hypothesis, linear about here; `null` is the deviance without it."""
         change = hypothesis.change or (lambda _run, means: means)
         more = hypothesis.columns(self.problem, self.config) if hypothesis.columns else []
-        fit, k = self._solved([change(i, m) for i, m in enumerate(self.means)], more), len(more)
-        values = self.problem.free_values(self.config) + fit.step[: len(fit.step) - k] * self.problem.scale
-        sigma = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-        return FaultFit(
-            hypothesis,
-            null - fit.deviance,
-            fit.deviance,
-            fit.step[len(fit.step) - k :],
-            sigma[len(sigma) - k :],
-            self.problem.with_free(self.config, values),
-        )
+        fit = self._linear([change(i, m) for i, m in enumerate(self.means)], more)
+        free, left = len(self.problem.keys), fit.deviance
+        values = self.problem.free_values(self.config) + fit.step[:free] * self.problem.scale
+        fitted = self.problem.with_free(self.config, values)
+        return FaultFit(hypothesis, null - left, left, fit.step[free:], fit.sigma[free:], fitted)
 
     def heats(self) -> dict[str, float]:
         """The factors on the free parameters of heats, from an unbounded linear fit about here."""
         problem, values = self.problem, self.problem.free_values(self.config).tolist()
-        step = (self._solved(self.means).step * problem.scale).tolist()
+        step = (self._linear(self.means).step * problem.scale).tolist()
         each = zip(problem.keys, values, step, strict=True)
         return {key: 1.0 + by / value for key, value, by in each if key.startswith("source.") and value > 0.0}
 
-    def _solved(self, means: Means, more: Sequence[FloatArray] = ()) -> Linear:
-        """The linear fit of means with their derivatives, beside `more` columns (n,)."""
+    def _linear(self, means: Means, more: Sequence[FloatArray] = ()) -> LinearFit:
+        """The fit of means with their derivatives to all rows, beside `more` columns (n,)."""
         evidence = self.problem.evidence
         rows = evidence.rows(means)
-        residual = evidence.measured_degC - rows[:, 0]
-        columns = evidence.whitened(np.column_stack([residual, rows[:, 1:], *more]))
-        return solved(self.problem, self.config, columns[:, 0], columns[:, 1:])
+        columns = np.column_stack([evidence.measured_degC - rows[:, 0], rows[:, 1:], *more])
+        marginal = self.problem.marginal(np.ones(len(columns), dtype=bool), modelled_lags(self.config))
+        columns = marginal(evidence.whitened(columns))
+        return LinearFit.of(columns[:, 1:], columns[:, 0])
 
 
 def late(problem: Problem, late_s: float) -> LogFault:

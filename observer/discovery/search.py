@@ -16,9 +16,8 @@ import numpy as np
 from observer.discovery.candidates import Candidate, Promise, Signature, promises, signatures
 from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.effects.base import Fitted
-from observer.fit.hypothesis import EffectParameter, Fit, fit_effects, fit_null, refitted
+from observer.fit.hypothesis import MOST_STEP, EffectParameter, Fit, fit_effects, fit_null, refitted
 from observer.fit.problem import Problem
-from observer.frames import BoolArray, FloatArray
 
 MOST_EFFECTS = 3
 FITTED, FITTED_LATER = 5, 4
@@ -313,18 +312,10 @@ def held_out(fit: Fit) -> float:
     fold = problem.evidence.fold
     for number in range(problem.evidence.folds):
         mine, others = fold == number, (fold >= 0) & (fold != number)
-        step = _step(fit, others)
-        rest = fit.residual[mine] - fit.jacobian[mine] @ step
-        total += float(np.sum(fit.marginal(mine)(rest) ** 2))
+        step = np.clip(fit.linear(others).step, -MOST_STEP, MOST_STEP)
+        residual = fit.residual[mine] - fit.jacobian[mine] @ step
+        total += float(np.sum(fit.marginal(mine)(residual) ** 2))
     return total
-
-
-def _step(fit: Fit, rows: BoolArray) -> FloatArray:
-    """The Gauss-Newton step of all parameters on some rows, no longer than half of a parameter's scale."""
-    marginal = fit.marginal(rows)
-    A, b = marginal(fit.jacobian[rows]), marginal(fit.residual[rows])
-    step = np.linalg.lstsq(A, b, rcond=1e-8)[0]
-    return np.clip(step, -0.5, 0.5)
 
 
 def _best(trials: Sequence[FittedCandidate]) -> FittedCandidate | None:

@@ -28,6 +28,7 @@ from observer.fit.run_in import running_in_of
 from observer.fit.runs import BLOCK_S, LEAST_S, Run, calibration_tick_s, prepare_all
 from observer.fit.tolerance import calibration_tolerances, remaining_tolerances, tolerances
 from observer.frames import BoolArray, FloatArray, FrameBlock
+from observer.linear_fit import unabsorbed
 from observer.tables.sections import law_channels
 
 MOST_WORSE = 1.05
@@ -57,25 +58,19 @@ def distinguishable(
     """Split the free parameters into those identifiable from the logs and obstacles to the others.
 
     `jacobian` (n, p) is in standard deviations per natural scale. A parameter is identifiable if its effect
-    is visible and not a linear combination of the effects of those before it in the configuration
-    (Gram-Schmidt on angles, so that a parameter's size does not matter).
+    is visible and not a linear combination of the effects of those before it in the configuration, by the
+    angle to these, so that a parameter's size does not matter.
     """
-    basis: list[FloatArray] = []
     identified: list[str] = []
     obstacles: list[Obstacle] = []
     for key, column in zip(keys, jacobian.T, strict=True):
         if float(np.max(np.abs(column))) < SEEN_SIGMA:
             obstacles.append(_unseen(config, key, runs))
             continue
-        rest = column / float(np.linalg.norm(column))
-        for q in basis * 2:  # twice is enough (Giraud, Langou & Rozložník 2005)
-            rest = rest - q * float(q @ rest)
-        if float(np.linalg.norm(rest)) < APART:
-            obstacles.append(
-                _mixed(key, column, identified, jacobian[:, [keys.index(k) for k in identified]])
-            )
+        earlier = jacobian[:, [keys.index(k) for k in identified]]
+        if np.linalg.norm(unabsorbed(earlier, column)) < APART * np.linalg.norm(column):
+            obstacles.append(_mixed(key, column, identified, earlier))
             continue
-        basis.append(rest / float(np.linalg.norm(rest)))
         identified.append(key)
     return tuple(identified), tuple(obstacles)
 

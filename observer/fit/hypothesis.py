@@ -17,8 +17,9 @@ import numpy as np
 
 from observer.config import Config
 from observer.effects.terms import SensorOffset, StretchFilm, Term
-from observer.fit.problem import Marginal, NuisanceColumns, Problem, modelled_lags
+from observer.fit.problem import NuisanceColumns, Problem, modelled_lags
 from observer.frames import BoolArray, FloatArray
+from observer.linear_fit import LinearFit, Marginal
 
 TRIALS = 8
 """How often a diverging step is shortened."""
@@ -75,8 +76,9 @@ def minimise(
         before = _squares(b)
         if not (np.isfinite(A).all() and np.isfinite(before)):
             break
+        linear = LinearFit.of(A, b)
         for _trial in range(TRIALS):
-            step, sigma = _bounded_step(A, b, *within.step(theta), damping)
+            step = linear.within(*within.step(theta), damping)
             there = residual(theta + step)
             now = _squares(weighed(there))
             if now <= before + 1e-9:  # not where it has overflown
@@ -87,7 +89,8 @@ def minimise(
         theta, here = np.clip(theta + step, within.low, within.high), there
         damping = damping / 10 if damping > 1e-4 else 0.0
         hopeless = (before - now) * left < now - stop.rival
-        if np.max(np.abs(step) / sigma) < stop.small or before - now < stop.little or hopeless:
+        little = before - now < stop.little or np.max(np.abs(step) / (linear.sigma + 1e-12)) < stop.small
+        if little or hopeless:
             break
         J = slope(theta)
     return Minimum(theta, here, -J)
@@ -95,23 +98,6 @@ def minimise(
 
 def _squares(values: FloatArray) -> float:
     return float(np.sum(values**2))
-
-
-def _bounded_step(
-    A: FloatArray, b: FloatArray, low: FloatArray, high: FloatArray, damping: float
-) -> tuple[FloatArray, FloatArray]:
-    """The damped step that minimises ‖b − A step‖² + damping ‖D step‖² within bounds, D the columns' lengths,
-    and each parameter's standard deviation (Levenberg 1944; Marquardt 1963).
-    """
-    from scipy.optimize import lsq_linear  # noqa: PLC0415 - slow to import
-
-    R = np.asarray(np.linalg.qr(np.column_stack([A, b]), mode="r"))
-    p = A.shape[1]
-    bounds = (np.minimum(low, 0.0) - 1e-12, np.maximum(high, 0.0) + 1e-12)
-    damp = np.diag(np.sqrt(damping) * np.linalg.norm(R[:p, :p], axis=0))
-    solved = lsq_linear(np.vstack([R[:p, :p], damp]), np.concatenate([R[:p, p], np.zeros(p)]), bounds=bounds)
-    sigma = np.sqrt(np.maximum(np.diag(np.linalg.pinv(R[:p, :p].T @ R[:p, :p])), 0.0)) + 1e-12
-    return np.asarray(solved.x), sigma
 
 
 NULL_ROUNDS, AGAIN, STEPS = 4, 2, 10
@@ -190,8 +176,8 @@ class Fit:
         nuisance = self.problem.nuisance
         if nuisance is None or not nuisance.columns.shape[1]:
             return np.zeros(len(self.residual))
-        kept, taken = self._taken(nuisance, named or self.config)
-        return np.asarray(nuisance.changes_K[:, kept] @ taken)
+        counted, taken = self._taken(nuisance, named or self.config)
+        return np.asarray(nuisance.changes_K[:, counted] @ taken)
 
     def stretch(self, named: Config | None = None) -> float:
         """How many times its standard deviation the most stretched tolerance is, as in
@@ -204,21 +190,27 @@ class Fit:
 
     def _taken(self, nuisance: NuisanceColumns, named: Config) -> tuple[BoolArray, FloatArray]:
         """The tolerances (t,) that count beside a fit, and their most probable values on the used rows."""
-        kept = np.array([name not in modelled_lags(self.config) for name in nuisance.lag_of])
-        own = np.array([replaces(term, named) for term in nuisance.terms])
-        most = np.where(own, OWN_SIGMA, MOST_SIGMA)[kept]
+        counted = nuisance.except_lags(modelled_lags(self.config))
+        replaced = np.array([replaces(term, named) for term in nuisance.terms])
+        most = np.where(replaced, OWN_SIGMA, MOST_SIGMA)[counted]
         used = self.problem.evidence.used
-        return kept, most_probable(nuisance.columns[used][:, kept], self.residual[used], most)
+        linear = LinearFit.of(nuisance.columns[used][:, counted], self.residual[used], prior_weight=1.0)
+        return counted, linear.within(-most, most)
 
     @cached_property
     def covariance(self) -> FloatArray:
         """The covariance (p, p) of free and effects' parameters in their units."""
-        used = self.problem.evidence.used
-        J = self.marginal(used)(self.jacobian[used])
-        information = J.T @ J
-        f = len(self.problem.keys)
-        information[:f, :f] += np.diag(self.problem.prior_weight**2)
-        return np.asarray(np.linalg.pinv(information) * np.multiply.outer(self.scale, self.scale))
+        prior_weight = np.zeros(len(self.scale))
+        prior_weight[: len(self.problem.keys)] = self.problem.prior_weight
+        covariance = self.linear(self.problem.evidence.used, prior_weight).covariance
+        return np.asarray(covariance * np.multiply.outer(self.scale, self.scale))
+
+    def linear(self, rows: BoolArray, prior_weight: FloatArray | float = 0.0) -> LinearFit:
+        """Return the fit on some rows (n,), linear about itself, tolerances marginalised: its `step` (p,) is
+        taken off the parameters, in their scales.
+        """
+        marginal = self.marginal(rows)
+        return LinearFit.of(marginal(self.jacobian[rows]), marginal(self.residual[rows]), prior_weight)
 
     @property
     def half_width(self) -> FloatArray:
@@ -248,18 +240,6 @@ class Fit:
             min(v - p.low, np.inf if p.open_above else p.high - v) < 1e-3 * p.scale
             for v, p in zip(self.values, self.parameters, strict=True)
         )
-
-
-def most_probable(T: FloatArray, residual: FloatArray, most: FloatArray) -> FloatArray:
-    """Return the z (t,) that minimises ‖residual − T z‖² + ‖z‖² within ±`most` (t,)."""
-    from scipy.optimize import lsq_linear  # noqa: PLC0415 - slow to import
-
-    H, g = T.T @ T + np.eye(T.shape[1]), T.T @ residual
-    z = np.asarray(np.linalg.solve(H, g))
-    if (np.abs(z) <= most).all():
-        return z
-    upper = np.linalg.cholesky(H).T
-    return np.asarray(lsq_linear(upper, np.linalg.solve(upper.T, g), bounds=(-most, most)).x)
 
 
 def replaces(tolerance: Term | None, config: Config) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from observer.fit.runs import Run
 from observer.fit.steps import Cache
 from observer.fit.tolerance import Scope, tolerances
 from observer.frames import BoolArray, FloatArray
+from observer.linear_fit import Marginal
 
 DIFFERENCE = 1e-3
 """Finite difference, in natural scales; the prediction is free of noise, so no digits are lost."""
@@ -38,15 +38,19 @@ class NuisanceColumns:
     changes_K: FloatArray
     lag_of: tuple[str | None, ...]
     terms: tuple[Term | None, ...]
-    _kept: Cache[Marginal] = field(default_factory=lambda: Cache(MOST_KEPT), init=False, repr=False)
+    _maps: Cache[Marginal] = field(default_factory=lambda: Cache(MOST_KEPT), init=False, repr=False)
+
+    def except_lags(self, modelled: frozenset[str]) -> BoolArray:
+        """Which parameters (t,) remain beside `modelled` lags of sensors."""
+        return np.array([name not in modelled for name in self.lag_of], np.bool_)
 
     def marginal(self, rows: BoolArray, modelled: frozenset[str]) -> Marginal:
         """Return the map that marginalises the nuisance parameters on some rows, except `modelled` lags of
         sensors.
         """
-        kept = np.flatnonzero([name not in modelled for name in self.lag_of])
-        key = rows.tobytes(), tuple(kept.tolist())
-        return self._kept.get(key, lambda: Marginal.of(self.columns[rows][:, kept]))
+        remaining = self.except_lags(modelled)
+        key = rows.tobytes(), remaining.tobytes()
+        return self._maps.get(key, lambda: Marginal.of(self.columns[rows][:, remaining]))
 
 
 @dataclass(frozen=True)
@@ -232,20 +236,3 @@ def modelled_lags(config: Config, *more: EffectTable) -> frozenset[str]:
     """The sensors whose lag is modelled by an effect of a configuration, or by one more effect."""
     terms = (term for effect in (*config.effect, *more) for term in effect.terms(config))
     return frozenset(term.sensor for term in terms if isinstance(term, Lag))
-
-
-class Marginal(NamedTuple):
-    """(I + T Tᵀ)^{-1/2} = I − Q diag(1 − 1/√(1 + σ²)) Qᵀ for tolerances T = Q diag(σ) Vᵀ, (n, t)."""
-
-    Q: FloatArray
-    taken: FloatArray
-
-    @classmethod
-    def of(cls, T: FloatArray) -> Marginal:
-        """Compute it from the whitened columns of the tolerances."""
-        Q, sigma, _ = np.linalg.svd(T, full_matrices=False)
-        return cls(Q, 1 - 1 / np.sqrt(1 + sigma**2))
-
-    def __call__(self, columns: FloatArray) -> FloatArray:
-        """Apply it to columns (n,) or (n, c)."""
-        return np.asarray(columns - (self.Q * self.taken) @ (self.Q.T @ columns))

@@ -20,6 +20,7 @@ from observer.fit.problem import modelled_lags
 from observer.fit.runs import Run
 from observer.fit.tolerance import SETTLING_S, SettlingFriction
 from observer.frames import FloatArray
+from observer.linear_fit import LinearFit
 from observer.tables.sections import Source, law_channels
 
 OVER_S = np.linspace(0.0, 5400.0, 19)
@@ -112,26 +113,26 @@ def _settles(fit: Fit, source: str, run: int | None = None) -> Settles | None:
     nuisance, evidence = fit.problem.nuisance, fit.problem.evidence
     if nuisance is None:
         return None
-    own, part = list[int](), list[float]()
+    settling, part = list[int](), list[float]()
     for i, term in enumerate(nuisance.terms):
         if (
             isinstance(term, LawFactor)
             and isinstance(term.factor, SettlingFriction)
             and term.source == source
         ):
-            own.append(i)
+            settling.append(i)
             part.append(term.factor.part)
-    if not own:
+    if not settling:
         return None
-    kept = np.array([name not in modelled_lags(fit.config) for name in nuisance.lag_of])
     columns, scale = nuisance.columns[evidence.used], np.array(part)
-    mine = np.ones(len(columns), np.bool_) if run is None else evidence.run[evidence.used] == run
-    here, others = columns[:, own] * mine[:, None], columns[:, own] * ~mine[:, None]
-    kept[own] = False
-    tolerated = [here, columns[:, kept], *([] if mine.all() else [others])]
-    A = np.hstack([*tolerated, -fit.jacobian[evidence.used]])
-    t = A.shape[1] - fit.jacobian.shape[1]
-    covariance = np.linalg.pinv(A.T @ A + np.diag((np.arange(A.shape[1]) < t).astype(float)))
-    first = slice(0, len(own))
-    z = covariance[first] @ (A.T @ fit.residual[evidence.used])
-    return Settles(z * scale, covariance[first, first] * np.multiply.outer(scale, scale))
+    in_run = np.ones(len(columns), np.bool_) if run is None else evidence.run[evidence.used] == run
+    of_run, of_other_runs = columns[:, settling] * in_run[:, None], columns[:, settling] * ~in_run[:, None]
+    remaining = nuisance.except_lags(modelled_lags(fit.config))
+    remaining[settling] = False
+    tolerances = [of_run, columns[:, remaining], *([] if in_run.all() else [of_other_runs])]
+    A = np.hstack([*tolerances, -fit.jacobian[evidence.used]])
+    prior_weight = (np.arange(A.shape[1]) < A.shape[1] - fit.jacobian.shape[1]).astype(float)
+    linear, first = LinearFit.of(A, fit.residual[evidence.used], prior_weight), slice(0, len(settling))
+    return Settles(
+        linear.step[first] * scale, linear.covariance[first, first] * np.multiply.outer(scale, scale)
+    )

@@ -28,6 +28,7 @@ from observer.estimators.steps import StepCache, chunks
 from observer.frames import BoolArray, FloatArray, Inputs
 from observer.history.smoother import smooth_changes
 from observer.kernels import record, run_tolerances
+from observer.linear_fit import LinearFit
 from observer.model.build import build_plant
 from observer.model.learning import Nuisance, of_parameters
 from observer.model.plant import Plant
@@ -157,8 +158,8 @@ def most_probable(
 ) -> Within:
     """Return the estimate of at least one tolerance from the accepted readings of consecutive blocks."""
     information, M = smooth_changes(plant, settings, blocks, changes.sensor_K)
-    S = np.linalg.inv(np.eye(len(information)) + information[:, 1:])
-    every = S @ information[:, 0]
+    linear = LinearFit.of_information(np.eye(len(information)) + information[:, 1:], information[:, 0])
+    S, every = linear.covariance, linear.step
     theta = np.where(changes.learnt, every, 0.0)
     held = np.ix_(~changes.learnt, ~changes.learnt)
     S[held] = np.eye(len(information))[held]

@@ -21,9 +21,10 @@ from observer.fit.evidence import (
 )
 from observer.fit.hypothesis import EffectParameter, Fit, fit_effects, fit_null, with_effects
 from observer.fit.parameters import FILM, get, put
-from observer.fit.problem import Marginal, Problem, modelled_lags
+from observer.fit.problem import Problem, modelled_lags
 from observer.fit.tolerance import tolerances
 from observer.frames import FloatArray
+from observer.linear_fit import Marginal
 from tests.logs.machines import machine
 
 NOISE_K = np.array([0.05, 0.02])

@@ -15,11 +15,12 @@ from observer.discovery.search import tried
 from observer.effects.bodies import EndConduction
 from observer.effects.terms import SensorOffset, StretchFilm
 from observer.fit.forward import Forward
-from observer.fit.hypothesis import Fit, fit_effects, fit_null, most_probable, replaces
+from observer.fit.hypothesis import Fit, fit_effects, fit_null, replaces
 from observer.fit.parameters import replaced
-from observer.fit.problem import Marginal, Problem
+from observer.fit.problem import Problem
 from observer.fit.tolerance import tolerances
-from observer.frames import FrameBlock
+from observer.frames import FloatArray, FrameBlock
+from observer.linear_fit import LinearFit, Marginal
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
@@ -39,6 +40,11 @@ def test_what_a_tolerance_explains_costs_its_share_of_standard_deviations(seed: 
     least = float(np.sum((r - T @ a) ** 2) + np.sum(a**2))
     assert left == pytest.approx(closed, rel=1e-9)  # rounding of solves of well-conditioned matrices
     assert left == pytest.approx(least, rel=1e-9)
+
+
+def most_probable(T: FloatArray, residual: FloatArray, most: FloatArray) -> FloatArray:
+    """Tolerances of variance 1 within their limits."""
+    return LinearFit.of(T, residual, prior_weight=1.0).within(-most, most)
 
 
 @pytest.mark.parametrize(("off_sigma", "taken"), [(1.0, 0.99), (2.9, 2.87), (13.0, 3.0), (-13.0, -3.0)])
