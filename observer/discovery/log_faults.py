@@ -16,10 +16,10 @@ from typing import Literal
 import numpy as np
 
 from observer.config import Config
-from observer.effects.base import Unnamed
-from observer.effects.terms import AmbientShift, SensorOffset
+from observer.effects.terms import AmbientShift, SensorOffset, Term
 from observer.fit.hypothesis import Fit
 from observer.fit.problem import Problem, modelled_lags
+from observer.fit.tolerance import Scope, with_terms
 from observer.frames import FloatArray
 from observer.linear_fit import LinearFit
 
@@ -35,10 +35,10 @@ What = Literal[
 ]
 Means = list[FloatArray]
 """Of each run (b, s, …)."""
-Change = Callable[[int, FloatArray], FloatArray]
+Transform = Callable[[int, FloatArray], FloatArray]
 """Transforms the means (b, s, c) of run number i."""
 Columns = Callable[[Problem, Config], list[FloatArray]]
-"""Changes (n,) in K of the prediction with one unit of each parameter of a hypothesis."""
+"""Changes (n,) in K of the prediction with one unit of each parameter of a fault."""
 
 PER_PARAMETER = 6.0
 """Drop of the deviance required for each parameter beyond the first, as for effects."""
@@ -57,34 +57,42 @@ SCALED = 0.1
 
 @dataclass(frozen=True)
 class LogFault:
-    """What may be wrong with the logs.
+    """A possible fault of the logs.
 
-    `change` transforms the predicted means as the fault would, `columns` are what its `parameters` multiply;
+    `transform` changes the predicted means as the fault would, `columns` are multiplied by its parameters;
     `about`: the sensors, sources or runs concerned; `late_s` the delay of the inputs.
     """
 
     what: What
-    parameters: int
     about: tuple[int, ...] = ()
-    change: Change | None = None
-    columns: Columns | None = None
+    transform: Transform = lambda _run, means: means
+    columns: Columns = lambda _problem, _config: []
     late_s: float = 0.0
 
 
 @dataclass(frozen=True)
 class FaultFit:
-    """A hypothesis about the logs, fitted.
+    """A fault, fitted.
 
-    `drop`: by how much it lowers the deviance over all logs from that of the null hypothesis. `values` and
-    their standard deviations `sigma` (k,) belong to its columns' parameters; `left`: the remaining deviance.
+    `drop`: by how much it lowers the deviance over all logs from that of the null hypothesis. `values` (k,)
+    belong to the columns of `fault`; `left`: the remaining deviance.
     """
 
-    hypothesis: LogFault
+    fault: LogFault
     drop: float
     left: float
     values: FloatArray
-    sigma: FloatArray
     config: Config
+
+    @property
+    def parameters(self) -> int:
+        """The number of its parameters: those of its columns, or the choice of its transform."""
+        return max(len(self.values), 1)
+
+    @property
+    def score(self) -> float:
+        """The drop of the deviance, less that required for its parameters."""
+        return self.drop - PER_PARAMETER * (self.parameters - 1)
 
 
 def deviance(fit: Fit) -> float:
@@ -103,21 +111,21 @@ class Linearised:
     @classmethod
     def at(cls, problem: Problem, config: Config) -> Linearised:
         """Predict, and take the derivatives by the free parameters."""
-        here, slopes = problem.forward(config), []
+        predicted, slopes = problem.forward(config), []
         for moved, per in problem.differences(config):
-            slopes.append([(m - h) * per for m, h in zip(problem.forward(moved), here, strict=True)])
-        means = [np.stack([h, *(s[i] for s in slopes)], axis=2) for i, h in enumerate(here)]
+            slopes.append([(m - p) * per for m, p in zip(problem.forward(moved), predicted, strict=True)])
+        means = [np.stack([p, *(s[i] for s in slopes)], axis=2) for i, p in enumerate(predicted)]
         return cls(problem, config, means)
 
-    def fitted(self, hypothesis: LogFault, null: float) -> FaultFit:
-        """Fit a hypothesis, linear about here; `null` is the deviance without it."""
-        change = hypothesis.change or (lambda _run, means: means)
-        more = hypothesis.columns(self.problem, self.config) if hypothesis.columns else []
-        fit = self._linear([change(i, m) for i, m in enumerate(self.means)], more)
+    def fitted(self, fault: LogFault, null: float) -> FaultFit:
+        """Fit a fault, linear about this configuration; `null` is the deviance without it."""
+        means = [fault.transform(i, m) for i, m in enumerate(self.means)]
+        fit = self._linear(means, fault.columns(self.problem, self.config))
         free, left = len(self.problem.keys), fit.deviance
         values = self.problem.free_values(self.config) + fit.step[:free] * self.problem.scale
-        fitted = self.problem.with_free(self.config, values)
-        return FaultFit(hypothesis, null - left, left, fit.step[free:], fit.sigma[free:], fitted)
+        return FaultFit(
+            fault, null - left, left, fit.step[free:], self.problem.with_free(self.config, values)
+        )
 
     def heats(self) -> dict[str, float]:
         """The factors on the free parameters of heats, from an unbounded linear fit about here."""
@@ -139,7 +147,7 @@ class Linearised:
 def late(problem: Problem, late_s: float) -> LogFault:
     """Inputs recorded so much later than they occurred."""
 
-    def change(run: int, means: FloatArray) -> FloatArray:
+    def transform(run: int, means: FloatArray) -> FloatArray:
         time_s = problem.forward.runs[run].ticks.time_s
         at_s = time_s + late_s
         at = np.interp(at_s, time_s, np.arange(len(time_s)))
@@ -151,60 +159,50 @@ def late(problem: Problem, late_s: float) -> LogFault:
         beyond_s = np.maximum(at_s - time_s[-1], 0.0)[:, None, None]
         return np.asarray((1 - part) * means[low] + part * means[high] + beyond_s * slope)
 
-    return LogFault("heat starts late", 1, change=change, late_s=late_s)
+    return LogFault("heat starts late", transform=transform, late_s=late_s)
 
 
 def exchanged(a: int, b: int) -> LogFault:
     """Two exchanged sensors."""
 
-    def change(_run: int, means: FloatArray) -> FloatArray:
+    def transform(_run: int, means: FloatArray) -> FloatArray:
         out = means.copy()
         out[:, a], out[:, b] = means[:, b], means[:, a]
         return out
 
-    return LogFault("sensors exchanged", 1, (a, b), change)
+    return LogFault("sensors exchanged", (a, b), transform)
 
 
 def elsewhere(runs: int) -> Iterator[LogFault]:
     """Air warmer or colder than stated: by the same in all logs, or by an offset and a drift in each."""
-
-    def alike(problem: Problem, config: Config) -> list[FloatArray]:
-        return [changed(problem, config, AmbientShift(0.0, 1.0))]
-
-    def each(problem: Problem, config: Config) -> list[FloatArray]:
-        shifts = (AmbientShift(0.0, 1.0), AmbientShift(1.0, 0.0))
-        return [c for s in shifts for c in problem.by_run(changed(problem, config, s))]
-
-    yield LogFault("ambient", 1, tuple(range(runs)), columns=alike)
-    yield LogFault("ambient", 2 * runs, tuple(range(runs)), columns=each)
+    about, offset, drift = tuple(range(runs)), AmbientShift(0.0, 1.0), AmbientShift(1.0, 0.0)
+    yield LogFault("ambient", about, columns=_of_terms([offset], "whole"))
+    yield LogFault("ambient", about, columns=_of_terms([offset, drift], "run"))
 
 
-def offset(sensors: int) -> LogFault:
+def offsets(config: Config) -> LogFault:
     """An offset of each sensor, beyond its tolerance."""
-
-    def columns(problem: Problem, config: Config) -> list[FloatArray]:
-        return [changed(problem, config, SensorOffset(s.name, 1.0, 0.0)) for s in config.sensor]
-
-    return LogFault("offsets", sensors, tuple(range(sensors)), columns=columns)
+    terms = [SensorOffset(s.name, 1.0, 0.0) for s in config.sensor]
+    return LogFault("offsets", tuple(range(len(terms))), columns=_of_terms(terms, "whole"))
 
 
-def changed(problem: Problem, config: Config, term: AmbientShift | SensorOffset) -> FloatArray:
-    """The change (n,) of the prediction with one more term, K."""
-    more = config.model_copy(update={"effect": (*config.effect, Unnamed((term,)))})
-    return np.asarray(problem.predicted(more) - problem.predicted(config))
+def _of_terms(terms: Sequence[Term], scope: Scope) -> Columns:
+    """The columns of terms that are added to a configuration."""
+    return lambda problem, config: problem.changes_K(config, ((with_terms(config, t), scope) for t in terms))
 
 
-def scaled(runs: int, sources: Sequence[int]) -> LogFault:
+def scaled(sources: Sequence[int]) -> LogFault:
     """Another scale of some sources' heat in each log but the first."""
 
     def columns(problem: Problem, config: Config) -> list[FloatArray]:
-        more = list(config.source)
-        for i in sources:
-            more[i] = more[i].model_copy(update={"scale": more[i].scale * (1 + SCALED)})
-        moved = problem.predicted(config.model_copy(update={"source": tuple(more)}))
-        return problem.by_run((moved - problem.predicted(config)) / SCALED)[1:]
+        table = [
+            s.model_copy(update={"scale": s.scale * (1 + SCALED)}) if i in sources else s
+            for i, s in enumerate(config.source)
+        ]
+        changed = config.model_copy(update={"source": tuple(table)})
+        return [change / SCALED for change in problem.changes_K(config, [(changed, "run")])[1:]]
 
-    return LogFault("heat differs between logs", runs - 1, tuple(sources), columns=columns)
+    return LogFault("heat differs between logs", tuple(sources), columns=columns)
 
 
 def follows(sensor: int, source: int, late: int = 0) -> LogFault:
@@ -214,10 +212,10 @@ def follows(sensor: int, source: int, late: int = 0) -> LogFault:
         heats = [
             np.repeat(h[:, source, None], len(config.sensor), 1) for h in problem.forward.heats_W(config)
         ]
-        each = [[np.vstack([h[:1]] * by + [h[: len(h) - by]]) for h in heats] for by in range(late + 1)]
-        return [np.where(problem.evidence.sensor == sensor, problem.evidence.rows(m), 0.0) for m in each]
+        delayed = [[np.vstack([h[:1]] * by + [h[: len(h) - by]]) for h in heats] for by in range(late + 1)]
+        return [problem.by_sensor(problem.evidence.rows(means))[sensor] for means in delayed]
 
-    return LogFault("sensor follows the heater", 1 + late, (sensor, source), columns=columns)
+    return LogFault("sensor follows the heater", (sensor, source), columns=columns)
 
 
 def _beside(config: Config, sensor: int, source: int) -> bool:
@@ -232,7 +230,7 @@ def _beside(config: Config, sensor: int, source: int) -> bool:
     return by.from_m - near_m <= at.position_m <= by.to_m + near_m
 
 
-def hypotheses(problem: Problem) -> Iterator[LogFault]:
+def possible_faults(problem: Problem) -> Iterator[LogFault]:
     """Yield the possible faults of the logs of a problem."""
     config = problem.config
     sensors, runs = len(config.sensor), len(problem.forward.runs)
@@ -241,40 +239,41 @@ def hypotheses(problem: Problem) -> Iterator[LogFault]:
         yield from (late(problem, s) for s in SHIFTS_S.tolist())
     yield from itertools.starmap(exchanged, itertools.combinations(range(sensors), 2))
     yield from elsewhere(runs)
-    yield offset(sensors)
+    yield offsets(config)
     if runs > 1 and laws:
-        yield from (scaled(runs, each) for each in dict.fromkeys([tuple(laws), *((i,) for i in laws)]))
+        yield from map(scaled, dict.fromkeys([tuple(laws), *((i,) for i in laws)]))
     yield from (follows(*pair) for pair in itertools.product(range(sensors), laws) if _beside(config, *pair))
 
 
 def fit_faults(null: Fit) -> list[FaultFit]:
-    """Return the best hypothesis for each kind of fault, the highest score first."""
+    """Return the best fault of each kind, the highest score first."""
     problem, without = null.problem, deviance(null)
-    first = Linearised.at(problem, null.config)
+    linearised = Linearised.at(problem, null.config)
     best: dict[str, FaultFit] = {}
-    for h in hypotheses(problem):
-        one = first.fitted(h, without)
-        best[h.what] = max(best.get(h.what, one), one, key=score)
-    return sorted((_refined(problem, w, without) for w in best.values()), key=score, reverse=True)
+    for fault in possible_faults(problem):
+        fitted = linearised.fitted(fault, without)
+        best[fault.what] = max(best.get(fault.what, fitted), fitted, key=_score)
+    return sorted((_refined(problem, fitted, without) for fitted in best.values()), key=_score, reverse=True)
 
 
-def score(fitted: FaultFit) -> float:
-    """The drop of the deviance, less that required for its parameters."""
-    return fitted.drop - PER_PARAMETER * (fitted.hypothesis.parameters - 1)
+def _score(fitted: FaultFit) -> float:
+    return fitted.score
 
 
 def _refined(problem: Problem, fitted: FaultFit, null: float) -> FaultFit:
-    """The hypothesis linearised again at its fitted parameters: starting from the calibration, which may be
-    far off without it, or from the configuration as given.
+    """The fault linearised again at its fitted parameters: starting from the calibration, which may be far
+    off without it, or from the configuration as given.
     """
-    if score(fitted) < WORTH:
+    if fitted.score < WORTH:
         return fitted
     ends = []
     for start in (fitted, replace(fitted, config=problem.config)):
         end = start
         for finer_s in FINER_S:
-            look, h = Linearised.at(problem, end.config), end.hypothesis
-            near = [late(problem, h.late_s + i * finer_s) for i in range(-2, 3)] if h.late_s else [h]
-            end = max((look.fitted(n, null) for n in near), key=lambda w: w.drop)
+            linearised, fault = Linearised.at(problem, end.config), end.fault
+            near = [fault]
+            if fault.late_s:
+                near = [late(problem, fault.late_s + i * finer_s) for i in range(-2, 3)]
+            end = max((linearised.fitted(n, null) for n in near), key=lambda f: f.drop)
         ends.append(end)
-    return max(ends, key=lambda w: w.drop)
+    return max(ends, key=lambda f: f.drop)

@@ -15,7 +15,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.candidates import Signature, promises
-from observer.discovery.log_faults import FaultFit, Linearised, What, deviance, fit_faults, follows, score
+from observer.discovery.log_faults import FaultFit, Linearised, What, deviance, fit_faults, follows
 from observer.discovery.search import BLIND, MATERIAL, PER_PARAMETER, FittedCandidate
 from observer.discovery.verdict import WITHIN_REACH
 from observer.effects.base import EffectTable
@@ -87,7 +87,7 @@ def suspects(
         if alike(fitted):
             continue
         if beyond_tolerance(null.problem.config, fitted) and plain(null, fitted, rivals, marks):
-            what = fitted.hypothesis.what
+            what = fitted.fault.what
             channel, by, text = _DESCRIBE[what](null.problem, fitted)
             return (Suspect(what, channel, by if isinstance(by, str) else float(f"{by:.3g}"), text),)
     return ()
@@ -120,17 +120,17 @@ def unlikely_offset(null: Fit, ranking: Sequence[FittedCandidate]) -> tuple[Susp
 def alike(fitted: FaultFit) -> bool:
     """Whether offsets are about equal: then the air, or its sensor, is off instead."""
     spread = float(np.std(fitted.values, ddof=1)) if len(fitted.values) > 1 else np.inf
-    return fitted.hypothesis.what == "offsets" and abs(float(np.mean(fitted.values))) > ALIKE * spread
+    return fitted.fault.what == "offsets" and abs(float(np.mean(fitted.values))) > ALIKE * spread
 
 
 def beyond_tolerance(config: Config, fitted: FaultFit) -> bool:
     """Whether a hypothesis explains enough beyond the configured tolerance of its kind."""
-    what = fitted.hypothesis.what
+    what = fitted.fault.what
     if config.tolerance == intolerant(config, what).tolerance:
-        return score(fitted) >= (LEAST_FOLLOWING if what == "sensor follows the heater" else LEAST)
+        return fitted.score >= (LEAST_FOLLOWING if what == "sensor follows the heater" else LEAST)
     if what == "heat differs between logs":
-        return fitted.drop >= BEYOND_PER_LOG * fitted.hypothesis.parameters
-    return score(fitted) >= BEYOND[what]
+        return fitted.drop >= BEYOND_PER_LOG * fitted.parameters
+    return fitted.score >= BEYOND[what]
 
 
 def plain(
@@ -139,14 +139,14 @@ def plain(
     """Whether a hypothesis, without its kind's tolerance, explains the logs, and no single effect does."""
     noise = null.problem.evidence.expected * len(null.residual)
     taken = deviance(null) <= noise  # by the tolerances, at a cost that this hypothesis would avoid
-    if taken and score(fitted) >= SPARED and _alone(null, fitted, rivals, marks):
+    if taken and fitted.score >= SPARED and _alone(null, fitted, rivals, marks):
         return True
-    config, strict = intolerant(null.config, fitted.hypothesis.what), null
+    config, strict = intolerant(null.config, fitted.fault.what), null
     if config.tolerance != null.config.tolerance:
         strict = replace(null, problem=null.problem.with_nuisance(config))
-        fitted = Linearised.at(strict.problem, fitted.config).fitted(fitted.hypothesis, deviance(strict))
+        fitted = Linearised.at(strict.problem, fitted.config).fitted(fitted.fault, deviance(strict))
     misfit = fitted.left + fitted.drop - noise
-    earned = score(fitted) >= LEAST and fitted.drop >= SHARE * misfit
+    earned = fitted.score >= LEAST and fitted.drop >= SHARE * misfit
     return earned and _alone(null, fitted, rivals, marks)
 
 
@@ -158,8 +158,8 @@ def _alone(
     Effects that were fitted are judged by their fit within the tolerances; the others, visible on the proof
     alone, which suspects use as well, by what they promise within their bounds. Air is no rival of air.
     """
-    before, own = deviance(null), fitted.hypothesis.parameters
-    is_air = fitted.hypothesis.what == "ambient"
+    before, own = deviance(null), fitted.parameters
+    is_air = fitted.fault.what == "ambient"
     for rival in rivals:
         left, parameters = deviance(replace(rival.fit, problem=null.problem)), len(rival.candidate.fitted)
         reach = max(WITHIN_REACH, WITHIN * (before - left - PER_PARAMETER * (parameters - 1)))
@@ -197,8 +197,8 @@ def intolerant(config: Config, what: What) -> Config:
     return config.model_copy(update=changes)
 
 
-def _late(_problem: Problem, w: FaultFit) -> Description:
-    late_s = w.hypothesis.late_s
+def _late(_problem: Problem, fitted: FaultFit) -> Description:
+    late_s = fitted.fault.late_s
     much, how = f"{abs(late_s):.0f} s", "later" if late_s > 0 else "earlier"
     return None, late_s, (
         f"In the logs the heat starts {much} {how} than the temperatures indicate; synchronise the "
@@ -206,21 +206,21 @@ def _late(_problem: Problem, w: FaultFit) -> Description:
     )  # fmt: skip
 
 
-def _exchanged(problem: Problem, w: FaultFit) -> Description:
-    a, b = (problem.config.sensor[i].channel for i in w.hypothesis.about)
+def _exchanged(problem: Problem, fitted: FaultFit) -> Description:
+    a, b = (problem.config.sensor[i].channel for i in fitted.fault.about)
     return f"{a}, {b}", "exchanged", (
         f"The columns {a} and {b} look exchanged: each fits the other's position; swap the two channels in "
         "the configuration, or the wires"
     )  # fmt: skip
 
 
-def _ambient(problem: Problem, w: FaultFit) -> Description:
-    channel, runs = problem.config.ambient.channel, len(w.hypothesis.about)
-    if len(w.values) == 1:
-        most_K, how = float(w.values[0]), f"{w.values[0]:+.1f} K"
+def _ambient(problem: Problem, fitted: FaultFit) -> Description:
+    channel, runs = problem.config.ambient.channel, len(fitted.fault.about)
+    if len(fitted.values) == 1:
+        most_K, how = float(fitted.values[0]), f"{fitted.values[0]:+.1f} K"
     else:
         hours = [run.run.duration_s / 3600.0 for run in problem.forward.runs]
-        ends_K = np.column_stack([w.values[:runs], w.values[:runs] + w.values[runs:] * hours])
+        ends_K = np.column_stack([fitted.values[:runs], fitted.values[:runs] + fitted.values[runs:] * hours])
         most_K = max(ends_K.T.ravel().tolist(), key=abs)
         how = ", ".join(f"{a:+.1f} to {b:+.1f} K in log {i + 1}" for i, (a, b) in enumerate(ends_K.tolist()))
     said = "the configuration states" if channel is None else f"{channel} says"
@@ -230,11 +230,11 @@ def _ambient(problem: Problem, w: FaultFit) -> Description:
     ).replace("-", "−")  # fmt: skip
 
 
-def _differs(problem: Problem, w: FaultFit) -> Description:
+def _differs(problem: Problem, fitted: FaultFit) -> Description:
     config = problem.config
-    ratios = 1.0 + np.concatenate([[0.0], w.values])
+    ratios = 1.0 + np.concatenate([[0.0], fitted.values])
     low, high = int(np.argmin(ratios)), int(np.argmax(ratios))
-    sources = [config.source[i] for i in w.hypothesis.about]
+    sources = [config.source[i] for i in fitted.fault.about]
     every = len(sources) == sum(s.law not in (None, "heat_of") for s in config.source)
     what = "every source" if every else sources[0].name
     channels = dict.fromkeys(c for s in sources for c in (s.power_channel, s.speed_channel) if c is not None)
@@ -245,10 +245,10 @@ def _differs(problem: Problem, w: FaultFit) -> Description:
     )  # fmt: skip
 
 
-def _follows(problem: Problem, w: FaultFit) -> Description:
-    at, by = w.hypothesis.about
+def _follows(problem: Problem, fitted: FaultFit) -> Description:
+    at, by = fitted.fault.about
     channel = problem.config.sensor[at].channel
-    slowly = Linearised.at(problem, w.config).fitted(follows(at, by, SLOWLY), w.left)
+    slowly = Linearised.at(problem, fitted.config).fitted(follows(at, by, SLOWLY), fitted.left)
     per_W = float(np.sum(slowly.values))
     return channel, per_W, (
         f"{channel} responds to the heat of {problem.config.source[by].name} at once, {per_W:.2g} K per watt "
@@ -257,8 +257,8 @@ def _follows(problem: Problem, w: FaultFit) -> Description:
     )  # fmt: skip
 
 
-def _offsets(problem: Problem, w: FaultFit) -> Description:
-    channels, values_K = [s.channel for s in problem.config.sensor], w.values.tolist()
+def _offsets(problem: Problem, fitted: FaultFit) -> Description:
+    channels, values_K = [s.channel for s in problem.config.sensor], fitted.values.tolist()
     each = ", ".join(f"{c} {v:+.1f} K" for c, v in zip(channels, values_K, strict=True)).replace("-", "−")
     return ", ".join(channels), max(values_K, key=abs), (
         f"The sensors disagree by more than their tolerance: {each}; compare them after a night at "

@@ -147,20 +147,31 @@ class Problem:
         """The same problem with the nuisance parameters of a configuration."""
         here, nuisances, lag_of = self.predicted(config), list[FloatArray](), list[str | None]()
         terms = list[Term | None]()
-        for changed, kind in self.within(config, len(self.forward.runs)):
+        for changed, scope in self.within(config, len(self.forward.runs)):
             change = self.predicted(changed) - here
-            own = {"whole": lambda c: [c], "run": self.by_run}.get(kind, self.by_sensor)(change)
-            nuisances += own
-            lag_of += [s.name for s in config.sensor] if kind == "lag" else [None] * len(own)
+            parts = self._by_scope(change, scope)
+            nuisances += parts
+            lag_of += [s.name for s in config.sensor] if scope == "lag" else [None] * len(parts)
             added = changed.effect[len(config.effect) :]
-            terms += [added[0].terms(changed)[0] if added else None] * len(own)
+            terms += [added[0].terms(changed)[0] if added else None] * len(parts)
         sampling = [*self.forward.by_outages(config), *self.forward.by_coarse_rows(config)]
-        known = [*self.by_gain(config, here), *self.by_timing(here), *map(self.evidence.rows, sampling)]
-        every = [*nuisances, *known]
-        changes_K = np.column_stack(every) if every else np.zeros((len(here), 0))
-        lags, added_terms = ((*own, *[None] * len(known)) for own in (lag_of, terms))
-        columns = self._columns(every)
-        return replace(self, nuisance=NuisanceColumns(columns, changes_K, lags, added_terms))
+        unnamed = [*self.by_gain(config, here), *self.by_timing(here), *map(self.evidence.rows, sampling)]
+        nuisances += unnamed
+        changes_K = np.column_stack(nuisances) if nuisances else np.zeros((len(here), 0))
+        lags, added_terms = ((*column, *[None] * len(unnamed)) for column in (lag_of, terms))
+        return replace(self, nuisance=NuisanceColumns(self._columns(nuisances), changes_K, lags, added_terms))
+
+    def changes_K(self, config: Config, changed: Iterable[tuple[Config, Scope]]) -> list[FloatArray]:
+        """Return the changes (n,) of the prediction from a configuration to others, split by their scopes."""
+        here = self.predicted(config)
+        return [
+            part for other, scope in changed for part in self._by_scope(self.predicted(other) - here, scope)
+        ]
+
+    def _by_scope(self, change: FloatArray, scope: Scope) -> list[FloatArray]:
+        if scope == "whole":
+            return [change]
+        return self.by_run(change) if scope == "run" else self.by_sensor(change)
 
     def derivatives(self, config: Config) -> Derivatives:
         """Take the derivatives by the free parameters, by differences that stay inside the bounds."""

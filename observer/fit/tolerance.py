@@ -72,17 +72,17 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
     if film > 0:
         edges = np.linspace(0.0, screw.length_m, STRETCHES + 1)
         for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-            yield _with(config, StretchFilm(a, b, UNEVEN * film)), "whole"
+            yield with_terms(config, StretchFilm(a, b, UNEVEN * film)), "whole"
     for sensor in config.sensor:
         offset_K = sensor.offset(known.offset_K)
         if offset_K > 0.0:
             anew = sensor.kind == "displacement"  # which is set to zero for each log
-            yield _with(config, SensorOffset(sensor.name, offset_K, 0.0)), "run" if anew else "whole"
+            yield with_terms(config, SensorOffset(sensor.name, offset_K, 0.0)), "run" if anew else "whole"
     if known.ambient_K > 0.0:
-        yield _with(config, AmbientShift(0.0, known.ambient_K)), "run"
+        yield with_terms(config, AmbientShift(0.0, known.ambient_K)), "run"
     if known.lag_s > 0.0:
         thermal = [s for s in config.sensor if s.kind == "temperature"]
-        yield _with(config, *(Lag(s.name, known.lag_s) for s in thermal)), "lag"
+        yield with_terms(config, *(Lag(s.name, known.lag_s) for s in thermal)), "lag"
     own = [s for s in config.source if s.law not in (None, "heat_of")]  # part of another goes with that
     for source in own if known.heat_per_log > 0.0 and runs > 1 else []:
         more = source.model_copy(update={"scale": source.scale * (1 + known.heat_per_log)})
@@ -123,13 +123,13 @@ def calibration_tolerances(config: Config, runs: int) -> Iterator[tuple[Config, 
     end_W_K = config.tolerance.end_W_K
     for end in get_args(End):
         if end_W_K > 0.0 and getattr(config.boundary, end).kind != "prescribed":
-            yield _with(config, EndConductance(end, end_W_K)), "whole"
+            yield with_terms(config, EndConductance(end, end_W_K)), "whole"
     for source in config.source:
         share = config.law_uncertainty(source)
         if source.law in SPEED_LAWS and share > 0.0:
             for time_s in SETTLING_S:
                 part = SettlingFriction(share, time_s)
-                yield _with(config, LawFactor(source.name, part)), "whole"
+                yield with_terms(config, LawFactor(source.name, part)), "whole"
 
 
 def remaining_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str, float]:
@@ -166,8 +166,8 @@ class SettlingFriction:
         return np.asarray(1.0 + self.part * np.exp(-running_s / self.time_s))
 
 
-def _with(config: Config, *terms: Term) -> Config:
-    """The configuration with terms added."""
+def with_terms(config: Config, *terms: Term) -> Config:
+    """Return the configuration with terms added."""
     return config.model_copy(update={"effect": (*config.effect, Unnamed(terms))})
 
 

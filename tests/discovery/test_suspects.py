@@ -98,7 +98,7 @@ def test_an_effect_that_explains_as_much_is_no_fault_of_the_logs() -> None:
     config = machine()
     null = fit_null(problem_of(config, [made_log(truth, 1)]), config)
     best = fit_faults(null)[0]
-    assert best.hypothesis.what == "ambient"
+    assert best.fault.what == "ambient"
     assert best.values == pytest.approx([2.0], abs=0.1)
     right = fit_effects(null.problem, truth, ())
     rival: Any = SimpleNamespace(
@@ -130,7 +130,7 @@ def test_an_effect_that_was_not_fitted_but_explains_all_logs_is_no_fault_of_them
     found = signatures(null.problem, null.config, motor)
     fitted, everywhere = promises(null, found)[0].drop, promises(null, found, everywhere=True)[0].drop
     assert 100.0 < 2.0 * fitted < everywhere < deviance(null)  # the proof shows more of it
-    clocks = next(w for w in fit_faults(null) if w.hypothesis.what == "heat starts late")
+    clocks = next(w for w in fit_faults(null) if w.fault.what == "heat starts late")
     suspected = replace(clocks, left=deviance(null) - everywhere + by, drop=everywhere - by)
     assert plain(null, suspected, [])
     assert plain(null, suspected, [], found) is expected
@@ -287,9 +287,9 @@ def test_the_slice_has_ten_of_each_and_sixty_others() -> None:
     ("values_K", "same"), [((1.2, 1.0, 1.4), True), ((2.0, -0.4, 0.8), False), ((-1.1, -1.3, -0.9), True)]
 )
 def test_offsets_that_are_alike_are_the_airs(values_K: tuple[float, ...], same: bool) -> None:
-    fitted: Any = SimpleNamespace(hypothesis=SimpleNamespace(what="offsets"), values=np.array(values_K))
+    fitted: Any = SimpleNamespace(fault=SimpleNamespace(what="offsets"), values=np.array(values_K))
     assert alike(fitted) is same
-    fitted.hypothesis.what = "ambient"
+    fitted.fault.what = "ambient"
     assert not alike(fitted)
 
 
