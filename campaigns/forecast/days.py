@@ -11,7 +11,7 @@ from observer.align.aligner import frames_of_log
 from observer.estimate.pipeline import MachineModel
 from observer.forecast.ahead import Runner, ahead, runner
 from observer.forecast.program import Bins, Program, binned, joined, learnt
-from observer.forecast.settling import when
+from observer.forecast.settling import settling_between
 from observer.frames import EstimateBlock, FloatArray
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Day, EXPANSION_um_K_m, Rough, config_of, draw, work
@@ -173,5 +173,5 @@ def forecasts(one: Day, *, settles: bool = False) -> dict[str, Forecast]:
 
 
 def _settling(begin: Runner, program: Program) -> tuple[float | None, tuple[float, float] | None]:
-    settled, between_s = when(begin, program, TRAVEL, WITHIN_UM)
+    settled, between_s = settling_between(begin, program, TRAVEL, WITHIN_UM)
     return settled.after_s, between_s

@@ -30,14 +30,14 @@ from observer.tables.sections import Description
 
 class Candidate(NamedTuple):
     """An effect at a target: the shapes to try, what is fitted on the machine in question, and what is
-    `given` by it.
+    `fixed` by it.
     """
 
     of: type[EffectTable]
     target: str | None
     shapes: tuple[Shape, ...]
     fitted: Mapping[str, Fitted]
-    given: Mapping[str, str | bool] = MappingProxyType({})
+    fixed: Mapping[str, str | bool] = MappingProxyType({})
 
     @property
     def kind(self) -> str:
@@ -55,7 +55,7 @@ class Candidate(NamedTuple):
         for p, neutral in self._strong():
             values[p.key] = float(np.clip(neutral + strength * (shape[p.key] - neutral), p.low, p.high))
         target = {} if self.target is None else {"target": self.target}
-        return self.of.model_validate({"kind": self.kind, **target, **self.given, **values})
+        return self.of.model_validate({"kind": self.kind, **target, **self.fixed, **values})
 
     def strengths(self, shape: Shape) -> tuple[float, float]:
         """The range of strengths that the bounds of the effect allow."""
@@ -77,8 +77,8 @@ class Candidate(NamedTuple):
 
     def _strong(self) -> list[tuple[EffectParameter, float]]:
         """The parameters that a strength multiplies, all together, each with its neutral value."""
-        every = zip(self.parameters(0), self.fitted.values(), strict=True)
-        return [(p, known.neutral) for p, known in every if known.neutral is not None]
+        fitted = zip(self.parameters(0), self.fitted.values(), strict=True)
+        return [(p, info.neutral) for p, info in fitted if info.neutral is not None]
 
 
 def library(
@@ -91,7 +91,7 @@ def library(
     kinds, and of the kinds from outside that are tried `also`.
     """
     length_m = machine.screw.length_m
-    found = (
+    candidates = (
         Candidate(
             effect, target, tuple({key: shape[key] for key in form} for shape in effect.shapes(machine)),
             {key: effect.parameters[key].on(length_m) for key in form}, effect.given(machine),
@@ -101,10 +101,10 @@ def library(
         for target in effect.places(machine, free)
         for form in effect.forms(machine, target, free)
     )  # fmt: skip
-    return tuple(candidate for candidate in found if _stands(candidate, machine))
+    return tuple(candidate for candidate in candidates if _is_possible(candidate, machine))
 
 
-def _stands(candidate: Candidate, machine: Description) -> bool:
+def _is_possible(candidate: Candidate, machine: Description) -> bool:
     """Whether it acts on no heat that is one with that of other sources, for a plant cannot have that."""
     try:
         refuse_on_followed(machine, candidate.effect(candidate.shapes[0]).terms(machine))
@@ -125,13 +125,13 @@ class Promise(NamedTuple):
     """What a signature promises beside a fit.
 
     `strength` is that of the shape which explains most within the bounds, `drop` the fall of the deviance it
-    would bring; `kept` is the part of the signature that the free parameters cannot absorb.
+    would bring; `unabsorbed` is the part of the signature that the free parameters cannot absorb.
     """
 
     signature: Signature
     strength: float
     drop: float
-    kept: float
+    unabsorbed: float
 
 
 def signatures(
@@ -140,11 +140,11 @@ def signatures(
     """Return the signatures of all shapes; those that change no prediction are left out."""
     kinds = groupby(sorted(candidates, key=lambda c: c.kind), key=lambda c: c.kind)
     groups = [tuple(group) for _, group in kinds]
-    found = pool.each(_changes, problem, [(config, group) for group in groups])
+    changes_of_groups = pool.map(_changes, problem, [(config, group) for group in groups])
     changes = [
         (group[number], shape, change)
-        for group, own in zip(groups, found, strict=True)
-        for number, shape, change in own
+        for group, of_group in zip(groups, changes_of_groups, strict=True)
+        for number, shape, change in of_group
     ]
     columns = problem.evidence.whitened(np.column_stack([change for _, _, change in changes]))
     return [
@@ -154,14 +154,14 @@ def signatures(
     ]
 
 
-def promises(base: Fit, found: Sequence[Signature], *, everywhere: bool = False) -> list[Promise]:
+def promises(base: Fit, marks: Sequence[Signature], *, everywhere: bool = False) -> list[Promise]:
     """Return what each signature promises beside a fit: on the rows that were fitted, or on all of them."""
     out: list[Promise] = []
     problem, used = base.problem, base.problem.evidence.used
     used = np.ones_like(used) if everywhere else used
     before = deviance(base) if everywhere else base.deviance
     by_tolerance: dict[frozenset[str], list[Signature]] = {}
-    for s in found:
+    for s in marks:
         effect = s.candidate.effect(s.candidate.shapes[s.shape])
         by_tolerance.setdefault(modelled_lags(base.config, effect), []).append(s)
     for lags, group in by_tolerance.items():
@@ -192,11 +192,11 @@ def _changes(
     """The change (n,) of the prediction, K, with each shape of each candidate of one kind, as (candidate's
     number, shape's number, change).
     """
-    here = problem.predicted(config)
+    predicted = problem.predicted(config)
 
     def change(*effects: object) -> FloatArray:
-        more = config.model_copy(update={"effect": (*config.effect, *effects)})
-        return problem.predicted(more) - here
+        changed = config.model_copy(update={"effect": (*config.effect, *effects)})
+        return problem.predicted(changed) - predicted
 
     changes = []
     # a lag or a drift changes its own sensor only: predict all at once; but an offset is there at the start
@@ -205,11 +205,11 @@ def _changes(
         names = [s.name for s in config.sensor]
         for i in range(len(group[0].shapes)):
             whole = change(*(c.effect(c.shapes[i]) for c in group))
-            own = [problem.evidence.sensor == names.index(str(c.target)) for c in group]
-            changes += [(number, i, np.where(rows, whole, 0.0)) for number, rows in enumerate(own)]
+            used = [problem.evidence.sensor == names.index(str(c.target)) for c in group]
+            changes += [(number, i, np.where(rows, whole, 0.0)) for number, rows in enumerate(used)]
         return changes
     for number, c in enumerate(group):
         sums = c.of.sums(c.shapes)
         parts = {j: change(c.effect(c.shapes[j])) for j in sorted({j for parts in sums for j in parts})}
-        changes += [(number, i, np.sum([parts[j] for j in own], axis=0)) for i, own in enumerate(sums)]
+        changes += [(number, i, np.sum([parts[j] for j in used], axis=0)) for i, used in enumerate(sums)]
     return changes

@@ -18,37 +18,38 @@ MOST_ASKED = 5
 
 def decisive_test(
     problem: Problem,
-    found: Search,
+    search: Search,
     verdict: Verdict,
-    less: Sequence[tuple[str, Fit]] = (),
+    with_one_less: Sequence[tuple[str, Fit]] = (),
     partial: Partial | None = None,
     pool: WorkerPool = IN_PROCESS,
 ) -> Experiment | None:
     """Return the test that would separate the answers, where there are several; none where logs are in doubt.
 
-    `less`: each chosen effect with the fit of the others alone; `partial` what explains most of an unknown.
+    `with_one_less`: each chosen effect with the fit of the others alone; `partial`: the effect that explains
+    most of an unknown.
     """
     if verdict.suspected:
         return None
     if verdict.kind == "ambiguous":
         return propose(problem, [fit.config for fit in verdict.fits], pool)
     if verdict.kind == "not_identifiable":
-        return _that_shows(problem, found, pool)
+        return _that_shows(problem, search, pool)
     if verdict.unproved:
-        without = [fit.config for name, fit in less if name in verdict.unproved]
-        return propose(problem, [found.fit.config, *without], pool)
+        without = [fit.config for name, fit in with_one_less if name in verdict.unproved]
+        return propose(problem, [search.fit.config, *without], pool)
     if verdict.kind == "unknown" and partial is not None:
-        answers = [found.null.config, partial.trial.fit.config, *_next_best(proposable(found), partial)]
+        answers = [search.null.config, partial.trial.fit.config, *_next_best(proposable(search), partial)]
         return propose(problem, answers, pool)
     return None
 
 
-def _that_shows(problem: Problem, found: Search, pool: WorkerPool) -> Experiment | None:
+def _that_shows(problem: Problem, search: Search, pool: WorkerPool) -> Experiment | None:
     """The first test that shows an effect to which the logs are blind."""
-    config = found.fit.config
-    for unseen in found.blind[:MOST_ASKED]:
-        more = (*config.effect, unseen.effect(unseen.shapes[0]))
-        test = propose(problem, [config, config.model_copy(update={"effect": more})], pool)
+    config = search.fit.config
+    for unseen in search.blind[:MOST_ASKED]:
+        effects = (*config.effect, unseen.effect(unseen.shapes[0]))
+        test = propose(problem, [config, config.model_copy(update={"effect": effects})], pool)
         if test.separation_sigma >= SEPARATES:
             return test
     return None

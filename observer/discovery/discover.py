@@ -71,7 +71,7 @@ def discover(
     and for what moves the axis and warms nothing.
     Raises `ConfigError` where nothing may be calibrated, `LogError` where the logs hold nothing to compare.
     """
-    given, config = config, thermal_only(config)
+    complete_config, config = config, thermal_only(config)
     keys = free_keys(config)
     if all(source.law is None for source in config.source):
         raise ConfigError(f"source: {lawless(config)}")
@@ -85,35 +85,35 @@ def discover(
             "make the last log one with readings within [limits]"
         )
     sparse = sparse_paths(config, prepared)
-    known = library(config, keys, config.discover.without, config.discover.also)
+    candidates = library(config, keys, config.discover.without, config.discover.also)
     if sparse or any(run.coarse for run in problem.forward.runs):
-        known = tuple(candidate for candidate in known if not needs_path(candidate, config))
-    found = search(problem, known, progress, pool)
+        candidates = tuple(candidate for candidate in candidates if not needs_path(candidate, config))
+    result = search(problem, candidates, progress, pool)
     progress("suspects among the logs", 0.91)
-    wrong = sparse or suspects(found.null, found.ranking, found.signatures)
+    wrong = sparse or suspects(result.null, result.ranking, result.signatures)
     progress("opening the proof", 0.94)
-    less = _with_one_less(found, pool)
-    proof = prove(found.null, found.fit, less)
-    verdict = decide(found, proof, missing_excitation(config, prepared, courses_of(problem)))
+    with_one_less = _with_one_less(result, pool)
+    proof = prove(result.null, result.fit, with_one_less)
+    verdict = decide(result, proof, missing_excitation(config, prepared, courses_of(problem)))
     if verdict.kind in ("none", "not_identifiable"):
-        wrong = wrong or unlikely_offset(found.null, found.ranking)
+        wrong = wrong or unlikely_offset(result.null, result.ranking)
     verdict = under_suspicion(verdict, [s.text for s in wrong if _counts(s, verdict)])
     progress("what displacements say", 0.95)
-    displacements = displacements_of(given, runs, verdict, found.null)
+    displacements = displacements_of(complete_config, runs, verdict, result.null)
     if displacements is not None and displacements.supports is False:
         verdict = under_suspicion(verdict, [AGAINST])
-    where = localised(found.null, problem.evidence.used)
-    before = found.null.config if found.chosen else config
+    places = localised(result.null, problem.evidence.used)
+    before = result.null.config if result.chosen else config
     missing = verdict.kind == "unknown" and not verdict.suspected  # otherwise the logs are at fault
-    partial = partial_of(found) if missing else None
+    partial = partial_of(result) if missing else None
     return Discovery(
         problem=problem,
-        search=found,
+        search=result,
         verdict=verdict,
         proof=proof,
-        where=where,
-        event=event(found.fit) if missing else None,
-        experiment=decisive_test(found.null.problem, found, verdict, less, partial, pool),
+        where=places,
+        event=event(result.fit) if missing else None,
+        experiment=decisive_test(result.null.problem, result, verdict, with_one_less, partial, pool),
         ties=ties(verdict.sets, verdict.fits) if verdict.kind == "ambiguous" else (),
         partial=partial,
         suspects=(*corrected, *wrong),
@@ -134,10 +134,10 @@ def _counts(suspect: Suspect, verdict: Verdict) -> bool:
     return suspect.what != "ambient" or not (verdict.sets and about_the_air(verdict.fit))
 
 
-def _with_one_less(found: Search, pool: WorkerPool) -> list[tuple[str, Fit]]:
+def _with_one_less(result: Search, pool: WorkerPool) -> list[tuple[str, Fit]]:
     """Each chosen effect, with the fit of the others alone."""
-    if len(found.chosen) == 1:
-        return [(found.chosen[0].candidate.name, found.null)]
-    tasks = [(found.fit, i) for i in range(len(found.chosen))]
-    fits = pool.each(without, found.null.problem, tasks)
-    return [(t.candidate.name, fit) for t, fit in zip(found.chosen, fits, strict=True)]
+    if len(result.chosen) == 1:
+        return [(result.chosen[0].candidate.name, result.null)]
+    tasks = [(result.fit, i) for i in range(len(result.chosen))]
+    fits = pool.map(without, result.null.problem, tasks)
+    return [(t.candidate.name, fit) for t, fit in zip(result.chosen, fits, strict=True)]

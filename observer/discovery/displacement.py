@@ -104,35 +104,35 @@ def displacements_of(
     if all(sensor.kind == "temperature" for sensor in config.sensor):
         return None
     prepared = prepare_all(config, runs)
-    seen = _JointFit.of(config, prepared, verdict.fit)
-    if seen.moved[seen.evidence.used].sum() < FEWEST or seen.moved[seen.evidence.proof].sum() < FEWEST_PROOF:
+    both = _JointFit.of(config, prepared, verdict.fit)
+    if both.moved[both.evidence.used].sum() < FEWEST or both.moved[both.evidence.proof].sum() < FEWEST_PROOF:
         return DisplacementFindings("not_identifiable", (), {}, None)
-    causes = sorted(seen.causes(), key=lambda cause: -cause.drop)
-    sound = [cause for cause in causes if seen.is_sound(cause)]
+    causes = sorted(both.causes(), key=lambda cause: -cause.drop)
+    sound = [cause for cause in causes if both.is_sound(cause)]
     near = [c for c in sound if c.drop >= sound[0].drop - max(WITHIN_REACH, WITHIN_SHARE * sound[0].drop)]
-    after_um = near[0].beyond_um if near else seen.beyond_um
+    after_um = near[0].beyond_um if near else both.beyond_um
     kind: DisplacementVerdict = "explained"
-    if any(seen.gap(after_um, rows) > UNEXPLAINED for rows in (seen.evidence.used, seen.evidence.proof)):
+    if any(both.gap(after_um, rows) > UNEXPLAINED for rows in (both.evidence.used, both.evidence.proof)):
         kind, near = "unknown", []
     elif near:
         kind = "named" if len(near) == 1 else "ambiguous"
     supports = None
     if verdict.kind == "named":
-        supports = _supported(_JointFit.of(config, prepared, null), seen, after_um)
-    return DisplacementFindings(kind, tuple(near), seen.errors(after_um), supports)
+        supports = _supported(_JointFit.of(config, prepared, null), both, after_um)
+    return DisplacementFindings(kind, tuple(near), both.errors(after_um), supports)
 
 
-def _supported(without: _JointFit, seen: _JointFit, after_um: FloatArray) -> bool | None:
+def _supported(without: _JointFit, both: _JointFit, after_um: FloatArray) -> bool | None:
     """Whether the displacements held back are predicted better with the effects named, or worse; None where
     neither. Each may have the cause that suits it best.
     """
-    rows = seen.evidence.proof
+    rows = both.evidence.proof
     sound = [cause for cause in without.causes() if without.is_sound(cause)]
     before_um = max(sound, key=lambda cause: cause.drop).beyond_um if sound else without.beyond_um
-    before, after = without.rms_um(before_um, rows), seen.rms_um(after_um, rows)
-    if proves(after, before, seen.noise_um):
+    before, after = without.rms_um(before_um, rows), both.rms_um(after_um, rows)
+    if proves(after, before, both.noise_um):
         return False
-    return True if proves(before, after, seen.noise_um) else None
+    return True if proves(before, after, both.noise_um) else None
 
 
 @dataclass(frozen=True)
@@ -170,23 +170,23 @@ class _JointFit:
         run, sensor = self.evidence.run, self.evidence.sensor
         squares = 0.0
         for i, s in {*zip(run[rows & self.moved].tolist(), sensor[rows & self.moved].tolist(), strict=True)}:
-            own = beyond_um[rows & (run == i) & (sensor == s)]
-            squares += float(np.sum((own - own.mean()) ** 2))
+            errors_um = beyond_um[rows & (run == i) & (sensor == s)]
+            squares += float(np.sum((errors_um - errors_um.mean()) ** 2))
         return float(np.sqrt(squares / max((rows & self.moved).sum(), 1)))
 
     def gap(self, beyond_um: FloatArray, rows: BoolArray) -> float:
         """What errors (n,) are beyond noise, as a multiple of the form error."""
-        there = rows & self.moved
+        counted = rows & self.moved
         noise_um2, whole_um2 = (
-            float(np.mean(d[there] ** 2)) for d in (self.evidence.noise_K, self.evidence.deviation_K)
+            float(np.mean(d[counted] ** 2)) for d in (self.evidence.noise_K, self.evidence.deviation_K)
         )
-        by_chance = 1.0 + 2.0 * np.sqrt(2.0 / there.sum())
+        by_chance = 1.0 + 2.0 * np.sqrt(2.0 / counted.sum())
         excess_um2 = self.rms_um(beyond_um, rows) ** 2 - by_chance * noise_um2
         return float(np.sqrt(max(excess_um2, 0.0) / (whole_um2 - noise_um2)))
 
     def is_sound(self, cause: Cause) -> bool:
         """Whether a cause explains what was fitted and proves itself on what was held back."""
-        before, after = (self.rms_um(each, self.evidence.proof) for each in (self.beyond_um, cause.beyond_um))
+        before, after = (self.rms_um(e, self.evidence.proof) for e in (self.beyond_um, cause.beyond_um))
         return cause.drop >= ACCEPT and proves(before, after, self.noise_um)
 
     def causes(self) -> Iterator[Cause]:
@@ -211,8 +211,8 @@ class _JointFit:
 
     def _by_key(self, key: str) -> Cause:
         """Another value of the configuration, fitted with all that is free."""
-        known, config = self.fit.problem, self.fit.config
-        problem = replace(known, keys=(*known.keys, key), by_free=None)
+        null_problem, config = self.fit.problem, self.fit.config
+        problem = replace(null_problem, keys=(*null_problem.keys, key), by_free=None)
         fit = fit_effects(problem.linearised_at(config), config, ())
         value, half = float(problem.free_values(fit.config)[-1]), float(fit.half_width_free[-1])
         before = float(problem.free_values(config)[-1])
@@ -237,11 +237,11 @@ class _JointFit:
 
     def errors(self, after_um: FloatArray) -> dict[str, DisplacementError]:
         """The error of each displacement sensor on what was held back, before and `after_um` (n,)."""
-        evidence, found = self.evidence, {}
+        evidence, by_name = self.evidence, {}
         for i in np.unique(evidence.sensor[self.moved]).tolist():
             rows = evidence.proof & (evidence.sensor == i)
             if rows.any():
                 before, after = (float(np.std(beyond_um[rows])) for beyond_um in (self.beyond_um, after_um))
                 name = self.fit.config.sensor[i].name
-                found[name] = DisplacementError(before, after, rms(evidence.noise_K[rows]))
-        return found
+                by_name[name] = DisplacementError(before, after, rms(evidence.noise_K[rows]))
+        return by_name

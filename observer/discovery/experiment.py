@@ -71,14 +71,14 @@ def propose(problem: Problem, answers: Sequence[Config], pool: WorkerPool = IN_P
     """
     habits = habits_of(problem)
     cycles = list(menu(habits))
-    sigmas = pool.each(separation, problem, [(answers, phases, habits) for _, _, phases in cycles])
-    each = [
+    sigmas = pool.map(separation, problem, [(answers, phases, habits) for _, _, phases in cycles])
+    rated = [
         (name, text, phases, sum(p.duration_s for p in phases), sigma)
         for (name, text, phases), sigma in zip(cycles, sigmas, strict=True)
     ]
-    enough = [e for e in each if e[4] >= SEPARATES]
-    best = min(enough, key=lambda e: e[3] / e[4]) if enough else max(each, key=lambda e: e[4])
-    others = sorted(((e[0], e[4]) for e in each if e is not best), key=lambda other: -other[1])
+    enough = [e for e in rated if e[4] >= SEPARATES]
+    best = min(enough, key=lambda e: e[3] / e[4]) if enough else max(rated, key=lambda e: e[4])
+    others = sorted(((e[0], e[4]) for e in rated if e is not best), key=lambda other: -other[1])
     name, text, phases, duration_s, sigma = best
     cycle = frames_of(problem.config, phases, habits)
     return Experiment(name, text, duration_s, sigma, phases, cycle, tuple(others))
@@ -161,10 +161,10 @@ def _lead_m(frames: FrameBlock, position: str, speed: str | None) -> float:
     rpm = np.abs(frames.values[1:, frames.channels.index(speed)])
     moved_m = np.abs(np.diff(frames.values[:, frames.channels.index(position)]))
     turns = rpm / 60.0 * frames.dt_s[1:]
-    known = np.isfinite(moved_m) & (turns > 0)
-    if not known.any():
+    valid = np.isfinite(moved_m) & (turns > 0)
+    if not valid.any():
         return LEAD_M
-    return float(np.quantile(moved_m[known] / turns[known], 0.9)) or LEAD_M
+    return float(np.quantile(moved_m[valid] / turns[valid], 0.9)) or LEAD_M
 
 
 def separation(problem: Problem, answers: Sequence[Config], phases: Sequence[Phase], habits: Habits) -> float:
@@ -178,8 +178,8 @@ def separation(problem: Problem, answers: Sequence[Config], phases: Sequence[Pha
     rows = test.evidence.proof
     marginal = test.marginal(rows, modelled_lags(answers[0]))
     slopes = marginal(test.derivatives(answers[0]).columns[rows])
-    seen = [marginal(test.evidence.whitened(test.predicted(a))[rows]) for a in answers]
-    apart = np.column_stack([b - a for i, a in enumerate(seen) for b in seen[i + 1 :]])
+    predictions = [marginal(test.evidence.whitened(test.predicted(a))[rows]) for a in answers]
+    apart = np.column_stack([b - a for i, a in enumerate(predictions) for b in predictions[i + 1 :]])
     return float(np.min(np.linalg.norm(unabsorbed(slopes, apart), axis=0)))
 
 
@@ -192,14 +192,14 @@ def frames_of(config: Config, phases: Sequence[Phase], habits: Habits) -> FrameB
     )
     K = len(speed)
     position = _shuttle(speed * habits.lead_m / 60.0 * STEP_S, low, high)
-    known = {s.speed_channel: speed for s in config.source if s.speed_channel}
-    known |= {s.drive_channel: np.ones(K) for s in config.source if s.drive_channel}
-    known |= {s.position_channel: position for s in config.source if s.position_channel}
-    known |= {channel: np.where(speed > 0, power_W, 0.0) for channel, power_W in habits.power_W}
+    by_channel = {s.speed_channel: speed for s in config.source if s.speed_channel}
+    by_channel |= {s.drive_channel: np.ones(K) for s in config.source if s.drive_channel}
+    by_channel |= {s.position_channel: position for s in config.source if s.position_channel}
+    by_channel |= {channel: np.where(speed > 0, power_W, 0.0) for channel, power_W in habits.power_W}
     values = np.full((K, len(config.channels)), habits.ambient_degC)
     for i, channel in enumerate(config.channels):
-        if channel in known:
-            values[:, i] = known[channel]
+        if channel in by_channel:
+            values[:, i] = by_channel[channel]
         elif channel.endswith("_W"):
             values[:, i] = np.where(speed > 0, 30.0, 0.0)
     time_s: FloatArray = np.arange(float(K)) * STEP_S

@@ -114,8 +114,8 @@ def _into_body(
     history: ScrewHistory, screw_degC: FloatArray, capacity_J_K: float, conductance_W_K: float
 ) -> FloatArray:
     """The heat (T,) into a body that begins as warm as the screw beside it, C dT_b/dt = G (T − T_b)."""
-    kept, body_degC, taken = np.exp(-conductance_W_K / capacity_J_K * history.length_s), screw_degC[0], []
-    for screw, share, dt_s in zip(screw_degC, kept, history.length_s, strict=True):
+    decay, body_degC, taken = np.exp(-conductance_W_K / capacity_J_K * history.length_s), screw_degC[0], []
+    for screw, share, dt_s in zip(screw_degC, decay, history.length_s, strict=True):
         more_K = (1 - share) * (screw - body_degC)
         taken.append(capacity_J_K * more_K / dt_s if dt_s > 0 else 0.0)
         body_degC += more_K
@@ -161,15 +161,15 @@ class Member(NamedTuple):
     def of(cls, candidate: Candidate, fit: Fit) -> Member:
         """Find the candidate's effect among those that the fit has added."""
         before, effects = len(fit.problem.config.effect), fit.config.effect
-        own = (candidate.kind, candidate.target)
-        added = (i for i, e in enumerate(effects) if (e.kind, getattr(e, "target", None)) == own)
+        identity = (candidate.kind, candidate.target)
+        added = (i for i, e in enumerate(effects) if (e.kind, getattr(e, "target", None)) == identity)
         return cls(candidate, fit, next(i for i in added if i >= before))
 
     @property
     def table(self) -> EffectTable:
         """The effect as fitted."""
-        found: EffectTable = self.fit.config.effect[self.effect]
-        return found
+        effect: EffectTable = self.fit.config.effect[self.effect]
+        return effect
 
 
 def ties(sets: Sequence[Sequence[Candidate]], fits: Sequence[Fit]) -> tuple[Tie, ...]:
@@ -178,17 +178,17 @@ def ties(sets: Sequence[Sequence[Candidate]], fits: Sequence[Fit]) -> tuple[Tie,
 
     The first set is the best; every other has one effect exchanged.
     """
-    if len({len(each) for each in sets}) != 1:
+    if len({len(effects) for effects in sets}) != 1:
         return ()
-    found = []
-    for place, own in enumerate(sets[0]):
+    all_ties = []
+    for place, candidate in enumerate(sets[0]):
         exchanged = zip(sets[1:], fits[1:], strict=True)
-        others = [Member.of(s[place], fit) for s, fit in exchanged if s[place].name != own.name]
-        tie = tie_of([Member.of(own, fits[0]), *others]) if others else Tie((own,))
+        others = [Member.of(s[place], fit) for s, fit in exchanged if s[place].name != candidate.name]
+        tie = tie_of([Member.of(candidate, fits[0]), *others]) if others else Tie((candidate,))
         if tie is None:
             return ()
-        found.append(tie)
-    return tuple(sorted(found, key=lambda tie: tie.family is None))
+        all_ties.append(tie)
+    return tuple(sorted(all_ties, key=lambda tie: tie.family is None))
 
 
 def tie_of(members: Sequence[Member]) -> Tie | None:
@@ -216,17 +216,17 @@ def figure_of(member: Member, family: Family) -> Figure:
     """
     fit, config = member.fit, member.fit.config
     histories = () if family.against == "own" else histories_of(fit.problem, config)
-    own = [(j, p) for j, p in enumerate(fit.parameters) if p.effect == member.effect]
+    numbered = [(j, p) for j, p in enumerate(fit.parameters) if p.effect == member.effect]
 
     def at(parameter: EffectParameter | None = None, value: float = 0.0) -> float:
         moved = config if parameter is None else with_effects(config, [parameter], np.array([value]))
         return effective(moved.effect[member.effect], family, moved, histories)
 
     value, slopes = at(), []
-    for j, p in own:
+    for j, p in numbered:
         step = DIFFERENCE * p.scale * (1.0 if fit.values[j] + DIFFERENCE * p.scale <= p.high else -1.0)
         slopes.append((at(p, fit.values[j] + step) - value) / step)
-    rows = [len(fit.problem.keys) + j for j, _ in own]
+    rows = [len(fit.problem.keys) + j for j, _ in numbered]
     g, P = np.array(slopes), fit.covariance[np.ix_(rows, rows)]
     wide = NORMAL_95 * float(np.hypot(np.sqrt(max(g @ P @ g, 0.0)), FORM_SHARE * value))
     return Figure(value, (value - wide, value + wide))

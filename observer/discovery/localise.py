@@ -88,8 +88,8 @@ def _phases(working: NDArray[np.bool_], time_s: FloatArray, level_degC: FloatArr
     phase[begin:] = np.where(fast[begin:], PHASES.index("heat_up"), PHASES.index("steady"))
     edges = np.flatnonzero(np.diff(np.concatenate([[True], working[begin:], [True]]).astype(int))) + begin
     for off, on in zip(edges[::2], edges[1::2], strict=False):
-        more = on < len(working)
-        short = more and time_s[on - 1] - time_s[off] < DWELL_S
+        works_after = on < len(working)
+        short = works_after and time_s[on - 1] - time_s[off] < DWELL_S
         phase[off:on] = PHASES.index("dwell" if short else "cool_down")
     return phase
 
@@ -102,11 +102,11 @@ def _mean_of_known(values: FloatArray) -> FloatArray:
 
 def _filled(values: FloatArray) -> FloatArray:
     """The values with missing ones interpolated."""
-    known = np.isfinite(values)
-    if not known.any():
+    finite = np.isfinite(values)
+    if not finite.any():
         return np.zeros_like(values)
     index = np.arange(len(values))
-    return np.asarray(np.interp(index, index[known], values[known]))
+    return np.asarray(np.interp(index, index[finite], values[finite]))
 
 
 def courses_of(problem: Problem) -> tuple[Course, ...]:
@@ -147,15 +147,15 @@ def missing_excitation(config: Config, runs: Sequence[Run], courses: Sequence[Co
 
 def speeds_rpm(courses: Sequence[Course]) -> list[float]:
     """The speeds at which the screw turned for three minutes or more, those apart by a tenth."""
-    every: FloatArray = np.sort(np.concatenate([c.speed_rpm[c.working] for c in courses]))
+    speeds: FloatArray = np.sort(np.concatenate([c.speed_rpm[c.working] for c in courses]))
     out: list[float] = []
-    while len(every):
-        near = every <= every[0] * (1 + SPEEDS_APART)
-        if every[0] > 0 and np.count_nonzero(near) >= LASTS_MEANS:
-            out.append(float(np.median(every[near])))
-            every = every[~near]
+    while len(speeds):
+        near = speeds <= speeds[0] * (1 + SPEEDS_APART)
+        if speeds[0] > 0 and np.count_nonzero(near) >= LASTS_MEANS:
+            out.append(float(np.median(speeds[near])))
+            speeds = speeds[~near]
         else:
-            every = every[1:]
+            speeds = speeds[1:]
     return out
 
 
@@ -193,9 +193,9 @@ def localised(fit: Fit, rows: BoolArray) -> tuple[ErrorLocation, ...]:
         of_sensor = rows & (evidence.sensor == s)
         key, correlation, ci95 = _goes_with(error_K, regressors, of_sensor)
         for p, phase_name in enumerate(PHASES):
-            mine = of_sensor & (phase == p)
-            if np.count_nonzero(mine) >= LEAST_MEANS:
-                rms_K, mean_K = float(np.sqrt(np.mean(error_K[mine] ** 2))), float(error_K[mine].mean())
+            counted = of_sensor & (phase == p)
+            if np.count_nonzero(counted) >= LEAST_MEANS:
+                rms_K, mean_K = float(np.sqrt(np.mean(error_K[counted] ** 2))), float(error_K[counted].mean())
                 places.append(ErrorLocation(name, phase_name, key, rms_K, mean_K, correlation, ci95))
     return tuple(sorted(places, key=lambda place: -place.rms_K)[:MOST])
 
@@ -209,7 +209,7 @@ def _regressors(fit: Fit, courses: Sequence[Course]) -> dict[str, list[FloatArra
         rise = measured - course.ambient_degC[:, None]
         one = np.ones(measured.shape[1])
         film = (course.speed_rpm / 1000.0) ** (2 / 3)
-        each = {
+        by_name = {
             "speed": np.outer(course.speed_rpm, one),
             "speed^(2/3)*rise": film[:, None] * rise,
             "rise": rise,
@@ -220,7 +220,7 @@ def _regressors(fit: Fit, courses: Sequence[Course]) -> dict[str, list[FloatArra
             "running_time": np.outer(course.running_s, one),
             "time": np.outer(run.ticks.time_s, one),
         }
-        for key, values in each.items():
+        for key, values in by_name.items():
             out.setdefault(key, []).append(values)
     return out
 
@@ -249,10 +249,10 @@ def _goes_with(
 
 
 def _correlation(a: FloatArray, b: FloatArray) -> float:
-    known = np.isfinite(a) & np.isfinite(b)
-    if np.count_nonzero(known) < LEAST_MEANS:
+    finite = np.isfinite(a) & np.isfinite(b)
+    if np.count_nonzero(finite) < LEAST_MEANS:
         return 0.0
-    a, b = a[known] - a[known].mean(), b[known] - b[known].mean()
+    a, b = a[finite] - a[finite].mean(), b[finite] - b[finite].mean()
     size = float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(a @ b) / size if size > 0 else 0.0
 
@@ -284,28 +284,28 @@ def event(fit: Fit) -> Event:
     """Return the event that a fit explains worst, over all runs."""
     problem = fit.problem
     error_K = problem.error_K(fit.config)
-    found = [_in_run(fit, i, error_K) for i in range(len(problem.forward.runs))]
-    return max(found, key=lambda e: abs(e.heat_W) / e.sigma_W)
+    events = [_in_run(fit, i, error_K) for i in range(len(problem.forward.runs))]
+    return max(events, key=lambda e: abs(e.heat_W) / e.sigma_W)
 
 
 def _in_run(fit: Fit, run: int, error_K: FloatArray) -> Event:
     problem, evidence = fit.problem, fit.problem.evidence
-    mine = evidence.run == run
+    of_run = evidence.run == run
     ticks = problem.forward.runs[run].ticks
     window = np.maximum(np.ceil(ticks.time_s / WINDOW_S - 1e-9).astype(int) - 1, 0)
     windows, sensors = int(window.max()) + 1, len(problem.config.sensor)
     forward = problem.forward
-    here = forward(fit.config)[run]
-    steps = [forward(_one_watt_at(fit.config, sensor))[run] - here for sensor in fit.config.sensor]
+    predicted = forward(fit.config)[run]
+    steps = [forward(_one_watt_at(fit.config, sensor))[run] - predicted for sensor in fit.config.sensor]
     G = np.zeros((len(evidence.run), sensors * windows))
-    mean, sensor = evidence.mean[mine], evidence.sensor[mine]
+    mean, sensor = evidence.mean[of_run], evidence.sensor[of_run]
     for w in range(windows):
         begin = int(np.argmax(window >= w))
         end = int(np.argmax(window > w)) if (window > w).any() else len(window)
         for j, step in enumerate(steps):
-            pulse = _later(step, begin) - _later(step, end)
-            G[mine, j * windows + w] = pulse[mean, sensor]
-    A, b = evidence.whitened(G)[mine], evidence.whitened(error_K)[mine]
+            pulse = _delayed(step, begin) - _delayed(step, end)
+            G[of_run, j * windows + w] = pulse[mean, sensor]
+    A, b = evidence.whitened(G)[of_run], evidence.whitened(error_K)[of_run]
     linear = LinearFit.of(A, b, 1.0 / PRIOR_W)
     q, sigma = (values.reshape(sensors, windows) for values in (linear.step, linear.sigma))
     worst, at = np.unravel_index(int(np.argmax(np.abs(q / sigma))), q.shape)
@@ -315,7 +315,7 @@ def _in_run(fit: Fit, run: int, error_K: FloatArray) -> Event:
         first -= 1
     while last + 1 < windows and same[last + 1]:
         last += 1
-    inside = mine & (evidence.sensor == worst)
+    inside = of_run & (evidence.sensor == worst)
     inside &= (evidence.time_s > first * WINDOW_S) & (evidence.time_s <= (last + 1) * WINDOW_S)
     course = courses_of(problem)[run]
     phase = course.phase[window == at]
@@ -334,13 +334,13 @@ def _in_run(fit: Fit, run: int, error_K: FloatArray) -> Event:
 def _one_watt_at(config: Config, sensor: Sensor) -> Config:
     """The configuration with 1 W where a sensor sits, on the screw or on a node."""
     if sensor.position_m is not None:
-        where = {"shape": "point", "position_m": sensor.position_m}
+        location = {"shape": "point", "position_m": sensor.position_m}
     else:
-        where = {"shape": "node", "nodes": {sensor.on: 1.0}}
-    one = Source(name="one_watt", heat_W=1.0, estimate=False, **where)  # type: ignore[arg-type]
+        location = {"shape": "node", "nodes": {sensor.on: 1.0}}
+    one = Source(name="one_watt", heat_W=1.0, estimate=False, **location)  # type: ignore[arg-type]
     return config.model_copy(update={"source": (*config.source, one)})
 
 
-def _later(step: FloatArray, by: int) -> FloatArray:
+def _delayed(step: FloatArray, by: int) -> FloatArray:
     """The response to a step, delayed by so many means."""
     return np.vstack([np.zeros((by, step.shape[1])), step[: len(step) - by]])

@@ -131,14 +131,14 @@ class Linearised:
         """The factors on the free parameters of heats, from an unbounded linear fit about here."""
         problem, values = self.problem, self.problem.free_values(self.config).tolist()
         step = (self._linear(self.means).step * problem.scale).tolist()
-        each = zip(problem.keys, values, step, strict=True)
-        return {key: 1.0 + by / value for key, value, by in each if key.startswith("source.") and value > 0.0}
+        rows = zip(problem.keys, values, step, strict=True)
+        return {key: 1.0 + by / value for key, value, by in rows if key.startswith("source.") and value > 0.0}
 
-    def _linear(self, means: Means, more: Sequence[FloatArray] = ()) -> LinearFit:
-        """The fit of means with their derivatives to all rows, beside `more` columns (n,)."""
+    def _linear(self, means: Means, additional: Sequence[FloatArray] = ()) -> LinearFit:
+        """The fit of means with their derivatives to all rows, beside `additional` columns (n,)."""
         evidence = self.problem.evidence
         rows = evidence.rows(means)
-        columns = np.column_stack([evidence.measured_degC - rows[:, 0], rows[:, 1:], *more])
+        columns = np.column_stack([evidence.measured_degC - rows[:, 0], rows[:, 1:], *additional])
         marginal = self.problem.marginal(np.ones(len(columns), dtype=bool), modelled_lags(self.config))
         columns = marginal(evidence.whitened(columns))
         return LinearFit.of(columns[:, 1:], columns[:, 0])
@@ -218,7 +218,7 @@ def follows(sensor: int, source: int, late: int = 0) -> LogFault:
     return LogFault("sensor follows the heater", (sensor, source), columns=columns)
 
 
-def _beside(config: Config, sensor: int, source: int) -> bool:
+def _is_near(config: Config, sensor: int, source: int) -> bool:
     """Whether a sensor sits on or right beside a source that does not move."""
     at, by, near_m = config.sensor[sensor], config.source[source], NEAR * config.screw.length_m
     if at.position_m is None:
@@ -242,7 +242,7 @@ def possible_faults(problem: Problem) -> Iterator[LogFault]:
     yield offsets(config)
     if runs > 1 and laws:
         yield from map(scaled, dict.fromkeys([tuple(laws), *((i,) for i in laws)]))
-    yield from (follows(*pair) for pair in itertools.product(range(sensors), laws) if _beside(config, *pair))
+    yield from (follows(*pair) for pair in itertools.product(range(sensors), laws) if _is_near(config, *pair))
 
 
 def fit_faults(null: Fit) -> list[FaultFit]:

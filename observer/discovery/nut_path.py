@@ -40,8 +40,8 @@ class Sparse(NamedTuple):
 
 def sparse_paths(config: Config, runs: Sequence[Run]) -> tuple[Suspect, ...]:
     """Return a suspect for each moving source whose way the rows of some log do not show."""
-    every = [s for i, run in enumerate(runs) for s in _sparse(config, i, run)]
-    worst = {s.source.name: s for s in sorted(every, key=lambda s: -s.positions)}
+    sparse = [s for i, run in enumerate(runs) for s in _sparse(config, i, run)]
+    worst = {s.source.name: s for s in sorted(sparse, key=lambda s: -s.positions)}
     return tuple(_described(s) for s in worst.values())
 
 

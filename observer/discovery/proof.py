@@ -113,40 +113,40 @@ class ProofError(NamedTuple):
         return cls(error_K, error_K - fit.within_tolerances_K(named), whitened)
 
 
-def prove(null: Fit, fit: Fit, less: Sequence[tuple[str, Fit]] = ()) -> Proof:
+def prove(null: Fit, fit: Fit, fewer: Sequence[tuple[str, Fit]] = ()) -> Proof:
     """Open the proof: compare the fit without effects with the one chosen.
 
-    `less`: the name of each effect chosen, with the fit of the others alone.
+    `fewer`: the name of each effect chosen, with the fit of the others alone.
     """
     problem, evidence = fit.problem, fit.problem.evidence
     rows = evidence.proof
     before, after = ProofError.of(null, fit.config), ProofError.of(fit, fit.config)
     deviation_K = evidence.deviation_K
 
-    def error(mine: BoolArray) -> SensorError:
-        within = mine[rows]
+    def error(counted: BoolArray) -> SensorError:
+        in_proof = counted[rows]
         return SensorError(
-            before_rms_K=rms(before.error_K[mine]),
-            after_rms_K=rms(after.error_K[mine]),
-            floor_rms_K=rms(evidence.noise_K[mine]),
-            before=float(np.mean(before.whitened[within] ** 2)),
-            after=float(np.mean(after.whitened[within] ** 2)),
-            beyond_tolerances_K=(rms(before.beyond_K[mine]), rms(after.beyond_K[mine])),
-            form_K=rms(deviation_K[mine]),
+            before_rms_K=rms(before.error_K[counted]),
+            after_rms_K=rms(after.error_K[counted]),
+            floor_rms_K=rms(evidence.noise_K[counted]),
+            before=float(np.mean(before.whitened[in_proof] ** 2)),
+            after=float(np.mean(after.whitened[in_proof] ** 2)),
+            beyond_tolerances_K=(rms(before.beyond_K[counted]), rms(after.beyond_K[counted])),
+            form_K=rms(deviation_K[counted]),
         )
 
     sensors = {s.name: rows & (evidence.sensor == i) for i, s in enumerate(problem.config.sensor)}
     whole = error(rows)
     left_K, noise_K = whole.beyond_tolerances_K[1], whole.floor_rms_K
-    gaps_K = [(name, rms(ProofError.of(others, fit.config).beyond_K[rows])) for name, others in less]
+    gaps_K = [(name, rms(ProofError.of(others, fit.config).beyond_K[rows])) for name, others in fewer]
     unproved = tuple(name for name, gap_K in gaps_K if not proves(gap_K, left_K, noise_K))
     return Proof(
         whole=whole,
-        per_sensor={name: error(mine) for name, mine in sensors.items() if mine.any()},
+        per_sensor={name: error(of_sensor) for name, of_sensor in sensors.items() if of_sensor.any()},
         as_given_rms_K=rms(problem.error_K(problem.config)[rows]),
         expected=evidence.expected,
         unproved=unproved,
-        stretch=max((others.stretch(fit.config) for name, others in less if name in unproved), default=0.0),
+        stretch=max((others.stretch(fit.config) for name, others in fewer if name in unproved), default=0.0),
     )
 
 

@@ -77,16 +77,16 @@ def _error(error: ErrorRms | SensorError) -> dict[str, Any]:
     return out
 
 
-def discovery_result(found: Discovery) -> dict[str, Any]:
+def discovery_result(discovery: Discovery) -> dict[str, Any]:
     """Return the content of `result.json` of a discovery."""
-    verdict, proof, test = found.verdict, found.proof, found.experiment
+    verdict, proof, test = discovery.verdict, discovery.proof, discovery.experiment
     several = verdict.sets if verdict.kind == "ambiguous" else ()
     return {
         "verdict": verdict.kind,
         "reason": verdict.reason,
         "effects": effects_of(verdict.fit) if verdict.kind == "named" else [],
-        "alternatives": [[c.name for c in each] for each in several],
-        "family": _family(found.ties),
+        "alternatives": [[c.name for c in candidates] for candidates in several],
+        "family": _family(discovery.ties),
         "calibrated": calibrated_of(verdict.fit),
         "gap": {
             **_error(proof.whole),
@@ -94,13 +94,13 @@ def discovery_result(found: Discovery) -> dict[str, Any]:
             "per_sensor": {name: _error(error) for name, error in proof.per_sensor.items()},
             "on": "proof",
         },
-        "worth": _worth(found.worth),
-        "where": _where(found),
-        "ranking": [_trial(t) for t in found.search.ranking],
-        "not_told": [c.name for c in found.search.blind],
-        "partial": _partial(found),
-        "suspects": [suspect._asdict() for suspect in found.suspects],
-        "displacements": _displacements(found.displacements),
+        "worth": _worth(discovery.worth),
+        "where": _where(discovery),
+        "ranking": [_trial(t) for t in discovery.search.ranking],
+        "not_told": [c.name for c in discovery.search.blind],
+        "partial": _partial(discovery),
+        "suspects": [suspect._asdict() for suspect in discovery.suspects],
+        "displacements": _displacements(discovery.displacements),
         "experiment": None if test is None else _experiment(test),
     }
 
@@ -125,12 +125,12 @@ def effects_of(fit: Fit) -> list[dict[str, Any]]:
     values = zip(fit.parameters, fit.values.tolist(), fit.half_width.tolist(), strict=True)
     by_effect: dict[int, dict[str, Any]] = {}
     for p, value, half in values:
-        known = fit.config.effect[p.effect].parameters[p.key]
-        form = 0.0 if known.level else NORMAL_95 * FORM_SHARE * value
+        info = fit.config.effect[p.effect].parameters[p.key]
+        form = 0.0 if info.level else NORMAL_95 * FORM_SHARE * value
         wide = float(np.hypot(half, form))
-        low, high = reciprocal(value, wide) if known.reciprocal else (value - wide, value + wide)
+        low, high = reciprocal(value, wide) if info.reciprocal else (value - wide, value + wide)
         low, high = max(low, p.low), min(high, p.high)
-        by_effect.setdefault(p.effect, {})[p.key] = _interval(value, low, high, known.unit)
+        by_effect.setdefault(p.effect, {})[p.key] = _interval(value, low, high, info.unit)
     for i, effect in enumerate(fit.config.effect[before:], start=before):
         target = getattr(effect, "target", None)
         out.append({"kind": effect.kind, "target": target, "parameters": by_effect.get(i, {})})
@@ -156,9 +156,9 @@ def calibrated_of(fit: Fit) -> dict[str, Any]:
     return out
 
 
-def _where(found: Discovery) -> list[dict[str, Any]]:
-    places = [_rounded(asdict(place)) for place in found.where]
-    if (e := found.event) is None:
+def _where(discovery: Discovery) -> list[dict[str, Any]]:
+    places = [_rounded(asdict(place)) for place in discovery.where]
+    if (e := discovery.event) is None:
         return places
     first = {
         "sensor": e.sensor,
@@ -175,9 +175,9 @@ def _where(found: Discovery) -> list[dict[str, Any]]:
     return [first, *places]
 
 
-def _partial(found: Discovery) -> dict[str, Any] | None:
+def _partial(discovery: Discovery) -> dict[str, Any] | None:
     """The effect that explains most of an unknown, its share, and what remains."""
-    if (partial := found.partial) is None:
+    if (partial := discovery.partial) is None:
         return None
     return {
         **effects_of(partial.trial.fit)[-1],
@@ -195,18 +195,18 @@ def _partial(found: Discovery) -> dict[str, Any] | None:
     }
 
 
-def _displacements(found: DisplacementFindings | None) -> dict[str, Any] | None:
+def _displacements(findings: DisplacementFindings | None) -> dict[str, Any] | None:
     """What displacement sensors say, None without any."""
-    if found is None:
+    if findings is None:
         return None
     return {
-        "verdict": found.verdict,
+        "verdict": findings.verdict,
         "causes": [
             {"key": c.key, "before": rounded(c.before), **_interval(c.value, *c.ci95, c.unit)}
-            for c in found.causes
+            for c in findings.causes
         ],
-        "supports": found.supports,
-        "per_sensor": {name: _rounded(error._asdict()) for name, error in found.per_sensor.items()},
+        "supports": findings.supports,
+        "per_sensor": {name: _rounded(error._asdict()) for name, error in findings.per_sensor.items()},
     }
 
 

@@ -77,26 +77,26 @@ class FittedCandidate:
     @property
     def significant(self) -> bool:
         """Whether the 95 % interval of every strength excludes its neutral value."""
-        own = [
-            (known.neutral, value, half)
-            for known, _, value, half in self._own
-            if not known.reciprocal  # the drop itself shows that it is significant
+        strengths = [
+            (info.neutral, value, half)
+            for info, _, value, half in self._own_parameters
+            if not info.reciprocal  # the drop itself shows that it is significant
         ]
-        return all(neutral is None or abs(value - neutral) > half for neutral, value, half in own)
+        return all(neutral is None or abs(value - neutral) > half for neutral, value, half in strengths)
 
     @property
     def bounded(self) -> bool:
         """Whether the intervals of the parameters that define the effect lie below their upper bounds."""
-        return all(value + half < p.high for known, p, value, half in self._own if known.bounded)
+        return all(value + half < p.high for info, p, value, half in self._own_parameters if info.bounded)
 
     @property
-    def _own(self) -> Iterator[tuple[Fitted, EffectParameter, float, float]]:
+    def _own_parameters(self) -> Iterator[tuple[Fitted, EffectParameter, float, float]]:
         """Prior knowledge, parameter, value and half interval of each of the candidate's own parameters.
 
         An effect of the same kind at another target is not its own: it may have been fitted in another form.
         """
-        each = zip(self.fit.parameters, self.fit.values, self.fit.half_width, strict=True)
-        for p, value, half in each:
+        columns = zip(self.fit.parameters, self.fit.values, self.fit.half_width, strict=True)
+        for p, value, half in columns:
             effect = self.fit.config.effect[p.effect]
             if (
                 isinstance(effect, self.candidate.of)
@@ -134,14 +134,14 @@ def search(
     progress("calibrating without any effect", 0.0)
     null = fit_null(problem, problem.config)
     progress("signatures of the library", 0.15)
-    found = signatures(null.problem, null.config, library, pool)
-    blind = _blind(promises(null, found))
+    marks = signatures(null.problem, null.config, library, pool)
+    blind = _blind(promises(null, marks))
     fit = null
     chosen: list[FittedCandidate] = []
     ranking: tuple[FittedCandidate, ...] = ()
     while len(chosen) < MOST_EFFECTS:
         progress(f"round {len(chosen) + 1} of candidates", 0.3 + 0.2 * len(chosen))
-        trials = tried(null, fit, found, [t.candidate for t in chosen], pool)
+        trials = tried(null, fit, marks, [t.candidate for t in chosen], pool)
         ranking = ranking or trials
         best = _best(trials)
         if best is None:
@@ -152,16 +152,16 @@ def search(
     progress("rivals of what was found", 0.9)
     rivals: list[tuple[FittedCandidate, ...]] = []
     if len(chosen) == 1:
-        alone = replace(chosen[0], fit=fit, drop=null.deviance - fit.deviance)
-        rivals.append((alone, *(t for t in ranking if t.candidate.name != alone.candidate.name)))
+        single = replace(chosen[0], fit=fit, drop=null.deviance - fit.deviance)
+        rivals.append((single, *(t for t in ranking if t.candidate.name != single.candidate.name)))
     for i in range(len(chosen) if len(chosen) > 1 else 0):
-        fit, chosen, trials = _exchanged(null, fit, chosen, i, found, pool)
+        fit, chosen, trials = _exchanged(null, fit, chosen, i, marks, pool)
         rivals.append(trials)
     coarse = any(run.coarse for run in problem.forward.runs)
     nuts = {source.name for source in problem.config.source if source.shape == "nut"}
     if any(coarse or (t.candidate.of.rough > FORM and t.candidate.target in nuts) for t in chosen):
         fit = refitted(fit)
-    return Search(null, fit, tuple(chosen), tuple(rivals), ranking, blind, tuple(found))
+    return Search(null, fit, tuple(chosen), tuple(rivals), ranking, blind, tuple(marks))
 
 
 def _exchanged(
@@ -169,7 +169,7 @@ def _exchanged(
     fit: Fit,
     chosen: list[FittedCandidate],
     number: int,
-    found: Sequence[Signature],
+    marks: Sequence[Signature],
     pool: WorkerPool,
 ) -> tuple[Fit, list[FittedCandidate], tuple[FittedCandidate, ...]]:
     """Replace a chosen effect by the best while the others stay; return its rivals as well."""
@@ -177,11 +177,11 @@ def _exchanged(
     problem = null.problem
     base = without(problem, fit, number)
     now = chosen[number]
-    trials = tried(null, base, found, others, pool)
-    own = [t for t in trials if t.candidate.name == now.candidate.name]
-    if not own or own[0].fit.deviance > fit.deviance:  # started elsewhere, it ended worse
-        mine = replace(now, fit=fit, drop=base.deviance - fit.deviance)
-        trials = tuple(_descending([mine, *(t for t in trials if t not in own)], lambda t: t.score))
+    trials = tried(null, base, marks, others, pool)
+    refits = [t for t in trials if t.candidate.name == now.candidate.name]
+    if not refits or refits[0].fit.deviance > fit.deviance:  # started elsewhere, it ended worse
+        as_fitted = replace(now, fit=fit, drop=base.deviance - fit.deviance)
+        trials = tuple(_descending([as_fitted, *(t for t in trials if t not in refits)], lambda t: t.score))
     best = _best(trials) or trials[0]
     if best.candidate.name != now.candidate.name and best.accepted:
         chosen = [t for j, t in enumerate(chosen) if j != number]
@@ -203,24 +203,26 @@ def _in_order(fit: Fit, number: int, before: int) -> Fit:
 def tried(
     null: Fit,
     base: Fit,
-    found: Sequence[Signature],
+    marks: Sequence[Signature],
     present: Sequence[Candidate],
     pool: WorkerPool = IN_PROCESS,
 ) -> tuple[FittedCandidate, ...]:
     """Fit the most promising candidates beside a fit, two at a time; the best first."""
     least = max(ACCEPT, form_of(present) * (null.deviance - base.deviance))
     by_name: dict[str, list[Promise]] = {}
-    for p in promises(base, [s for s in found if not _taken(s.candidate, present)]):
-        if p.kept >= BLIND:
+    for p in promises(base, [s for s in marks if not _taken(s.candidate, present)]):
+        if p.unabsorbed >= BLIND:
             by_name.setdefault(p.signature.candidate.name, []).append(p)
-    each = [_descending(every, lambda p: p.drop) for every in by_name.values()]
-    order = _descending(each, lambda every: every[0].drop)[: FITTED if not present else FITTED_LATER]
-    worthwhile = [every for every in order if every[0].drop > 0.25 * least]
+    sorted_by_drop = [_descending(ranked, lambda p: p.drop) for ranked in by_name.values()]
+    order = _descending(sorted_by_drop, lambda ranked: ranked[0].drop)[
+        : FITTED if not present else FITTED_LATER
+    ]
+    worthwhile = [ranked for ranked in order if ranked[0].drop > 0.25 * least]
     trials: list[FittedCandidate] = []
     for pair in (worthwhile[i : i + 2] for i in range(0, len(worthwhile), 2)):
         rival = min([t.fit.deviance for t in trials], default=np.inf)
-        tasks = [(base, tuple(every), least, rival) for every in pair]
-        trials += [t for t in pool.each(_try, base.problem, tasks) if t is not None]
+        tasks = [(base, tuple(ranked), least, rival) for ranked in pair]
+        trials += [t for t in pool.map(_try, base.problem, tasks) if t is not None]
     return tuple(_descending(trials, lambda t: t.score))
 
 
@@ -229,9 +231,9 @@ def form_of(present: Sequence[Candidate]) -> float:
     return max([FORM, *(c.of.rough for c in present)])
 
 
-def _descending(every: Iterable[Entry], worth: Callable[[Entry], float]) -> list[Entry]:
+def _descending(entries: Iterable[Entry], worth: Callable[[Entry], float]) -> list[Entry]:
     """Sort by worth, the best first; rounded, so that equal ones keep their order."""
-    return sorted(every, key=lambda entry: -round(worth(entry), 3))
+    return sorted(entries, key=lambda entry: -round(worth(entry), 3))
 
 
 def _taken(candidate: Candidate, present: Sequence[Candidate]) -> bool:
@@ -296,14 +298,14 @@ def _plainer(fit: Fit, plain: Candidate, rich: Candidate) -> Fit | None:
     """A fit of a candidate's last effect in a simpler form, started from the richer one; None where the
     parameters that it drops are clearly needed.
     """
-    index, gone = len(fit.config.effect) - 1, set(rich.fitted) - set(plain.fitted)
-    own = zip(fit.parameters, fit.values, fit.half_width, strict=True)
-    if any(p.effect == index and p.key in gone and abs(v) > PLAIN_TO_SEE * half for p, v, half in own):
+    index, dropped = len(fit.config.effect) - 1, set(rich.fitted) - set(plain.fitted)
+    columns = zip(fit.parameters, fit.values, fit.half_width, strict=True)
+    if any(p.effect == index and p.key in dropped and abs(v) > PLAIN_TO_SEE * half for p, v, half in columns):
         return None
-    without = {key: rich.of.model_fields[key].default for key in gone}
+    without = {key: rich.of.model_fields[key].default for key in dropped}
     effects = (*fit.config.effect[:-1], fit.config.effect[-1].model_copy(update=without))
-    kept = [p for p in fit.parameters if not (p.effect == index and p.key in gone)]
-    return fit_effects(fit.problem, fit.config.model_copy(update={"effect": effects}), kept)
+    parameters = [p for p in fit.parameters if not (p.effect == index and p.key in dropped)]
+    return fit_effects(fit.problem, fit.config.model_copy(update={"effect": effects}), parameters)
 
 
 def held_out(fit: Fit) -> float:
@@ -311,10 +313,10 @@ def held_out(fit: Fit) -> float:
     problem, total = fit.problem, 0.0
     fold = problem.evidence.fold
     for number in range(problem.evidence.folds):
-        mine, others = fold == number, (fold >= 0) & (fold != number)
+        in_fold, others = fold == number, (fold >= 0) & (fold != number)
         step = np.clip(fit.linear(others).step, -MOST_STEP, MOST_STEP)
-        residual = fit.residual[mine] - fit.jacobian[mine] @ step
-        total += float(np.sum(fit.marginal(mine)(residual) ** 2))
+        residual = fit.residual[in_fold] - fit.jacobian[in_fold] @ step
+        total += float(np.sum(fit.marginal(in_fold)(residual) ** 2))
     return total
 
 
@@ -341,16 +343,16 @@ def _pruned(
 ) -> tuple[Fit, list[FittedCandidate]]:
     """Remove effects that the others have made redundant, the least needed first."""
     while len(chosen) > 1:
-        less = pool.each(without, null.problem, [(fit, i) for i in range(len(chosen))])
+        smaller_fits = pool.map(without, null.problem, [(fit, i) for i in range(len(chosen))])
         costs = [
             f.deviance - fit.deviance - PER_PARAMETER * (len(t.candidate.fitted) - 1)
-            for f, t in zip(less, chosen, strict=True)
+            for f, t in zip(smaller_fits, chosen, strict=True)
         ]
         least = int(np.argmin(costs))
         form = form_of([t.candidate for t in chosen])
-        if costs[least] >= max(ACCEPT, form * (null.deviance - less[least].deviance)):
+        if costs[least] >= max(ACCEPT, form * (null.deviance - smaller_fits[least].deviance)):
             break
-        fit, chosen = less[least], [t for i, t in enumerate(chosen) if i != least]
+        fit, chosen = smaller_fits[least], [t for i, t in enumerate(chosen) if i != least]
     return fit, chosen
 
 
@@ -358,18 +360,18 @@ def without(problem: Problem, fit: Fit, effect: int) -> Fit:
     """Refit a hypothesis without the effect that was added as number `effect`."""
     index = effect + len(problem.config.effect)
     effects = [e for i, e in enumerate(fit.config.effect) if i != index]
-    kept = [p for p in fit.parameters if p.effect != index]
-    moved = [replace(p, effect=p.effect - (p.effect > index)) for p in kept]
+    remaining = [p for p in fit.parameters if p.effect != index]
+    moved = [replace(p, effect=p.effect - (p.effect > index)) for p in remaining]
     return fit_effects(problem, fit.config.model_copy(update={"effect": tuple(effects)}), moved)
 
 
-def _blind(found: Sequence[Promise]) -> tuple[Candidate, ...]:
+def _blind(all_promises: Sequence[Promise]) -> tuple[Candidate, ...]:
     """The candidates all of whose signatures the free parameters can absorb."""
     most: dict[str, tuple[float, Candidate]] = {}
-    for p in found:
+    for p in all_promises:
         candidate = p.signature.candidate
         most[candidate.name] = max(
-            most.get(candidate.name, (0.0, candidate)), (p.kept, candidate), key=lambda e: e[0]
+            most.get(candidate.name, (0.0, candidate)), (p.unabsorbed, candidate), key=lambda e: e[0]
         )
-    blind = [candidate for kept, candidate in most.values() if kept < BLIND]
+    blind = [candidate for share, candidate in most.values() if share < BLIND]
     return tuple(sorted(blind, key=lambda c: c.of.confounded_with_scale))

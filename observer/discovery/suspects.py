@@ -30,7 +30,7 @@ LEAST_FOLLOWING = 100.0
 """The same for a sensor that follows a heat: the one-dimensional model is inexact beside a source."""
 TOLERANCES = {"ambient": "ambient_K", "heat differs between logs": "heat_per_log", "offsets": "offset_K"}
 """The key of `[tolerance]` that corresponds to a kind of suspect."""
-BEYOND = {"ambient": 3.0, "offsets": 12.0}
+LEAST_BEYOND = {"ambient": 3.0, "offsets": 12.0}
 """Least score beyond the configured tolerances of the air and of offsets."""
 SPARED = 12.0
 """The same where the tolerances alone explain the logs: one of them at 3.5 σ."""
@@ -40,7 +40,7 @@ however many logs there are.
 """
 SHARE = 0.9
 """Least part of the misfit beyond noise that it has to explain."""
-WITHIN = 0.01
+AS_WELL_SHARE = 0.01
 """A single effect whose drop is lower by less than this part, or by `WITHIN_REACH`, explains as much."""
 ALIKE = 2.0
 """Offsets whose mean exceeds this multiple of their spread count as equal."""
@@ -87,9 +87,9 @@ def suspects(
         if alike(fitted):
             continue
         if beyond_tolerance(null.problem.config, fitted) and plain(null, fitted, rivals, marks):
-            what = fitted.fault.what
-            channel, by, text = _DESCRIBE[what](null.problem, fitted)
-            return (Suspect(what, channel, by if isinstance(by, str) else float(f"{by:.3g}"), text),)
+            kind = fitted.fault.what
+            channel, by, text = _DESCRIBE[kind](null.problem, fitted)
+            return (Suspect(kind, channel, by if isinstance(by, str) else float(f"{by:.3g}"), text),)
     return ()
 
 
@@ -103,9 +103,9 @@ def unlikely_offset(null: Fit, ranking: Sequence[FittedCandidate]) -> tuple[Susp
     if best is None or best.score < SPARED or best.held_out < MATERIAL or not best.significant:
         return ()
     terms = best.candidate.effect(best.candidate.shapes[0]).terms(null.problem.config)
-    (value, *more), half = best.fit.values.tolist(), float(best.fit.half_width[0])
+    (value, *further_values), half = best.fit.values.tolist(), float(best.fit.half_width[0])
     match terms:
-        case (SensorOffset(name, _, 0.0),) if not more:
+        case (SensorOffset(name, _, 0.0),) if not further_values:
             (sensor,) = (s for s in null.problem.config.sensor if s.name == name)
             way, z, enough = "much" if value > 0 else "little", np.sqrt(best.drop), np.sqrt(best.least)
             text = (
@@ -125,12 +125,12 @@ def alike(fitted: FaultFit) -> bool:
 
 def beyond_tolerance(config: Config, fitted: FaultFit) -> bool:
     """Whether a hypothesis explains enough beyond the configured tolerance of its kind."""
-    what = fitted.fault.what
-    if config.tolerance == intolerant(config, what).tolerance:
-        return fitted.score >= (LEAST_FOLLOWING if what == "sensor follows the heater" else LEAST)
-    if what == "heat differs between logs":
+    kind = fitted.fault.what
+    if config.tolerance == intolerant(config, kind).tolerance:
+        return fitted.score >= (LEAST_FOLLOWING if kind == "sensor follows the heater" else LEAST)
+    if kind == "heat differs between logs":
         return fitted.drop >= BEYOND_PER_LOG * fitted.parameters
-    return fitted.score >= BEYOND[what]
+    return fitted.score >= LEAST_BEYOND[kind]
 
 
 def plain(
@@ -139,7 +139,7 @@ def plain(
     """Whether a hypothesis, without its kind's tolerance, explains the logs, and no single effect does."""
     noise = null.problem.evidence.expected * len(null.residual)
     taken = deviance(null) <= noise  # by the tolerances, at a cost that this hypothesis would avoid
-    if taken and fitted.score >= SPARED and _alone(null, fitted, rivals, marks):
+    if taken and fitted.score >= SPARED and _no_effect_explains(null, fitted, rivals, marks):
         return True
     config, strict = intolerant(null.config, fitted.fault.what), null
     if config.tolerance != null.config.tolerance:
@@ -147,10 +147,10 @@ def plain(
         fitted = Linearised.at(strict.problem, fitted.config).fitted(fitted.fault, deviance(strict))
     misfit = fitted.left + fitted.drop - noise
     earned = fitted.score >= LEAST and fitted.drop >= SHARE * misfit
-    return earned and _alone(null, fitted, rivals, marks)
+    return earned and _no_effect_explains(null, fitted, rivals, marks)
 
 
-def _alone(
+def _no_effect_explains(
     null: Fit, fitted: FaultFit, rivals: Sequence[FittedCandidate], marks: Sequence[Signature]
 ) -> bool:
     """Whether no single effect explains the logs as well as a hypothesis about them.
@@ -158,18 +158,17 @@ def _alone(
     Effects that were fitted are judged by their fit within the tolerances; the others, visible on the proof
     alone, which suspects use as well, by what they promise within their bounds. Air is no rival of air.
     """
-    before, own = deviance(null), fitted.parameters
-    is_air = fitted.fault.what == "ambient"
+    before, is_air = deviance(null), fitted.fault.what == "ambient"
     for rival in rivals:
-        left, parameters = deviance(replace(rival.fit, problem=null.problem)), len(rival.candidate.fitted)
-        reach = max(WITHIN_REACH, WITHIN * (before - left - PER_PARAMETER * (parameters - 1)))
-        as_well = left + PER_PARAMETER * (parameters - own) < fitted.left + reach
+        left, count = deviance(replace(rival.fit, problem=null.problem)), len(rival.candidate.fitted)
+        reach = max(WITHIN_REACH, AS_WELL_SHARE * (before - left - PER_PARAMETER * (count - 1)))
+        as_well = left + PER_PARAMETER * (count - fitted.parameters) < fitted.left + reach
         if as_well and not (is_air and about_the_air(rival.fit)):
             return False
     for promise in promises(null, marks, everywhere=True):
         candidate = promise.signature.candidate
-        left = before - promise.drop + PER_PARAMETER * (len(candidate.fitted) - own)
-        if left < fitted.left and promise.kept >= BLIND:
+        left = before - promise.drop + PER_PARAMETER * (len(candidate.fitted) - fitted.parameters)
+        if left < fitted.left and promise.unabsorbed >= BLIND:
             effect = candidate.effect(candidate.shapes[promise.signature.shape])
             if not (is_air and _is_air(effect, null.config)):
                 return False
@@ -183,26 +182,26 @@ def _is_air(effect: EffectTable, config: Config) -> bool:
 
 def about_the_air(fit: Fit) -> bool:
     """Whether what a fit has of effects is nothing but another temperature of the air."""
-    own = fit.config.effect[len(fit.problem.config.effect) :]
-    return bool(own) and all(_is_air(effect, fit.config) for effect in own)
+    effects = fit.config.effect[len(fit.problem.config.effect) :]
+    return bool(effects) and all(_is_air(effect, fit.config) for effect in effects)
 
 
-def intolerant(config: Config, what: What) -> Config:
+def intolerant(config: Config, kind: What) -> Config:
     """The configuration without the tolerance that corresponds to a kind of suspect, if there is one."""
-    if what not in TOLERANCES:
+    if kind not in TOLERANCES:
         return config
-    changes: dict[str, Any] = {"tolerance": config.tolerance.model_copy(update={TOLERANCES[what]: 0.0})}
-    if what == "offsets":
+    changes: dict[str, Any] = {"tolerance": config.tolerance.model_copy(update={TOLERANCES[kind]: 0.0})}
+    if kind == "offsets":
         changes["sensor"] = tuple(s.model_copy(update={"offset_K": None}) for s in config.sensor)
     return config.model_copy(update=changes)
 
 
 def _late(_problem: Problem, fitted: FaultFit) -> Description:
     late_s = fitted.fault.late_s
-    much, how = f"{abs(late_s):.0f} s", "later" if late_s > 0 else "earlier"
+    delay, direction = f"{abs(late_s):.0f} s", "later" if late_s > 0 else "earlier"
     return None, late_s, (
-        f"In the logs the heat starts {much} {how} than the temperatures indicate; synchronise the "
-        f"recorders' clocks, or shift the columns of position, speed and power by {much}"
+        f"In the logs the heat starts {delay} {direction} than the temperatures indicate; synchronise the "
+        f"recorders' clocks, or shift the columns of position, speed and power by {delay}"
     )  # fmt: skip
 
 
@@ -217,15 +216,15 @@ def _exchanged(problem: Problem, fitted: FaultFit) -> Description:
 def _ambient(problem: Problem, fitted: FaultFit) -> Description:
     channel, runs = problem.config.ambient.channel, len(fitted.fault.about)
     if len(fitted.values) == 1:
-        most_K, how = float(fitted.values[0]), f"{fitted.values[0]:+.1f} K"
+        most_K, text = float(fitted.values[0]), f"{fitted.values[0]:+.1f} K"
     else:
         hours = [run.run.duration_s / 3600.0 for run in problem.forward.runs]
         ends_K = np.column_stack([fitted.values[:runs], fitted.values[:runs] + fitted.values[runs:] * hours])
         most_K = max(ends_K.T.ravel().tolist(), key=abs)
-        how = ", ".join(f"{a:+.1f} to {b:+.1f} K in log {i + 1}" for i, (a, b) in enumerate(ends_K.tolist()))
-    said = "the configuration states" if channel is None else f"{channel} says"
+        text = ", ".join(f"{a:+.1f} to {b:+.1f} K in log {i + 1}" for i, (a, b) in enumerate(ends_K.tolist()))
+    reference = "the configuration states" if channel is None else f"{channel} says"
     return channel, most_K, (
-        f"The air near the screw differs from what {said} by {how}; measure it beside the screw, "
+        f"The air near the screw differs from what {reference} by {text}; measure it beside the screw, "
         "or raise tolerance.ambient_K"
     ).replace("-", "−")  # fmt: skip
 
@@ -235,12 +234,12 @@ def _differs(problem: Problem, fitted: FaultFit) -> Description:
     ratios = 1.0 + np.concatenate([[0.0], fitted.values])
     low, high = int(np.argmin(ratios)), int(np.argmax(ratios))
     sources = [config.source[i] for i in fitted.fault.about]
-    every = len(sources) == sum(s.law not in (None, "heat_of") for s in config.source)
-    what = "every source" if every else sources[0].name
+    all_sources = len(sources) == sum(s.law not in (None, "heat_of") for s in config.source)
+    heat = "every source" if all_sources else sources[0].name
     channels = dict.fromkeys(c for s in sources for c in (s.power_channel, s.speed_channel) if c is not None)
     ratio = float(ratios[high] / ratios[low])
     return ", ".join(channels) or None, ratio, (
-        f"The same law gives {ratio:.2f} times as much heat of {what} in log {high + 1} as in log {low + 1}; "
+        f"The same law gives {ratio:.2f} times as much heat of {heat} in log {high + 1} as in log {low + 1}; "
         "look for what changed between them (preload, grease, the torque's scale), or search each log alone"
     )  # fmt: skip
 
@@ -259,9 +258,9 @@ def _follows(problem: Problem, fitted: FaultFit) -> Description:
 
 def _offsets(problem: Problem, fitted: FaultFit) -> Description:
     channels, values_K = [s.channel for s in problem.config.sensor], fitted.values.tolist()
-    each = ", ".join(f"{c} {v:+.1f} K" for c, v in zip(channels, values_K, strict=True)).replace("-", "−")
+    listing = ", ".join(f"{c} {v:+.1f} K" for c, v in zip(channels, values_K, strict=True)).replace("-", "−")
     return ", ".join(channels), max(values_K, key=abs), (
-        f"The sensors disagree by more than their tolerance: {each}; compare them after a night at "
+        f"The sensors disagree by more than their tolerance: {listing}; compare them after a night at "
         "standstill, then correct them or set each sensor's offset_K"
     )  # fmt: skip
 
@@ -278,14 +277,16 @@ _DESCRIBE: dict[str, Callable[[Problem, FaultFit], Description]] = {
 
 def misscaled(null: Fit) -> Iterator[Suspect]:
     """Yield the inputs all of whose heats fit only with the factor of another unit."""
-    given = null.problem.config
-    factors = Linearised.at(null.problem, given).heats()
+    config = null.problem.config
+    factors = Linearised.at(null.problem, config).heats()
     units, ratios = dict[str, str](), dict[str, list[float]]()
-    for source in given.source:
-        own = {source.speed_channel: "rpm", source.power_channel: "W"}
-        units |= {channel: unit for channel, unit in own.items() if channel is not None}
-        mine = [r for key, r in factors.items() if key.split(".", 1)[1].rpartition(".")[0] == source.name]
-        ratios.setdefault(source.power_channel or source.speed_channel or "", []).extend(mine)
+    for source in config.source:
+        units_by_channel = {source.speed_channel: "rpm", source.power_channel: "W"}
+        units |= {channel: unit for channel, unit in units_by_channel.items() if channel is not None}
+        factors_of = [
+            r for key, r in factors.items() if key.split(".", 1)[1].rpartition(".")[0] == source.name
+        ]
+        ratios.setdefault(source.power_channel or source.speed_channel or "", []).extend(factors_of)
     for channel, ours in sorted(units.items(), key=lambda item: item[1], reverse=True):
         own_ratios = ratios.get(channel, [])
         for unit, factor in FACTORS[ours].items() if own_ratios and min(own_ratios) > 0.0 else ():

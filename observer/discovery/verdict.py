@@ -61,14 +61,14 @@ class Verdict:
     def reason(self) -> str:
         """Why, in a sentence without its full stop."""
         if self.suspected:
-            nothing = "no missing effect is found, but " if self.kind == "none" else ""
-            return f"{nothing}the logs themselves are in doubt: {'; '.join(self.suspected)}"
+            prefix = "no missing effect is found, but " if self.kind == "none" else ""
+            return f"{prefix}the logs themselves are in doubt: {'; '.join(self.suspected)}"
         if self.unproved:
             return (
                 f"{' and '.join(self.unproved)} would explain what was fitted, but on data held back the gap "
                 f"beyond tolerances does not fall by {100 * FALLS:.0f} % and more than noise with it"
             ) + self._other
-        names = [" and ".join(c.name for c in each) for each in self.sets]
+        names = [" and ".join(c.name for c in candidates) for candidates in self.sets]
         return {
             "named": f"missing: {''.join(names[:1])}",
             "none": "the calibrated model explains the logs; no missing effect is found",
@@ -209,5 +209,5 @@ def _alike(best: FittedCandidate, trials: list[FittedCandidate]) -> Tie | None:
     if best not in near:
         return None
     tie = tie_of([Member.of(t.candidate, t.fit) for t in near])
-    alone = len(near) == 1 and tie is not None and tie.family is not None and tie.family.against == "own"
-    return None if alone else tie
+    is_single = len(near) == 1 and tie is not None and tie.family is not None and tie.family.against == "own"
+    return None if is_single else tie

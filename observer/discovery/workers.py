@@ -58,15 +58,15 @@ class WorkerPool:
         if self._other is not None:
             self._other.end()
 
-    def each(self, work: Work, problem: Problem, tasks: Sequence[Task]) -> list[Any]:
+    def map(self, work: Work, problem: Problem, tasks: Sequence[Task]) -> list[Any]:
         """Return `work(problem, *task)` for every task; the work is a pure, module-level function."""
-        later = self._submitted(work, problem, tasks[1:])
-        here = tasks[: len(tasks) - len(later)]
-        done: list[Any] = [work(problem, *task) for task in here]
+        submitted = self._submitted(work, problem, tasks[1:])
+        own_tasks = tasks[: len(tasks) - len(submitted)]
+        results: list[Any] = [work(problem, *task) for task in own_tasks]
         # from the end, for the worker starts at the front
-        for future, task in zip(reversed(later), reversed(tasks[len(here) :]), strict=True):
-            done.insert(len(here), work(problem, *task) if future.cancel() else future)
-        return [_result(work, problem, *pair) for pair in zip(done, tasks, strict=True)]
+        for future, task in zip(reversed(submitted), reversed(tasks[len(own_tasks) :]), strict=True):
+            results.insert(len(own_tasks), work(problem, *task) if future.cancel() else future)
+        return [_result(work, problem, *pair) for pair in zip(results, tasks, strict=True)]
 
     def _submitted(self, work: Work, problem: Problem, tasks: Sequence[Task]) -> list[Future[bytes]]:
         """What the worker may do; nothing where there is none."""
@@ -78,11 +78,11 @@ class WorkerPool:
         return [self._other.ask((_do, _packed((work, task), problem))) for task in tasks]
 
 
-def _result(work: Work, problem: Problem, done: Any, task: Task) -> Any:
+def _result(work: Work, problem: Problem, result: Any, task: Task) -> Any:
     """The worker's result, computed here if the worker is gone or could not."""
-    if not isinstance(done, Future):
-        return done
-    answer = done.result()
+    if not isinstance(result, Future):
+        return result
+    answer = result.result()
     return work(problem, *task) if answer == _NOT_DONE else pickle.loads(answer)
 
 
@@ -98,23 +98,23 @@ class _Worker:
         """Start it, None where this computer does not let one; importing takes it a second."""
         if not sys.executable:  # Python within another program
             return None
-        ours, theirs = multiprocessing.Pipe()
+        near_end, far_end = multiprocessing.Pipe()
         places = [place or os.getcwd() for place in sys.path]
         try:
-            with theirs, blocked(signal.SIGINT):  # this process ends it
+            with far_end, blocked(signal.SIGINT):  # this process ends it
                 process = subprocess.Popen(
-                    [sys.executable, "-c", _START, str(theirs.fileno()), *places],
+                    [sys.executable, "-c", _START, str(far_end.fileno()), *places],
                     stdin=subprocess.DEVNULL,  # this one's may be the program that runs
-                    pass_fds=[theirs.fileno()],
+                    pass_fds=[far_end.fileno()],
                 )
         except OSError:
-            ours.close()
+            near_end.close()
             return None
-        return cls(process, ours)
+        return cls(process, near_end)
 
-    def ask(self, what: tuple[Callable[[bytes], bytes], bytes]) -> Future[bytes]:
+    def ask(self, call: tuple[Callable[[bytes], bytes], bytes]) -> Future[bytes]:
         """Have it call a function of this module; `_NOT_DONE` comes back where it does not."""
-        return self._asking.submit(self._answer, pickle.dumps(what))
+        return self._asking.submit(self._answer, pickle.dumps(call))
 
     def _answer(self, data: bytes) -> bytes:
         try:
@@ -168,14 +168,14 @@ def serve(descriptor: int) -> None:
     threading.Thread(target=listen, daemon=True).start()
     with suppress(OSError):
         while True:
-            connection.send_bytes(_done(waiting.get()))
+            connection.send_bytes(_answered(waiting.get()))
 
 
-def _done(data: bytes) -> bytes:
+def _answered(data: bytes) -> bytes:
     """The answer to what came."""
     try:
-        function, given = pickle.loads(data)
-        answer: bytes = function(given)
+        function, argument = pickle.loads(data)
+        answer: bytes = function(argument)
     except Exception:  # noqa: BLE001 - a class may live in the program that this process does not import
         return _NOT_DONE
     return answer

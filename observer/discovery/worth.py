@@ -44,9 +44,9 @@ def worth_of(problem: Problem, before: Config, after: Config) -> Worth | None:
     means = np.unique(evidence.mean[rows])
     error_K, remains_K = problem.error_K(after), np.empty((len(means), PLACES))
     for i, mean in enumerate(means.tolist()):
-        mine = np.flatnonzero(rows & (evidence.mean == mean))
-        mine = mine[np.argsort(place_m[evidence.sensor[mine]])]
-        remains_K[i] = np.interp(x_m, place_m[evidence.sensor[mine]], error_K[mine])
+        of_mean = np.flatnonzero(rows & (evidence.mean == mean))
+        of_mean = of_mean[np.argsort(place_m[evidence.sensor[of_mean]])]
+        remains_K[i] = np.interp(x_m, place_m[evidence.sensor[of_mean]], error_K[of_mean])
     lacks_K = _means(problem, after, x_m, run)[means] - _means(problem, before, x_m, run)[means]
     growth_um_K = UM_PER_M * screw.expansion_1_K * (x_m[1] - x_m[0])
     before_um, after_um = (growth_um_K * _running_sum(K) for K in (remains_K + lacks_K, remains_K))

@@ -26,11 +26,11 @@ class Bend(NamedTuple):
 
     def of(self, values: Means) -> Means:
         """Return the rows (T, s) from those of a free screw (T, s + 1), the last its whole growth."""
-        ends = self._held(values.ends)
-        way = ends - self._held(values.ends - values.way)
-        return Means(ends, self._held(values.means), way, values.passed_W)
+        ends = self._restrained(values.ends)
+        way = ends - self._restrained(values.ends - values.way)
+        return Means(ends, self._restrained(values.means), way, values.passed_W)
 
-    def _held(self, rows: FloatArray) -> FloatArray:
+    def _restrained(self, rows: FloatArray) -> FloatArray:
         out, growth_um = rows[:, :-1].copy(), rows[:, -1:]
         out[:, list(self.moved)] -= taken_off_um(self.restraint, growth_um)
         return out

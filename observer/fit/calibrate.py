@@ -67,9 +67,9 @@ def distinguishable(
         if float(np.max(np.abs(column))) < SEEN_SIGMA:
             obstacles.append(_unseen(config, key, runs))
             continue
-        earlier = jacobian[:, [keys.index(k) for k in identified]]
-        if np.linalg.norm(unabsorbed(earlier, column)) < APART * np.linalg.norm(column):
-            obstacles.append(_mixed(key, column, identified, earlier))
+        before = jacobian[:, [keys.index(k) for k in identified]]
+        if np.linalg.norm(unabsorbed(before, column)) < APART * np.linalg.norm(column):
+            obstacles.append(_mixed(key, column, identified, before))
             continue
         identified.append(key)
     return tuple(identified), tuple(obstacles)
@@ -210,7 +210,7 @@ def calibrate(
     forward = Forward(config, prepared, watch, tick_s=calibration_tick_s(prepared))
     noise_K = np.array([s.noise for s in config.sensor])
     evidence = gather(forward.runs, noise_K, proves=False)
-    whole = Problem(config, keys, forward, evidence, within=calibration_tolerances, prior_of=prior_of)
+    whole = Problem(config, keys, forward, evidence, tolerances_of=calibration_tolerances, prior_of=prior_of)
     white = replace(whole, evidence=replace(evidence, groups=()))
     identified, obstacles = distinguishable(config, keys, white.derivatives(config).columns, prepared)
     if not identified:
@@ -218,18 +218,20 @@ def calibrate(
         raise LogError(f"none of the free parameters is identifiable from the logs: {why}")
     whole = replace(whole, keys=identified)
     trial = replace(whole, evidence=gather(forward.runs, noise_K))
-    for within in (calibration_tolerances, tolerances):
-        fit, held_back, kept = _judged(replace(whole, within=within), replace(trial, within=within))
+    for scope in (calibration_tolerances, tolerances):
+        fit, held_back, kept = _judged(
+            replace(whole, tolerances_of=scope), replace(trial, tolerances_of=scope)
+        )
         if kept is None:
             break
     else:  # nothing is written; what the whole logs say is shown
-        fit = fit_null(replace(whole, within=calibration_tolerances), config)
+        fit = fit_null(replace(whole, tolerances_of=calibration_tolerances), config)
     fitted = _fitted(fit)
     overall, per_sensor = _errors(whole, fit.config, whole.evidence.used)
     left = remaining_tolerances(config, fit.relative_sigma) | running_in_of(fit, prepared)
     after = config if kept is not None else replaced(config, {f.key: f.value for f in fitted})
-    every = obstacles + _doubts(fit.problem, fitted)
-    return Calibration(after, fitted, left, every, overall, per_sensor, held_back, kept)
+    all_obstacles = obstacles + _doubts(fit.problem, fitted)
+    return Calibration(after, fitted, left, all_obstacles, overall, per_sensor, held_back, kept)
 
 
 def _judged(whole: Problem, trial: Problem) -> tuple[Fit, HeldBack, str | None]:
@@ -244,9 +246,9 @@ def _judged(whole: Problem, trial: Problem) -> tuple[Fit, HeldBack, str | None]:
     kept = _why_kept(config, held_back)
     if kept is None:
         fit = fit_null(whole, fit.config)
-        again = _held_back(trial, fit.config)
-        every = HeldBack(0.0, *_errors(whole, fit.config, whole.evidence.used))
-        kept = _why_kept(config, again) or _why_kept(config, every)
+        held_back_after = _held_back(trial, fit.config)
+        whole_logs = HeldBack(0.0, *_errors(whole, fit.config, whole.evidence.used))
+        kept = _why_kept(config, held_back_after) or _why_kept(config, whole_logs)
     return fit, held_back, kept
 
 
@@ -274,17 +276,19 @@ def _why_kept(config: Config, judged: HeldBack) -> str | None:
     um = np.array([(e.before_rms_K, e.after_rms_K) for e in per_sensor.values() if e.unit != "K"])
     before, after = np.sqrt(np.mean(um**2, axis=0)) if len(um) else (1.0, 1.0)
     worse = error.after_rms_K * after > error.before_rms_K * before
-    where, shown = "", error
+    place, shown = "", error
     if not worse and judged.seconds and not len(um):
         for sensor in config.sensor:
-            own = per_sensor.get(sensor.name)
-            if own is not None and own.after_rms_K > max(MOST_WORSE * own.before_rms_K, sensor.noise):
-                worse, where, shown = True, f" at {sensor.name}", own
+            error_s = per_sensor.get(sensor.name)
+            if error_s is not None and error_s.after_rms_K > max(
+                MOST_WORSE * error_s.before_rms_K, sensor.noise
+            ):
+                worse, place, shown = True, f" at {sensor.name}", error_s
     if not worse:
         return None
     return (
         f"the configured values are kept: fitted ones predict {part} worse, {shown.after_rms_K:.3g} K rms"
-        f"{where} instead of {shown.before_rms_K:.3g} K; record a longer log, from a cold start through "
+        f"{place} instead of {shown.before_rms_K:.3g} K; record a longer log, from a cold start through "
         "warming up to cooling down, and correct what is roughly known in the configuration"
     )
 
@@ -294,8 +298,8 @@ def _fitted(fit: Fit) -> tuple[FittedParameter, ...]:
     problem = fit.problem
     before, values = problem.free_values(problem.config), problem.free_values(fit.config)
     low, high = (np.clip(values + sign * fit.half_width_free, *problem.bounds).tolist() for sign in (-1, 1))
-    each = zip(problem.keys, before.tolist(), values.tolist(), zip(low, high, strict=True), strict=True)
-    return tuple(FittedParameter(key, info_of(key).unit, was, value, ci95) for key, was, value, ci95 in each)
+    rows = zip(problem.keys, before.tolist(), values.tolist(), zip(low, high, strict=True), strict=True)
+    return tuple(FittedParameter(key, info_of(key).unit, was, value, ci95) for key, was, value, ci95 in rows)
 
 
 def _doubts(problem: Problem, fitted: Sequence[FittedParameter]) -> tuple[Obstacle, ...]:

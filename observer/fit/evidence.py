@@ -30,7 +30,7 @@ GROWTH_SHARE = 0.01
 TRUSTED, LEAST_SAMPLES = 3.0, 200
 LEFT_OF_STEP, LEAST_K = 0.29, 0.003
 """Error of a half-minute mean due to the resolution of a log: 1/√12 of a step, and at least so much."""
-FEW, MOSTLY, ENOUGH = 0.1, 0.9, 8
+LOW_QUANTILE, MOSTLY, ENOUGH = 0.1, 0.9, 8
 """Values are quantised where most of their differences are multiples of a low quantile, and there are enough
 of them.
 """
@@ -58,8 +58,8 @@ class Evidence:
         """Pick the rows (n, …) out of means (b, s, …) of each run."""
         out = np.empty((len(self.run), *means[0].shape[2:]))
         for i, values in enumerate(means):
-            mine = self.run == i
-            out[mine] = values[self.mean[mine], self.sensor[mine]]
+            of_run = self.run == i
+            out[of_run] = values[self.mean[of_run], self.sensor[of_run]]
         return out
 
     def whitened(self, columns: FloatArray) -> FloatArray:
@@ -125,21 +125,21 @@ def gather(
     """
     slow_share = np.full(len(noise_K), SLOW_SHARE) if slow_share is None else slow_share
     noise_K = shown_noise(runs, noise_K)
-    every = even(runs, noise_K)
+    rows = even(runs, noise_K)
     ends_s = [run.ticks.time_s[-1] for run in runs]
-    each = [_folds(every.time_s[every.run == i], end_s, i, len(runs)) for i, end_s in enumerate(ends_s)]
-    run, sensor, fold = every.run, every.sensor, np.concatenate(each) if proves else every.fold
-    rise_K = _rises(run, sensor, every.measured_degC, fold)
+    folds = [_folds(rows.time_s[rows.run == i], end_s, i, len(runs)) for i, end_s in enumerate(ends_s)]
+    run, sensor, fold = rows.run, rows.sensor, np.concatenate(folds) if proves else rows.fold
+    rise_K = _rises(run, sensor, rows.measured_degC, fold)
     left_K = np.maximum(LEFT_OF_STEP * resolution(runs, len(noise_K)), LEAST_K)
-    white_K = np.sqrt(every.noise_K**2 + left_K[sensor] ** 2)
+    white_K = np.sqrt(rows.noise_K**2 + left_K[sensor] ** 2)
     groups = []
     for i, s in np.ndindex(len(runs), len(noise_K)):
         for role in np.unique(fold[(run == i) & (sensor == s)]):
             index = np.flatnonzero((run == i) & (sensor == s) & (fold == role))
             slow_K = SLOW_K + float(slow_share[s] * rise_K[i, s])
             beat_K = BEAT_K + BEAT_SHARE * float(rise_K[i, s])
-            groups.append((index, _whitening(every.time_s[index], white_K[index] ** 2, slow_K, beat_K)))
-    return replace(every, noise_K=white_K, fold=fold, groups=tuple(groups))
+            groups.append((index, _whitening(rows.time_s[index], white_K[index] ** 2, slow_K, beat_K)))
+    return replace(rows, noise_K=white_K, fold=fold, groups=tuple(groups))
 
 
 def shown_noise(runs: Sequence[SteppedRun], noise_K: FloatArray) -> FloatArray:
@@ -166,9 +166,9 @@ def resolution(runs: Sequence[SteppedRun], sensors: int) -> FloatArray:
     for s in range(sensors):
         values = np.concatenate([r.run.values_degC[r.run.usable[:, s], s] for r in runs])
         apart = np.diff(np.unique(np.round(values, 6)))
-        if len(apart) >= ENOUGH and (few := np.quantile(apart, FEW)) > 0.0:
-            whole = apart / few
-            out[s] = few if np.mean(np.abs(whole - np.rint(whole)) < 0.02) > MOSTLY else 0.0
+        if len(apart) >= ENOUGH and (step := np.quantile(apart, LOW_QUANTILE)) > 0.0:
+            whole = apart / step
+            out[s] = step if np.mean(np.abs(whole - np.rint(whole)) < 0.02) > MOSTLY else 0.0
     return out
 
 
@@ -201,9 +201,9 @@ def _rises(
     for i, s in np.ndindex(out.shape):
         whole = (run == i) & (sensor == s)
         fitted = whole & (fold >= 0)
-        mine = measured[fitted if fitted.any() else whole]
-        if len(mine):
-            out[i, s] = np.sqrt(np.mean((mine - mine[0]) ** 2))
+        values = measured[fitted if fitted.any() else whole]
+        if len(values):
+            out[i, s] = np.sqrt(np.mean((values - values[0]) ** 2))
     return out
 
 

@@ -70,7 +70,7 @@ class Forward:
     def __call__(self, config: Config) -> list[FloatArray]:
         """Return the prediction (b, s) of each run in °C."""
         setting = self._setting(config)
-        means = self._means.get((setting.key, setting.strength.tobytes()), lambda: self._every(setting))
+        means = self._means.get((setting.key, setting.strength.tobytes()), lambda: self._predict_all(setting))
         if self._watch is not None:
             self._watch(means)
         return means
@@ -98,7 +98,7 @@ class Forward:
         shown = np.array([s.shows for s in config.sensor][: len(self._shows)]) / self._shows
         return self._with_tables(build_plant(config, nut_places=2).sensors_only(), shown)
 
-    def _every(self, setting: Setting) -> list[FloatArray]:
+    def _predict_all(self, setting: Setting) -> list[FloatArray]:
         with np.errstate(over="ignore", invalid="ignore"):  # a hypothesis may be absurd
             return [self._predict(setting, run) for run in self.runs]
 
@@ -111,7 +111,7 @@ class Forward:
         if not any(len(outages_of(run)) for run in self.runs):
             return []
         setting, bands = self._with_stretches(config)
-        here, changes = self._every(setting), list[list[FloatArray]]()
+        unchanged, changes = self._predict_all(setting), list[list[FloatArray]]()
         stretch = np.isin(np.arange(len(setting.plant.source_names)), [j for j, _ in bands])
         for i, run in enumerate(self.runs):
             law_W, length_s = self._inputs(setting, run).law_W, run.ticks.length_s
@@ -126,7 +126,7 @@ class Forward:
                     for j in np.flatnonzero(sources).tolist():
                         more_W = np.zeros_like(law_W)
                         more_W[at, j] = share * usual_W[j]
-                        changes.append(self._with_more(setting, i, more_W, here))
+                        changes.append(self._with_more(setting, i, more_W, unchanged))
         return changes
 
     def fields(self, config: Config, positions_m: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
@@ -155,11 +155,11 @@ class Forward:
         if not any(run.coarse for run in self.runs):
             return []
         setting, bands = self._with_stretches(config)
-        here, changes = self._every(setting), list[list[FloatArray]]()
+        unchanged, changes = self._predict_all(setting), list[list[FloatArray]]()
         for i, run in enumerate(self.runs):
             if run.coarse:
                 open_W = _undetermined(run, setting.plant, self._inputs(setting, run), bands)
-                changes += [self._with_more(setting, i, more_W, here) for more_W in open_W]
+                changes += [self._with_more(setting, i, more_W, unchanged) for more_W in open_W]
         return changes
 
     def _with_stretches(self, config: Config) -> tuple[Setting, list[tuple[int, Source]]]:
@@ -169,11 +169,11 @@ class Forward:
         return setting, [(setting.plant.source_names.index(s.name), s) for s in stretches]
 
     def _with_more(
-        self, setting: Setting, i: int, more_W: FloatArray, here: Sequence[FloatArray]
+        self, setting: Setting, i: int, more_W: FloatArray, unchanged: Sequence[FloatArray]
     ) -> list[FloatArray]:
         """The change (b, s) of each prediction with heats (T, m) beside those of run i."""
-        change = [np.zeros_like(h) for h in here]
-        change[i] = self._predict(setting, self.runs[i], more_W) - here[i]
+        change = [np.zeros_like(h) for h in unchanged]
+        change[i] = self._predict(setting, self.runs[i], more_W) - unchanged[i]
         return change
 
     def airs(self, config: Config) -> list[FloatArray]:
@@ -194,9 +194,9 @@ class Forward:
         for m, first in zip(plant.moving, self._tables, strict=True):
             ratio = shown * (first.conductance_W_m / m.table.conductance_W_m)
             table_C, mean_C = first.table_C * ratio, first.mean_C * ratio
-            own = m.table  # columns independent of the nut's position, as of lagging sensors, stay
-            same = (own.table_C == own.mean_C).all(axis=0)
-            table_C[:, same], mean_C[same] = own.mean_C[same], own.mean_C[same]
+            table = m.table  # columns independent of the nut's position, as of lagging sensors, stay
+            same = (table.table_C == table.mean_C).all(axis=0)
+            table_C[:, same], mean_C[same] = table.mean_C[same], table.mean_C[same]
             moving.append(m.with_table(table_C=table_C, mean_C=mean_C))
         return replace(plant, moving=tuple(moving))
 
@@ -231,7 +231,7 @@ class Forward:
             inputs = inputs._replace(law_W=inputs.law_W + more_W)
         unread = np.full(plant.rows.sensors - len(run.run.start_degC), np.nan)
         start_degC, start_R_K2 = (
-            np.concatenate([own, unread]) for own in (run.run.start_degC, run.run.start_R_K2)
+            np.concatenate([readings, unread]) for readings in (run.run.start_degC, run.run.start_R_K2)
         )
         state = start_from_sensors(plant, start_degC, start_R_K2, inputs.law_W[0], inputs.z_start[0])
         sweep = run.sweep(plant)
@@ -315,8 +315,8 @@ def lean_config(config: Config, modes: int) -> Config:
         return lean
     screw = config.screw.model_copy(update={"expansion_1_K": None})
     output = output.model_copy(update={"reference_degC": 0.0})
-    beside = {"supports": None, "bed": None}
-    return lean.model_copy(update={"output": output, "screw": screw, **beside})
+    without_sections = {"supports": None, "bed": None}
+    return lean.model_copy(update={"output": output, "screw": screw, **without_sections})
 
 
 def _stretches(config: Config) -> list[Source]:

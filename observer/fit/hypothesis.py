@@ -62,45 +62,45 @@ def minimise(
     slope: Callable[[FloatArray], FloatArray],
     weighed: Callable[[FloatArray], FloatArray],
     start: FloatArray,
-    within: Range,
+    allowed: Range,
     stop: Stop,
 ) -> Minimum:
     """Return where the sum of squares of `weighed(residual)` is least.
 
     `slope` returns the derivatives (n, p) of the prediction, that is of the residual with its sign changed.
     """
-    theta, here, damping = start, residual(start), 0.0
+    theta, current, damping = start, residual(start), 0.0
     J = slope(theta)
     for left in reversed(range(stop.steps if len(theta) else 0)):
-        A, b = weighed(J), weighed(here)
+        A, b = weighed(J), weighed(current)
         before = _squares(b)
         if not (np.isfinite(A).all() and np.isfinite(before)):
             break
         linear = LinearFit.of(A, b)
         for _trial in range(TRIALS):
-            step = linear.within(*within.step(theta), damping)
-            there = residual(theta + step)
-            now = _squares(weighed(there))
+            step = linear.within(*allowed.step(theta), damping)
+            moved = residual(theta + step)
+            now = _squares(weighed(moved))
             if now <= before + 1e-9:  # not where it has overflown
                 break
             damping = max(10 * damping, 1e-3)
         else:
             break
-        theta, here = np.clip(theta + step, within.low, within.high), there
+        theta, current = np.clip(theta + step, allowed.low, allowed.high), moved
         damping = damping / 10 if damping > 1e-4 else 0.0
         hopeless = (before - now) * left < now - stop.rival
         little = before - now < stop.little or np.max(np.abs(step) / (linear.sigma + 1e-12)) < stop.small
         if little or hopeless:
             break
         J = slope(theta)
-    return Minimum(theta, here, -J)
+    return Minimum(theta, current, -J)
 
 
 def _squares(values: FloatArray) -> float:
     return float(np.sum(values**2))
 
 
-NULL_ROUNDS, AGAIN, STEPS = 4, 2, 10
+NULL_ROUNDS, REFITS, STEPS = 4, 2, 10
 LITTLE = 0.05
 """A drop of the deviance by less than this ends a fit."""
 SMALL = 0.03
@@ -226,8 +226,8 @@ class Fit:
     def relative_sigma(self) -> dict[str, float]:
         """The relative standard deviation of each free parameter that is not 0, by its key."""
         values = self.problem.free_values(self.config).tolist()
-        each = zip(self.problem.keys, values, (self.half_width_free / NORMAL_95).tolist(), strict=True)
-        return {key: sigma / abs(value) for key, value, sigma in each if value}
+        columns = zip(self.problem.keys, values, (self.half_width_free / NORMAL_95).tolist(), strict=True)
+        return {key: sigma / abs(value) for key, value, sigma in columns if value}
 
     @property
     def _half_widths(self) -> FloatArray:
@@ -273,7 +273,7 @@ def refitted(fit: Fit) -> Fit:
     Those of the hypothesis without any effect are of heats that make up for it. Where tolerances move a
     prediction by kelvins, as between rows a minute apart, that would bias what is fitted beside them.
     """
-    for _ in range(AGAIN):
+    for _ in range(REFITS):
         problem = fit.problem.linearised_at(fit.config).with_nuisance(fit.config)
         fit = fit_effects(problem, fit.config, fit.parameters)
     return fit
@@ -336,11 +336,11 @@ def _by_effects(problem: Problem, config: Config, parameters: Sequence[EffectPar
     """Derivatives (n, k) of the whitened prediction by the effects' parameters, in units of their scales."""
     if not parameters:
         return np.zeros((len(problem.evidence.run), 0))
-    here = problem.predicted(config)
+    predicted = problem.predicted(config)
     columns = []
     for p in parameters:
         value = getattr(config.effect[p.effect], p.key)
         step = 0.02 * p.scale if value + 0.02 * p.scale <= p.high else -0.02 * p.scale
         moved = with_effects(config, [p], np.array([value + step]))
-        columns.append((problem.predicted(moved) - here) * (p.scale / step))
+        columns.append((problem.predicted(moved) - predicted) * (p.scale / step))
     return problem.evidence.whitened(np.column_stack(columns))

@@ -101,9 +101,9 @@ def thermal_only(config: Config) -> Config:
     config = config.model_copy(update={"sensor": thermal})
     if (free := config.calibrate.free) is None:
         return config
-    known = set(candidates(config))
-    kept = tuple(key for key in free if key in known) or None
-    return config.model_copy(update={"calibrate": config.calibrate.model_copy(update={"free": kept})})
+    fittable = set(candidates(config))
+    remaining = tuple(key for key in free if key in fittable) or None
+    return config.model_copy(update={"calibrate": config.calibrate.model_copy(update={"free": remaining})})
 
 
 def free_keys(config: Config) -> tuple[str, ...]:
@@ -131,9 +131,9 @@ def lawless(config: Config) -> str | None:
     without = [s.name for s in config.source if s.law is None]
     if not without:
         return None
-    every = "no heat has" if len(without) == len(config.source) else f"{', '.join(without)}: without"
+    sources = "no heat has" if len(without) == len(config.source) else f"{', '.join(without)}: without"
     return (
-        f"{every} a law, so a prediction takes it as 0 W and what it does to the screw counts as the "
+        f"{sources} a law, so a prediction takes it as 0 W and what it does to the screw counts as the "
         "model's error; give speed_channel with torque_Nm (a nut) or heat_W_rpm (a bearing), or power_channel"
     )
 
@@ -170,11 +170,11 @@ def replaced(config: Config, values: Mapping[str, float]) -> Config:
     Raises `ConfigError` for a key that cannot be free and for a value out of its range.
     """
     _refuse_unknown(config, values)
-    moved = put(config, {key: float(value) for key, value in values.items()})
+    moved = with_values(config, {key: float(value) for key, value in values.items()})
     return config.remade(moved.model_dump(exclude_unset=True, by_alias=True))
 
 
-def put(config: Config, values: Mapping[str, float]) -> Config:
+def with_values(config: Config, values: Mapping[str, float]) -> Config:
     """Return the configuration with other values of parameters that may be free, without validation."""
     for key, value in values.items():
         head, *middle, last = key.split(".")
@@ -223,11 +223,11 @@ def _refuse_unknown(config: Config, keys: Iterable[str]) -> None:
 
 def _unknown(config: Config, keys: Iterable[str]) -> Iterator[str]:
     """Why keys cannot be free, a sentence each."""
-    known = candidates(config)
+    fittable = candidates(config)
     for key in keys:
-        if key not in known:
-            close = difflib.get_close_matches(key, known, n=1, cutoff=0.8)
-            remedy = f"did you mean {close[0]}?" if close else f"choose among {', '.join(known)}"
+        if key not in fittable:
+            close = difflib.get_close_matches(key, fittable, n=1, cutoff=0.8)
+            remedy = f"did you mean {close[0]}?" if close else f"choose among {', '.join(fittable)}"
             table = key.partition(".")[0]
             if table in ("bed", "supports") and getattr(config, table) is None:
                 remedy = f"it has no [{table}]; give one, with a value to start from"

@@ -13,7 +13,7 @@ from observer.effects.base import EffectTable
 from observer.effects.terms import Lag, Term
 from observer.fit.evidence import GROWTH_SHARE, SLOW_SHARE, Evidence, gather
 from observer.fit.forward import Forward
-from observer.fit.parameters import bounds_of, get, put, scale_of
+from observer.fit.parameters import bounds_of, get, scale_of, with_values
 from observer.fit.prior import Prior
 from observer.fit.runs import Run
 from observer.fit.steps import Cache
@@ -65,9 +65,9 @@ class Derivatives:
 
 @dataclass(frozen=True)
 class Problem:
-    """The runs, their evidence and free parameters; once known, the derivatives by these and the nuisance
-    parameters. `within` yields the latter from a configuration and a number of runs; `prior_of` is what is
-    known of the free parameters before the fit.
+    """The runs, their evidence and free parameters, with the derivatives by these and the nuisance parameters
+    where they have been taken. `tolerances_of` yields the nuisance parameters of a configuration and a number
+    of runs; `prior_of` gives the prior of the free parameters.
     """
 
     config: Config
@@ -76,7 +76,7 @@ class Problem:
     evidence: Evidence
     by_free: Derivatives | None = None
     nuisance: NuisanceColumns | None = None
-    within: Callable[[Config, int], Iterable[tuple[Config, Scope]]] = tolerances
+    tolerances_of: Callable[[Config, int], Iterable[tuple[Config, Scope]]] = tolerances
     prior_of: Callable[[Config, Sequence[str]], Prior] | None = None
 
     @classmethod
@@ -137,7 +137,7 @@ class Problem:
         if not self.keys:
             return config
         clipped = np.clip(values, *self.bounds).tolist()
-        return put(config, dict(zip(self.keys, clipped, strict=True)))
+        return with_values(config, dict(zip(self.keys, clipped, strict=True)))
 
     def linearised_at(self, config: Config) -> Problem:
         """The same problem with the derivatives by the free parameters taken at a configuration."""
@@ -145,27 +145,31 @@ class Problem:
 
     def with_nuisance(self, config: Config) -> Problem:
         """The same problem with the nuisance parameters of a configuration."""
-        here, nuisances, lag_of = self.predicted(config), list[FloatArray](), list[str | None]()
+        predicted, nuisances, lag_of = self.predicted(config), list[FloatArray](), list[str | None]()
         terms = list[Term | None]()
-        for changed, scope in self.within(config, len(self.forward.runs)):
-            change = self.predicted(changed) - here
+        for changed, scope in self.tolerances_of(config, len(self.forward.runs)):
+            change = self.predicted(changed) - predicted
             parts = self._by_scope(change, scope)
             nuisances += parts
             lag_of += [s.name for s in config.sensor] if scope == "lag" else [None] * len(parts)
             added = changed.effect[len(config.effect) :]
             terms += [added[0].terms(changed)[0] if added else None] * len(parts)
         sampling = [*self.forward.by_outages(config), *self.forward.by_coarse_rows(config)]
-        unnamed = [*self.by_gain(config, here), *self.by_timing(here), *map(self.evidence.rows, sampling)]
-        nuisances += unnamed
-        changes_K = np.column_stack(nuisances) if nuisances else np.zeros((len(here), 0))
-        lags, added_terms = ((*column, *[None] * len(unnamed)) for column in (lag_of, terms))
+        further = [
+            *self.by_gain(config, predicted),
+            *self.by_timing(predicted),
+            *map(self.evidence.rows, sampling),
+        ]
+        nuisances += further
+        changes_K = np.column_stack(nuisances) if nuisances else np.zeros((len(predicted), 0))
+        lags, added_terms = ((*column, *[None] * len(further)) for column in (lag_of, terms))
         return replace(self, nuisance=NuisanceColumns(self._columns(nuisances), changes_K, lags, added_terms))
 
     def changes_K(self, config: Config, changed: Iterable[tuple[Config, Scope]]) -> list[FloatArray]:
         """Return the changes (n,) of the prediction from a configuration to others, split by their scopes."""
-        here = self.predicted(config)
+        before = self.predicted(config)
         return [
-            part for other, scope in changed for part in self._by_scope(self.predicted(other) - here, scope)
+            part for other, scope in changed for part in self._by_scope(self.predicted(other) - before, scope)
         ]
 
     def _by_scope(self, change: FloatArray, scope: Scope) -> list[FloatArray]:
@@ -175,8 +179,8 @@ class Problem:
 
     def derivatives(self, config: Config) -> Derivatives:
         """Take the derivatives by the free parameters, by differences that stay inside the bounds."""
-        here = self.predicted(config)
-        columns = [(self.predicted(moved) - here) * per for moved, per in self.differences(config)]
+        predicted = self.predicted(config)
+        columns = [(self.predicted(moved) - predicted) * per for moved, per in self.differences(config)]
         return Derivatives(self._columns(columns), self.free_values(config) / self.scale)
 
     def differences(self, config: Config) -> Iterator[tuple[Config, float]]:
@@ -198,14 +202,14 @@ class Problem:
         """Split a change (n,) into one of each run alone."""
         return [np.where(self.evidence.run == i, change, 0.0) for i in range(len(self.forward.runs))]
 
-    def by_gain(self, config: Config, here: FloatArray) -> list[FloatArray]:
+    def by_gain(self, config: Config, predicted: FloatArray) -> list[FloatArray]:
         """The change (n,) for each sensor with its gain off towards the air by the common tolerance; `here`
         (n,) is the prediction. What a sensor with a tolerance of its own shows is a parameter.
         """
         gain = config.tolerance.gain
         if gain == 0.0:
             return []
-        changes = self.by_sensor(gain * (self.evidence.rows(self.forward.airs(config)) - here))
+        changes = self.by_sensor(gain * (self.evidence.rows(self.forward.airs(config)) - predicted))
         return [
             c
             for c, s in zip(changes, config.sensor, strict=True)
@@ -214,7 +218,7 @@ class Problem:
             and f"sensor.{s.name}.shows" not in self.keys
         ]
 
-    def by_timing(self, here: FloatArray) -> list[FloatArray]:
+    def by_timing(self, predicted: FloatArray) -> list[FloatArray]:
         """The change (n,) of each coarsely sampled run with a delay of half a row: only the recorder knows
         whether a value holds until the next row or ramps to it.
         """
@@ -222,11 +226,11 @@ class Problem:
         for i, run in enumerate(self.forward.runs):
             if run.row_s < FAR_APART_S or run.coarse:  # see `Forward.by_coarse_rows`
                 continue
-            change = np.zeros_like(here)
+            change = np.zeros_like(predicted)
             for s in range(len(self.config.sensor)):
-                mine = np.flatnonzero((self.evidence.run == i) & (self.evidence.sensor == s))
-                if len(mine) > 1:
-                    change[mine] = -0.5 * run.row_s * np.gradient(here[mine], self.evidence.time_s[mine])
+                rows = np.flatnonzero((self.evidence.run == i) & (self.evidence.sensor == s))
+                if len(rows) > 1:
+                    change[rows] = -0.5 * run.row_s * np.gradient(predicted[rows], self.evidence.time_s[rows])
             changes.append(change)
         return changes
 
@@ -243,7 +247,7 @@ class Problem:
         return self.evidence.whitened(np.column_stack(columns))
 
 
-def modelled_lags(config: Config, *more: EffectTable) -> frozenset[str]:
+def modelled_lags(config: Config, *additional: EffectTable) -> frozenset[str]:
     """The sensors whose lag is modelled by an effect of a configuration, or by one more effect."""
-    terms = (term for effect in (*config.effect, *more) for term in effect.terms(config))
+    terms = (term for effect in (*config.effect, *additional) for term in effect.terms(config))
     return frozenset(term.sensor for term in terms if isinstance(term, Lag))

@@ -102,8 +102,8 @@ def evidence_of_noise(config: Config, plant: Plant, runs: Sequence[Sequence[Fram
         end, begin = round(FITTED_SHARE * rows), round((FITTED_SHARE + MARGIN_SHARE) * rows)
         logs = [logs[0].part(0, end), logs[0].part(begin)]
     *fitted, held_back = logs
-    each = MOST_ROWS // len(fitted)
-    return NoiseEvidence([liveliest(log, each) for log in fitted], liveliest(held_back, MOST_ROWS))
+    rows_a_log = MOST_ROWS // len(fitted)
+    return NoiseEvidence([liveliest(log, rows_a_log) for log in fitted], liveliest(held_back, MOST_ROWS))
 
 
 def liveliest(inputs: Inputs, rows: int) -> Inputs:
@@ -141,8 +141,8 @@ def fit_process_noise(plant: Plant, cost: Callable[[Plant], float]) -> FloatArra
     walk = np.clip(walk + shift, low, high)
     if len(walk) > 1:
         for j in list(range(len(walk))) * _SWEEPS:
-            own = np.arange(len(walk)) == j
-            walk[j] = least(lambda v, own=own: cost_of(np.where(own, v, walk)), low, high)  # type: ignore[misc]
+            is_heat = np.arange(len(walk)) == j
+            walk[j] = least(lambda v, is_heat=is_heat: cost_of(np.where(is_heat, v, walk)), low, high)  # type: ignore[misc]
     return np.asarray(10.0**walk)
 
 
@@ -167,5 +167,5 @@ def least(cost: Callable[[float], float], low: float, high: float) -> float:
     """Return where a function of a logarithm to base 10 is least, to 0.05."""
     from scipy.optimize import minimize_scalar  # noqa: PLC0415  (slow to import)
 
-    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 0.05})
-    return float(found.x)
+    minimum = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 0.05})
+    return float(minimum.x)

@@ -30,7 +30,7 @@ PER_START, LEAST, FIRM = 0.2, 0.01, 2.0
 """What running in differs by from one start to the next, in parts of itself and of the law, where nothing
 says more: that counts as much as so many differences between logs.
 """
-KNOWN = 0.05
+MOST_SIGMA = 0.05
 """Found less well than this, in parts of the law, it is not found."""
 COLD_K = 3.0
 """A screw that has rested long enough to run in anew is no further from the air, with sensors' offsets."""
@@ -55,14 +55,14 @@ def nearest(settles: Settles, times_s: Sequence[float] | FloatArray = TIMES_S) -
     """Return the exponential of one of some time constants that is nearest a heat's settling parts."""
     parts = np.exp(-OVER_S[:, None] / np.array(SETTLING_S))
     curve = parts @ settles.part
-    found = []
+    candidates = []
     for time_s in times_s:
         shape = np.exp(-OVER_S / time_s)
         to_share = shape @ parts / (shape @ shape)
         share = float(to_share @ settles.part)
         sigma = math.sqrt(max(float(to_share @ settles.covariance @ to_share), 0.0))
-        found.append((float(np.sum((curve - share * shape) ** 2)), Fading(share, float(time_s), sigma)))
-    return min(found)[1]
+        candidates.append((float(np.sum((curve - share * shape) ** 2)), Fading(share, float(time_s), sigma)))
+    return min(candidates)[1]
 
 
 def running_in_of(fit: Fit, runs: Sequence[Run]) -> dict[str, float]:
@@ -74,26 +74,26 @@ def running_in_of(fit: Fit, runs: Sequence[Run]) -> dict[str, float]:
         rested = [i for i, run in enumerate(runs) if begins_cold(fit.config, source, run)]
         whole = _settles(fit, source.name)
         fitted = any(key.startswith(f"source.{source.name}.") for key in fit.problem.keys)
-        if not (rested and fitted) or whole is None or (found := nearest(whole)).sigma > KNOWN:
+        if not (rested and fitted) or whole is None or (fading := nearest(whole)).sigma > MOST_SIGMA:
             continue
-        each = [_settles(fit, source.name, i) for i in rested] if len(rested) > 1 else []
-        apart = spread(found.share, [nearest(one, [found.time_s]) for one in each if one is not None])
+        of_starts = [_settles(fit, source.name, i) for i in rested] if len(rested) > 1 else []
+        apart = spread(fading.share, [nearest(one, [fading.time_s]) for one in of_starts if one is not None])
         written |= {
-            f"source.{source.name}.run_in": found.share,
-            f"source.{source.name}.run_in_s": found.time_s,
-            f"source.{source.name}.run_in_tolerance": math.hypot(found.sigma, apart),
+            f"source.{source.name}.run_in": fading.share,
+            f"source.{source.name}.run_in_s": fading.time_s,
+            f"source.{source.name}.run_in_tolerance": math.hypot(fading.sigma, apart),
         }
     return written
 
 
-def spread(share: float, each: Sequence[Fading]) -> float:
+def spread(share: float, starts: Sequence[Fading]) -> float:
     """One standard deviation of what running in differs by from one start to the next."""
     before = math.hypot(PER_START * share, LEAST)
-    if len(each) < 2:
+    if len(starts) < 2:
         return before
-    shares, sigmas = (np.array(column) for column in zip(*((f.share, f.sigma) for f in each), strict=True))
-    seen = max(float(np.sum((shares - shares.mean()) ** 2) - (1 - 1 / len(each)) * np.sum(sigmas**2)), 0.0)
-    return math.sqrt((FIRM * before**2 + seen) / (FIRM + len(each) - 1))
+    shares, sigmas = (np.array(column) for column in zip(*((f.share, f.sigma) for f in starts), strict=True))
+    apart = max(float(np.sum((shares - shares.mean()) ** 2) - (1 - 1 / len(starts)) * np.sum(sigmas**2)), 0.0)
+    return math.sqrt((FIRM * before**2 + apart) / (FIRM + len(starts) - 1))
 
 
 def begins_cold(config: Config, source: Source, run: Run) -> bool:

@@ -95,14 +95,14 @@ def _prepared(config: Config, drive: Drive, blocks: Sequence[FrameBlock], name: 
     frames = joined(blocks)
     _refuse_empty(config, frames, name)
     inputs = drive.run(drive.initial(), frames)[1]
-    known = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
-    if len(known) == 0:
+    complete = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
+    if len(complete) == 0:
         raise LogError(f"{name}: the ambient or a prescribed end has no value; add its channel to the log")
     usable = inputs.usable & ~frozen(inputs.y_degC, inputs.quality == int(Quality.REJECTED))
-    seen = np.flatnonzero(usable.any(axis=1))
-    if len(seen) == 0:
+    measured = np.flatnonzero(usable.any(axis=1))
+    if len(measured) == 0:
         raise LogError(f"{name}: no sensor has a usable value; check the sensors' channels")
-    begin = int(max(known[0], seen[0]))
+    begin = int(max(complete[0], measured[0]))
     frames, usable, y_degC = tail(frames, begin), usable[begin:], inputs.y_degC[begin:]
     block = np.floor((frames.time_s - frames.time_s[0]) / BLOCK_S).astype(np.int64)
     first = np.flatnonzero(np.diff(block, prepend=-1))
@@ -186,9 +186,9 @@ def ticks_of(run: Run, tick_s: float = TICK_S) -> Ticks:
 
 def means_of(ticks: Ticks, rows: Means, ripple_K: FloatArray) -> FloatArray:
     """The means (b, s) of output rows (T, s); `ripple_K` (T, s) is what passing nuts add to them."""
-    within = rows.means + ticks.late * rows.way + ripple_K
+    tick_means = rows.means + ticks.late * rows.way + ripple_K
     out = np.zeros_like(ticks.measured_degC)
-    np.add.at(out, ticks.mean, np.where(ticks.at_end[:, None], rows.ends, within) * ticks.share)
+    np.add.at(out, ticks.mean, np.where(ticks.at_end[:, None], rows.ends, tick_means) * ticks.share)
     return out
 
 
@@ -226,11 +226,11 @@ def frozen(y_degC: FloatArray, rejected: BoolArray) -> BoolArray:
     A stuck sensor is detected only after a while; in a log, the values before that can be rejected as well.
     """
     out = np.zeros_like(rejected)
-    for s, own in enumerate(y_degC.T):
-        held = np.flatnonzero(np.isfinite(own))
-        stretch = np.cumsum(np.diff(own[held], prepend=np.nan) != 0.0)
-        found = np.unique(stretch[rejected[held, s]])
-        out[held, s] = np.isin(stretch, found)
+    for s, column in enumerate(y_degC.T):
+        finite = np.flatnonzero(np.isfinite(column))
+        stretch = np.cumsum(np.diff(column[finite], prepend=np.nan) != 0.0)
+        rejected_stretches = np.unique(stretch[rejected[finite, s]])
+        out[finite, s] = np.isin(stretch, rejected_stretches)
     return out
 
 

@@ -234,13 +234,13 @@ class SteppedRun:
         T, M = len(self.ticks.first), len(plant.moving)
         B, C = np.zeros((T, M, len(plant.decay_1_s))), np.zeros((T, M, len(plant.rows.C)))
         for i, source in enumerate(plant.moving):
-            own, waves = np.tile(source.table.mean_B, (T, 1)), len(source.table.mu_1_m)
-            own[:, :waves], C[:, i] = self._columns(plant, i)[0], self._lag_rows(source, i)
+            columns, waves = np.tile(source.table.mean_B, (T, 1)), len(source.table.mu_1_m)
+            columns[:, :waves], C[:, i] = self._columns(plant, i)[0], self._lag_rows(source, i)
             if source.ends_fraction:
                 ends_B = self._columns(plant, i, at_ends=True)[0]
-                own[:, :waves] += source.ends_fraction * (ends_B - own[:, :waves])
+                columns[:, :waves] += source.ends_fraction * (ends_B - columns[:, :waves])
                 C[:, i] += source.ends_fraction * (self._lag_rows(source, i, at_ends=True) - C[:, i])
-            B[:, i] = own @ source.table.turn.T if len(source.table.turn) else own
+            B[:, i] = columns @ source.table.turn.T if len(source.table.turn) else columns
         unread = np.zeros((T, 0))
         return Inputs(
             time_s=self._ends_s,
@@ -267,15 +267,15 @@ class SteppedRun:
         A pass early in a tick warms a sensor for longer than one late in it, less what decays within the
         tick.
         """
-        length_s, which = np.unique(inputs.dt_s, return_inverse=True)
-        kept = np.exp(-0.5 * length_s[:, None] * plant.decay_1_s)[which]
+        length_s, index = np.unique(inputs.dt_s, return_inverse=True)
+        decay = np.exp(-0.5 * length_s[:, None] * plant.decay_1_s)[index]
         out = np.zeros((len(inputs), len(plant.rows.C)))
         for i, source in enumerate(plant.moving):
             early_s = self._columns(plant, i)[1] * (1 - source.ends_fraction)
             turn = source.table.turn[:, : early_s.shape[1]]
             early_s = early_s @ turn.T if len(turn) else plant.of_screw(early_s)
             heat_W = inputs.law_W[:, source.index] + passed_W[:, i]
-            out += heat_W[:, None] * ((kept * early_s) @ plant.rows.C.T)
+            out += heat_W[:, None] * ((decay * early_s) @ plant.rows.C.T)
         return out
 
     def sweep(self, plant: Plant) -> FloatArray | None:
@@ -370,12 +370,12 @@ def driving(config: Config) -> str:
     """A key of the parts of a configuration that determine the heats, losses and known inputs."""
     machine = realise(config)
     laws = [heat_parts(s) for s in machine.config.source]
-    own = [e for e in config.effect if any(isinstance(t, INPUT_TERMS) for t in e.terms(config))]
+    effects = [e for e in config.effect if any(isinstance(t, INPUT_TERMS) for t in e.terms(config))]
     lost = any(isinstance(t, SpeedLoss) for t in machine.terms)
     still = config.surface.model_copy(update={"convection_W_m2K": 0.0})
     loss = (machine.config.screw, still) if lost else None
     air = (config.ambient, config.boundary, config.bed, config.output.reference_degC)
-    return repr((laws, own, loss, *air))
+    return repr((laws, effects, loss, *air))
 
 
 def heat_parts(source: Source) -> tuple[object, ...]:

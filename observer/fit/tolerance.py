@@ -31,7 +31,7 @@ from observer.effects.terms import (
     StretchFilm,
     Term,
 )
-from observer.fit.parameters import PARAMETERS, candidates, get, put
+from observer.fit.parameters import PARAMETERS, candidates, get, with_values
 from observer.frames import FloatArray
 from observer.tables.laws import SPEED_LAWS
 from observer.tables.sensors import Sensor
@@ -56,17 +56,17 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
 
     "position" and "lag" stand for one of each sensor, all changed at once; "run" for one of each log.
     """
-    screw, known = config.screw, config.tolerance
+    screw, tolerance = config.screw, config.tolerance
     for key, share in (
-        ("conductivity_W_mK", known.conductivity),
-        ("specific_heat_J_kgK", known.heat_capacity),
+        ("conductivity_W_mK", tolerance.conductivity),
+        ("specific_heat_J_kgK", tolerance.heat_capacity),
     ):
         if share > 0.0 and f"screw.{key}" not in (config.calibrate.free or ()):
             other = screw.model_copy(update={key: getattr(screw, key) * (1 + share)})
             yield config.model_copy(update={"screw": other}), "whole"
     yield from _of_parts(config)
-    if known.position_m > 0.0:
-        moved = (_moved_inward(s, screw.length_m, known.position_m) for s in config.sensor)
+    if tolerance.position_m > 0.0:
+        moved = (_moved_inward(s, screw.length_m, tolerance.position_m) for s in config.sensor)
         yield config.model_copy(update={"sensor": tuple(moved)}), "position"
     film = config.surface.convection_W_m2K
     if film > 0:
@@ -74,19 +74,19 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
         for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
             yield with_terms(config, StretchFilm(a, b, UNEVEN * film)), "whole"
     for sensor in config.sensor:
-        offset_K = sensor.offset(known.offset_K)
+        offset_K = sensor.offset(tolerance.offset_K)
         if offset_K > 0.0:
-            anew = sensor.kind == "displacement"  # which is set to zero for each log
-            yield with_terms(config, SensorOffset(sensor.name, offset_K, 0.0)), "run" if anew else "whole"
-    if known.ambient_K > 0.0:
-        yield with_terms(config, AmbientShift(0.0, known.ambient_K)), "run"
-    if known.lag_s > 0.0:
+            zeroed = sensor.kind == "displacement"  # which is set to zero for each log
+            yield with_terms(config, SensorOffset(sensor.name, offset_K, 0.0)), "run" if zeroed else "whole"
+    if tolerance.ambient_K > 0.0:
+        yield with_terms(config, AmbientShift(0.0, tolerance.ambient_K)), "run"
+    if tolerance.lag_s > 0.0:
         thermal = [s for s in config.sensor if s.kind == "temperature"]
-        yield with_terms(config, *(Lag(s.name, known.lag_s) for s in thermal)), "lag"
-    own = [s for s in config.source if s.law not in (None, "heat_of")]  # part of another goes with that
-    for source in own if known.heat_per_log > 0.0 and runs > 1 else []:
-        more = source.model_copy(update={"scale": source.scale * (1 + known.heat_per_log)})
-        changed = tuple(more if s is source else s for s in config.source)
+        yield with_terms(config, *(Lag(s.name, tolerance.lag_s) for s in thermal)), "lag"
+    lawful = [s for s in config.source if s.law not in (None, "heat_of")]  # part of another goes with that
+    for source in lawful if tolerance.heat_per_log > 0.0 and runs > 1 else []:
+        stronger = source.model_copy(update={"scale": source.scale * (1 + tolerance.heat_per_log)})
+        changed = tuple(stronger if s is source else s for s in config.source)
         yield config.model_copy(update={"source": changed}), "run"
 
 
@@ -94,10 +94,10 @@ def _of_parts(config: Config) -> Iterator[tuple[Config, Scope]]:
     """The configuration with one link, one node's capacity or what one sensor shows larger; those that are
     fitted are left out.
     """
-    known = candidates(config)
+    fittable = candidates(config)
     for key, _, share in tolerances_of_parts(config):
-        if share > 0.0 and key in known and key not in (config.calibrate.free or ()):
-            yield put(config, {key: (1.0 + share) * get(config, key)}), "whole"
+        if share > 0.0 and key in fittable and key not in (config.calibrate.free or ()):
+            yield with_values(config, {key: (1.0 + share) * get(config, key)}), "whole"
 
 
 def tolerances_of_parts(config: Config) -> Iterator[tuple[str, str, float]]:
@@ -148,9 +148,9 @@ def remaining_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str
             before = config.law_uncertainty(source) if own is None else own
             left[f"source.{source.name}.scale_tolerance"] = min(scale, before)
     for name, keys in TOLERANCE_OF.items():
-        found = [sigma[key] for key in keys if key in sigma]
-        if found:
-            left[f"tolerance.{name}"] = min(math.hypot(*found), getattr(config.tolerance, name))
+        sigmas = [sigma[key] for key in keys if key in sigma]
+        if sigmas:
+            left[f"tolerance.{name}"] = min(math.hypot(*sigmas), getattr(config.tolerance, name))
     return left
 
 

@@ -112,12 +112,12 @@ class Runner:
 def heats_of(plant: Plant, program: Program) -> MeanHeats:
     """The heats as they are beside their laws, from the program's past."""
     past = program.past.at(slice(-AGO_BINS, None))
-    seen = np.isfinite(past.heat_W).all(axis=1) if past.heat_W.size else np.ones(len(past.dt_s), np.bool_)
+    finite = np.isfinite(past.heat_W).all(axis=1) if past.heat_W.size else np.ones(len(past.dt_s), np.bool_)
     free, m = np.flatnonzero(plant.estimated), len(plant.source_names)
     ratio, extra_W, sigma_W = np.ones(m), np.zeros(m), plant.initial_sigma_W.copy()
-    if not seen.any():
+    if not finite.any():
         return MeanHeats(ratio, extra_W, sigma_W)
-    past = past.at(np.flatnonzero(seen))
+    past = past.at(np.flatnonzero(finite))
     length_s = float(past.dt_s.sum())
     heat_W, law_W = past.heat_W.mean(axis=0), past.own_law_W.mean(axis=0)
     ahead_W = program.mean.law_W[0, free]
@@ -126,8 +126,8 @@ def heats_of(plant: Plant, program: Program) -> MeanHeats:
         if abs(law_W[i]) <= 1e-6:  # no law, or none at rest
             stays = abs(ahead_W[i]) <= 1e-6
             extra_W[j] = heat_W[i] if stays and abs(heat_W[i]) > 2.0 * mean_sigma_W[i] else 0.0
-            own = plant.law_uncertainty[i] * abs(ahead_W[i])
-            sigma_W[i] = np.hypot(min(mean_sigma_W[i], abs(heat_W[i]) + REST * mean_sigma_W[i]), own)
+            by_law_W = plant.law_uncertainty[i] * abs(ahead_W[i])
+            sigma_W[i] = np.hypot(min(mean_sigma_W[i], abs(heat_W[i]) + REST * mean_sigma_W[i]), by_law_W)
             continue
         prior, estimated = max(plant.law_uncertainty[i], 1e-3), max(mean_sigma_W[i] / abs(law_W[i]), 1e-6)
         weight = prior**2 / (prior**2 + estimated**2)
@@ -142,24 +142,24 @@ def runner(plant: Plant, settings: EstimatorSettings, state: EstimatorState, pro
     n_x, m_e = len(plant.decay_1_s), int(plant.estimated.sum())
     heats = heats_of(plant, program)
     x, P = state.x_hat.copy(), state.P.copy()
-    own = slice(n_x, n_x + m_e)
-    x[own] = 0.0
+    heats_slice = slice(n_x, n_x + m_e)
+    x[heats_slice] = 0.0
     past_s = max(float(program.past.dt_s.sum()), BIN_S)
     mean_W = np.abs(program.mean.law_W[0] * heats.ratio + heats.extra_W)
     share = mean_W / max(float(mean_W.sum()), 1e-12)
     free = np.flatnonzero(plant.estimated)
-    P = _of_means(P, own, heats.sigma_W, np.abs(program.mean.law_W[0, free]) <= 1e-6)
-    P[own, own] += np.diag(share[free] ** 2 * program.noise_W2_s / past_s)
+    P = _of_means(P, heats_slice, heats.sigma_W, np.abs(program.mean.law_W[0, free]) <= 1e-6)
+    P[heats_slice, heats_slice] += np.diag(share[free] ** 2 * program.noise_W2_s / past_s)
     learning = plant.learning
     if learning is not None:
         laws = n_x + m_e + np.flatnonzero(learning.arrays.kind == Nuisance.LAW)
         x[laws], P[laws], P[:, laws] = 0.0, 0.0, 0.0  # the ratio has them
     doubtful = _doubtful(plant, program, share, mean_W[free])
-    around = state.around.copy()
-    if len(around):
-        around[own] = 0.0
+    linearisation = state.around.copy()
+    if len(linearisation):
+        linearisation[heats_slice] = 0.0
     z = program.past.z[-_PART:].mean(axis=0)
-    begin = replace(state, x_hat=x, P=P, around=around)
+    begin = replace(state, x_hat=x, P=P, around=linearisation)
     return Runner(doubtful, KalmanEstimator(doubtful, settings), begin, heats, z, settings)
 
 
@@ -192,19 +192,19 @@ def _refuse_unknown(plant: Plant, state: EstimatorState) -> None:
         raise ValueError("the estimate is not a number")
 
 
-def _of_means(P: FloatArray, own: slice, sigma_W: FloatArray, rests: BoolArray) -> FloatArray:
+def _of_means(P: FloatArray, heats: slice, sigma_W: FloatArray, rests: BoolArray) -> FloatArray:
     """The covariance with heats of so much σ, (m_e,), in place of those of the moment.
 
     A heat is K θ + w with the machine θ that is learnt, the states after the heats. K θ stays: a film that is
     stronger than thought goes with larger heats, and no mean over time takes that out. w gets smaller.
     A heat that `rests` (m_e,) has no K θ: there is none.
     """
-    scale = np.minimum(1.0, sigma_W / np.sqrt(np.maximum(np.diag(P)[own], 1e-12)))
-    learnt = slice(own.stop, len(P))
-    K = P[own, learnt] @ np.linalg.pinv(P[learnt, learnt], rcond=1e-10, hermitian=True)
+    scale = np.minimum(1.0, sigma_W / np.sqrt(np.maximum(np.diag(P)[heats], 1e-12)))
+    learnt = slice(heats.stop, len(P))
+    K = P[heats, learnt] @ np.linalg.pinv(P[learnt, learnt], rcond=1e-10, hermitian=True)
     T = np.eye(len(P))
-    T[own, own] = np.diag(scale)
-    T[own, learnt] = np.where(rests, 0.0, 1.0 - scale)[:, None] * K
+    T[heats, heats] = np.diag(scale)
+    T[heats, learnt] = np.where(rests, 0.0, 1.0 - scale)[:, None] * K
     return np.asarray(T @ P @ T.T)
 
 
@@ -222,8 +222,8 @@ def drift_scale(past: Bins, per_hour: float) -> float:
     works = np.isfinite(heat_W) & (law_W > 0.5 * law_W.max(initial=0.0)) & (law_W > 1e-6)
     ratio = heat_W[works] / law_W[works]
     steps = np.diff(ratio)[-_TEN // 10 :] / max(float(ratio.mean()) if len(ratio) else 1.0, 1e-3)
-    seen = float(steps @ steps) * HOUR_S / (_TEN * BIN_S) / max(per_hour, 1e-6) ** 2
-    return min((_FIRM + seen) / (_FIRM + len(steps)), _MOST_SCALE)
+    observed = float(steps @ steps) * HOUR_S / (_TEN * BIN_S) / max(per_hour, 1e-6) ** 2
+    return min((_FIRM + observed) / (_FIRM + len(steps)), _MOST_SCALE)
 
 
 def _doubtful(plant: Plant, program: Program, share: FloatArray, mean_W: FloatArray) -> Plant:

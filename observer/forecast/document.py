@@ -11,7 +11,7 @@ from observer.config import Config
 from observer.estimators.protocol import EstimatorState
 from observer.forecast.ahead import ahead, runner
 from observer.forecast.program import Program
-from observer.forecast.settling import Settled, when
+from observer.forecast.settling import Settled, settling_between
 from observer.frames import BoolArray, EstimateBlock, EstimateQuality, FloatArray
 from observer.model.plant import Plant
 
@@ -40,18 +40,20 @@ def forecast(
     `plausible`.
     """
     begin = runner(plant, config.estimator, state, program)
-    settled, between_s = when(begin, program, travel_of(config, plant.layout.position_m), within_um)
+    settled, between_s = settling_between(
+        begin, program, travel_of(config, plant.layout.position_m), within_um
+    )
     block = ahead(begin, program, 3600.0 * hours)
     return plausible(Forecast(state.time_s, program, block, settled, between_s))
 
 
-def plausible(found: Forecast) -> Forecast:
+def plausible(result: Forecast) -> Forecast:
     """Return a forecast of which every number is finite.
 
     Where it settles is left out if that is beyond all limits. Raises `ValueError` with the cause if the hours
     ahead are.
     """
-    block, settled = found.ahead, found.settled
+    block, settled = result.ahead, result.settled
     if not _within_limits(block.field_degC, block.field_sigma_K, block.error_um, block.error_sigma_um):
         raise ValueError(
             f"within {block.time_s[-1] / 3600.0:.3g} h the laws heat the screw beyond {HOTTEST_degC:g} °C; "
@@ -60,9 +62,9 @@ def plausible(found: Forecast) -> Forecast:
         )
     spread = (a for a in (settled.field_sigma_K, settled.error_sigma_um) if a is not None)
     if _within_limits(settled.field_degC, settled.error_um, *spread):
-        return found
-    none = replace(settled, after_s=None, field_sigma_K=None, error_sigma_um=None)
-    return replace(found, settled=none, between_s=None)
+        return result
+    unsettled = replace(settled, after_s=None, field_sigma_K=None, error_sigma_um=None)
+    return replace(result, settled=unsettled, between_s=None)
 
 
 def _within_limits(field_degC: FloatArray, *others: FloatArray) -> bool:
@@ -76,9 +78,9 @@ def travel_of(config: Config, x_m: FloatArray) -> BoolArray:
     strokes = [
         s.stroke_m or (0.0, config.screw.length_m) for s in config.source if s.position_channel is not None
     ]
-    within = [(x_m >= low - 1e-9) & (x_m <= high + 1e-9) for low, high in strokes]
-    found = np.any(within, axis=0) if within else np.ones(len(x_m), np.bool_)
-    return np.asarray(found if found.any() else np.ones(len(x_m), np.bool_))
+    in_strokes = [(x_m >= low - 1e-9) & (x_m <= high + 1e-9) for low, high in strokes]
+    travelled = np.any(in_strokes, axis=0) if in_strokes else np.ones(len(x_m), np.bool_)
+    return np.asarray(travelled if travelled.any() else np.ones(len(x_m), np.bool_))
 
 
 def thinned(count: int, most: int) -> list[int]:
@@ -87,10 +89,10 @@ def thinned(count: int, most: int) -> list[int]:
 
 
 def document(
-    found: Forecast, plant: Plant, quality: EstimateQuality, instance: str, within_um: float
+    result: Forecast, plant: Plant, quality: EstimateQuality, instance: str, within_um: float
 ) -> dict[str, Any]:
     """The forecast as JSON takes it; that of an estimate that is not good is not good."""
-    times, places = thinned(len(found.ahead.time_s), MOST_TIMES), thinned(plant.rows.grid, MOST_PLACES)
+    times, places = thinned(len(result.ahead.time_s), MOST_TIMES), thinned(plant.rows.grid, MOST_PLACES)
     good = quality is EstimateQuality.GOOD
     has_error = plant.layout.has_error
 
@@ -103,28 +105,28 @@ def document(
         rounded: list[float] = np.round(values[places], 4).tolist()
         return rounded
 
-    after_s, between_s = found.settled.after_s, found.between_s
+    after_s, between_s = result.settled.after_s, result.between_s
     reason = None if good else f"the estimate that it begins from is {quality.label}"
-    return none(found.now_s, quality, instance, reason, within_um) | {
+    return no_forecast(result.now_s, quality, instance, reason, within_um) | {
         "program": {
-            "kind": found.program.kind, "period_s": found.program.period_s, "text": found.program.text
+            "kind": result.program.kind, "period_s": result.program.period_s, "text": result.program.text
         },
-        "at_s": (found.now_s + found.ahead.time_s[times]).tolist(),
+        "at_s": (result.now_s + result.ahead.time_s[times]).tolist(),
         "position_m": plant.layout.position_m[places].tolist(),
-        "temperature_degC": table(found.ahead.field_degC),
-        "sigma_K": table(found.ahead.field_sigma_K),
-        "error_um": table(found.ahead.error_um) if has_error else None,
-        "error_sigma_um": table(found.ahead.error_sigma_um) if has_error else None,
-        "settled_degC": along(found.settled.field_degC),
-        "settled_sigma_K": along(found.settled.field_sigma_K),
-        "settled_error_um": along(found.settled.error_um) if has_error else None,
-        "settled_error_sigma_um": along(found.settled.error_sigma_um) if has_error else None,
-        "settled_at_s": None if after_s is None else found.now_s + after_s,
-        "settled_between_s": None if between_s is None else [round(found.now_s + s, 1) for s in between_s],
+        "temperature_degC": table(result.ahead.field_degC),
+        "sigma_K": table(result.ahead.field_sigma_K),
+        "error_um": table(result.ahead.error_um) if has_error else None,
+        "error_sigma_um": table(result.ahead.error_sigma_um) if has_error else None,
+        "settled_degC": along(result.settled.field_degC),
+        "settled_sigma_K": along(result.settled.field_sigma_K),
+        "settled_error_um": along(result.settled.error_um) if has_error else None,
+        "settled_error_sigma_um": along(result.settled.error_sigma_um) if has_error else None,
+        "settled_at_s": None if after_s is None else result.now_s + after_s,
+        "settled_between_s": None if between_s is None else [round(result.now_s + s, 1) for s in between_s],
     }  # fmt: skip
 
 
-def none(
+def no_forecast(
     now_s: float, quality: EstimateQuality, instance: str, reason: str | None, within_um: float
 ) -> dict[str, Any]:
     """The document where there is no forecast, and why."""
@@ -138,13 +140,13 @@ def none(
     }  # fmt: skip
 
 
-def sentences(found: Forecast, plant: Plant, within_um: float) -> list[str]:
+def sentences(result: Forecast, plant: Plant, within_um: float) -> list[str]:
     """What comes, for people."""
-    ahead_, last = found.ahead, -1
+    ahead_, last = result.ahead, -1
     i = int(np.argmax(ahead_.field_degC[last]))
     hours = ahead_.time_s[last] / 3600.0
     text = (
-        f"In {hours:.3g} h ({found.program.text}) the warmest place, "
+        f"In {hours:.3g} h ({result.program.text}) the warmest place, "
         f"{1000 * plant.layout.position_m[i]:.0f} mm, "
         f"is at {ahead_.field_degC[last, i]:.1f} ± {1.96 * ahead_.field_sigma_K[last, i]:.1f} °C"
     )
@@ -156,7 +158,7 @@ def sentences(found: Forecast, plant: Plant, within_um: float) -> list[str]:
         )
     lines = [text + "."]
     if plant.layout.has_error:
-        lines += [*_where(found.settled, plant), _settles(found, within_um)]
+        lines += [*_where(result.settled, plant), _settles(result, within_um)]
     return lines
 
 
@@ -172,10 +174,10 @@ def _where(settled: Settled, plant: Plant) -> list[str]:
     ]
 
 
-def _settles(found: Forecast, within_um: float) -> str:
-    after_s, there = found.settled.after_s, f"within {within_um:g} µm of where it settles"
-    if after_s is None or found.between_s is None:
-        return f"The travel does not come {there} in a day."
-    low, high = (s / 60.0 for s in found.between_s)
-    when = "now" if after_s == 0.0 else f"after {after_s / 60:.0f} min"
-    return f"The travel is {there} {when} (95 %: {low:.0f} to {high:.0f} min)."
+def _settles(result: Forecast, within_um: float) -> str:
+    after_s, target = result.settled.after_s, f"within {within_um:g} µm of where it settles"
+    if after_s is None or result.between_s is None:
+        return f"The travel does not come {target} in a day."
+    low, high = (s / 60.0 for s in result.between_s)
+    moment = "now" if after_s == 0.0 else f"after {after_s / 60:.0f} min"
+    return f"The travel is {target} {moment} (95 %: {low:.0f} to {high:.0f} min)."

@@ -41,7 +41,7 @@ FINELY_S = (900.0, 1270.0, 1800.0, 2550.0, 3600.0)
 """… and those where a calibration has found the laws."""
 TIMES = (0.7, 1.0, 1.4)
 """… and, where it has found how friction runs in, in parts of the time constants found."""
-MORE = 0.15
+EXCESS_SIGMA = 0.15
 """One standard deviation of what it has more or less when work begins, in parts of its law."""
 DRAWS = 20
 """Of what may be, by each rival, for the spread of when and where it settles."""
@@ -102,24 +102,26 @@ class FrictionBank:
         lasting = build_plant(with_known_scales(config), learns=True) if is_known else plant
         wander_s, times_s = (WANDER_S / CALM**2, FINELY_S) if is_known else (WANDER_S, RUNS_IN_S)
         rivals: list[tuple[Way, Plant, KnownRunIn | None]] = [(runner, plant, None)]
-        if (known := known_at_start(config, plant, joined, inputs)) is None:
+        if (run_in := known_at_start(config, plant, joined, inputs)) is None:
             rivals += [(runner_by_law, running_in(lasting, time_s, wander_s), None) for time_s in times_s]
         else:
-            slower = [known.slower(times) for times in TIMES]
+            slower = [run_in.slower(times) for times in TIMES]
             rivals += [(runner_by_law, running_in(lasting, k.time_s, wander_s, k.sigma), k) for k in slower]
-        filters = [WeighedFilter(own, settings) for _, own, _ in rivals]
+        filters = [WeighedFilter(model, settings) for _, model, _ in rivals]
         states = [
-            one.run(one.initial(), inputs)[0] if known is None else run_from_starts(one, own, inputs, known)
-            for one, (_, own, known) in zip(filters, rivals, strict=True)
+            one.run(one.initial(), inputs)[0]
+            if run_in is None
+            else run_from_starts(one, model, inputs, run_in)
+            for one, (_, model, run_in) in zip(filters, rivals, strict=True)
         ]
         power = EACH_COUNTS if is_known else 1.0
         weights = weights_of([power * one.log_likelihood for one in filters])
-        found = [
-            (float(weights[i]), way(own, settings, states[i], program))
-            for i, (way, own, _) in enumerate(rivals)
+        weighed = [
+            (float(weights[i]), way(model, settings, states[i], program))
+            for i, (way, model, _) in enumerate(rivals)
             if weights[i] > 0.0
         ]
-        return sorted(found, key=lambda one: -one[0])
+        return sorted(weighed, key=lambda one: -one[0])
 
 
 def is_of_use(config: Config, program: Program) -> bool:
@@ -148,11 +150,11 @@ def known_at_start(config: Config, plant: Plant, inputs: Inputs, since: Inputs) 
     """What is known of running in at the start in `since`, a part of `inputs`: nothing where the record
     begins in the middle of work.
     """
-    known = known_run_in(config, plant, MORE)
+    run_in = known_run_in(config, plant, EXCESS_SIGMA)
     works = np.abs(inputs.law_W).sum(axis=1) > IDLE_W
-    if known is None or works[0]:
+    if run_in is None or works[0]:
         return None
-    return known.after(float(inputs.dt_s[works & (inputs.time_s < since.time_s[0])].sum()))
+    return run_in.after(float(inputs.dt_s[works & (inputs.time_s < since.time_s[0])].sum()))
 
 
 def weights_of(log_likelihoods: Sequence[float]) -> FloatArray:
@@ -172,19 +174,19 @@ def is_calibrated(config: Config) -> bool:
 
 def with_known_scales(config: Config) -> Config:
     """The configuration whose laws are as uncertain as a calibration has left their scales, where one has."""
-    known = (
+    sources = (
         s if s.scale_tolerance is None else s.model_copy(update={"law_uncertainty": s.scale_tolerance})
         for s in config.source
     )
-    return config.model_copy(update={"source": tuple(known)})
+    return config.model_copy(update={"source": tuple(sources)})
 
 
 def running_in(
-    plant: Plant, time_s: float | FloatArray, wander_s: float, more: float | FloatArray = MORE
+    plant: Plant, time_s: float | FloatArray, wander_s: float, excess: float | FloatArray = EXCESS_SIGMA
 ) -> Plant:
     """A plant whose heats by law are the law times a constant that is learnt, and what dies away in a time.
 
-    `time_s`, and `more`, one standard deviation of that in parts of the law, are of all heats or of each,
+    `time_s`, and `excess`, one standard deviation of that in parts of the law, are of all heats or of each,
     (m_e,).
     That begins anew whenever the law jumps. Heats without a law stay as they are. What is learnt becomes
     another in `wander_s`: a scale that wanders by a twenty-fifth in half an hour imitates running in.
@@ -196,7 +198,7 @@ def running_in(
         plant,
         random_walk_W2_s=np.where(by_law, 0.0, plant.random_walk_W2_s),
         heat_decay_1_s=np.where(by_law, 1.0 / time_s, plant.heat_decay_1_s),
-        law_uncertainty=np.where(by_law, more, plant.law_uncertainty),
+        law_uncertainty=np.where(by_law, excess, plant.law_uncertainty),
         learning=replace(plant.learning, wander_s=wander_s),
         initial_sigma_W=np.where(by_law, 1e-3, plant.initial_sigma_W),
     )
@@ -213,16 +215,16 @@ def forecast_by_all(
 ) -> Forecast:
     """Forecast from weighed begins: moments and quantiles of their mixture; `plant` is the estimate's."""
     travel, weight = travel_of(config, plant.layout.position_m), np.array([w for w, _ in begins])
-    where = [settling(begin, program, travel, within_um) for _, begin in begins]
+    means = [settling(begin, program, travel, within_um) for _, begin in begins]
     counts = counts_of(weight) if is_calibrated(config) else np.full(len(weight), DRAWS)
     runners = [draws(begin, program, n) for (_, begin), n in zip(begins, counts.tolist(), strict=True)]
     drawn = [settling(one, program, travel, within_um) for of_rival in runners for one in of_rival]
-    each = np.repeat(weight / counts, counts)
-    field, error = (weight @ np.array([getattr(s, n) for s in where]) for n in ("field_degC", "error_um"))
-    settled, between_s = replace(where[0], field_degC=field, error_um=error), None
-    settled = with_spread(settled, drawn, each)
+    weight_of_draw = np.repeat(weight / counts, counts)
+    field, error = (weight @ np.array([getattr(s, n) for s in means]) for n in ("field_degC", "error_um"))
+    settled, between_s = replace(means[0], field_degC=field, error_um=error), None
+    settled = with_spread(settled, drawn, weight_of_draw)
     if settled.after_s is not None:
-        low_s, after_s, high_s = quantiles_s(drawn, each, (0.025, 0.5, 0.975))
+        low_s, after_s, high_s = quantiles_s(drawn, weight_of_draw, (0.025, 0.5, 0.975))
         settled, between_s = replace(settled, after_s=after_s), (low_s, high_s)
     blocks = [ahead(begin, program, 3600.0 * hours) for _, begin in begins]
     return plausible(Forecast(now_s, program, mixture(blocks, weight), settled, between_s))
@@ -235,12 +237,12 @@ def counts_of(weight: FloatArray) -> NDArray[np.int64]:
 
 def mixture(blocks: Sequence[EstimateBlock], weight: FloatArray) -> EstimateBlock:
     """The first of several blocks with the moments of field and error of all of them."""
-    found = {}
+    moments = {}
     for name, sigma in (("field_degC", "field_sigma_K"), ("error_um", "error_sigma_um")):
         means, sigmas = (np.array([getattr(b, n) for b in blocks]) for n in (name, sigma))
-        found[name] = np.tensordot(weight, means, 1)
-        found[sigma] = np.sqrt(np.tensordot(weight, sigmas**2 + (means - found[name]) ** 2, 1))
-    return replace(blocks[0], **found)
+        moments[name] = np.tensordot(weight, means, 1)
+        moments[sigma] = np.sqrt(np.tensordot(weight, sigmas**2 + (means - moments[name]) ** 2, 1))
+    return replace(blocks[0], **moments)
 
 
 def quantiles_s(drawn: Sequence[Settled], weight: FloatArray, parts: Sequence[float]) -> list[float]:

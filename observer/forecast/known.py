@@ -34,9 +34,9 @@ class KnownRunIn(NamedTuple):
         """The same at a start before which the machine has run for a time: it is anywhere between anew and
         what it would have faded to.
         """
-        gone = 1.0 - np.exp(-ran_s / self.time_s)
-        sigma = np.hypot(self.sigma, self.share * gone / np.sqrt(12.0))
-        return self._replace(share=self.share * (1.0 - 0.5 * gone), sigma=sigma)
+        faded = 1.0 - np.exp(-ran_s / self.time_s)
+        sigma = np.hypot(self.sigma, self.share * faded / np.sqrt(12.0))
+        return self._replace(share=self.share * (1.0 - 0.5 * faded), sigma=sigma)
 
     def slower(self, times: float) -> KnownRunIn:
         """The same, fading with time constants so many times as long."""
@@ -58,7 +58,7 @@ def known_run_in(config: Config, plant: Plant, unknown: float) -> KnownRunIn | N
     return KnownRunIn(*map(np.array, columns))
 
 
-def run_from_starts(one: KalmanEstimator, plant: Plant, inputs: Inputs, known: KnownRunIn) -> EstimatorState:
+def run_from_starts(one: KalmanEstimator, plant: Plant, inputs: Inputs, run_in: KnownRunIn) -> EstimatorState:
     """Run over inputs whose laws jump where work begins and where its level changes: there each heat gets
     what it is known to have more.
     """
@@ -70,8 +70,8 @@ def run_from_starts(one: KalmanEstimator, plant: Plant, inputs: Inputs, known: K
         if row > at:
             state, _ = one.run(state, inputs.part(at, row))
         level_W = law_W[row:end].mean(axis=0)
-        faded = np.exp(-(inputs.time_s[row] - inputs.time_s[rows[0]]) / known.time_s)
+        faded = np.exp(-(inputs.time_s[row] - inputs.time_s[rows[0]]) / run_in.time_s)
         x = state.x_hat.copy()
-        x[n_x : n_x + len(level_W)] += known.share * faded * (level_W - before_W)
+        x[n_x : n_x + len(level_W)] += run_in.share * faded * (level_W - before_W)
         state, at, before_W = replace(state, x_hat=x), row, level_W
     return one.run(state, inputs.part(at, len(inputs)))[0]

@@ -94,11 +94,11 @@ def binned(inputs: Inputs, estimates: EstimateBlock | None, moving: Sequence[int
     Steps of no length and those whose inputs are not known are left out. Without `estimates` their columns
     are NaN, m wide.
     """
-    known = (
+    complete = (
         (inputs.dt_s > 0.0) & np.isfinite(inputs.law_W).all(axis=1) & np.isfinite(inputs.z_end).all(axis=1)
     )
-    known &= np.isfinite(inputs.moving_B).all(axis=(1, 2)) & np.isfinite(inputs.moving_C).all(axis=(1, 2))
-    at = np.flatnonzero(known)
+    complete &= np.isfinite(inputs.moving_B).all(axis=(1, 2)) & np.isfinite(inputs.moving_C).all(axis=(1, 2))
+    at = np.flatnonzero(complete)
     if not len(at):
         return _bins_of(inputs, estimates, at, np.zeros(0, np.int64), moving)
     dt_s = np.minimum(inputs.dt_s[at], BIN_S)
@@ -125,13 +125,15 @@ def _bins_of(
         return np.asarray(total(rows[at] * weight.reshape(by)) / dt_s.reshape(by))
 
     heated = np.abs(u.law_W[:, list(moving)])[:, :, None] + 1e-9  # at rest, where the nut is
-    none = np.full((len(u), u.law_W.shape[1]), np.nan)
-    own = (none,) * 3 if estimates is None else (estimates.heat_W, estimates.heat_sigma_W, estimates.law_W)
+    unknown = np.full((len(u), u.law_W.shape[1]), np.nan)
+    heats = (
+        (unknown,) * 3 if estimates is None else (estimates.heat_W, estimates.heat_sigma_W, estimates.law_W)
+    )
     loss_1_s = mean(u.loss_1_s)
     return Bins(
         dt_s, mean(u.law_W), mean(u.z_end), loss_1_s,
         mean(u.loss_1_s * u.loss_degC) / np.where(loss_1_s > 0.0, loss_1_s, 1.0),
-        mean(u.moving_B * heated) / mean(heated), mean(u.moving_C * heated) / mean(heated), *map(mean, own),
+        mean(u.moving_B * heated) / mean(heated), mean(u.moving_C * heated) / mean(heated), *map(mean, heats),
     )  # fmt: skip
 
 
@@ -172,7 +174,7 @@ def learnt(bins: Bins) -> Program:
     return Program("mixed", None, text, averaged(bins), bins, noise_W2_s(bins))
 
 
-def given(bins: Bins, past: Bins) -> Program:
+def repeating(bins: Bins, past: Bins) -> Program:
     """A program that is given, repeated; `past` are the last bins of what ran."""
     if len(past.dt_s) < FEWEST:
         raise ValueError("the heats are not known yet; they are learnt in the first minute")
@@ -262,5 +264,5 @@ def _integrated_W2_s(total_W: FloatArray) -> float:
     ends = np.flatnonzero(pairs <= 0.0)
     correlated_s = BIN_S * (1.0 + 2.0 * pairs[: ends[0] if len(ends) else None].sum() / alike[0])
     correlated_s /= 1.0 - min(correlated_s / (n * BIN_S), 0.5)
-    seen = n / _BLOCK / 1.5
-    return float(alike[0] * (_PRIOR * _CHANGES_S + seen * correlated_s) / (_PRIOR + seen))
+    observed = n / _BLOCK / 1.5
+    return float(alike[0] * (_PRIOR * _CHANGES_S + observed * correlated_s) / (_PRIOR + observed))

@@ -52,10 +52,10 @@ def settling(begin: Runner, program: Program, travel: BoolArray, within_um: floa
         if still or part.time_s[-1] >= MOST_S:
             break
     error_um = parts[-1].error_um[-1]
-    return Settled(parts[-1].field_degC[-1], error_um, _there(parts, error_um, travel, within_um))
+    return Settled(parts[-1].field_degC[-1], error_um, _settled_after_s(parts, error_um, travel, within_um))
 
 
-def _there(
+def _settled_after_s(
     parts: Sequence[EstimateBlock], at_um: FloatArray, travel: BoolArray, within_um: float
 ) -> float | None:
     """The first moment from which on every point is within the limit; 0 where it always is."""
@@ -76,7 +76,7 @@ def draws(begin: Runner, program: Program, count: int = _DRAWS) -> list[Runner]:
     """
     state, plant, n_x = begin.state, begin.plant, len(begin.plant.decay_1_s)
     free = np.flatnonzero(plant.estimated)
-    own = slice(n_x, n_x + len(free))
+    heats = slice(n_x, n_x + len(free))
     fading = replace(plant, heat_decay_1_s=np.full(len(free), 1.0 / HOUR_S)) if begin.drifts else plant
     mean_W = np.abs(program.mean.law_W[0] * begin.heats.ratio + begin.heats.extra_W)
     share = (mean_W / max(float(mean_W.sum()), 1e-12))[free]
@@ -84,29 +84,29 @@ def draws(begin: Runner, program: Program, count: int = _DRAWS) -> list[Runner]:
     P = state.P.copy()
     varies = program.noise_W2_s / HOUR_S
     if begin.drifts:
-        P[own, own] += varies * np.outer(share, share)
+        P[heats, heats] += varies * np.outer(share, share)
     values, axes = np.linalg.eigh(P)
     half = np.random.default_rng(_SEED).standard_normal((count // 2, len(P) + len(free)))
-    found = []
+    runners = []
     for draw in np.concatenate([half, -half]):
         x = state.x_hat + axes @ (np.sqrt(np.maximum(values, 0.0)) * draw[: len(P)])
         extra_W = begin.heats.extra_W.copy()
         if begin.drifts:
-            extra_W[free] += x[own]
-            x[own] = drift_W * draw[len(P) :]
+            extra_W[free] += x[heats]
+            x[heats] = drift_W * draw[len(P) :]
         else:  # what heats have beside their laws is in the state, and dies away
             extra_W[free] += np.sqrt(varies) * share * draw[-1]
-        found.append(begin.of(fading, x, begin.heats._replace(extra_W=extra_W)))
-    return found
+        runners.append(begin.of(fading, x, begin.heats._replace(extra_W=extra_W)))
+    return runners
 
 
-def with_spread(about: Settled, drawn: Sequence[Settled], weight: FloatArray) -> Settled:
+def with_spread(settled: Settled, drawn: Sequence[Settled], weight: FloatArray) -> Settled:
     """Add the σ of where it settles, by draws and their weights (d,), which add up to 1."""
     field, error = (
-        np.sqrt(weight @ (np.array([getattr(d, name) for d in drawn]) - getattr(about, name)) ** 2)
+        np.sqrt(weight @ (np.array([getattr(d, name) for d in drawn]) - getattr(settled, name)) ** 2)
         for name in ("field_degC", "error_um")
     )
-    return replace(about, field_sigma_K=field, error_sigma_um=error)
+    return replace(settled, field_sigma_K=field, error_sigma_um=error)
 
 
 def settles_between_s(settled: Settled, drawn: Sequence[Settled]) -> tuple[float, float] | None:
@@ -120,7 +120,7 @@ def settles_between_s(settled: Settled, drawn: Sequence[Settled]) -> tuple[float
     return max(settled.after_s - reach_s, 0.0), min(settled.after_s + reach_s, MOST_S)
 
 
-def when(
+def settling_between(
     begin: Runner, program: Program, travel: BoolArray, within_um: float
 ) -> tuple[Settled, tuple[float, float] | None]:
     """Return where it settles and when, and the 95 % interval of that time."""

@@ -101,10 +101,10 @@ class _Way:
         weight = weight_1_K[:, :, None]
         return cls(weight * rise_K, sweeps.adjoint(weight**2 * rise_K))
 
-    def of(self, which: BoolArray) -> _Way:
+    def of(self, selected: BoolArray) -> _Way:
         """Some of the descents."""
-        way = _Way(self.error[:, :, which], self._gradient[:, which])
-        way._direction, way.first = self._direction[:, which], self.first[which]
+        way = _Way(self.error[:, :, selected], self._gradient[:, selected])
+        way._direction, way.first = self._direction[:, selected], self.first[selected]
         return way
 
     def step(self, sweeps: Sweeps, weight_1_K: FloatArray) -> FloatArray:
@@ -182,25 +182,25 @@ def stepwise(plant: Plant, log: Readings) -> Callable[[FloatArray], tuple[FloatA
             "or --method smoother"
         )
     plant, u = plant.sensors_only(), log.inputs
-    lengths_s, which = np.unique(quantise(u.dt_s), return_inverse=True)
+    lengths_s, index = np.unique(quantise(u.dt_s), return_inverse=True)
     steps = [step_matrices(plant, float(dt_s)) for dt_s in lengths_s]
-    where = [(int(np.sum(plant.estimated[: m.index])), m) for m in plant.moving]
-    held, C = plant.B[:, plant.estimated].copy(), plant.rows.C.copy()
+    estimated_nuts = [(int(np.sum(plant.estimated[: m.index])), m) for m in plant.moving]
+    input_columns, C = plant.B[:, plant.estimated].copy(), plant.rows.C.copy()
 
     def find(rise_K: FloatArray) -> tuple[FloatArray, FloatArray]:
-        x, q = np.zeros(len(held)), np.zeros(held.shape[1])
+        x, q = np.zeros(len(input_columns)), np.zeros(input_columns.shape[1])
         heat, rows = np.zeros((len(u), len(q))), np.zeros_like(rise_K)
         for k in range(1, len(u)):
-            step = steps[which[k]]
-            for i, (j, source) in enumerate(where):
+            step = steps[index[k]]
+            for i, (j, source) in enumerate(estimated_nuts):
                 C[:, plant.modes + source.index] = u.moving_C[k, i]
                 if plant.estimated[source.index]:
-                    held[:, j] = u.moving_B[k, i]
-            x, own = step.decay * x, step.hold[:, None] * held
+                    input_columns[:, j] = u.moving_B[k, i]
+            x, columns = step.decay * x, step.hold[:, None] * input_columns
             used = log.weight_1_K[k] > 0.0
-            off_K, G = (C @ x - rise_K[k])[used], (C @ own)[used]
+            off_K, G = (C @ x - rise_K[k])[used], (C @ columns)[used]
             q = _descend_step(G, off_K, q, float(np.sum(log.weight_1_K[k][used] ** -2.0)))
-            x += own @ q
+            x += columns @ q
             heat[k], rows[k] = q, C @ x
         heat[0] = heat[1]
         return heat, rows

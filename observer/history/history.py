@@ -33,13 +33,13 @@ class MethodOptions(NamedTuple):
 
     def check(self) -> None:
         """Raise `UserError` where an option is unknown or not of the method, or two contradict each other."""
-        for name, known in (
+        for name, allowed in (
             ("method", Method),
             ("parameter_choice", ParameterChoice),
             ("gradient", Gradient),
         ):
-            if (given := getattr(self, name)) is not None:
-                check_choice(name, given, get_args(known))
+            if (value := getattr(self, name)) is not None:
+                check_choice(name, value, get_args(allowed))
         if self.order not in (None, 0, 1):
             raise UserError(f"order = {self.order!r}: give 0 or 1")
         belongs = {

@@ -15,7 +15,7 @@ from observer.history.history import HeatHistory, MethodOptions
 from observer.history.smoother import smooth_heats
 from observer.history.sweeps import Readings, Sweeps, readings
 from observer.history.tikhonov import BENDS, Regularised, by_discrepancy, by_gcv, by_ico, by_l_curve, trials
-from observer.history.tolerances import Changes, averaged, less, most_probable
+from observer.history.tolerances import Changes, averaged, most_probable, without_changes
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
@@ -50,14 +50,14 @@ def heat_history(
     if tolerances is not None and first is not None:
         changes = tolerances(averaged(blocks, plant.estimated, first.heat_W))
     if changes is not None and len(changes.learnt):
-        found = most_probable(plant, settings, blocks, changes)
-        history = _by_method(plant, settings, less(blocks, found.sensor_K), options, progress)
+        estimate = most_probable(plant, settings, blocks, changes)
+        history = _by_method(plant, settings, without_changes(blocks, estimate.sensor_K), options, progress)
         of_method = options.regularisation is not None or options.gradient == "central-differences"
-        if history.warnings and not of_method and found.largest <= _LIKELY:
-            whole = Regularised(plant, settings, less(blocks, found.whole_K), 1).solve(1.0).residual
-            if np.nanmean(whole**2 / plant.noise_R_K2) <= _EXPLAINED:
-                history = replace(history, warnings=(_within(history.details["misfit"]),))
-        sigma_W = np.sqrt(history.heat_sigma_W**2 + found.variance_W2)
+        if history.warnings and not of_method and estimate.largest <= _LIKELY:
+            equation = Regularised(plant, settings, without_changes(blocks, estimate.whole_K), 1)
+            if np.nanmean(equation.solve(1.0).residual ** 2 / plant.noise_R_K2) <= _EXPLAINED:
+                history = replace(history, warnings=(_tolerated_misfit(history.details["misfit"]),))
+        sigma_W = np.sqrt(history.heat_sigma_W**2 + estimate.variance_W2)
         history = replace(history, heat_sigma_W=sigma_W)
     elif first is not None and options.method == "smoother":
         history = first
@@ -73,10 +73,10 @@ def _that_cool(plant: Plant, blocks: Sequence[Inputs], history: HeatHistory) -> 
     for name, heat_W, sigma_W, law in zip(
         names, history.heat_W.T, history.heat_sigma_W.T, law_W.T, strict=True
     ):
-        known = np.isfinite(heat_W) & np.isfinite(sigma_W)
-        if known.any() and heat_W[known].mean() < -sigma_W[known].mean() and not (law < 0.0).any():
+        finite = np.isfinite(heat_W) & np.isfinite(sigma_W)
+        if finite.any() and heat_W[finite].mean() < -sigma_W[finite].mean() and not (law < 0.0).any():
             yield (
-                f"{name} would cool by {-heat_W[known].mean():.3g} W on average, which is impossible: a "
+                f"{name} would cool by {-heat_W[finite].mean():.3g} W on average, which is impossible: a "
                 "sensor near it, the ambient or the film is not as configured, or an effect is missing; try "
                 "`observer calibrate`, then `observer discover`"
             )
@@ -127,15 +127,15 @@ def _by_method(
     if options.method == "smoother":
         return smooth_heats(plant, settings, blocks)
     if options.method == "tikhonov":
-        found = _tikhonov(plant, settings, blocks, options)
+        history = _tikhonov(plant, settings, blocks, options)
     else:
-        found = _conjugate_gradient(plant, blocks, options, progress)
-    weighted = found.residual_K**2 / plant.noise_R_K2
+        history = _conjugate_gradient(plant, blocks, options, progress)
+    weighted = history.residual_K**2 / plant.noise_R_K2
     misfit = float(np.nanmean(weighted))
     return replace(
-        found,
+        history,
         time_s=np.concatenate([block.time_s for block in blocks]),
-        details={**found.details, "misfit": misfit},
+        details={**history.details, "misfit": misfit},
         warnings=tuple(_warnings(options, misfit)),
     )
 
@@ -145,9 +145,9 @@ def _tikhonov(
 ) -> HeatHistory:
     equation = Regularised(plant, settings, blocks, 1 if options.order is None else options.order)
     alpha, details = _regularisation(equation, options)
-    found = equation.solve(alpha)
+    solution = equation.solve(alpha)
     details["regularisation"] = alpha
-    return HeatHistory(np.zeros(0), found.heat, found.sigma, found.residual, details)
+    return HeatHistory(np.zeros(0), solution.heat, solution.sigma, solution.residual, details)
 
 
 def _regularisation(equation: Regularised, options: MethodOptions) -> tuple[float, dict[str, Any]]:
@@ -178,10 +178,10 @@ def _conjugate_gradient(
         others = [find(drawn.rise_K[:, :, c])[0] for c in range(drawn.rise_K.shape[2])]
         sigma, details = spread(drawn, np.stack(others, axis=2)), {"gradient": options.gradient}
     else:
-        every = np.concatenate([log.rise_K[:, :, None], drawn.rise_K], axis=2)
-        found = descend(Sweeps(plant, log.inputs, order), log.weight_1_K, every, progress)
-        heat, rows = found.heat_W[:, :, 0], found.rows_K[:, :, 0]
-        sigma, details = spread(drawn, found.heat_W[:, :, 1:]), {"iterations": int(found.iterations[0])}
+        logs = np.concatenate([log.rise_K[:, :, None], drawn.rise_K], axis=2)
+        descent = descend(Sweeps(plant, log.inputs, order), log.weight_1_K, logs, progress)
+        heat, rows = descent.heat_W[:, :, 0], descent.rows_K[:, :, 0]
+        sigma, details = spread(drawn, descent.heat_W[:, :, 1:]), {"iterations": int(descent.iterations[0])}
     heat = heat + log.inputs.law_W[:, plant.estimated]
     heat, sigma, residual = (_after(log, values) for values in (heat, sigma, log.unexplained(rows)))
     return HeatHistory(np.zeros(0), heat, sigma, residual, details)
@@ -200,7 +200,7 @@ def _warnings(options: MethodOptions, misfit: float) -> list[str]:
     ]
 
 
-def _within(misfit: float) -> str:
+def _tolerated_misfit(misfit: float) -> str:
     """What is said of a misfit that vanishes where the tolerances that are only considered move, too."""
     return (
         f"the residual is {misfit**0.5:.3g} times the noise, and [tolerance] explains it by what it only "

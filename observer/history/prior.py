@@ -65,15 +65,15 @@ def walking(plant: Plant, blocks: Sequence[Inputs], alpha: float = 1.0) -> Assum
 
 def independent(plant: Plant, blocks: Sequence[Inputs], alpha: float = 1.0) -> Assumed:
     """Return the prior of order 0 at the weight `alpha`: a step's heat is a jump from zero at its start."""
-    nothing = np.zeros(len(plant.initial_sigma_W))
-    held = replace(
+    zeros = np.zeros(len(plant.initial_sigma_W))
+    stepwise_plant = replace(
         plant,
         prior_P=np.zeros_like(plant.prior_P),
         field_noise_Q=np.zeros_like(plant.field_noise_Q),
-        initial_sigma_W=nothing,
-        random_walk_W2_s=nothing,
-        heat_decay_1_s=nothing,
-        law_uncertainty=np.ones(len(nothing)),
+        initial_sigma_W=zeros,
+        random_walk_W2_s=zeros,
+        heat_decay_1_s=zeros,
+        law_uncertainty=np.ones(len(zeros)),
     )
     jump_W = np.zeros(len(plant.estimated))
     jump_W[plant.estimated] = plant.initial_sigma_W / np.sqrt(alpha)
@@ -83,7 +83,7 @@ def independent(plant: Plant, blocks: Sequence[Inputs], alpha: float = 1.0) -> A
         )
         for block in blocks
     ]
-    return Assumed(held, without_laws, HeldSteps(held, keeps=False))
+    return Assumed(stepwise_plant, without_laws, HeldSteps(stepwise_plant, keeps=False))
 
 
 def jumps_W(plant: Plant, inputs: Inputs, order: int) -> tuple[FloatArray, FloatArray]:
@@ -94,11 +94,11 @@ def jumps_W(plant: Plant, inputs: Inputs, order: int) -> tuple[FloatArray, Float
     if order == 0:
         sigma_W[1:] = plant.initial_sigma_W
         return sigma_W, keep
-    lengths_s, which = np.unique(quantise(inputs.dt_s), return_inverse=True)
+    lengths_s, index = np.unique(quantise(inputs.dt_s), return_inverse=True)
     steps = [step_matrices(plant, float(dt_s)) for dt_s in lengths_s]
     jump_W = plant.law_uncertainty * inputs.law_jump_W[:, plant.estimated]
-    variance = np.array([step.walk_dd for step in steps])[which] + jump_W**2
-    keep[1:] = np.array([step.heat_decay for step in steps])[which][1:]
+    variance = np.array([step.walk_dd for step in steps])[index] + jump_W**2
+    keep[1:] = np.array([step.heat_decay for step in steps])[index][1:]
     variance[1:2] += (keep[1:2] * plant.initial_sigma_W) ** 2
     sigma_W[1:] = np.sqrt(variance[1:])
     return sigma_W, keep

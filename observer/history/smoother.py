@@ -150,15 +150,15 @@ class _Passes:
         """Run the forward pass, storing the state at the start of each segment, and the backward pass; return
         the results of the K rows.
         """
-        kept, parts = [], list[tuple[FloatArray, ...]]()
+        states, parts = [], list[tuple[FloatArray, ...]]()
         begins = np.cumsum([0, *map(len, blocks)]).tolist()
         for block, begin in zip(blocks, begins, strict=False):
             for segment in self._segments(block, begin):
-                kept.append(self._remembered())
+                states.append(self._remembered())
                 self._filter(segment)
         for block, begin in zip(reversed(blocks), begins[-2::-1], strict=True):
             for segment in reversed(list(self._segments(block, begin))):
-                state = kept.pop()
+                state = states.pop()
                 if parts:  # the tape still holds the last segment
                     self._recall(state)
                     self._filter(segment)
@@ -166,20 +166,20 @@ class _Passes:
         return [np.concatenate(column) for column in zip(*parts[::-1], strict=True)]
 
     def _segments(self, block: Inputs, row: int) -> Iterator[_Segment]:
-        seen = block.sensors_only(len(self._arrays.R_K2))
-        for part, _, table, u, step in chunks(self._steps, seen):
+        readings = block.sensors_only(len(self._arrays.R_K2))
+        for part, _, table, u, step in chunks(self._steps, readings):
             for begin in range(0, len(step), _STEPS_IN_SEGMENT):
-                own = u.part(begin, begin + _STEPS_IN_SEGMENT)
+                inputs = u.part(begin, begin + _STEPS_IN_SEGMENT)
                 first = row + part.start + begin
-                rows = slice(first, first + len(own))
-                yield _Segment(rows, own, step[begin : begin + _STEPS_IN_SEGMENT], table)
+                rows = slice(first, first + len(inputs))
+                yield _Segment(rows, inputs, step[begin : begin + _STEPS_IN_SEGMENT], table)
 
     def _remembered(self) -> tuple[FloatArray | IntArray, ...]:
         return tuple(array.copy() for array in self._state)
 
     def _recall(self, state: tuple[FloatArray | IntArray, ...]) -> None:
-        for array, then in zip(self._state, state, strict=True):
-            array[...] = then
+        for array, saved in zip(self._state, state, strict=True):
+            array[...] = saved
 
     def _filter(self, segment: _Segment) -> None:
         run_forward(self._batch(segment), record(self._state), self._work, self._tape)

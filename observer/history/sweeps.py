@@ -57,9 +57,9 @@ def readings(plant: Plant, blocks: Sequence[Inputs], order: int) -> Readings:
     plant = plant.sensors_only()
     s = plant.rows.sensors
     inputs = Inputs.joined(blocks).sensors_only(s)
-    known = np.isfinite(inputs.z_end).all(axis=1) & np.isfinite(inputs.z_start).all(axis=1)
+    complete = np.isfinite(inputs.z_end).all(axis=1) & np.isfinite(inputs.z_start).all(axis=1)
     usable = inputs.usable & np.isfinite(inputs.y_degC)
-    ready = np.flatnonzero(known & usable.any(axis=1))
+    ready = np.flatnonzero(complete & usable.any(axis=1))
     if not len(ready) or ready[0] > len(inputs) - 3:
         raise UserError("the log holds fewer than three steps with a measurement; record for longer")
     first = int(ready[0])
@@ -98,8 +98,8 @@ class Sweeps:
             )
             for c in chunks(HeldSteps(plant, keeps=order == 1), inputs)
         ]
-        known = order == 0 if start_known is None else start_known
-        self._root = _square_root(plant.prior_P)[:, : 0 if known else None]
+        is_known = order == 0 if start_known is None else start_known
+        self._root = _square_root(plant.prior_P)[:, : 0 if is_known else None]
         self.start, (self.rows, self.heats) = self._root.shape[1], self._scale.shape
         self.sensors = plant.rows.sensors
 
@@ -146,10 +146,10 @@ def _start_mean(plant: Plant, inputs: Inputs, usable: FloatArray) -> FloatArray:
     A screw of one temperature, the median of the usable sensors (s,), its lags at rest under their laws.
     """
     x = inputs.law_W[0] @ plant.lags
-    seen = _rows_at(plant, inputs, plant.uniform) - plant.rows.F @ inputs.z_end[0]
+    of_uniform = _rows_at(plant, inputs, plant.uniform) - plant.rows.F @ inputs.z_end[0]
     level = inputs.y_degC[0].copy()
-    by_modes = seen > 0.5
-    level[by_modes] = (inputs.y_degC[0] - _rows_at(plant, inputs, x))[by_modes] / seen[by_modes]
+    by_modes = of_uniform > 0.5
+    level[by_modes] = (inputs.y_degC[0] - _rows_at(plant, inputs, x))[by_modes] / of_uniform[by_modes]
     return np.asarray(x + plant.uniform * np.median(level[usable]))
 
 
@@ -164,5 +164,5 @@ def _rows_at(plant: Plant, inputs: Inputs, x: FloatArray) -> FloatArray:
 def _square_root(P: FloatArray) -> FloatArray:
     """Columns (n, r) whose squares add up to the covariance P."""
     values, vectors = np.linalg.eigh(P)
-    kept = values > _NEGLIGIBLE * max(float(values[-1]), 1e-300)
-    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+    positive = values > _NEGLIGIBLE * max(float(values[-1]), 1e-300)
+    return np.asarray(vectors[:, positive] * np.sqrt(values[positive]))

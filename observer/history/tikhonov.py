@@ -65,31 +65,31 @@ class Regularised:
     def solve(self, alpha: float) -> Smoothed:
         """Return the solution for α: heats, their σ, residuals; NaN in rows before the first measurement."""
         plant, blocks, steps = self._prior(self._plant, self._blocks, alpha)
-        found = smooth_all(plant, self._settings, blocks, steps)
-        return found if self._order == 1 else self._as_jumps(found, alpha)
+        solution = smooth_all(plant, self._settings, blocks, steps)
+        return solution if self._order == 1 else self._as_jumps(solution, alpha)
 
-    def _as_jumps(self, found: Smoothed, alpha: float) -> Smoothed:
+    def _as_jumps(self, solution: Smoothed, alpha: float) -> Smoothed:
         """The heats of order 0; σ is NaN where it is the rounding of a prior that wide."""
-        sigma_W, start = found.jump_sigma, self._log.first
+        sigma_W, start = solution.jump_sigma, self._log.first
         sigma_W[sigma_W < _DIGITS * self._plant.initial_sigma_W / np.sqrt(alpha)] = np.nan
-        for values in (found.jump, sigma_W):  # the first row has no step before it
+        for values in (solution.jump, sigma_W):  # the first row has no step before it
             values[start] = values[start + 1]
-        return found._replace(heat=found.jump, sigma=sigma_W)
+        return solution._replace(heat=solution.jump, sigma=sigma_W)
 
     def trial(self, alpha: float) -> Trial:
         """Return the solution for α in numbers."""
         if alpha not in self._tried:
-            found = self.solve(alpha)
-            misfit = np.nansum(found.residual**2 / self._plant.noise_R_K2)
-            free, used = float(np.nansum(found.free)), int(np.count_nonzero(np.isfinite(found.residual)))
-            self._tried[alpha] = Trial(alpha, float(misfit), self._size(found.heat), free, used)
+            fit = self.solve(alpha)
+            misfit = np.nansum(fit.residual**2 / self._plant.noise_R_K2)
+            free, used = float(np.nansum(fit.free)), int(np.count_nonzero(np.isfinite(fit.residual)))
+            self._tried[alpha] = Trial(alpha, float(misfit), self._size(fit.heat), free, used)
         return self._tried[alpha]
 
     def _size(self, heat_W: FloatArray) -> float:
         """|w|² of heats (K, m_e)."""
-        beyond = heat_W[self._log.first :] - self._log.inputs.law_W[:, self._plant.estimated]
-        jump = beyond[1:] - self._keep[1:] * beyond[:-1]
-        jump[0] = beyond[1]
+        departure_W = heat_W[self._log.first :] - self._log.inputs.law_W[:, self._plant.estimated]
+        jump = departure_W[1:] - self._keep[1:] * departure_W[:-1]
+        jump[0] = departure_W[1]
         return float(np.nansum((jump / self._sigma_W[1:]) ** 2))
 
 
@@ -117,8 +117,8 @@ def by_discrepancy(trial: Try, alphas: FloatArray) -> float:
     from scipy.optimize import brentq  # noqa: PLC0415 - slow to import
 
     def excess(log_alpha: float) -> float:
-        found = trial(float(np.exp(log_alpha)))
-        return found.misfit / found.measurements - 1.0
+        solution = trial(float(np.exp(log_alpha)))
+        return solution.misfit / solution.measurements - 1.0
 
     low, high = float(np.log(alphas[0])), float(np.log(alphas[-1]))
     if excess(low) >= 0.0:
@@ -136,8 +136,8 @@ def by_gcv(trial: Try, alphas: FloatArray) -> float:
     from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import
 
     def score(log_alpha: float) -> float:
-        found = trial(float(np.exp(log_alpha)))
-        return found.misfit / found.free**2
+        solution = trial(float(np.exp(log_alpha)))
+        return solution.misfit / solution.free**2
 
     logs = np.log(alphas)
     best = int(np.argmin([score(v) for v in logs]))
@@ -152,10 +152,10 @@ def by_l_curve(trial: Try, alphas: FloatArray) -> float:
     """
     from scipy.interpolate import CubicSpline  # noqa: PLC0415 - slow to import
 
-    found, logs = [trial(float(alpha)) for alpha in alphas], np.log(alphas)
+    solutions, logs = [trial(float(alpha)) for alpha in alphas], np.log(alphas)
     x, y = (
         CubicSpline(logs, 0.5 * np.log(np.maximum(values, 1e-300)))
-        for values in ([t.misfit for t in found], [t.size for t in found])
+        for values in ([t.misfit for t in solutions], [t.size for t in solutions])
     )
     fine = np.linspace(logs[0], logs[-1], _FINER * len(logs))
     pace = np.hypot(x(fine, 1), y(fine, 1))
@@ -183,26 +183,26 @@ def by_ico(
     """
     low, high = bounds or (top * 10.0**-ICO_DECADES, top)
     rng = np.random.default_rng(seed)
-    kept: list[float] = []
+    smallest: list[float] = []
     for _ in range(ICO_ROUNDS):
         width = high - low
-        kept.append(float(low + width * rng.random(ICO_TRIALS).min()))
-        if kept[-1] - low < 0.5 * width:
+        smallest.append(float(low + width * rng.random(ICO_TRIALS).min()))
+        if smallest[-1] - low < 0.5 * width:
             high -= 0.5 * width
         else:
             low += 0.5 * width
-    nothing = trial(_OPEN * top).misfit  # |Z|²: so heavy a prior leaves no heat
+    without_heat = trial(_OPEN * top).misfit  # |Z|²: so heavy a prior leaves no heat
 
     def stops(alpha: float) -> bool:
-        return trial(alpha).misfit <= tolerance**2 * nothing
+        return trial(alpha).misfit <= tolerance**2 * without_heat
 
     # W falls with α: of the values kept, in order of size, bisection finds those that stop the rounds
-    ascending, stopping, others = sorted(set(kept)), 0, len(set(kept))
+    ascending, stopping, others = sorted(set(smallest)), 0, len(set(smallest))
     while stopping < others:
         middle = (stopping + others) // 2
         if stops(ascending[middle]):
             stopping = middle + 1
         else:
             others = middle
-    last = next((i for i, alpha in enumerate(kept) if alpha in ascending[:stopping]), len(kept) - 1)
-    return kept[last], np.array(kept[: last + 1])
+    last = next((i for i, alpha in enumerate(smallest) if alpha in ascending[:stopping]), len(smallest) - 1)
+    return smallest[last], np.array(smallest[: last + 1])

@@ -58,24 +58,24 @@ def changes_within(config: Config, blocks: Sequence[Inputs], heat_W: FloatArray)
     Learnt are those named in `[estimator] learn`; the common tolerance of the sensors' gains never is.
     """
     plant, learnt = _roughly_known(config)
-    known = np.flatnonzero(np.isfinite(heat_W).any(axis=1))
+    known_rows = np.flatnonzero(np.isfinite(heat_W).any(axis=1))
     gain, L, s = config.tolerance.gain, len(learnt), plant.rows.sensors
     common = gain * np.array([sensor.shows_tolerance is None for sensor in config.sensor])
     D = np.zeros((len(heat_W), s, L + (s if gain > 0.0 else 0)))
-    if not (len(known) and D.size):
+    if not (len(known_rows) and D.size):
         return Changes(D[:, :, :0], np.zeros(0, dtype=np.bool_))
-    along, done, start, own = _Along(plant), 0, int(known[0]), np.arange(s)
+    along, row, start, sensors = _Along(plant), 0, int(known_rows[0]), np.arange(s)
     for block in blocks:
-        rows = slice(max(done, start), done + len(block))
-        u = block.sensors_only(s).part(rows.start - done)
-        done += len(block)
+        rows = slice(max(row, start), row + len(block))
+        u = block.sensors_only(s).part(rows.start - row)
+        row += len(block)
         if len(u):
             law_W = u.law_W.copy()
             law_W[:, plant.estimated] = heat_W[rows]
             expected_degC = along(u._replace(law_W=law_W), D[rows])
             if gain > 0.0:
                 air_degC = u.z_end[:, plant.known.ambient, None]
-                D[rows, own, L + own] = np.nan_to_num(common * (air_degC - expected_degC))
+                D[rows, sensors, L + sensors] = np.nan_to_num(common * (air_degC - expected_degC))
     return Changes(D, np.concatenate([learnt, np.zeros(D.shape[2] - L, dtype=np.bool_)]))
 
 
@@ -105,12 +105,12 @@ def _roughly_known(config: Config) -> tuple[Plant, BoolArray]:
     plant = build_plant(lean, nut_places=2, learns=True).sensors_only()  # the inputs hold the nut's columns
     if plant.learning is None:
         return plant, np.zeros(0, dtype=np.bool_)
-    fades, every = plant.coupling.fades, plant.learning.arrays
+    fades, parameters = plant.coupling.fades, plant.learning.arrays
     sought = fades._replace(per_K=np.where(plant.estimated, 0.0, fades.per_K))
-    which = np.flatnonzero(every.kind != Nuisance.LAW)
-    learning = replace(plant.learning, arrays=of_parameters(every, which))
+    selected = np.flatnonzero(parameters.kind != Nuisance.LAW)
+    learning = replace(plant.learning, arrays=of_parameters(parameters, selected))
     plant = replace(plant, coupling=plant.coupling._replace(fades=sought), learning=learning)
-    return plant, np.isin(which, every.held, invert=True)
+    return plant, np.isin(selected, parameters.held, invert=True)
 
 
 class _Along:
@@ -122,16 +122,16 @@ class _Along:
         n, s, L = packing.states_of(plant), plant.rows.sensors, len(arrays.learn.kind)
         of_machine = max(arrays.learn.machine, 1)
         self._x = np.zeros(n)
-        around, S = np.zeros(n - L + 2 * s), np.zeros((n - L, of_machine))
-        self._considered, self._plant_record = record(considered(arrays, around, S)), record(arrays)
+        linearised, S = np.zeros(n - L + 2 * s), np.zeros((n - L, of_machine))
+        self._considered, self._plant_record = record(considered(arrays, linearised, S)), record(arrays)
 
     def __call__(self, u: Inputs, D: FloatArray) -> FloatArray:
         """Fill D (K, s, …) for the steps of a block, the very first of which starts from the sensors; return
         the readings expected with no parameter changed, (K, s), °C.
         """
         if self._begins:
-            seen = np.where(u.usable[0], u.y_degC[0], np.nan)
-            field = start_from_sensors(self._plant, seen, self._plant.noise_R_K2, u.law_W[0], u.z_end[0])
+            y_degC = np.where(u.usable[0], u.y_degC[0], np.nan)
+            field = start_from_sensors(self._plant, y_degC, self._plant.noise_R_K2, u.law_W[0], u.z_end[0])
             self._x[: len(field)] = field
         expected_degC = np.full(u.y_degC.shape, np.nan)
         for part, _, table, chunk, step in chunks(self._steps, u):
@@ -141,7 +141,7 @@ class _Along:
         return expected_degC
 
 
-class Within(NamedTuple):
+class ToleranceEstimate(NamedTuple):
     """The most probable effect of the learnt tolerances on the sensors (K, s), K, that of all of them, those
     only considered too, how many standard deviations the largest is, and the variance (K, m_e), W², that all
     tolerances add to the heats.
@@ -155,20 +155,19 @@ class Within(NamedTuple):
 
 def most_probable(
     plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], changes: Changes
-) -> Within:
+) -> ToleranceEstimate:
     """Return the estimate of at least one tolerance from the accepted readings of consecutive blocks."""
     information, M = smooth_changes(plant, settings, blocks, changes.sensor_K)
     linear = LinearFit.of_information(np.eye(len(information)) + information[:, 1:], information[:, 0])
-    S, every = linear.covariance, linear.step
-    theta = np.where(changes.learnt, every, 0.0)
-    held = np.ix_(~changes.learnt, ~changes.learnt)
-    S[held] = np.eye(len(information))[held]
-    variance = np.sum(M @ S * M, axis=2)
-    largest = float(np.abs(every).max())
-    return Within(changes.sensor_K @ theta, changes.sensor_K @ every, largest, np.maximum(variance, 0.0))
+    S, theta = linear.covariance, linear.step
+    considered = np.ix_(~changes.learnt, ~changes.learnt)
+    S[considered] = np.eye(len(information))[considered]
+    variance_W2 = np.maximum(np.sum(M @ S * M, axis=2), 0.0)
+    learnt_K = changes.sensor_K @ np.where(changes.learnt, theta, 0.0)
+    return ToleranceEstimate(learnt_K, changes.sensor_K @ theta, float(np.abs(theta).max()), variance_W2)
 
 
-def less(blocks: Sequence[Inputs], change_K: FloatArray) -> list[Inputs]:
+def without_changes(blocks: Sequence[Inputs], change_K: FloatArray) -> list[Inputs]:
     """Return the blocks with changes (K, s) subtracted from the readings."""
     out, begin = [], 0
     for block in blocks:

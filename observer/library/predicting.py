@@ -22,7 +22,7 @@ from observer.files.writer import MemoryTable
 from observer.forecast.document import Forecast, document, sentences
 from observer.forecast.document import forecast as look_ahead
 from observer.forecast.friction import FrictionBank, forecast_by_all, is_of_use
-from observer.forecast.program import given, learnt
+from observer.forecast.program import learnt, repeating
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, NutPath
 from observer.installation import Installation
 from observer.library.packages import in_words
@@ -158,7 +158,7 @@ def forecast_run(
         if program is None:
             does = learnt(ran)
         else:
-            does = given(program_bins(program_of(program, config), machine), ran)
+            does = repeating(program_bins(program_of(program, config), machine), ran)
         state, hours = pipeline.snapshot()[1], hours or settings.hours
         plant, within_um = machine.plant, settings.within_um
         if is_of_use(config, does):

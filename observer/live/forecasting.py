@@ -17,7 +17,7 @@ from observer.estimate.checkpoint import Snapshot
 from observer.estimate.pipeline import MachineModel
 from observer.estimators.protocol import EstimatorState
 from observer.files.logs import Log
-from observer.forecast.document import Forecast, document, forecast, none
+from observer.forecast.document import Forecast, document, forecast, no_forecast
 from observer.forecast.program import Bins, binned, joined, learnt
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Inputs, Layout
 from observer.live.observers import Step, StepObserver
@@ -119,7 +119,7 @@ class Forecaster(StepObserver):
             found = forecast(self._machine.config, plant, state, program, self._settings.hours, within_um)
         except ValueError as error:
             worse = max(quality, EstimateQuality.STARTING)
-            return none(float(last.time_s[-1]), worse, self._instance, str(error), within_um)
+            return no_forecast(float(last.time_s[-1]), worse, self._instance, str(error), within_um)
         return document(found, plant, quality, self._instance, within_um)
 
 

@@ -25,7 +25,7 @@ from observer.discovery.workers import WorkerPool
 from tests.discovery.test_worker_process import met, small_problem
 print("begun")
 with WorkerPool() as pool:
-    print(len(set(pool.each(met, small_problem(), [(Path({folder!r}),)] * 2))), "processes")
+    print(len(set(pool.map(met, small_problem(), [(Path({folder!r}),)] * 2))), "processes")
 """
 
 
@@ -90,7 +90,7 @@ def test_what_a_killed_worker_had_to_do_is_done_here(tmp_path: Path) -> None:
     tasks = [(tmp_path, os.getpid())] * 3
     with WorkerPool() as pool:
         # the first task is done here, and waits until the second is under way there
-        assert pool.each(alone, small_problem(), tasks) == [os.getpid()] * 3
+        assert pool.map(alone, small_problem(), tasks) == [os.getpid()] * 3
 
 
 @pytest.mark.system
@@ -109,4 +109,4 @@ def _fails(_problem, _number: int) -> None:
 
 def test_what_fails_there_fails_here_with_its_own_error() -> None:
     with WorkerPool() as pool, pytest.raises(LookupError, match="on purpose"):
-        pool.each(_fails, small_problem(), [(1,), (2,)])
+        pool.map(_fails, small_problem(), [(1,), (2,)])

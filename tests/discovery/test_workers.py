@@ -67,7 +67,7 @@ def test_what_crosses_over_leaves_the_problem_behind() -> None:
 def test_alone_one_does_all_in_order() -> None:
     config = machine()
     problem = problem_of(config, [made_log(config, 0, minutes=20.0)])
-    assert IN_PROCESS.each(lambda _problem, x, y: x - y, problem, [(3, 1), (5, 5), (1, 9)]) == [2, 0, -8]
+    assert IN_PROCESS.map(lambda _problem, x, y: x - y, problem, [(3, 1), (5, 5), (1, 9)]) == [2, 0, -8]
 
 
 def test_who_works_for_another_process_has_no_second_one_of_its_own() -> None:

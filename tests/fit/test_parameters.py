@@ -17,10 +17,10 @@ from observer.fit.parameters import (
     free_keys,
     get,
     info_of,
-    put,
     replaced,
     rounded,
     scale_of,
+    with_values,
 )
 from observer.fit.tolerance import remaining_tolerances, tolerances
 from observer.installation import Installation, parse, write_back
@@ -96,7 +96,7 @@ def with_a_torque() -> Config:
 def test_a_value_that_is_put_is_the_same_as_one_that_is_replaced(key: str) -> None:
     config = with_a_torque()
     value = 0.5 * get(config, key)
-    quick, checked = put(config, {key: value}), replaced(config, {key: value})
+    quick, checked = with_values(config, {key: value}), replaced(config, {key: value})
     assert get(quick, key) == value
     assert quick.model_dump() == checked.model_dump()
 
@@ -127,11 +127,11 @@ def test_a_parameter_is_sought_within_its_bounds_in_steps_of_its_size(
             update={"surface": config.surface.model_copy(update={"law": "laminar", "factor": 1.0})}
         )
     assert bounds_of(config, key) == (low, high)
-    assert scale_of(put(config, {key: 2 * small}), key) == pytest.approx(2 * small)
-    assert scale_of(put(config, {key: 0.0}), key) == pytest.approx(small)
-    beyond = put(config, {key: 2 * high})
+    assert scale_of(with_values(config, {key: 2 * small}), key) == pytest.approx(2 * small)
+    assert scale_of(with_values(config, {key: 0.0}), key) == pytest.approx(small)
+    beyond = with_values(config, {key: 2 * high})
     assert bounds_of(beyond, key) == (low, 2 * high), "a configured value is always within"
-    assert bounds_of(put(config, {key: low - 1.0}), key) == (low - 1.0, high)
+    assert bounds_of(with_values(config, {key: low - 1.0}), key) == (low - 1.0, high)
 
 
 def test_every_kind_of_parameter_is_positive_and_has_a_size() -> None:

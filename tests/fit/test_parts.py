@@ -20,7 +20,7 @@ from observer.fit.evidence import (
     shown_noise,
 )
 from observer.fit.hypothesis import EffectParameter, Fit, fit_effects, fit_null, with_effects
-from observer.fit.parameters import FILM, get, put
+from observer.fit.parameters import FILM, get, with_values
 from observer.fit.problem import Problem, modelled_lags
 from observer.fit.tolerance import tolerances
 from observer.frames import FloatArray
@@ -231,7 +231,7 @@ def test_derivatives_are_in_units_of_scale_and_noise_and_stay_within_bounds() ->
         0.05 * forward.by["film"].ravel() * 20.0, forward.by["heater"].ravel() * 1.0,
     ]) / 0.05  # fmt: skip
     assert problem.scale.tolist() == [20.0, 1.0]
-    at_the_end = put(problem.config, {FILM: 1000.0, HEATER: 100.0})
+    at_the_end = with_values(problem.config, {FILM: 1000.0, HEATER: 100.0})
     for config in (problem.config, at_the_end):
         found = problem.derivatives(config)
         np.testing.assert_allclose(found.columns, expected, rtol=1e-6, atol=1e-6)
@@ -304,7 +304,7 @@ def weighed_least(problem: Problem, columns: FloatArray, at: FloatArray) -> tupl
 
 def test_a_fit_is_the_least_squares_of_what_is_used() -> None:
     forward = Straight(gaps=1)
-    truth = put(machine(effect=[BIAS | {"offset_K": 1.2}]), {FILM: 23.0, HEATER: 0.9})
+    truth = with_values(machine(effect=[BIAS | {"offset_K": 1.2}]), {FILM: 23.0, HEATER: 0.9})
     problem = a_problem(forward, truth).with_nuisance(machine())
     null = fit_null(problem, problem.config)
     bias = np.where(problem.evidence.sensor == 1, 0.5, 0.0)[:, None] / 0.05
@@ -335,7 +335,7 @@ def test_a_fit_is_the_least_squares_of_what_is_used() -> None:
 
 def test_a_fit_far_away_takes_its_derivatives_anew() -> None:
     forward = Straight()
-    truth = put(machine(), {FILM: 60.0, HEATER: 3.0})
+    truth = with_values(machine(), {FILM: 60.0, HEATER: 3.0})
     problem = a_problem(forward, truth)
     fit = fit_null(problem, problem.config)
     np.testing.assert_allclose(problem.free_values(fit.config), [60.0, 3.0], rtol=0.05)
@@ -370,7 +370,7 @@ def test_a_value_within_a_thousandth_of_its_scale_is_at_its_bound(value: float, 
 
 
 def test_a_fit_that_cannot_overtake_its_rival_is_given_up() -> None:
-    problem = a_problem(Straight(), put(machine(), {FILM: 200.0}))
+    problem = a_problem(Straight(), with_values(machine(), {FILM: 200.0}))
     patient = fit_effects(problem, problem.config, ())
     hopeless = fit_effects(problem, problem.config, (), rival=-1e9)
     assert problem.free_values(hopeless.config)[0] <= 30.0 + 1e-9, "one step of half a scale"

@@ -14,7 +14,7 @@ from observer.estimators.protocol import EstimatorState
 from observer.forecast.ahead import AIR_K_sqrt_h, ahead, drift_scale, runner
 from observer.forecast.document import document, forecast
 from observer.forecast.program import BIN_S, Bins, averaged, learnt, noise_W2_s, period_bins
-from observer.forecast.settling import settling, when
+from observer.forecast.settling import settling, settling_between
 from observer.frames import EstimateQuality, FloatArray
 from observer.model.build import build_plant
 from observer.model.plant import Plant
@@ -147,9 +147,9 @@ def test_heats_that_drifted_are_forecast_with_more_drift() -> None:
 def test_the_time_of_settling_has_a_band_as_wide_as_what_is_not_known() -> None:
     plant, program = rod(), learnt(bins_of(np.full(60, 40.0)))
     begin = runner(plant, CONFIG.estimator, at_degC(plant, 20.0), program)
-    settled, between_s = when(begin, program, EVERYWHERE, 2.0)
+    settled, between_s = settling_between(begin, program, EVERYWHERE, 2.0)
     surer = replace(begin, state=replace(begin.state, P=1e-4 * begin.state.P))
-    _, narrow_s = when(surer, program, EVERYWHERE, 2.0)
+    _, narrow_s = settling_between(surer, program, EVERYWHERE, 2.0)
     assert settled.after_s is not None
     assert between_s is not None
     assert narrow_s is not None

@@ -17,7 +17,7 @@ from observer.history.history import MethodOptions
 from observer.history.identify import heat_history
 from observer.history.smoother import smooth_heats
 from observer.history.sweeps import Sweeps, readings
-from observer.history.tolerances import Changes, averaged, changes_within, less, most_probable
+from observer.history.tolerances import Changes, averaged, changes_within, most_probable, without_changes
 from observer.model.discretise import step_matrices
 from observer.model.simulate import simulate, start_from_sensors
 from observer.tables.estimator import EstimatorSettings
@@ -69,7 +69,7 @@ def test_heats_and_their_variance_are_those_of_the_dense_equations(learnt):
 
     same_plant, same_u = held(plant, u)
     found = most_probable(same_plant, OPEN_GATE, [same_u], changes)
-    history = smooth_heats(same_plant, OPEN_GATE, less([same_u], found.sensor_K))
+    history = smooth_heats(same_plant, OPEN_GATE, without_changes([same_u], found.sensor_K))
     ours_W = np.sqrt(history.heat_sigma_W**2 + found.variance_W2)
     np.testing.assert_allclose(history.heat_W[1:], heat_W, rtol=0, atol=1e-6 * np.abs(heat_W).max())
     np.testing.assert_allclose(ours_W[1:], sigma_W, rtol=1e-5)

@@ -10,7 +10,7 @@ import pytest
 from observer.config import Config
 from observer.errors import UserError
 from observer.fit.calibrate import calibrate
-from observer.fit.parameters import put
+from observer.fit.parameters import with_values
 from observer.fit.tolerance import learnt_changes
 from observer.frames import FloatArray
 from observer.installation import parse
@@ -103,7 +103,7 @@ def test_the_unknown_part_changes_the_reading_as_the_configuration_does() -> Non
     assert (plant.learning is not None, a.of[q], a.sigma[q]) == (True, 1, 0.2)
     x = np.random.default_rng(1).normal(size=len(plant.decay_1_s))
     z = np.full(len(plant.known_names), 20.0)
-    more = build_plant(put(config, {"sensor.b.shows": 0.4 * 1.1})).rows
+    more = build_plant(with_values(config, {"sensor.b.shows": 0.4 * 1.1})).rows
     change = (more.C[1] - plant.rows.C[1]) @ x + (more.F[1] - plant.rows.F[1]) @ z
     assert a.entries(x, z)[q] == pytest.approx(change / 0.1, rel=1e-9)
 
