@@ -29,6 +29,7 @@ def _bits(*cases: str) -> tuple[str, ...]:
 
 COUPLINGS = (
     "speed_loss", "films", "body_at_an_end", "body_at_the_nut", "lags", "radiation", "fading", "everything",
+    "natural_convection",
 )  # fmt: skip
 AHEAD = _bits(
     "open_loop_eight_modes", "open_loop_a_nut", "open_loop_of_modes_that_do_not_decay",

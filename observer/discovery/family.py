@@ -20,6 +20,7 @@ from observer.effects.terms import (
     Film,
     Heat,
     Radiation,
+    RisingFilm,
     SpeedLoss,
     StretchFilm,
 )
@@ -30,6 +31,8 @@ from observer.frames import BoolArray, FloatArray
 from observer.model.law import heat_law
 from observer.physics.constants import ZERO_DEGC_K, STEFAN_BOLTZMANN_W_m2K4
 from observer.tables.sections import law_channels
+
+SurfaceTerm = Film | StretchFilm | SpeedLoss | Radiation | RisingFilm
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +82,7 @@ def loss_W(effect: EffectTable, config: Config, history: ScrewHistory) -> FloatA
     places = {t.source.name: t.source.position_m for t in terms if isinstance(t, Heat)}
     for term in terms:
         match term:
-            case Film() | StretchFilm() | SpeedLoss() | Radiation():
+            case Film() | StretchFilm() | SpeedLoss() | Radiation() | RisingFilm():
                 taken_W += np.pi * diameter_m * _of_surface(term, history)
             case EndConductance(end, G):
                 taken_W += G * history.excess_K[:, 0 if end == "left" else -1]
@@ -92,7 +95,7 @@ def loss_W(effect: EffectTable, config: Config, history: ScrewHistory) -> FloatA
     return taken_W
 
 
-def _of_surface(term: Film | StretchFilm | SpeedLoss | Radiation, history: ScrewHistory) -> FloatArray:
+def _of_surface(term: SurfaceTerm, history: ScrewHistory) -> FloatArray:
     """The heat (T,) that a term takes from the surface, along the screw, per m of its circumference."""
     T_degC, air_degC = history.temperature_degC, history.ambient_degC[:, None]
     match term:
@@ -105,6 +108,9 @@ def _of_surface(term: Film | StretchFilm | SpeedLoss | Radiation, history: Screw
             drawn_degC = air_degC if known_degC is None else np.reshape(known_degC, (-1, 1))
             speed_rpm = 0.0 * history.length_s if speed is None else history.channels[speed]
             return film_W_m2K(speed_rpm) * ((T_degC - drawn_degC) @ history.whole)
+        case RisingFilm(at_10_K):
+            growth = np.sqrt(np.sqrt(np.abs(history.excess_K) / 10.0))
+            return at_10_K * ((growth * history.excess_K) @ history.whole)
         case Radiation(emissivity):
             fourth_K4 = (T_degC + ZERO_DEGC_K) ** 4 - (air_degC + ZERO_DEGC_K) ** 4
             return emissivity * STEFAN_BOLTZMANN_W_m2K4 * (fourth_K4 @ history.whole)

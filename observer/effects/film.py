@@ -23,7 +23,7 @@ from observer.effects.base import (
     speed_channel,
 )
 from observer.effects.bodies import EndConduction
-from observer.effects.terms import AmbientShift, Film, Radiation, SpeedLoss, StretchFilm, Term
+from observer.effects.terms import AmbientShift, Film, Radiation, RisingFilm, SpeedLoss, StretchFilm, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray
 from observer.physics import film
@@ -171,6 +171,22 @@ class RadiationEffect(EffectTable):
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
         return (Radiation(self.emissivity),)
+
+
+class NaturalConvection(EffectTable):
+    """Air that the warm surface itself sets in motion: h = coefficient · (|T − T_amb| / 10 K)^(1/4)."""
+
+    kind: Literal["natural_convection"]
+    coefficient_W_m2K: Annotated[Finite, Field(ge=0, le=500)]  #: film coefficient at a rise of 10 K, W/m²K
+
+    parameters = {"coefficient_W_m2K": Fitted("W/m2K", 3.0)}
+    families = (SURFACE_LOSS, HEAT_LOSS)
+    missing_physics = "a loss to still air that grows with the surface's own rise"
+    excitation = "a screw that stands, more than 20 K warmer than the air and hardly warmer"
+    source = "laminar free convection of a horizontal cylinder, Nu ~ Ra^(1/4); Churchill and Chu 1975"
+
+    def terms(self, machine: Description) -> tuple[Term, ...]:
+        return (RisingFilm(self.coefficient_W_m2K),)
 
 
 class Coolant(EffectTable):

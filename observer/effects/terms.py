@@ -101,6 +101,12 @@ class Radiation(NamedTuple):
     emissivity: float
 
 
+class RisingFilm(NamedTuple):
+    """A film that grows with its own rise over the air: h = `at_10_K_W_m2K` · (|T − T_amb| / 10 K)^(1/4)."""
+
+    at_10_K_W_m2K: float
+
+
 class Body(NamedTuple):
     """A lump of heat capacity that exchanges heat with the screw where a source stands.
 
@@ -147,9 +153,9 @@ class Fade(NamedTuple):
 Term = (
     Film | EndConductance | Heat
     | LawFactor | LawScale | StrokeEnds | AmbientShift | SensorOffset | SpeedLoss
-    | StretchFilm | Radiation | Body | WarmedAir | Lag | Fade
+    | StretchFilm | Radiation | RisingFilm | Body | WarmedAir | Lag | Fade
 )  # fmt: skip
 INPUT_TERMS = (LawFactor, AmbientShift, SensorOffset, SpeedLoss)
 """The terms that change what drives the plant, but for where nuts are."""
-COUPLING_TERMS = (SpeedLoss, StretchFilm, Radiation, Body, WarmedAir, Lag, Fade)
+COUPLING_TERMS = (SpeedLoss, StretchFilm, Radiation, RisingFilm, Body, WarmedAir, Lag, Fade)
 """The terms that couple states, or a state to the moment."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from observer.config import Config
-from observer.effects.terms import Fade, LawFactor, Radiation, SpeedLoss, StrokeEnds, Term
+from observer.effects.terms import Fade, LawFactor, Radiation, RisingFilm, SpeedLoss, StrokeEnds, Term
 from observer.errors import ConfigError
 from observer.model.drive import Drive
 from observer.model.plant import Plant
@@ -13,6 +13,7 @@ _WHY: tuple[tuple[type[Term], str], ...] = (
     (LawFactor, "changes a heat law with the time run"),
     (SpeedLoss, "is a loss that changes with the speed or has a temperature of its own"),
     (Radiation, "changes the loss with the temperature"),
+    (RisingFilm, "changes the loss with the temperature"),
     (Fade, "changes a heat law with the temperature"),
     (StrokeEnds, "follows where the nut turns"),
 )

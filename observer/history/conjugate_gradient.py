@@ -45,9 +45,10 @@ class Descent(NamedTuple):
 
 def refuse_bent(plant: Plant) -> None:
     """Raise `UserError` where the readings are not linear in the heats."""
-    if plant.coupling.radiation > 0.0 or plant.coupling.fades.per_K.any():
+    c = plant.coupling
+    if c.radiation > 0.0 or c.rising > 0.0 or c.fades.per_K.any():
         raise UserError(
-            "radiation or friction that fades bends the way from heats to temperatures, "
+            "radiation, natural convection or friction that fades bends the way from heats to temperatures, "
             "and conjugate-gradient needs a straight one; use --method smoother"
         )
 

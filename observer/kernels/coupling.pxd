@@ -1,5 +1,5 @@
 cdef void couple(Coupling c, double rate_1_s, double drawn, double[:, ::1] B, double half_s, CoupledColumns columns, double[:, ::1] link) noexcept nogil
-@cython.locals(mean_degC=double, square=double, rate=double, drawn=double)
+@cython.locals(mean_degC=double, square=double, rate=double, drawn=double, lost=double, rise_K=double, variance_K2=double, size_K=double, tangent_1_s=double)
 cdef inline (double, double) uniform_loss(Coupling c, double loss_1_s, double loss_degC, double ambient_degC, double[::1] x) noexcept nogil
 @cython.locals(total=double, row=double)
 cdef double _product(Coupling c, double[::1] x, double[::1] y) noexcept nogil

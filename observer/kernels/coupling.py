@@ -12,7 +12,7 @@ have them. Factors that do not act on each other are taken together; `sums` (f, 
 from __future__ import annotations
 
 from observer.kernels.covariance import add_row, add_scaled, squared
-from observer.kernels.libc import exp, expm1
+from observer.kernels.libc import exp, expm1, sqrt
 
 
 def couple(c, rate_1_s, drawn, B, half_s, columns, link):
@@ -34,15 +34,28 @@ def couple(c, rate_1_s, drawn, B, half_s, columns, link):
 
 
 def uniform_loss(c, loss_1_s, loss_degC, ambient_degC, x):
-    """The rate of the losses that are the same along the screw, 1/s, and rate × what they draw to; radiation
-    in its tangent at the mean temperature, and with the variance along the screw in its mean.
+    """The rate of the losses that are the same along the screw, 1/s, and rate × what they draw to.
+
+    Radiation and a film that grows with its own rise are taken in their tangents at the mean temperature, and
+    with the variance along the screw in their means.
     """
     rate, drawn = loss_1_s, loss_1_s * loss_degC
+    if c.radiation == 0.0 and c.rising == 0.0:
+        return rate, drawn
+    mean_degC = 0.0
+    for a in range(len(c.mean)):
+        mean_degC += c.mean[a] * x[a]
+    square = c.square * _product(c, x, x)
+    if c.rising > 0.0:
+        rise_K, variance_K2 = mean_degC - ambient_degC, max(square - squared(mean_degC), 0.0)
+        size_K = max(abs(rise_K), sqrt(variance_K2))
+        tangent_1_s = 1.25 * c.rising * sqrt(sqrt(size_K))
+        lost = c.rising * sqrt(sqrt(abs(rise_K))) * rise_K
+        if size_K > 0.0:
+            lost += 0.125 * tangent_1_s * rise_K / squared(size_K) * variance_K2
+        rate += tangent_1_s
+        drawn += tangent_1_s * mean_degC - lost
     if c.radiation > 0.0:
-        mean_degC = 0.0
-        for a in range(len(c.mean)):
-            mean_degC += c.mean[a] * x[a]
-        square = c.square * _product(c, x, x)
         mean_K, around_K = mean_degC + c.zero_degC_K, ambient_degC + c.zero_degC_K
         mean_K2, around_K2 = mean_K * mean_K, around_K * around_K
         mean_K3 = mean_K * mean_K2

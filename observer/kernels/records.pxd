@@ -26,7 +26,7 @@ cdef class Uneven(Record):
 cdef class Coupling(Record):
     cdef public bint active
     cdef public Py_ssize_t ambient, modes
-    cdef public double conductance_W_m, square, radiation, zero_degC_K
+    cdef public double conductance_W_m, square, radiation, rising, zero_degC_K
     cdef public double[::1] place_gain, uniform, mean
     cdef public double[:, ::1] under_C, under_F, metric, beside, beside_into
     cdef public Links links

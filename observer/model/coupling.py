@@ -113,7 +113,8 @@ class Coupling(NamedTuple):
     source's heat that its column leaves to nodes. `uniform`, `mean` (n_x,): the state of a screw at 1 °C that
     warms nothing else, and the row of its mean temperature. `square` turns the sum of the modes' squares into
     the mean square of the temperature, and `radiation` is ε σ P/(ρ c A), 1/(s K³), of temperatures above
-    −`zero_degC_K` °C.
+    −`zero_degC_K` °C. `rising` is the loss of a film that grows with the fourth root of its own rise over the
+    air, at a rise of 1 K, 1/(s K^(1/4)).
 
     Where the states are those of another basis, x = V ξ: `metric` (n_x, n_x) makes of ξ the sum of the modes'
     squares, and the rows `beside` (r, n_x) read the states that are no modes, which the rows `beside_into`
@@ -131,6 +132,7 @@ class Coupling(NamedTuple):
     mean: FloatArray
     square: float
     radiation: float
+    rising: float
     zero_degC_K: float
     metric: FloatArray
     beside: FloatArray
@@ -156,6 +158,7 @@ def no_coupling(n_x: int, sources: int, known: int, modes: int = 0) -> Coupling:
         mean=np.zeros(n_x),
         square=0.0,
         radiation=0.0,
+        rising=0.0,
         zero_degC_K=ZERO_DEGC_K,
         metric=np.zeros((0, 0)),
         beside=np.zeros((0, n_x)),

@@ -94,6 +94,8 @@ SPEED_RPM = 1000.0
 """How fast machines work, where only a log could show it."""
 AIR_degC = 20.0
 """The air, where a channel measures it."""
+RISE_K = 10.0
+"""Rise at which a film that grows with it is taken."""
 LEAD_M = 0.01
 """How far a turn carries a nut, where its source does not say."""
 SHIFT = ((300.0, 0.0), (5400.0, 1.0), (600.0, 0.0), (1800.0, 1.0), (3600.0, 0.0))
@@ -145,6 +147,7 @@ def _stage(config: Config, plant: Plant, duration_s: float, speed_rpm: float) ->
         if isinstance(t, SpeedLoss)
     ]
     losses.append((4.0 * plant.coupling.radiation * (air_degC + ZERO_DEGC_K) ** 3, None))
+    losses.append((plant.coupling.rising * RISE_K**0.25, None))
     rate_1_s = sum(rate for rate, _ in losses)
     drawn = sum(rate * (air_degC if own is None else own) for rate, own in losses)
     sweeps = tuple(_sweep(config, sources[m.index], speed_rpm) for m in plant.moving)

@@ -17,6 +17,7 @@ from observer.config import Config
 from observer.effects.terms import AmbientShift
 from observer.errors import ConfigError, meant
 from observer.frames import FloatArray, FrameBlock, Inputs, Quality
+from observer.kernels.coupling import uniform_loss
 from observer.model.coupling import Coupling
 from observer.model.drive import Drive
 from observer.model.generator import generator, on_the_screw
@@ -172,10 +173,10 @@ def settled(plant: Plant, point: OperatingPoint) -> SettledPlant:
     x: FloatArray = plant.uniform * float(point.z[plant.known.ambient])
     heat_W = point.law_W
     for _ in range(_ROUNDS):
-        rate_1_s, drawn = _radiated(c, x, float(point.z[c.ambient]))
-        A = A_1_s - (point.loss_1_s + rate_1_s) * screw
+        rate_1_s, drawn = uniform_loss(c, point.loss_1_s, point.loss_degC, float(point.z[c.ambient]), x)
+        A = A_1_s - rate_1_s * screw
         slowest_1_s = _slowest_1_s(A)
-        lost = (point.loss_1_s * point.loss_degC + drawn) * _alike(plant, screw)
+        lost = drawn * _alike(plant, screw)
         driven = plant.B @ heat_W + plant.E @ point.z + lost
         after = np.asarray(np.linalg.solve(-A, driven), np.float64)
         heat_after_W = 0.5 * (heat_W + point.law_W * _faded(plant, after, point.z))
@@ -226,17 +227,6 @@ def _placed(plant: Plant, point: OperatingPoint) -> Plant:
 def _product(c: Coupling, x: FloatArray, y: FloatArray) -> float:
     """The sum over the screw's modes of the products of what two states are there."""
     return float(x[: c.modes] @ y[: c.modes] if not len(c.metric) else x @ c.metric @ y)
-
-
-def _radiated(c: Coupling, x: FloatArray, around_degC: float) -> tuple[float, float]:
-    """The rate of radiation in its tangent at a state, 1/s, and rate times what it draws to."""
-    if c.radiation == 0.0:
-        return 0.0, 0.0
-    mean_degC = float(c.mean @ x)
-    variance = max(c.square * _product(c, x, x) - mean_degC**2, 0.0)
-    mean_K, around_K = mean_degC + c.zero_degC_K, around_degC + c.zero_degC_K
-    lost = mean_K**4 + 6.0 * mean_K**2 * variance - around_K**4
-    return 4.0 * c.radiation * mean_K**3, c.radiation * (4.0 * mean_K**3 * mean_degC - lost)
 
 
 def _faded(plant: Plant, x: FloatArray, z: FloatArray) -> FloatArray:

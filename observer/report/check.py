@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from observer.align.plausibility import Limits
-from observer.effects.terms import Radiation, SpeedLoss, StretchFilm
+from observer.effects.terms import Radiation, RisingFilm, SpeedLoss, StretchFilm
 from observer.errors import ConfigError
 from observer.estimators.design.report import DesignReport, design_report
 from observer.estimators.selftest import smallest_jump_m
@@ -161,7 +161,8 @@ def _model_warnings(config: Installation, design: DesignReport, biot: Mapping[st
             "model assumes; "
             "check surface.convection_W_m2K, or expect the core to differ from what the sensors read"
         )
-    if rod.floating and not any(isinstance(t, SpeedLoss | StretchFilm | Radiation) for t in machine.terms):
+    films = (SpeedLoss, StretchFilm, Radiation, RisingFilm)
+    if rod.floating and not any(isinstance(t, films) for t in machine.terms):
         warnings.append(
             "no heat can leave the screw (insulated ends, no film): its mean temperature can only rise; set "
             "surface.convection_W_m2K or an end"

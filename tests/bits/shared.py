@@ -97,6 +97,7 @@ COUPLINGS = {
     ],
 }
 COUPLINGS["everything"] = [effect for effects in COUPLINGS.values() for effect in effects]
+COUPLINGS["natural_convection"] = [{"kind": "natural_convection", "coefficient_W_m2K": 9.0}]
 LOADED = {name: {"effects": effects} for name, effects in COUPLINGS.items()}
 
 

@@ -51,11 +51,12 @@ def _events(ticks: int) -> list[Reading | float]:
     return events
 
 
+@pytest.mark.parametrize("effect", [[], [{"kind": "natural_convection", "coefficient_W_m2K": 8.0}]])
 @pytest.mark.parametrize(
     "estimator", [{"kind": "kalman"}, {"kind": "kalman", "engine": "constant"}, {"kind": "luenberger"}]
 )
-def test_replay_is_the_live_run_to_the_last_bit(tmp_path, estimator):
-    config = parse(TABLE | {"estimator": {**estimator, "period_s": 0.5}})
+def test_replay_is_the_live_run_to_the_last_bit(tmp_path, estimator, effect):
+    config = parse(TABLE | {"estimator": {**estimator, "period_s": 0.5}, "effect": effect})
     plant = build_plant(config)
     plan, drive, built = AlignPlan.of(config), Drive(config, plant), build_estimator(plant, config.estimator)
     frames, recording = play(_events(150), Aligner(plan), plan.channels)

@@ -88,6 +88,7 @@ def test_samples_are_those_since_the_last_step(tmp_path: Path) -> None:
     ("changes", "named"),
     [
         ({"effect": [{"kind": "radiation", "emissivity": 0.3}]}, 'effect "radiation"'),
+        ({"effect": [{"kind": "natural_convection", "coefficient_W_m2K": 5.0}]}, "natural_convection"),
         ({"effect": [{"kind": "speed_convection", "gain": 0.1}]}, 'effect "speed_convection"'),
         ({"effect": [{"kind": "sensor_drift", "target": "a", "rate_K_h": 0.1}]}, "drifts"),
         ({"estimator": {"kind": "tests.export.test_reduced:Mine"}}, "external class"),

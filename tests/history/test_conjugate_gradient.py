@@ -120,10 +120,12 @@ def test_the_spread_of_conjugate_gradients_holds_for_heats_of_the_prior(order):
     assert np.mean(((found - others.heat_W) / sigma_W[:, :, None]) ** 2) == pytest.approx(1.0, abs=0.45)
 
 
-@pytest.mark.parametrize("effect", ["radiation", "fading"])
+@pytest.mark.parametrize("effect", ["radiation", "natural_convection", "fading"])
 def test_what_is_no_straight_line_is_refused_in_one_sentence(effect):
     plant, u = coupled(COUPLINGS[effect], 60)
-    with pytest.raises(UserError, match=r"radiation or friction that fades .* use --method smoother"):
+    with pytest.raises(
+        UserError, match=r"natural convection or friction that fades .* use --method smoother"
+    ):
         heat_history(plant, EstimatorSettings(), [u], MethodOptions("conjugate-gradient"))
 
 

@@ -152,6 +152,7 @@ def test_equals_the_dense_posterior_where_effects_couple_the_states(effect):
     "effect",
     [
         {"kind": "radiation", "emissivity": 0.8},
+        {"kind": "natural_convection", "coefficient_W_m2K": 9.0},
         {"kind": "friction_fade", "target": "left", "per_K": 0.02},
     ],
     ids=lambda effect: effect["kind"],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -74,19 +75,34 @@ def test_a_loss_of_the_speed_settles_as_a_film_that_is_always_there() -> None:
     np.testing.assert_allclose(rows[plant.rows.field_slice], truth, rtol=0, atol=1e-3)
 
 
-def test_radiation_and_friction_that_fades_balance_as_in_a_lump() -> None:
+def radiated_W_m2(T_degC: float) -> float:
+    return float(0.8 * 5.670374e-8 * ((T_degC + 273.15) ** 4 - 293.15**4))
+
+
+def into_still_air_W_m2(T_degC: float) -> float:
+    return float(6.0 * ((T_degC - 20.0) / 10.0) ** 0.25 * (T_degC - 20.0))
+
+
+@pytest.mark.parametrize(
+    ("effect", "loss_W_m2"),
+    [
+        ({"kind": "radiation", "emissivity": 0.8}, radiated_W_m2),
+        ({"kind": "natural_convection", "coefficient_W_m2K": 6.0}, into_still_air_W_m2),
+    ],
+)
+def test_a_loss_that_grows_and_friction_that_fades_balance_as_in_a_lump(
+    effect: dict[str, Any], loss_W_m2: Callable[[float], float]
+) -> None:
     lump = Bar(length_m=0.05, diameter_m=0.03, conductivity_W_mK=400.0, convection_W_m2K=8.0)
-    radiation = {"kind": "radiation", "emissivity": 0.8}
     fade = {"kind": "friction_fade", "target": "left", "per_K": 0.02, "reference_degC": 20.0}
-    tables: dict[str, Any] = {"effect": [radiation, fade], "model": {"modes": 40}}
+    tables: dict[str, Any] = {"effect": [effect, fade], "model": {"modes": 40}}
     config = config_of(lump, [point("left", 0.0)], np.array([0.0, 0.025, 0.05]), sensor_m=(0.025,), **tables)
     plant = build_plant(config)
     found = settled(plant, point_of(config, plant, {"left_W": 6.0, "ambient_degC": 20.0}))
     area_m2 = np.pi * lump.diameter_m * lump.length_m
 
     def missing_W(T_degC: float) -> float:
-        lost_W = area_m2 * 8.0 * (T_degC - 20.0)
-        lost_W += area_m2 * 0.8 * 5.670374e-8 * ((T_degC + 273.15) ** 4 - 293.15**4)
+        lost_W = area_m2 * (8.0 * (T_degC - 20.0) + loss_W_m2(T_degC))
         return 6.0 * float(np.exp(-0.02 * (T_degC - 20.0))) - lost_W
 
     lump_degC = brentq(missing_W, 20.0, 200.0)
@@ -226,10 +242,16 @@ def test_a_nut_that_rubs_in_one_part_of_its_travel_heats_the_screw_there() -> No
     np.testing.assert_allclose(found, long_run(config, program), rtol=0, atol=0.2)
 
 
-def test_radiation_is_that_of_a_field_and_not_of_its_mean() -> None:
+@pytest.mark.parametrize(
+    "effect",
+    [
+        {"kind": "radiation", "emissivity": 1.0},
+        {"kind": "natural_convection", "coefficient_W_m2K": 4.0},
+    ],
+)
+def test_a_loss_that_grows_is_that_of_a_field_and_not_of_its_mean(effect: dict[str, Any]) -> None:
     poor = replace(BAR, conductivity_W_mK=15.0, convection_W_m2K=2.0)
-    radiation = {"kind": "radiation", "emissivity": 1.0}
-    config = config_of(poor, BOTH, GRID_M, effect=[radiation], model={"modes": 40})
+    config = config_of(poor, BOTH, GRID_M, effect=[effect], model={"modes": 40})
     time_s = np.arange(0.0, 60_000.0, 10.0)
     columns = {"left_W": 8.0, "right_W": 0.0, "ambient_degC": 20.0}
     program = log_of({"time_s": time_s, **{name: np.full_like(time_s, v) for name, v in columns.items()}})

@@ -28,6 +28,7 @@ TRY = {
     "surface_convection": {"coefficient_W_m2K": 12.0},
     "speed_convection": {"gain": 0.3},
     "radiation": {"emissivity": 0.9},
+    "natural_convection": {"coefficient_W_m2K": 8.0},
     "end_conduction": {"conductance_W_K": 0.3},
     "end_heat": {"heat_W_rpm": 2e-3},
     "motor_heat": {"heat_W": 4.0},

@@ -160,7 +160,7 @@ FAULTY: tuple[tuple[str, ...], ...] = (("gaps",), ("uneven",), ("stuck",), ("mis
 """Logs as they come."""
 
 ALIKE: dict[str, tuple[str, ...]] = {
-    "surface_convection": ("uneven_convection", "radiation"),
+    "surface_convection": ("uneven_convection", "radiation", "natural_convection"),
     "motor_heat": ("local_heat",),
     "end_conduction": ("uneven_convection",),
 }

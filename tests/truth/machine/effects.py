@@ -125,6 +125,11 @@ def _radiation(machine: Machine, effect: Effect) -> Machine:
     return _physics(machine, emissivity=effect["emissivity"])
 
 
+@hidden(Ladder(None, "coefficient_W_m2K", (0.5, 1.2, 3.0, 6.0, 12.0), cycle="hot"))
+def _natural_convection(machine: Machine, effect: Effect) -> Machine:
+    return _physics(machine, still_W_m2K=effect["coefficient_W_m2K"])
+
+
 @hidden(
     Ladder("left", "conductance_W_K", (0.01, 0.025, 0.06, 0.15, 0.4)),
     Ladder("right", "conductance_W_K", (0.01, 0.025, 0.06, 0.15, 0.4)),

@@ -84,7 +84,9 @@ def cool_surface(
         film_W, glow_W = 0.0, 0.0
         for _ in range(2):  # each round gains a factor film·skin ≈ 1e-4
             surface_degC = warm_degC - grid.skin_K_W * (film_W + glow_W)
-            film_W = film_W_K * (surface_degC - air_degC)
+            rise_K = surface_degC - air_degC
+            growing_W_m2K = physics.still_W_m2K * (abs(rise_K) / 10.0) ** 0.25
+            film_W = (film_W_K + growing_W_m2K * grid.surface_m2) * rise_K
             if physics.emissivity > 0.0:
                 glow = (surface_degC + KELVIN) ** 4 - air_K**4
                 glow_W = physics.emissivity * STEFAN_BOLTZMANN_W_m2K4 * grid.surface_m2 * glow

@@ -36,6 +36,7 @@ class Physics(NamedTuple):
     extra_film_W_m2K: FloatArray  # on top of it, on a stretch
     rotation_gain: float  # share of the rotating cylinder's film
     emissivity: float
+    still_W_m2K: float  # film at a rise of 10 K that grows with its fourth root
     # coolant in its bore while it turns
     coolant_W_K: float
     inlet_degC: float
@@ -117,6 +118,7 @@ def plain_physics(slices: int = 100, **changes: Any) -> Physics:
         extra_film_W_m2K=none,
         rotation_gain=0.0,
         emissivity=0.0,
+        still_W_m2K=0.0,
         coolant_W_K=0.0,
         inlet_degC=20.0,
         end_W_K=np.zeros(2),
