@@ -27,12 +27,12 @@ class FilterpyEstimator(BlockEstimator):
         """Take a chunk's steps by filterpy."""
         n = len(scratch.running.x)
         kf = KalmanFilter(dim_x=n, dim_z=max(self._plant.rows.sensors, 1))
-        for k, length in enumerate(chunk.step):
-            if self._predict(kf, chunk, int(length), k, scratch, out):
+        for k in range(len(chunk.step)):
+            if self._predict(kf, chunk, k, scratch, out):
                 self._correct(kf, chunk.inputs, k, scratch, out)
                 self._write(chunk.inputs, k, scratch, out)
 
-    def _predict(self, kf: Any, chunk: Chunk, d: int, k: int, scratch: Scratch, out: Results) -> bool:
+    def _predict(self, kf: Any, chunk: Chunk, k: int, scratch: Scratch, out: Results) -> bool:
         """Start, or predict; return whether the step could be taken."""
         p, u, work, state = self._arrays, chunk.inputs, scratch.work, scratch.running
         present = judging.find_usable(u, k, work.usable)
@@ -41,12 +41,12 @@ class FilterpyEstimator(BlockEstimator):
             return False
         advance.move_columns(p, u, k, work.B, work.C)
         if state.flags[0] == 0:
-            steps.start(p, work.C, u, k, work.usable, state.x, state.P, work.nu)
-            learning.begin(p, u, k, work.usable, work.C, state.x, state.P, state.around)
+            steps.start(p, u, k, state, work)
+            learning.begin(p, u, k, state, work)
             advance.put_laws(p, u, k, work.B, state.x, work.law)
             state.flags[0] = 1
             return True
-        learning.follow(p, chunk.table, d, u, k, work.B, work.C, state.around, state.x, work)
+        learning.follow(p, chunk, k, state.around, state.x, work)
         m_e, n_x, n = len(p.source), len(p.uniform), len(state.x)
         G = work.G[m_e : m_e + p.learn.machine, :n_x].T
         step = transition(self._plant, u, k, state.x, Columns(work.B.T, G))

@@ -166,14 +166,12 @@ class FixedGainEstimator(BlockEstimator):
 
     def take(self, chunk: Chunk, inputs: Any, scratch: FixedGainScratch, _out: Results, results: Any) -> None:
         """Run the kernel, designing the gains it asks for on the way."""
-        bins, at = record(self._bank.bins(chunk.lengths_s)), scratch.at
-        batch = self.batch(chunk, inputs)
+        own, at = scratch.own, scratch.at
+        own.bins, batch = record(self._bank.bins(chunk.lengths_s)), self.batch(chunk, inputs)
         at[:] = 0
         while True:
-            run_fixed_gain(
-                batch, bins, scratch.running_record, self._bank.table, results, scratch.work_record,
-                scratch.own,
-            )  # fmt: skip
+            own.gains = self._bank.table
+            run_fixed_gain(batch, scratch.running_record, results, own)
             if at[KEY] == DONE:
                 return
             self._bank.add(int(at[KEY]))
@@ -197,9 +195,8 @@ class FixedGainScratch(Scratch):
         first = n + 2 * s if L else 0
         around, S = self.running.around[:first], self.running.around[first:].reshape(n, L)
         self.at = np.zeros(3, np.int64)
-        self.own = record(
-            FixedGainWork(optimal, self.at, steady_step(arrays, reported), considered(roughly, around, S))
-        )
+        steady, roughly_considered = steady_step(arrays, reported), considered(roughly, around, S)
+        self.own = record(FixedGainWork(optimal, self.at, steady, roughly_considered, self.work_record))
 
 
 class ConstantGainEstimator(FixedGainEstimator):

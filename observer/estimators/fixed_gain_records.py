@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,9 +133,15 @@ def considered(plant: PlantArrays, around: FloatArray, S: FloatArray) -> Conside
 
 
 class FixedGainWork(NamedTuple):
-    """What a run with fixed gains works on: `optimal` and `at` (3,) as in `kernels.fixed_gain.observe`."""
+    """What a run with fixed gains works on: `optimal` and `at` (3,) as in `kernels.fixed_gain.observe`.
+
+    `work`, `bins` and `gains` are records; the last two are set for each run.
+    """
 
     optimal: bool
     at: IntArray
     steady: SteadyStep
     considered: Considered
+    work: Any
+    bins: Any = None
+    gains: Any = None

@@ -30,18 +30,18 @@ def move_columns(p, u, k, B, C):
             C[r, p.modes + index] = u.moving_C[k, i, r]
 
 
-def advance(p, t, d, u, k, B, x, work):
+def advance(p, t, d, u, k, x, work):
     """Take the state x, plant states and deviations of the heats, over step k of the length d of the table.
 
     `work.law` are then the heats by their laws, and `work.before` (2, n_x), where states are coupled, what
     the state was before each half of it.
     """
     if p.coupling.active:
-        couple_half(p, u, k, u.z_start[k], B, x, 0, work)
-    put_laws(p, u, k, B, x, work.law)
-    advance_diagonal(p, t, d, u, k, B, x, work)
+        couple_half(p, u, k, u.z_start[k], x, 0, work)
+    put_laws(p, u, k, work.B, x, work.law)
+    advance_diagonal(p, t, d, u, k, x, work)
     if p.coupling.active:
-        couple_half(p, u, k, u.z_end[k], B, x, 1, work)
+        couple_half(p, u, k, u.z_end[k], x, 1, work)
 
 
 def put_laws(p, u, k, B, x, law):
@@ -52,12 +52,12 @@ def put_laws(p, u, k, B, x, law):
             law[j] *= faded(p.coupling, j, u.z_start[k], B, x)
 
 
-def advance_diagonal(p, t, d, u, k, B, x, work):
+def advance_diagonal(p, t, d, u, k, x, work):
     """x⁺ = e∘x + hold∘(B law + E z_start) + ramp∘(E (z_end - z_start)) + Σ_j B_j∘couple_j δ_j;  δ⁺ = γ∘δ."""
-    n_x = B.shape[1]
+    n_x = work.B.shape[1]
     for a in range(n_x):
         work.driven[a] = 0.0
-    add_scaled(work.driven, B, work.law, B.shape[0])
+    add_scaled(work.driven, work.B, work.law, work.B.shape[0])
     add_scaled(work.driven, p.E, u.z_start[k], p.E.shape[0])
     for a in range(n_x):
         x[a] = t.decay[d, a] * x[a] + t.hold[d, a] * work.driven[a]
@@ -65,7 +65,7 @@ def advance_diagonal(p, t, d, u, k, B, x, work):
     for j in range(len(p.source)):
         delta, index = x[n_x + j], p.source[j]
         for a in range(n_x):
-            x[a] += B[index, a] * t.couple[d, j, a] * delta
+            x[a] += work.B[index, a] * t.couple[d, j, a] * delta
         x[n_x + j] = t.heat_decay[d, j] * delta
 
 
@@ -78,7 +78,7 @@ def ramp_up(p, t, d, u, k, x):
                 x[a] += t.ramp[d, a] * p.E[q, a] * rise
 
 
-def couple_half(p, u, k, z, B, x, half, work):
+def couple_half(p, u, k, z, x, half, work):
     """Half a step of what couples the states; `half` is 0 before the diagonal step and 1 after it."""
     X, n_x, half_s = work.state.X, work.before.shape[1], 0.5 * u.dt_s[k]
     known = len(p.moving) if work.sweep.shape[0] * work.sweep.shape[2] > 0 else 0
@@ -90,7 +90,7 @@ def couple_half(p, u, k, z, B, x, half, work):
         X[a, 0] = x[a]
     for q in range(len(z)):
         work.state.known[q, 0] = z[q]
-    couple(p.coupling, rate_1_s, drawn, B, half_s, work.state, work.link)
+    couple(p.coupling, rate_1_s, drawn, work.B, half_s, work.state, work.link)
     for a in range(n_x):
         x[a] = X[a, 0]
     if half == 0:
@@ -122,11 +122,11 @@ def form_half(p, u, k, z, B, x, work):
             work.half_step_T[b, a] = X[a, b]
 
 
-def step_half(p, u, k, z, B, x, half, work):
+def step_half(p, u, k, z, x, half, work):
     """The same as `couple_half` by the matrices of `form_half`; `work.before` is what x was."""
-    MT, n_x = work.half_step_T, B.shape[1]
+    MT, n_x = work.half_step_T, work.B.shape[1]
     moved, first = work.half_step.sums[0, : MT.shape[1]], MT.shape[1]
-    form_half(p, u, k, z, B, x, work)
+    form_half(p, u, k, z, work.B, x, work)
     for a in range(n_x):
         work.before[half, a] = x[a]
     for a in range(len(moved)):
@@ -183,32 +183,34 @@ def advance_columns(p, t, d, B, X):
             X[n_x + j, q] *= keep
 
 
-def march_steps(p, t, decay, u, B, C, work, x, states, first):
-    """March x over steps of `u` from `first` on; `states` (K, n_x + p) are the states and known inputs at
-    their ends. What drives a plant that is not coupled is made anew only where it is not what it was.
+def march_steps(loop, x, states, first):
+    """March x over steps of the inputs from `first` on; `states` (K, n_x + p) are the states and known inputs
+    at their ends. What drives a plant that is not coupled is made anew only where it is not what it was.
     """
+    decay, B = loop.decay_1_s, loop.work.B
     n_x, dt_known, driven = len(decay), -1.0, False
     for r in range(states.shape[0]):
         k = first + r
-        if u.dt_s[k] != dt_known:
-            dt_known, driven = u.dt_s[k], False
+        if loop.inputs.dt_s[k] != dt_known:
+            dt_known, driven = loop.inputs.dt_s[k], False
             for a in range(n_x):
-                t.decay[0, a] = exp(-decay[a] * dt_known)
-                t.hold[0, a], t.ramp[0, a] = hold(decay[a], dt_known), ramp(decay[a], dt_known)
-        move_columns(p, u, k, B, C)
-        if p.coupling.active:
-            advance(p, t, 0, u, k, B, x, work)
+                loop.table.decay[0, a] = exp(-decay[a] * dt_known)
+                loop.table.hold[0, a] = hold(decay[a], dt_known)
+                loop.table.ramp[0, a] = ramp(decay[a], dt_known)
+        move_columns(loop.plant, loop.inputs, k, B, loop.work.C)
+        if loop.plant.coupling.active:
+            advance(loop.plant, loop.table, 0, loop.inputs, k, x, loop.work)
         else:
-            if not driven or len(p.moving) > 0 or not is_held(p, u, k):
-                hold_inputs(p, t, u, k, B, work)
+            if not driven or len(loop.plant.moving) > 0 or not is_held(loop.plant, loop.inputs, k):
+                hold_inputs(loop.plant, loop.table, loop.inputs, k, B, loop.work)
                 driven = True
             for a in range(len(x)):
-                x[a] = t.decay[0, a] * x[a] + work.driven[a]
-            ramp_up(p, t, 0, u, k, x)
+                x[a] = loop.table.decay[0, a] * x[a] + loop.work.driven[a]
+            ramp_up(loop.plant, loop.table, 0, loop.inputs, k, x)
         for a in range(n_x):
             states[r, a] = x[a]
-        for q in range(u.z_end.shape[1]):
-            states[r, n_x + q] = u.z_end[k, q]
+        for q in range(loop.inputs.z_end.shape[1]):
+            states[r, n_x + q] = loop.inputs.z_end[k, q]
 
 
 def is_held(p, u, k):
@@ -232,7 +234,7 @@ def hold_inputs(p, t, u, k, B, work):
         work.driven[a] *= t.hold[0, a]
 
 
-def march(p, t, decay, u, B, C, work, x, states, first):
-    """Run the open loop (see `march.march_steps`)."""
+def march(loop, x, states, first):
+    """Run the open loop (see `advance.march_steps`)."""
     with cython.nogil:
-        march_steps(p, t, decay, u, B, C, work, x, states, first)
+        march_steps(loop, x, states, first)

@@ -8,7 +8,7 @@ cpdef void pour(Gathered g, Running state, Inputs u) noexcept nogil
 cdef void open_again(PlantArrays p, Running state, double[:, ::1] P) noexcept nogil
 @cython.locals(variance_K2=double, off_K=double)
 cdef void pass_left_out(Batch b, BankFilters bank, Py_ssize_t f, Running state) noexcept nogil
-cdef void predict_on(PlantArrays p, StepTable t, Inputs u, Py_ssize_t d, Gathered g, Work work) noexcept nogil
+cdef void predict_on(Batch b, Gathered g, Work work) noexcept nogil
 @cython.locals(state=Running, result=Results, p=PlantArrays, u=Inputs, g=Gathered)
 cpdef run_bank(Batch b, BankFilters bank, Running main, double walk_K2)
 @cython.locals(jump_W=double)

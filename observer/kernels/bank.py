@@ -103,15 +103,15 @@ def pass_left_out(b, bank, f, state):
         bank.misfit[f, i] = off_K / sqrt(variance_K2)
 
 
-def predict_on(p, t, u, d, g, work):
+def predict_on(b, g, work):
     """Take estimates of some time ago on over the span without readings, and write what sensors should read.
 
     `work` holds the columns of the span.
     """
     for w in range(len(g.ahead)):
-        advance_learning(p, t, d, u, 0, work.B, g.ahead[w], len(p.learn.kind), work)
+        advance_learning(b.plant, b, 0, g.ahead[w], len(b.plant.learn.kind), work)
         for i in range(len(g.free)):
-            g.ahead_degC[w, i] = below(p, u, 0, work.C, i, g.ahead[w])
+            g.ahead_degC[w, i] = below(b.plant, b.inputs, 0, work.C, i, g.ahead[w])
 
 
 def run_bank(b, bank, main, walk_K2):
@@ -139,7 +139,7 @@ def run_bank(b, bank, main, walk_K2):
                 for j in range(i, len(bank.S)):
                     bank.S[i, j] = bank.S[j, i] = bank.work.S[i, j]
                 bank.S[i, i] += p.R_K2[i]
-            predict_on(p, b.table, u, b.step[0], g, bank.work)
+            predict_on(b, g, bank.work)
         pass_left_out(b, bank, f, state)
     main.verdict[0].opened_prior = main.verdict[0].opened_common_K2 = 0.0
     for i in range(len(main.guard)):

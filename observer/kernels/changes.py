@@ -63,9 +63,9 @@ def tolerances_forward(a, b, x, begins, D, expected):
             begin_considered(a, b.inputs, k, x)
         else:
             a.taken[0] = 0
-            propagate_considered(a, b.table, b.step[k], b.inputs, k)
+            propagate_considered(a, b, k)
             if L == 0:  # then nothing follows the field
-                advance_learning(a.plant, b.table, b.step[k], b.inputs, k, a.work.B, a.around, 0, a.work)
+                advance_learning(a.plant, b, k, a.around, 0, a.work)
         consider_readings(a, a.e)
         for i in range(D.shape[1]):
             expected[k, i] = below(a.plant, b.inputs, k, a.work.C, i, a.around)

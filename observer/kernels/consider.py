@@ -27,21 +27,21 @@ def begin_considered(a, u, k, x):
     linearise_at(a.plant, u, k, a.work.C, x, a.around)
 
 
-def propagate_considered(a, t, d, u, k):
+def propagate_considered(a, b, k):
     """Take `around` and S over step k, once."""
     if a.S.shape[1] == 0 or a.taken[0] == 1:
         return
     a.taken[0] = 1
-    move_columns(a.plant, u, k, a.work.B, a.work.C)
-    follow(a.plant, t, d, u, k, a.work.B, a.work.C, a.around, a.nothing, a.work)
+    move_columns(a.plant, b.inputs, k, a.work.B, a.work.C)
+    follow(a.plant, b, k, a.around, a.nothing, a.work)
     if a.plant.coupling.active:
-        couple_columns(a.plant, u, k, u.z_start[k], a.work.before[0], a.S, a.work)
-    advance_columns(a.plant, t, d, a.work.B, a.S)
+        couple_columns(a.plant, b.inputs, k, b.inputs.z_start[k], a.work.before[0], a.S, a.work)
+    advance_columns(a.plant, b.table, b.step[k], a.work.B, a.S)
     for i in range(a.plant.learn.machine):
-        for b in range(len(a.plant.uniform)):
-            a.S[b, i] += a.work.G[len(a.plant.source) + i, b] * a.plant.learn.sigma[i]
+        for n in range(len(a.plant.uniform)):
+            a.S[n, i] += a.work.G[len(a.plant.source) + i, n] * a.plant.learn.sigma[i]
     if a.plant.coupling.active:
-        couple_columns(a.plant, u, k, u.z_end[k], a.work.before[1], a.S, a.work)
+        couple_columns(a.plant, b.inputs, k, b.inputs.z_end[k], a.work.before[1], a.S, a.work)
 
 
 def consider_readings(a, S_nu):
@@ -68,14 +68,14 @@ def correct_considered(a, K, accepted):
                     a.S[b, r] -= K[b, i] * a.nu[i, r]
 
 
-def correct_considered_jointly(a, accepted, L, W, order):
+def correct_considered_jointly(a, work):
     """The same by the Kalman gain of the moment, from the factors that a joint update has left."""
-    count = 0
-    for i in range(len(accepted)):
-        count += 1 if accepted[i] else 0
+    L, W, count = work.L, work.W, 0
+    for i in range(len(work.accepted)):
+        count += 1 if work.accepted[i] else 0
     for r in range(a.S.shape[1]):
         for i in range(count):
-            rest = a.nu[order[i], r]
+            rest = a.nu[work.order[i], r]
             for j in range(i):
                 rest -= L[i, j] * a.e[j]
             a.e[i] = rest * L[i, i]

@@ -20,25 +20,25 @@ from observer.kernels.vector import (
 )
 
 
-def force_columns(P, G, columns, n_x, decay, d, half, H):
-    """H_j = d∘P_j + ½ Σ_i P_ji G_i for the rows P_j of what acts through a column G_j; `half` is scratch."""
+def force_columns(P, G, columns, n_x, t, d, work):
+    """H_j = d∘P_j + ½ Σ_i P_ji G_i for the rows P_j of what acts through a column G_j."""
     n, width, forced = P.shape[0], P.shape[1], registers(n_x)
     for j in range(columns):
         for b in range(n_x + j + 1, n):
             P[n_x + j, b] = P[b, n_x + j]
     for j in range(columns):
         for i in range(columns):
-            half[i] = 0.5 * P[n_x + j, n_x + i]
+            work.half[i] = 0.5 * P[n_x + j, n_x + i]
         for q in range(forced):
-            own = load(decay, d, q) * load(P, n_x + j, q)
+            own = load(t.decay, d, q) * load(P, n_x + j, q)
             for i in range(columns):
-                own += half[i] * load(G, i, q)
-            store(H, j, q, own)
+                own += work.half[i] * load(G, i, q)
+            store(work.H, j, q, own)
         for q in range(forced, width // LANES):
-            store(H, j, q, load(decay, d, q) * load(P, n_x + j, q))
+            store(work.H, j, q, load(t.decay, d, q) * load(P, n_x + j, q))
 
 
-def fade_and_force(P, H, G, columns, n_x, decay, Q, d):
+def fade_and_force(P, H, G, columns, n_x, t, d):
     """P = (d dᵀ)∘P + Q + Σ_j (H_j G_jᵀ + G_j H_jᵀ), lower triangle; G is zero beyond n_x entries.
 
     Four rows are taken at a time, in whole pairs of registers.
@@ -46,15 +46,15 @@ def fade_and_force(P, H, G, columns, n_x, decay, Q, d):
     fours, forced = P.shape[0] // 4 * 4, registers(n_x)
     for a in range(0, fours, 4):
         for q in range(0, registers(a + 4), 2):
-            left, right = load(decay, d, q), load(decay, d, q + 1)
-            left0 = decay[d, a] * left * load(P, a, q) + load_of(Q, d, a, q)
-            right0 = decay[d, a] * right * load(P, a, q + 1) + load_of(Q, d, a, q + 1)
-            left1 = decay[d, a + 1] * left * load(P, a + 1, q) + load_of(Q, d, a + 1, q)
-            right1 = decay[d, a + 1] * right * load(P, a + 1, q + 1) + load_of(Q, d, a + 1, q + 1)
-            left2 = decay[d, a + 2] * left * load(P, a + 2, q) + load_of(Q, d, a + 2, q)
-            right2 = decay[d, a + 2] * right * load(P, a + 2, q + 1) + load_of(Q, d, a + 2, q + 1)
-            left3 = decay[d, a + 3] * left * load(P, a + 3, q) + load_of(Q, d, a + 3, q)
-            right3 = decay[d, a + 3] * right * load(P, a + 3, q + 1) + load_of(Q, d, a + 3, q + 1)
+            left, right = load(t.decay, d, q), load(t.decay, d, q + 1)
+            left0 = t.decay[d, a] * left * load(P, a, q) + load_of(t.noise, d, a, q)
+            right0 = t.decay[d, a] * right * load(P, a, q + 1) + load_of(t.noise, d, a, q + 1)
+            left1 = t.decay[d, a + 1] * left * load(P, a + 1, q) + load_of(t.noise, d, a + 1, q)
+            right1 = t.decay[d, a + 1] * right * load(P, a + 1, q + 1) + load_of(t.noise, d, a + 1, q + 1)
+            left2 = t.decay[d, a + 2] * left * load(P, a + 2, q) + load_of(t.noise, d, a + 2, q)
+            right2 = t.decay[d, a + 2] * right * load(P, a + 2, q + 1) + load_of(t.noise, d, a + 2, q + 1)
+            left3 = t.decay[d, a + 3] * left * load(P, a + 3, q) + load_of(t.noise, d, a + 3, q)
+            right3 = t.decay[d, a + 3] * right * load(P, a + 3, q + 1) + load_of(t.noise, d, a + 3, q + 1)
             for j in range(columns if q < forced else 0):
                 left, right = load(G, j, q), load(G, j, q + 1)
                 left0 += H[j, a] * left
@@ -81,7 +81,7 @@ def fade_and_force(P, H, G, columns, n_x, decay, Q, d):
             store_pair(P, a + 3, q, left3, right3)
     for a in range(fours, P.shape[0]):
         for q in range(registers(a + 1)):
-            left0 = decay[d, a] * load(decay, d, q) * load(P, a, q) + load_of(Q, d, a, q)
+            left0 = t.decay[d, a] * load(t.decay, d, q) * load(P, a, q) + load_of(t.noise, d, a, q)
             for j in range(columns):
                 left0 += H[j, a] * load(G, j, q) + G[j, a] * load(H, j, q)
             store(P, a, q, left0)

@@ -11,5 +11,5 @@ cdef inline void correct_by_gain(PlantArrays p, double[:, ::1] K, Running state,
 @cython.locals(complete=bint, correcting=bint, alive=Py_ssize_t)
 cdef inline (Py_ssize_t, bint, bint) key_of(Inputs u, Py_ssize_t k, Running state, Work work, Py_ssize_t step_bin) noexcept nogil
 @cython.locals(key=Py_ssize_t, complete=bint, correcting=bint, steady=bint, known=bint, released=bint, drastic=bint)
-cdef void observe(Batch b, StepBins bins, Running state, GainTable gains, Results out, Work work, FixedGainWork own) noexcept nogil
-cpdef run_fixed_gain(Batch b, StepBins bins, Running state, GainTable gains, Results out, Work work, FixedGainWork own)
+cdef void observe(Batch b, Running state, Results out, FixedGainWork own) noexcept nogil
+cpdef run_fixed_gain(Batch b, Running state, Results out, FixedGainWork own)

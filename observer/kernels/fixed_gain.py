@@ -110,72 +110,71 @@ def key_of(u, k, state, work, step_bin):
     return (step_bin << s) + alive, complete, correcting
 
 
-def observe(b, bins, state, gains, out, work, own):
+def observe(b, state, out, own):
     """Run the observer over the K steps of `u`, changing `state` and filling `out`.
 
-    `step` (K,) is where each step's length is in the table `t`. `own.at` says which step is next, and, where
-    its gain is not in the table, the key of that gain and how the step was taken: with the gain added and
-    called again, it goes on from there. `own.optimal`: until the covariance has settled, correct by the
-    Kalman gain of the moment instead of the one in the table. What is `own.considered` widens the gate and
-    the reported σ, and changes no estimate.
+    `own.at` says which step is next, and, where its gain is not among `own.gains`, the key of that gain and
+    how the step was taken: with the gain added and called again, it goes on from there. `own.optimal`: until
+    the covariance has settled, correct by the Kalman gain of the moment instead of the one in the table. What
+    is `own.considered` widens the gate and the reported σ, and changes no estimate.
     """
     taken = own.at[TAKEN]
-    settled = find_settled(gains, state.P) if taken == SKIPPED else -1
+    settled = find_settled(own.gains, state.P) if taken == SKIPPED else -1
     k = own.at[STEP]
     while k < len(b.step):
         if settled >= 0:
-            k = take_steady_steps(b, bins, state, gains, settled, out, k, work, own)
+            k = take_steady_steps(b, settled, k, state, out, own)
             settled = -1
             continue
         if taken == SKIPPED:
-            taken = start_or_predict(b.plant, b.table, b.step[k], b.inputs, k, state, work)
+            taken = start_or_predict(b, k, state, own.work)
             if taken == STARTED:
                 begin_considered(own.considered, b.inputs, k, state.x)
             elif taken == STEPPED:
-                propagate_considered(own.considered, b.table, b.step[k], b.inputs, k)
+                propagate_considered(own.considered, b, k)
             else:
-                skip(b.inputs, k, work.usable, state, out)
-                settled = find_settled(gains, state.P)
+                skip(b.inputs, k, own.work.usable, state, out)
+                settled = find_settled(own.gains, state.P)
                 k += 1
                 continue
-        compare(b.plant, b.inputs, k, state, work)
-        consider_readings(own.considered, work.S_nu)
-        copy(state.suspect, work.suspect)
-        write_innovations(work.nu, own.considered.variance, work.usable, k, out)
+        compare(b.plant, b.inputs, k, state, own.work)
+        consider_readings(own.considered, own.work.S_nu)
+        copy(state.suspect, own.work.suspect)
+        write_innovations(own.work.nu, own.considered.variance, own.work.usable, k, out)
         out.log_likelihood[k] = 0.0
-        released = refuse(own.considered.variance, b.gate_sigma, True, state, work)
-        key, complete, correcting = key_of(b.inputs, k, state, work, bins.number[b.step[k]])
-        chosen = find_gain(gains, key)
+        released = refuse(own.considered.variance, b.gate_sigma, True, state, own.work)
+        key, complete, correcting = key_of(b.inputs, k, state, own.work, own.bins.number[b.step[k]])
+        chosen = find_gain(own.gains, key)
         if chosen < 0 and correcting:
-            copy(work.suspect, state.suspect)
+            copy(own.work.suspect, state.suspect)
             own.at[STEP], own.at[KEY], own.at[TAKEN] = k, key, taken
             return
-        if readmit(b.plant, b.inputs.dt_s[k], released, True, state, work) > 0.0:
-            compare(b.plant, b.inputs, k, state, work)
+        if readmit(b.plant, b.inputs.dt_s[k], released, True, state, own.work) > 0.0:
+            compare(b.plant, b.inputs, k, state, own.work)
         if correcting and (own.optimal or taken == STARTED or released):
-            drastic = is_drastic(b.plant, work)
-            correct(b.plant, state, work)
+            drastic = is_drastic(b.plant, own.work)
+            correct(b.plant, state, own.work)
             if drastic:  # no factors are left; the gain of the table is near enough for what is considered
-                correct_considered(own.considered, gains.K[chosen], work.accepted)
+                correct_considered(own.considered, own.gains.K[chosen], own.work.accepted)
             else:
-                correct_considered_jointly(own.considered, work.accepted, work.L, work.W, work.order)
+                correct_considered_jointly(own.considered, own.work)
         elif correcting:
-            correct_considered(own.considered, gains.K[chosen], work.accepted)
-            correct_by_gain(b.plant, gains.K[chosen], state, work)
-        steady = correcting and complete and bins.exact[b.step[k]] and b.plant.coupling.active == 0
-        if steady and gains.steady[chosen] and near(state.P, gains, chosen):
-            put(gains.P[chosen], state.P)
+            correct_considered(own.considered, own.gains.K[chosen], own.work.accepted)
+            correct_by_gain(b.plant, own.gains.K[chosen], state, own.work)
+        steady = correcting and complete and own.bins.exact[b.step[k]] and b.plant.coupling.active == 0
+        if steady and own.gains.steady[chosen] and near(state.P, own.gains, chosen):
+            put(own.gains.P[chosen], state.P)
             settled = chosen
         finish_considered(own.considered, b.inputs.dt_s[k], state.x)
-        known = write_step(b.plant, b.inputs, k, state, work, out)
-        add_considered(own.considered, work.rows, k, out)
+        known = write_step(b.plant, b.inputs, k, state, own.work, out)
+        add_considered(own.considered, own.work.rows, k, out)
         if not known:
             invalidate(out, k)
         k, taken = k + 1, SKIPPED
     own.at[STEP], own.at[KEY] = k, DONE
 
 
-def run_fixed_gain(b, bins, state, gains, out, work, own):
+def run_fixed_gain(b, state, out, own):
     """Run an observer with fixed gains (see `fixed_gain.observe`)."""
     with cython.nogil:
-        observe(b, bins, state, gains, out, work, own)
+        observe(b, state, out, own)

@@ -22,26 +22,26 @@ from observer.kernels.step import compare, correct_lower, predict, start
 SKIPPED, STARTED, STEPPED = 0, 1, 2
 
 
-def start_or_predict(p, t, d, u, k, state, work):
+def start_or_predict(b, k, state, work):
     """Take the state to the end of step k, before its measurements; return whether it could not be computed,
     was the first, or a step from the one before.
     """
-    present = find_usable(u, k, work.usable)
+    present = find_usable(b.inputs, k, work.usable)
     for i in range(len(work.accepted)):
         work.accepted[i] = False
-    if not step_is_finite(u, k) or (state.flags[0] == 0 and present == 0):
+    if not step_is_finite(b.inputs, k) or (state.flags[0] == 0 and present == 0):
         return SKIPPED
-    move_columns(p, u, k, work.B, work.C)
+    move_columns(b.plant, b.inputs, k, work.B, work.C)
     if state.flags[0] == 0:
-        start(p, work.C, u, k, work.usable, state.x, state.P, work.nu)
-        begin(p, u, k, work.usable, work.C, state.x, state.P, state.around)
-        put_laws(p, u, k, work.B, state.x, work.law)
+        start(b.plant, b.inputs, k, state, work)
+        begin(b.plant, b.inputs, k, state, work)
+        put_laws(b.plant, b.inputs, k, work.B, state.x, work.law)
         state.flags[0] = 1
         return STARTED
-    if len(p.learn.kind) > 0:
-        follow(p, t, d, u, k, work.B, work.C, state.around, state.x, work)
-    predict(p, t, d, u, k, state, work)
-    inflate_for_lost_position(p, u, k, state.lost_s, state.P)
+    if len(b.plant.learn.kind) > 0:
+        follow(b.plant, b, k, state.around, state.x, work)
+    predict(b, k, state, work)
+    inflate_for_lost_position(b.plant, b.inputs, k, state.lost_s, state.P)
     return STEPPED
 
 
@@ -78,7 +78,7 @@ def filter_part(b, state, out, work, first, end):
     numbers cannot be computed: it leaves the state as it is and is invalid.
     """
     for k in range(first, end):
-        if start_or_predict(b.plant, b.table, b.step[k], b.inputs, k, state, work) == SKIPPED:
+        if start_or_predict(b, k, state, work) == SKIPPED:
             skip(b.inputs, k, work.usable, state, out)
             continue
         compare(b.plant, b.inputs, k, state, work)

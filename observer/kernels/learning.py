@@ -20,35 +20,35 @@ FOLLOWS_S = 1200.0
 _SURE = 3.0
 
 
-def follow(p, t, d, u, k, B, C, around, x, work):
+def follow(p, b, k, around, x, work):
     """Take `around` over step k; put what the machine's parameters do over it into the rows of `work.G` that
     follow those of the heats, and what those of the sensors do to readings into C.
     """
     if len(p.learn.kind) == 0:
         return
-    n_x, m_e = B.shape[1], len(p.source)
+    B, n_x, m_e = work.B, work.B.shape[1], len(p.source)
     machine = p.learn.machine
     for a in range(n_x + m_e):
         work.before_around[a] = around[a]
-    advance_learning(p, t, d, u, k, B, around, 0, work)
+    advance_learning(p, b, k, around, 0, work)
     if len(p.learn.V) > 0:
         bring(p, B, work.before_around, work)
     for i in range(machine):
         row = m_e + i
         if p.learn.tie[i] >= 0:
-            pass_heat(p, u, k, B, p.learn.tie[i], work.before_around, work, work.G[row])
+            pass_heat(p, b.inputs, k, B, p.learn.tie[i], work.before_around, work, work.G[row])
         elif len(p.learn.V) > 0:
-            drive(p, u, k, work.plain_B, i, work.plain, work, work.shift)
+            drive(p, b.inputs, k, work.plain_B, i, work.plain, work, work.shift)
             multiply(p.inverse_T, work.shift, work.G[row])
         else:
-            drive(p, u, k, B, i, work.before_around, work, work.shift)
+            drive(p, b.inputs, k, B, i, work.before_around, work, work.shift)
             for a in range(n_x):
                 work.G[row, a] = work.shift[a]
         learnt = x[n_x + row]
         for a in range(n_x):
-            work.G[row, a] *= t.hold[d, a]
+            work.G[row, a] *= b.table.hold[b.step[k], a]
             around[a] += work.G[row, a] * learnt
-    see(p, u, k, u.dt_s[k], C, around)
+    see(p, b.inputs, k, b.inputs.dt_s[k], work.C, around)
 
 
 def bring(p, B, before, work):
@@ -157,19 +157,19 @@ def below(p, u, k, C, i, around):
     return degC
 
 
-def advance_learning(p, t, d, u, k, B, x, learnt, work):
+def advance_learning(p, b, k, x, learnt, work):
     """Take a state over step k as `advance` does, with what so many parameters behind it add, which fade."""
-    n_x, first = B.shape[1], B.shape[1] + len(p.source)
+    n_x, first = work.B.shape[1], work.B.shape[1] + len(p.source)
     if p.coupling.active:
-        step_half(p, u, k, u.z_start[k], B, x, 0, work)
-    put_laws(p, u, k, B, x, work.law)
-    advance_diagonal(p, t, d, u, k, B, x, work)
+        step_half(p, b.inputs, k, b.inputs.z_start[k], x, 0, work)
+    put_laws(p, b.inputs, k, work.B, x, work.law)
+    advance_diagonal(p, b.table, b.step[k], b.inputs, k, x, work)
     if learnt > 0:
         add_columns_of(work.G, len(p.source), p.learn.machine, n_x, x)
     for q in range(learnt):
-        x[first + q] *= t.decay[d, first + q]
+        x[first + q] *= b.table.decay[b.step[k], first + q]
     if p.coupling.active:
-        step_half(p, u, k, u.z_end[k], B, x, 1, work)
+        step_half(p, b.inputs, k, b.inputs.z_end[k], x, 1, work)
 
 
 def add_columns_of(G, first, count, n_x, x):
@@ -214,7 +214,7 @@ def draw_near(p, dt_s, x, around):
         around[a] += share * (x[a] - around[a])
 
 
-def begin(p, u, k, usable, C, x, P, around):
+def begin(p, u, k, state, work):
     """After the start: `around` is the state, and where the machine stands, the state is that of the air.
 
     A machine that stood overnight has one temperature, the air's, and what its sensors say then is what they
@@ -222,9 +222,9 @@ def begin(p, u, k, usable, C, x, P, around):
     """
     if len(p.learn.kind) == 0:
         return
-    if stands(p, u, k, usable, C):
-        rest(p, u, k, x, P)
-    linearise_at(p, u, k, C, x, around)
+    if stands(p, u, k, work.usable, work.C):
+        rest(p, u, k, state.x, state.P)
+    linearise_at(p, u, k, work.C, state.x, state.around)
 
 
 def linearise_at(p, u, k, C, x, around):

@@ -81,7 +81,7 @@ cdef class CoupledColumns(Record):
 
 cdef class AdvanceWork(Record):
     cdef public double[::1] law, driven
-    cdef public double[:, ::1] before, link
+    cdef public double[:, ::1] B, C, before, link
     cdef public CoupledColumns state
     cdef public double[:, :, :, ::1] sweep
 
@@ -90,7 +90,7 @@ cdef class Work(AdvanceWork):
     cdef public CoupledColumns half_step
     cdef public double[::1] plain, value, shared, shift, e, K, row, half, nu, S_nu, suspect
     cdef public double[::1] before_around, read, made_of
-    cdef public double[:, ::1] plain_B, B, C, rows, half_step_T, was, G, H, M, L, W, g, A, kept, CT, S
+    cdef public double[:, ::1] plain_B, rows, half_step_T, was, G, H, M, L, W, g, A, kept, CT, S
     cdef public Py_ssize_t[::1] order
     cdef public unsigned char[::1] usable, accepted
 
@@ -102,6 +102,14 @@ cdef class Inputs(Record):
     cdef public signed char[:, ::1] quality
     cdef public double[:, :, ::1] moving_B, moving_C
     cdef public signed char[::1] degraded
+
+
+cdef class OpenLoop(Record):
+    cdef public AdvancePlant plant
+    cdef public AdvanceTable table
+    cdef public Inputs inputs
+    cdef public AdvanceWork work
+    cdef public double[::1] decay_1_s
 
 
 cdef class Batch(Record):
@@ -182,6 +190,9 @@ cdef class FixedGainWork(Record):
     cdef public Py_ssize_t[::1] at
     cdef public SteadyStep steady
     cdef public Considered considered
+    cdef public Work work
+    cdef public StepBins bins
+    cdef public GainTable gains
 
 
 cdef class Tape(Record):

@@ -16,7 +16,7 @@ def filter_with_tape(b, state, work, tape):
     step that cannot be computed is skipped.
     """
     for k in range(len(b.step)):
-        tape.kind[k] = start_or_predict(b.plant, b.table, b.step[k], b.inputs, k, state, work)
+        tape.kind[k] = start_or_predict(b, k, state, work)
         if tape.kind[k] == SKIPPED:
             continue
         for a in range(work.B.shape[1]):
@@ -24,23 +24,23 @@ def filter_with_tape(b, state, work, tape):
         compare(b.plant, b.inputs, k, state, work)
         judge_and_correct(b.plant, b.inputs, k, b.gate_sigma, state, work)
         mirror(state.P)
-        write_tape(b.plant, work.C, work.accepted, state.x, state.P, k, work, tape)
+        write_tape(b.plant, k, state, work, tape)
 
 
-def write_tape(p, C, accepted, x, P, k, work, tape):
+def write_tape(p, k, state, work, tape):
     """Write down step k, each sensor's correction as if one came after the other.
 
     What the joint correction leaves is just that: row i of W is c_i P over √S, with P and S as the sensors
     before it leave them, and e_i is the innovation over √S. Joseph's form leaves g_i = P c_i and ν_i.
     """
-    n_x, width = C.shape[1], P.shape[1]
+    n_x, width = work.C.shape[1], state.P.shape[1]
     one_by_one, count = is_drastic(p, work), 0
-    for i in range(len(accepted)):
+    for i in range(len(work.accepted)):
         tape.weight[k, i] = 0.0
-        if not accepted[i]:
+        if not work.accepted[i]:
             continue
         if one_by_one:
-            weight = 1.0 / (project(C, i, work.g, i) + p.R_K2[i])
+            weight = 1.0 / (project(work.C, i, work.g, i) + p.R_K2[i])
             tape.innovation[k, i] = work.nu[i]
             for b in range(width):
                 tape.gain[k, i, b] = work.g[i, b] * weight
@@ -53,9 +53,9 @@ def write_tape(p, C, accepted, x, P, k, work, tape):
         tape.weight[k, i] = weight
         count += 1
     for j in range(len(p.source)):
-        tape.heat[k, j] = work.law[p.source[j]] + x[n_x + j]
+        tape.heat[k, j] = work.law[p.source[j]] + state.x[n_x + j]
         for b in range(width):
-            tape.cross[k, j, b] = P[n_x + j, b]
+            tape.cross[k, j, b] = state.P[n_x + j, b]
 
 
 def smooth_back(b, tape, adjoint, work, out):
@@ -75,14 +75,14 @@ def smooth_back(b, tape, adjoint, work, out):
         move_columns(b.plant, b.inputs, k, B, C)
         for i in range(len(b.plant.R_K2) - 1, -1, -1):
             if tape.weight[k, i] > 0.0:
-                correct_back(b.plant, C, i, k, tape, r, N, NK, out)
+                correct_back(b.plant, C, i, k, tape, adjoint, out)
         if tape.kind[k] == STEPPED:
             if b.plant.coupling.active:
-                couple_back(b.plant, b.inputs, k, b.inputs.z_end[k], B, tape.coupled[k, 1], r, N, work)
+                couple_back(b.plant, b.inputs, k, b.inputs.z_end[k], tape.coupled[k, 1], adjoint, work)
             step_back(b.plant, b.table, b.step[k], B, r, N, work)
             write_jumps(b.plant, b.inputs, k, r, N, out)
             if b.plant.coupling.active:
-                couple_back(b.plant, b.inputs, k, b.inputs.z_start[k], B, tape.coupled[k, 0], r, N, work)
+                couple_back(b.plant, b.inputs, k, b.inputs.z_start[k], tape.coupled[k, 0], adjoint, work)
 
 
 def write_jumps(p, u, k, r, N, out):
@@ -114,13 +114,14 @@ def quadratic(rows, k, i, N, NK):
     return total
 
 
-def correct_back(p, C, i, k, tape, r, N, NK, out):
+def correct_back(p, C, i, k, tape, adjoint, out):
     """Take r and N back through sensor i's correction; write its smoothed residual and what is left of it.
 
     e = ν/S - Kᵀ r, r⁻ = r + c e, N⁻ = (I - c Kᵀ) N (I - K cᵀ) + c cᵀ/S: N is a sum of squares, term by term.
     With R its noise, the residual is R e, and R (1/S + Kᵀ N K) is 1 less the reading's influence on its own
     smoothed value (Kohn and Ansley 1989).
     """
+    r, N, NK = adjoint.r, adjoint.N, adjoint.NK
     n_x, width = C.shape[1], N.shape[1]
     weight = tape.weight[k, i]
     error = tape.innovation[k, i] * weight - dot(tape.gain, k, i, r)
@@ -175,18 +176,18 @@ def step_back(p, t, d, B, r, N, work):
     mirror(N)
 
 
-def couple_back(p, u, k, z, B, x, r, N, work):
+def couple_back(p, u, k, z, x, adjoint, work):
     """Take r and N back through half a coupling: r ← Tᵀ r, N ← Tᵀ N T with T = [[M, 0], [0, I]]."""
-    M, MT, n_x = work.half_step.X, work.half_step_T, B.shape[1]
-    moved = work.half_step.sums[0]
-    form_half(p, u, k, z, B, x, work)
+    M, MT, n_x = work.half_step.X, work.half_step_T, work.B.shape[1]
+    r, moved = adjoint.r, work.half_step.sums[0]
+    form_half(p, u, k, z, work.B, x, work)
     for a in range(len(moved)):
         moved[a] = 0.0
     add_scaled(moved, M, r, n_x)
     for a in range(n_x):
         r[a] = moved[a]
-    take_along(MT, M, n_x, N, work.was)
-    mirror(N)
+    take_along(MT, M, n_x, adjoint.N, work.was)
+    mirror(adjoint.N)
 
 
 def run_forward(b, state, work, tape):

@@ -20,11 +20,12 @@ cdef inline void push_states(SteadyStep c, Py_ssize_t r, Py_ssize_t first) noexc
 cdef inline void report_rows(SteadyStep c, Py_ssize_t r) noexcept nogil
 cdef void step_states(SteadyStep c, Py_ssize_t count, Py_ssize_t first) noexcept nogil
 cdef inline bint is_driven_alike(SteadyStep c, Py_ssize_t r) noexcept nogil
+cdef inline void set_gate(double gate_sigma, double[::1] variance_K2, SteadyStep c) noexcept nogil
 cdef inline Py_ssize_t count_passed(SteadyStep c, Py_ssize_t count) noexcept nogil
 @cython.locals(law=double, heat=double, sigma=double, whole=bint, there=bint)
-cdef void write_run(PlantArrays p, Inputs u, Py_ssize_t k, Py_ssize_t count, GainTable gains, Py_ssize_t settled, SteadyStep c, Results out) noexcept nogil
+cdef void write_run(Batch b, Py_ssize_t k, Py_ssize_t count, GainTable gains, Py_ssize_t settled, SteadyStep c, Results out) noexcept nogil
 cdef inline void write_qualities(signed char[:, ::1] given, signed char[::1] degraded, Py_ssize_t k, Py_ssize_t count, bint whole, Results out) noexcept nogil
 cdef inline bint is_known(Results out, Py_ssize_t k) noexcept nogil
 cdef inline void go_on(PlantArrays p, SteadyStep c, Py_ssize_t r, Running state) noexcept nogil
 @cython.locals(roughly=bint, moving=bint)
-cdef Py_ssize_t take_steady_steps(Batch b, StepBins bins, Running state, GainTable gains, Py_ssize_t settled, Results out, Py_ssize_t k, Work work, FixedGainWork own) noexcept nogil
+cdef Py_ssize_t take_steady_steps(Batch b, Py_ssize_t settled, Py_ssize_t k, Running state, Results out, FixedGainWork own) noexcept nogil

@@ -226,6 +226,12 @@ def is_driven_alike(c, r):
     return True
 
 
+def set_gate(gate_sigma, variance_K2, c):
+    """Put the largest squares of innovations of these variances that pass the gate in place."""
+    for i in range(len(c.present)):
+        c.gate_K2[i] = gate_sigma * gate_sigma * variance_K2[i] if c.present[i] else INFINITY
+
+
 def count_passed(c, count):
     """How many of the steps pass the gate: every ν² is at most `c.gate_K2`, and a number."""
     stopped, width = count, len(c.decay)
@@ -236,19 +242,19 @@ def count_passed(c, count):
     return stopped
 
 
-def write_run(p, u, k, count, gains, settled, c, out):
+def write_run(b, k, count, gains, settled, c, out):
     """Write the steps with the steady σ of noise."""
     width, whole, lost = len(c.decay), True, 0
-    first = width - len(p.source)
+    first = width - len(b.plant.source)
     for q in range(out.field.shape[1]):
         sigma = gains.field_sigma[settled, q]
         for r in range(count):
             out.field[k + r, q], out.field_sigma[k + r, q] = c.value[r, q], sigma
             lost += 0 if isfinite(c.value[r, q]) else 1
-    for j in range(len(p.source)):
-        index, sigma = p.source[j], gains.heat_sigma[settled, j]
+    for j in range(len(b.plant.source)):
+        index, sigma = b.plant.source[j], gains.heat_sigma[settled, j]
         for r in range(count):
-            law = u.law_W[k + r, index]
+            law = b.inputs.law_W[k + r, index]
             heat = law + c.states[r + 1, first + j]
             out.law[k + r, j], out.heat[k + r, j], out.heat_sigma[k + r, j] = law, heat, sigma
             lost += 0 if isfinite(heat) else 1
@@ -260,7 +266,7 @@ def write_run(p, u, k, count, gains, settled, c, out):
             out.innovation_sigma[k + r, i] = sigma
     for r in range(count):
         out.log_likelihood[k + r] = 0.0
-    write_qualities(u.quality, u.degraded, k, count, whole, out)
+    write_qualities(b.inputs.quality, b.inputs.degraded, k, count, whole, out)
     if lost > 0:
         for r in range(count):
             if not is_known(out, k + r):
@@ -299,7 +305,7 @@ def go_on(p, c, r, state):
         state.flags[1] = 0
 
 
-def take_steady_steps(b, bins, state, gains, settled, out, k, work, own):
+def take_steady_steps(b, settled, k, state, out, own):
     """Take regular steps from k on; return the first that is not, or that the gate would refuse."""
     laid_out, roughly, moving, s = (
         -1,
@@ -308,7 +314,7 @@ def take_steady_steps(b, bins, state, gains, settled, out, k, work, own):
         len(own.steady.present),
     )
     most = 1 if roughly or moving else len(own.steady.weights)
-    if not begin_steady_state(b.plant, gains, settled, state, own.steady):
+    if not begin_steady_state(b.plant, own.gains, settled, state, own.steady):
         return k
     count, passed = 0, 0
     while k < len(b.step) and passed == count:
@@ -316,39 +322,31 @@ def take_steady_steps(b, bins, state, gains, settled, out, k, work, own):
         count = read_run(
             b.inputs, k, count_regular(b.plant, b.inputs, b.step, k, most, own.steady), own.steady
         )
-        if count == 0 or not bins.exact[d] or gains.key[settled] >> s != bins.number[d]:
+        if count == 0 or not own.bins.exact[d] or own.gains.key[settled] >> s != own.bins.number[d]:
             break
-        move_columns(b.plant, b.inputs, k, work.B, work.C)
+        move_columns(b.plant, b.inputs, k, own.work.B, own.work.C)
         move_rows(b.plant, b.inputs, k, own.steady.rows)
         if d == laid_out and moving:
-            lay_out_moving(b.plant, b.table, d, work.B, work.C, own.steady)
+            lay_out_moving(b.plant, b.table, d, own.work.B, own.work.C, own.steady)
         if d != laid_out:
-            lay_out(b.plant, b.table, d, work.B, work.C, gains.K[settled], own.steady)
-            for i in range(s):
-                own.steady.gate_K2[i] = (
-                    b.gate_sigma * b.gate_sigma * gains.S[settled, i] if own.steady.present[i] else INFINITY
-                )
+            lay_out(b.plant, b.table, d, own.work.B, own.work.C, own.gains.K[settled], own.steady)
+            set_gate(b.gate_sigma, own.gains.S[settled], own.steady)
             laid_out = d
         if roughly:
-            propagate_considered(own.considered, b.table, d, b.inputs, k)
-            consider_readings(own.considered, gains.S[settled])
-            for i in range(s):
-                own.steady.gate_K2[i] = (
-                    b.gate_sigma * b.gate_sigma * own.considered.variance[i]
-                    if own.steady.present[i]
-                    else INFINITY
-                )
+            propagate_considered(own.considered, b, k)
+            consider_readings(own.considered, own.gains.S[settled])
+            set_gate(b.gate_sigma, own.considered.variance, own.steady)
         step_states(own.steady, count, len(own.steady.decay) - len(b.plant.source))
         passed = count_passed(own.steady, count)
-        write_run(b.plant, b.inputs, k, passed, gains, settled, own.steady, out)
+        write_run(b, k, passed, own.gains, settled, own.steady, out)
         go_on(b.plant, own.steady, passed, state)
         if roughly and passed == 1:
-            correct_considered(own.considered, gains.K[settled], own.steady.present)
+            correct_considered(own.considered, own.gains.K[settled], own.steady.present)
             finish_considered(own.considered, b.inputs.dt_s[k], state.x)
             for i in range(s):
                 if own.steady.present[i]:
                     out.innovation_sigma[k, i] = sqrt(own.considered.variance[i])
-            move_rows(b.plant, b.inputs, k, work.rows)
-            add_considered(own.considered, work.rows, k, out)
+            move_rows(b.plant, b.inputs, k, own.work.rows)
+            add_considered(own.considered, own.work.rows, k, out)
         k += passed
     return k

@@ -1,6 +1,6 @@
 cdef double _DRASTIC
 
-cdef inline void predict(PlantArrays p, StepTable t, Py_ssize_t d, Inputs u, Py_ssize_t k, Running state, Work work) noexcept nogil
+cdef inline void predict(Batch b, Py_ssize_t k, Running state, Work work) noexcept nogil
 cdef inline void predict_covariance(PlantArrays p, StepTable t, Py_ssize_t d, Inputs u, Py_ssize_t k, Running state, Work work) noexcept nogil
 cdef inline void add_walk(double[:, ::1] B, Py_ssize_t index, StepTable t, Py_ssize_t d, Py_ssize_t j, double[:, ::1] P) noexcept nogil
 cdef inline void symmetrise(double[:, ::1] P) noexcept nogil
@@ -11,12 +11,12 @@ cdef inline void add_rows(double[:, ::1] C, Py_ssize_t i, Py_ssize_t first, Py_s
 @cython.locals(total=double)
 cdef inline double project(double[:, ::1] C, Py_ssize_t i, double[:, ::1] g, Py_ssize_t j) noexcept nogil
 @cython.locals(seen=double, level=double, count=Py_ssize_t, place=Py_ssize_t)
-cdef void start(PlantArrays p, double[:, ::1] C, Inputs u, Py_ssize_t k, unsigned char[::1] usable, double[::1] x, double[:, ::1] P, double[::1] levels) noexcept nogil
+cdef void start(PlantArrays p, Inputs u, Py_ssize_t k, Running state, Work work) noexcept nogil
 cdef inline bint is_drastic(PlantArrays p, Work work) noexcept nogil
 cdef double correct(PlantArrays p, Running state, Work work) noexcept nogil
 @cython.locals(squares=double, volume=double, shared=double, variance=double, rest=double)
 cdef inline double correct_lower(PlantArrays p, Running state, Work work) noexcept nogil
-cdef inline void joseph_covariance(double[:, ::1] C, Py_ssize_t i, double[:, ::1] g, double[::1] K, double r, double[:, ::1] P, double[::1] half, double[::1] rest) noexcept nogil
+cdef inline void joseph_covariance(Py_ssize_t i, double r, double[:, ::1] P, Work work) noexcept nogil
 @cython.locals(squares=double, volume=double)
 cdef double correct_in_turn(PlantArrays p, Running state, Work work) noexcept nogil
 @cython.locals(nu=double, c=double)

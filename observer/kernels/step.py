@@ -26,15 +26,15 @@ from observer.kernels.libc import M_PI, log, sqrt
 _DRASTIC = 1e8  # what P expects of a sensor, in variances of its noise
 
 
-def predict(p, t, d, u, k, state, work):
+def predict(b, k, state, work):
     """One step of state and covariance; what couples the states acts in two halves around it."""
-    advance_learning(p, t, d, u, k, work.B, state.x, len(p.learn.kind), work)
-    if p.coupling.active:
+    advance_learning(b.plant, b, k, state.x, len(b.plant.learn.kind), work)
+    if b.plant.coupling.active:
         mirror(state.P)
-        couple_covariance(p, u, k, u.z_start[k], 0, state.P, work)
-    predict_covariance(p, t, d, u, k, state, work)
-    if p.coupling.active:
-        couple_covariance(p, u, k, u.z_end[k], 1, state.P, work)
+        couple_covariance(b.plant, b.inputs, k, b.inputs.z_start[k], 0, state.P, work)
+    predict_covariance(b.plant, b.table, b.step[k], b.inputs, k, state, work)
+    if b.plant.coupling.active:
+        couple_covariance(b.plant, b.inputs, k, b.inputs.z_end[k], 1, state.P, work)
         mirror(state.P)
 
 
@@ -56,8 +56,8 @@ def predict_covariance(p, t, d, u, k, state, work):
         state.P[n_x + j, n_x + j] += jump * jump
         for a in range(n_x):
             work.G[j, a] = work.B[index, a] * t.couple[d, j, a]
-    force_columns(state.P, work.G, columns, n_x, t.decay, d, work.half, work.H)
-    fade_and_force(state.P, work.H, work.G, columns, n_x, t.decay, t.noise, d)
+    force_columns(state.P, work.G, columns, n_x, t, d, work)
+    fade_and_force(state.P, work.H, work.G, columns, n_x, t, d)
     mirror(state.P)
     for i in range(len(p.moving)):
         if p.moving_heat[i] >= 0:
@@ -129,21 +129,20 @@ def project(C, i, g, j):
     return total
 
 
-def start(p, C, u, k, usable, x, P, levels):
+def start(p, u, k, state, work):
     """Set x̂ to a screw of one temperature with the lags at rest under their laws, and P to the prior.
 
     That temperature is the median over the usable sensors, so that one broken sensor does not set it.
-    `levels` (s,) is scratch.
     """
-    n_x = len(p.uniform)
+    C, x, levels, n_x = work.C, state.x, work.nu, len(p.uniform)
     for a in range(len(x)):
         x[a] = 0.0
     for j in range(u.law_W.shape[1]):
         for a in range(n_x):
             x[a] += u.law_W[k, j] * p.lags[j, a]
     count = 0
-    for i in range(len(usable)):
-        if usable[i]:
+    for i in range(len(work.usable)):
+        if work.usable[i]:
             seen = 0.0
             for a in range(n_x):
                 seen += C[i, a] * p.uniform[a]
@@ -158,8 +157,8 @@ def start(p, C, u, k, usable, x, P, levels):
     level = 0.5 * (levels[(count - 1) // 2] + levels[count // 2])
     for a in range(n_x):
         x[a] += p.uniform[a] * level
-    clear(P)
-    add_prior(p, P, 1.0)
+    clear(state.P)
+    add_prior(p, state.P, 1.0)
 
 
 def is_drastic(p, work):
@@ -213,17 +212,18 @@ def correct_lower(p, state, work):
     return -0.5 * (squares + log(volume))
 
 
-def joseph_covariance(C, i, g, K, r, P, half, rest):
-    """P⁺ = A - K (cᵀ A) + r K Kᵀ with A = P - g Kᵀ, for sensor i; `half` and `rest` are scratch.
+def joseph_covariance(i, r, P, work):
+    """P⁺ = A - K (cᵀ A) + r K Kᵀ with A = P - g Kᵀ, for sensor i of noise variance r.
 
     Both outer products are written as the mean of themselves and their transposes, term by term, so that P
     stays symmetric to the last bit. Where they are not, what rounding leaves antisymmetric grows without
     bound once P has fourteen digits to lose: copying one triangle over the other is not enough (seen in the
     tests, and in filterpy).
     """
+    C, K, half, rest = work.C, work.K, work.half, work.row
     n, width, seen = P.shape[0], P.shape[1], C.shape[1]
     for b in range(width):
-        half[b] = 0.5 * g[i, b]
+        half[b] = 0.5 * work.g[i, b]
         rest[b] = r * K[b]
     for a in range(n):
         gain, expected = K[a], half[a]
@@ -262,7 +262,7 @@ def correct_in_turn(p, state, work):
             work.K[b] = work.g[i, b] / S
         for a in range(n):
             state.x[a] += work.K[a] * innovation
-        joseph_covariance(work.C, i, work.g, work.K, r, state.P, work.half, work.row)
+        joseph_covariance(i, r, state.P, work)
         for later in range(i + 1, s):
             work.nu[later] -= project(work.C, later, work.g, i) / S * innovation
     return -0.5 * (squares + log(volume))

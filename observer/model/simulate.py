@@ -50,6 +50,8 @@ class AdvanceTable(NamedTuple):
 class AdvanceWork(NamedTuple):
     """Scratch, as in `kernels.advance`."""
 
+    B: FloatArray
+    C: FloatArray
     law: FloatArray
     driven: FloatArray
     before: FloatArray
@@ -60,9 +62,19 @@ class AdvanceWork(NamedTuple):
     @classmethod
     def of(cls, p: AdvancePlant, n_x: int, sweep: FloatArray) -> AdvanceWork:
         """Scratch for a plant of n_x states."""
-        m, width = p.B.shape
-        state = state_column(p.coupling)
-        return cls(np.zeros(m), np.zeros(width), np.zeros((2, n_x)), link_scratch(p.coupling), state, sweep)
+        (m, width), state, link = p.B.shape, state_column(p.coupling), link_scratch(p.coupling)
+        B, C = p.B.copy(), np.zeros((0, width))
+        return cls(B, C, np.zeros(m), np.zeros(width), np.zeros((2, n_x)), link, state, sweep)
+
+
+class OpenLoop(NamedTuple):
+    """What `kernels.march` takes: a plant that its inputs drive, the table of the moment and scratch."""
+
+    plant: AdvancePlant
+    table: AdvanceTable
+    inputs: Inputs
+    work: AdvanceWork
+    decay_1_s: FloatArray
 
 
 def start(plant: Plant, temperature_degC: float, law_W: FloatArray) -> FloatArray:
@@ -172,14 +184,13 @@ def _marched(
     K, p = len(inputs), _plant_arrays(plant)
     sweep = np.zeros((K, 0, 0, 0)) if sweep is None else plant.of_screw(sweep)
     x = pad_rows(state, p.B.shape[1])
-    plant_record, table = record(p), record(AdvanceTable.empty(p.B.shape[1]))
-    u, decay_1_s = inputs.packed(), contiguous(plant.decay_1_s)
+    u, table = inputs.packed(), AdvanceTable.empty(p.B.shape[1])
     states = np.empty((min(K, _CHUNK), len(state) + u.z_end.shape[1]))
-    B, C = p.B.copy(), np.zeros((0, p.B.shape[1]))
-    inputs_record, work = record(u), record(AdvanceWork.of(p, len(state), sweep))
+    work, decay_1_s = AdvanceWork.of(p, len(state), sweep), contiguous(plant.decay_1_s)
+    loop = record(OpenLoop(p, table, u, work, decay_1_s))
     for begin in range(0, K, _CHUNK):
         here = states[: K - begin]
-        march(plant_record, table, decay_1_s, inputs_record, B, C, work, x, here, begin)
+        march(loop, x, here, begin)
         yield slice(begin, begin + _CHUNK), here
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -46,8 +48,9 @@ def test_a_covariance_is_predicted(n: int, n_x: int, columns: int) -> None:
     Ad[:, n_x : n_x + columns] += G[:columns, :n].T
     expected = Ad @ P[:, :n] @ Ad.T + Q[1, :, :n]
     P[:, :n] = lower(P)
-    covariance.force_columns(P, G, columns, n_x, d, 1, np.zeros(width), H)
-    covariance.fade_and_force(P, H, G, columns, n_x, d, Q, 1)
+    table, work = SimpleNamespace(decay=d, noise=Q), SimpleNamespace(H=H, half=np.zeros(width))
+    covariance.force_columns(P, G, columns, n_x, table, 1, work)
+    covariance.fade_and_force(P, H, G, columns, n_x, table, 1)
     np.testing.assert_allclose(lower(P), np.tril(expected), rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
