@@ -18,7 +18,7 @@ from observer.config import Config
 from observer.frames import BoolArray, FloatArray, NutPath
 from observer.kernels.selftest import DISAGREE, FALLS_SHORT
 from observer.kernels.walk import GRADUAL_K, WARMED
-from observer.physics.constants import ZERO_DEGC_K
+from observer.physics.constants import RPM_IN, ZERO_DEGC_K
 
 SCREW_RANGE_DEGC = (-40.0, 150.0)
 AMBIENT_RANGE_DEGC = (-20.0, 60.0)
@@ -243,15 +243,8 @@ def _temperature_candidates(value: float, centre_degC: float) -> Iterator[str]:
             yield name
 
 
-SPEED_RATIOS = (
-    ("rad/s", 60.0 / (2.0 * math.pi)),
-    ("revolutions a second", 60.0),
-    ("degrees a second", 1.0 / 6.0),
-    ("revolutions an hour", 1.0 / 60.0),
-)
-"""The factor from a speed in another unit to rpm."""
 _RATIOS = (
-    *((factor, f"the speed looks like {unit} where rpm is expected") for unit, factor in SPEED_RATIOS),
+    *((factor, f"the speed looks like {unit} where rpm is expected") for unit, factor in RPM_IN.items()),
     (1000.0, "the position looks like mm where m is expected"),
     (0.001, "the position looks like km, or lead_m like mm"),
 )

@@ -14,7 +14,6 @@ import numpy as np
 
 from observer.align.aligner import AlignPlan, frames_of_log
 from observer.align.plausibility import (
-    SPEED_RATIOS,
     ChannelKind,
     Limits,
     ambient_of_log_degC,
@@ -27,6 +26,7 @@ from observer.align.plausibility import (
 from observer.config import Config
 from observer.files.logs import Log
 from observer.frames import FloatArray, NutPath
+from observer.physics.constants import RPM_IN
 
 MOSTLY, SOMETIMES, ALL = 0.5, 0.05, 0.99
 """Fractions of a channel's values: beyond its limits (a speed is 0 at rest), and within them once converted.
@@ -139,7 +139,7 @@ def _by_the_way(config: Config, paths: Sequence[Mapping[str, NutPath]]) -> Itera
         ratio = way_ratio(
             [part[str(source.position_channel)] for part in paths], stroke_of_m(config, source.stroke_m)
         )
-        for unit, factor in SPEED_RATIOS:
+        for unit, factor in RPM_IN.items():
             if ratio is not None and abs(ratio / factor - 1.0) < LIKE and channel not in found:
                 found.add(channel)
                 yield channel, unit, factor

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from observer.config import Config
-from observer.discovery.candidates import library
+from observer.discovery.candidates import Candidate, library
 from observer.discovery.deciding import decisive_test
 from observer.discovery.displacement import AGAINST, DisplacementFindings, displacements_of
 from observer.discovery.experiment import Experiment
@@ -28,7 +28,7 @@ from observer.errors import ConfigError, LogError
 from observer.fit.hypothesis import Fit
 from observer.fit.parameters import free_keys, lawless, thermal_only
 from observer.fit.problem import Problem
-from observer.fit.runs import LEAST_S, prepare_all
+from observer.fit.runs import prepare_all, refuse_short
 from observer.frames import FrameBlock
 
 
@@ -72,23 +72,10 @@ def discover(
     Raises `ConfigError` where nothing may be calibrated, `LogError` where the logs hold nothing to compare.
     """
     complete_config, config = config, thermal_only(config)
-    keys = free_keys(config)
-    if all(source.law is None for source in config.source):
-        raise ConfigError(f"source: {lawless(config)}")
-    prepared = prepare_all(config, runs)
-    if max(run.duration_s for run in prepared) < LEAST_S:
-        raise LogError(f"the logs are shorter than {LEAST_S:.0f} s; record a longer one")
-    problem = Problem.of(config, keys, prepared)
-    if not problem.evidence.proof.any():
-        raise LogError(
-            "the last log, or the end of a single one, is kept as proof and holds no usable reading; "
-            "make the last log one with readings within [limits]"
-        )
+    problem = _problem_of(config, runs)
+    prepared = [run.run for run in problem.forward.runs]
     sparse = sparse_paths(config, prepared)
-    candidates = library(config, keys, config.discover.without, config.discover.also)
-    if sparse or any(run.coarse for run in problem.forward.runs):
-        candidates = tuple(candidate for candidate in candidates if not needs_path(candidate, config))
-    result = search(problem, candidates, progress, pool)
+    result = search(problem, _candidates(problem, paths_known=not sparse), progress, pool)
     progress("suspects among the logs", 0.91)
     wrong = sparse or suspects(result.null, result.ranking, result.signatures)
     progress("opening the proof", 0.94)
@@ -102,7 +89,6 @@ def discover(
     displacements = displacements_of(complete_config, runs, verdict, result.null)
     if displacements is not None and displacements.supports is False:
         verdict = under_suspicion(verdict, [AGAINST])
-    places = localised(result.null, problem.evidence.used)
     before = result.null.config if result.chosen else config
     missing = verdict.kind == "unknown" and not verdict.suspected  # otherwise the logs are at fault
     partial = partial_of(result) if missing else None
@@ -111,7 +97,7 @@ def discover(
         search=result,
         verdict=verdict,
         proof=proof,
-        where=places,
+        where=localised(result.null, problem.evidence.used),
         event=event(result.fit) if missing else None,
         experiment=decisive_test(result.null.problem, result, verdict, with_one_less, partial, pool),
         ties=ties(verdict.sets, verdict.fits) if verdict.kind == "ambiguous" else (),
@@ -120,6 +106,31 @@ def discover(
         worth=worth_of(problem, before, verdict.fit.config),
         displacements=displacements,
     )
+
+
+def _problem_of(config: Config, runs: Sequence[Sequence[FrameBlock]]) -> Problem:
+    """The problem of some runs; raises as `discover` does."""
+    keys = free_keys(config)
+    if all(source.law is None for source in config.source):
+        raise ConfigError(f"source: {lawless(config)}")
+    prepared = prepare_all(config, runs)
+    refuse_short(prepared, "a search")
+    problem = Problem.of(config, keys, prepared)
+    if not problem.evidence.proof.any():
+        raise LogError(
+            "the last log, or the end of a single one, is kept as proof and holds no usable reading; "
+            "make the last log one with readings within [limits]"
+        )
+    return problem
+
+
+def _candidates(problem: Problem, *, paths_known: bool) -> tuple[Candidate, ...]:
+    """The candidates of a problem, without those that need the paths of nuts where these are unknown."""
+    config = problem.config
+    candidates = library(config, problem.keys, config.discover.without, config.discover.also)
+    if paths_known and not any(run.coarse for run in problem.forward.runs):
+        return candidates
+    return tuple(candidate for candidate in candidates if not needs_path(candidate, config))
 
 
 def _counts(suspect: Suspect, verdict: Verdict) -> bool:

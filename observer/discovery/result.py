@@ -18,7 +18,7 @@ from observer.discovery.verdict import Partial
 from observer.discovery.worth import Worth
 from observer.fit.calibrate import Calibration, ErrorRms, describe
 from observer.fit.hypothesis import FORM_SHARE, NORMAL_95, Fit
-from observer.fit.parameters import info_of, rounded
+from observer.fit.parameters import rounded
 
 CANDIDATE, MOST = "candidate.toml", 0.5
 """The file of the effect that explains most of an unknown, and the least part for a strong candidate: of the
@@ -147,13 +147,7 @@ def reciprocal(value: float, half: float) -> tuple[float, float]:
 
 def calibrated_of(fit: Fit) -> dict[str, Any]:
     """The free parameters of a fit with their 95 % intervals."""
-    problem = fit.problem
-    values = problem.free_values(fit.config).tolist()
-    out = {}
-    for key, value, half in zip(problem.keys, values, fit.half_width_free.tolist(), strict=True):
-        kind = info_of(key)
-        out[key] = _interval(value, max(value - half, kind.low), min(value + half, kind.high), kind.unit)
-    return out
+    return {p.key: _interval(p.value, *p.ci95, p.unit) for p in fit.free_parameters}
 
 
 def _where(discovery: Discovery) -> list[dict[str, Any]]:

@@ -22,7 +22,7 @@ from observer.effects.base import EffectTable
 from observer.effects.terms import AmbientShift, SensorOffset
 from observer.fit.hypothesis import Fit
 from observer.fit.problem import Problem
-from observer.physics.constants import RAD_S_PER_RPM
+from observer.physics.constants import RPM_IN
 
 LEAST = 30.0
 """Least score, over all logs, for a suspect to be reported."""
@@ -46,13 +46,7 @@ ALIKE = 2.0
 """Offsets whose mean exceeds this multiple of their spread count as equal."""
 SLOWLY = 5
 """Half minutes within which a sensor that follows a heat shows its full effect."""
-FACTORS = {
-    "rpm": {
-        "rad/s": 1.0 / RAD_S_PER_RPM, "revolutions a second": 60.0, "degrees a second": 1.0 / 6.0,
-        "revolutions an hour": 1.0 / 60.0,
-    },
-    "W": {"kW": 1000.0, "mW": 0.001},
-}  # fmt: skip
+FACTORS = {"rpm": RPM_IN, "W": {"kW": 1000.0, "mW": 0.001}}
 """Factors on an input that was logged in another unit."""
 LIKE = 0.5
 """Largest difference of natural logarithms between a heat's factor and a unit's."""

@@ -6,7 +6,6 @@ started it, so that may be a script without a guard, a notebook, or standard inp
 
 from __future__ import annotations
 
-import copyreg
 import io
 import multiprocessing
 import os
@@ -32,9 +31,21 @@ _START = (
     "from observer.discovery.workers import serve; serve(int(sys.argv[1]))"
 )
 _NOT_DONE = b""
-"""The answer to what the worker cannot do; the same work, done here, shows why."""
+"""The answer to what the worker cannot do; the same work, done in this process, shows why."""
 _problems: list[Problem] = []
 """The problem that all tasks share: the worker gets it once, tasks and results only refer to it."""
+
+
+class _Pickler(pickle.Pickler):
+    def persistent_id(self, value: object) -> str | None:
+        """Return a reference in place of the shared problem."""
+        return "problem" if _problems and value is _problems[0] else None
+
+
+class _Unpickler(pickle.Unpickler):
+    def persistent_load(self, _reference: str) -> Problem:
+        """Return the shared problem."""
+        return _problems[0]
 
 
 class WorkerPool:
@@ -73,17 +84,17 @@ class WorkerPool:
         if self._other is None or not tasks:
             return []
         if self._sent is not problem:
-            self._other.ask((_take, pickle.dumps([problem])))
+            self._other.ask(pickle.dumps(problem))
             self._sent, _problems[:] = problem, [problem]
-        return [self._other.ask((_do, _packed((work, task), problem))) for task in tasks]
+        return [self._other.ask(_packed((work, task))) for task in tasks]
 
 
 def _result(work: Work, problem: Problem, result: Any, task: Task) -> Any:
-    """The worker's result, computed here if the worker is gone or could not."""
+    """The worker's result, computed in this process if the worker is gone or could not."""
     if not isinstance(result, Future):
         return result
     answer = result.result()
-    return work(problem, *task) if answer == _NOT_DONE else pickle.loads(answer)
+    return work(problem, *task) if answer == _NOT_DONE else _unpacked(answer)
 
 
 class _Worker:
@@ -112,13 +123,13 @@ class _Worker:
             return None
         return cls(process, near_end)
 
-    def ask(self, call: tuple[Callable[[bytes], bytes], bytes]) -> Future[bytes]:
-        """Have it call a function of this module; `_NOT_DONE` comes back where it does not."""
-        return self._asking.submit(self._answer, pickle.dumps(call))
+    def ask(self, message: bytes) -> Future[bytes]:
+        """Send a message; `_NOT_DONE` comes back where the worker does not answer it."""
+        return self._asking.submit(self._answer, message)
 
-    def _answer(self, data: bytes) -> bytes:
+    def _answer(self, message: bytes) -> bytes:
         try:
-            self._connection.send_bytes(data)
+            self._connection.send_bytes(message)
             return self._connection.recv_bytes()
         except (OSError, EOFError):  # it was killed
             return _NOT_DONE
@@ -134,21 +145,15 @@ class _Worker:
 IN_PROCESS = WorkerPool(alone=True)
 
 
-def _packed(value: object, problem: Problem) -> bytes:
+def _packed(value: object) -> bytes:
     """Pickle a value with the shared problem as a reference."""
-
-    def reduced(one: Problem) -> Any:
-        return (_shared, ()) if one is problem else one.__reduce_ex__(pickle.HIGHEST_PROTOCOL)
-
     file = io.BytesIO()
-    packer = pickle.Pickler(file, pickle.HIGHEST_PROTOCOL)
-    packer.dispatch_table = copyreg.dispatch_table | {Problem: reduced}
-    packer.dump(value)
+    _Pickler(file, pickle.HIGHEST_PROTOCOL).dump(value)
     return file.getvalue()
 
 
-def _shared() -> Problem:
-    return _problems[0]
+def _unpacked(data: bytes) -> Any:
+    return _Unpickler(io.BytesIO(data)).load()
 
 
 def serve(descriptor: int) -> None:
@@ -171,24 +176,14 @@ def serve(descriptor: int) -> None:
             connection.send_bytes(_answered(waiting.get()))
 
 
-def _answered(data: bytes) -> bytes:
-    """The answer to what came."""
+def _answered(message: bytes) -> bytes:
+    """The answer to a message: the packed result of a task, nothing for the problem of the next tasks."""
     try:
-        function, argument = pickle.loads(data)
-        answer: bytes = function(argument)
+        received = _unpacked(message)
+        if isinstance(received, Problem):
+            _problems[:] = [received]
+            return _NOT_DONE
+        work, task = received
+        return _packed(work(_problems[0], *task))
     except Exception:  # noqa: BLE001 - a class may live in the program that this process does not import
         return _NOT_DONE
-    return answer
-
-
-def _take(data: bytes) -> bytes:
-    """In the worker: keep the problem of the tasks that follow."""
-    _problems.clear()
-    _problems[:] = pickle.loads(data)
-    return _NOT_DONE
-
-
-def _do(data: bytes) -> bytes:
-    """In the worker: run a task."""
-    work, task = pickle.loads(data)
-    return _packed(work(_shared(), *task), _shared())

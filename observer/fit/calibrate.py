@@ -20,12 +20,12 @@ from observer.config import Config
 from observer.errors import LogError
 from observer.fit.evidence import gather
 from observer.fit.forward import Forward
-from observer.fit.hypothesis import Fit, fit_null
-from observer.fit.parameters import FILM, free_keys, info_of, replaced
+from observer.fit.hypothesis import Fit, FittedParameter, fit_null
+from observer.fit.parameters import FILM, free_keys, replaced
 from observer.fit.prior import prior_of
 from observer.fit.problem import Problem
 from observer.fit.run_in import running_in_of
-from observer.fit.runs import BLOCK_S, LEAST_S, Run, calibration_tick_s, prepare_all
+from observer.fit.runs import BLOCK_S, Run, calibration_tick_s, prepare_all, refuse_short
 from observer.fit.tolerance import calibration_tolerances, remaining_tolerances, tolerances
 from observer.frames import BoolArray, FloatArray, FrameBlock
 from observer.linear_fit import unabsorbed
@@ -120,16 +120,6 @@ AT_BOUND = 1e-4
 Progress = Callable[[int, float], None]
 
 
-class FittedParameter(NamedTuple):
-    """A parameter: value before, fitted value, and 95 % interval."""
-
-    key: str
-    unit: str
-    before: float
-    value: float
-    ci95: tuple[float, float]
-
-
 @dataclass(frozen=True, slots=True)
 class ErrorRms:
     """Root mean square of measurement minus open-loop prediction, 30 s means, in K, and in µm of a
@@ -199,7 +189,7 @@ def calibrate(
     """
     keys = free_keys(config)
     prepared = prepare_all(config, runs)
-    _long_enough(prepared)
+    refuse_short(prepared, "a calibration")
     evaluations = 0
 
     def watch(predicted: Sequence[FloatArray]) -> None:
@@ -226,7 +216,7 @@ def calibrate(
             break
     else:  # nothing is written; what the whole logs say is shown
         fit = fit_null(replace(whole, tolerances_of=calibration_tolerances), config)
-    fitted = _fitted(fit)
+    fitted = fit.free_parameters
     overall, per_sensor = _errors(whole, fit.config, whole.evidence.used)
     left = remaining_tolerances(config, fit.relative_sigma) | running_in_of(fit, prepared)
     after = config if kept is not None else replaced(config, {f.key: f.value for f in fitted})
@@ -293,15 +283,6 @@ def _why_kept(config: Config, judged: HeldBack) -> str | None:
     )
 
 
-def _fitted(fit: Fit) -> tuple[FittedParameter, ...]:
-    """The free parameters with 95 % intervals, which include the uncertainty of the nuisance parameters."""
-    problem = fit.problem
-    before, values = problem.free_values(problem.config), problem.free_values(fit.config)
-    low, high = (np.clip(values + sign * fit.half_width_free, *problem.bounds).tolist() for sign in (-1, 1))
-    rows = zip(problem.keys, before.tolist(), values.tolist(), zip(low, high, strict=True), strict=True)
-    return tuple(FittedParameter(key, info_of(key).unit, was, value, ci95) for key, was, value, ci95 in rows)
-
-
 def _doubts(problem: Problem, fitted: Sequence[FittedParameter]) -> tuple[Obstacle, ...]:
     """Fitted parameters that are unreliable: values at their bounds, intervals as wide as the parameter."""
     doubts = []
@@ -336,12 +317,3 @@ def _errors(problem: Problem, after: Config, rows: BoolArray) -> tuple[ErrorRms,
 
 def _rms(residual_K: FloatArray) -> float:
     return float(np.sqrt(np.nanmean(residual_K**2))) if residual_K.size else 0.0
-
-
-def _long_enough(runs: Sequence[Run]) -> None:
-    longest = max((run.duration_s for run in runs), default=0.0)
-    if longest < LEAST_S:
-        raise LogError(
-            f"the longest log lasts {longest:.0f} s and a calibration needs at least {LEAST_S:.0f} s; "
-            "record from a standstill through warming up to cooling down"
-        )

@@ -17,6 +17,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.effects.terms import SensorOffset, StretchFilm, Term
+from observer.fit.parameters import info_of
 from observer.fit.problem import NuisanceColumns, Problem, modelled_lags
 from observer.frames import BoolArray, FloatArray
 from observer.linear_fit import LinearFit, Marginal
@@ -134,6 +135,16 @@ class EffectParameter:
     open_above: bool = False
 
 
+class FittedParameter(NamedTuple):
+    """A free parameter: its value before the fit, its fitted value, and the 95 % interval."""
+
+    key: str
+    unit: str
+    before: float
+    value: float
+    ci95: tuple[float, float]
+
+
 @dataclass(frozen=True)
 class Fit:
     """A fitted hypothesis.
@@ -221,6 +232,18 @@ class Fit:
     def half_width_free(self) -> FloatArray:
         """Half of the 95 % intervals (f,) of the free parameters."""
         return self._half_widths[: len(self.problem.keys)]
+
+    @property
+    def free_parameters(self) -> tuple[FittedParameter, ...]:
+        """The free parameters, with intervals that include the uncertainty of the nuisance parameters."""
+        problem = self.problem
+        before, values = problem.free_values(problem.config), problem.free_values(self.config)
+        ends = np.clip([values - self.half_width_free, values + self.half_width_free], *problem.bounds)
+        rows = zip(problem.keys, before.tolist(), values.tolist(), ends.T.tolist(), strict=True)
+        return tuple(
+            FittedParameter(key, info_of(key).unit, was, value, (low, high))
+            for key, was, value, (low, high) in rows
+        )
 
     @property
     def relative_sigma(self) -> dict[str, float]:

@@ -65,8 +65,11 @@ def fit_noise(
         return -sum(innovations_log_likelihood(plant, log) for log in parts.fitted)
 
     def with_field_noise(plant: Plant) -> tuple[Plant, float]:
-        noise = _most_likely_field_noise(plant, unit_Q, cost)
-        return replace(plant, field_noise_Q=noise**2 * unit_Q), noise
+        def at(log10_noise: float) -> Plant:
+            return replace(plant, field_noise_Q=10.0 ** (2.0 * log10_noise) * unit_Q)
+
+        log10_noise = least(lambda v: cost(at(v)), *np.log10(FIELD_BOUNDS_K_SQRT_S).tolist())
+        return at(log10_noise), 10.0**log10_noise
 
     plant, _ = with_field_noise(configured)
     walks = fit_process_noise(plant, cost)
@@ -117,13 +120,6 @@ def _unit_field_noise(config: Config) -> FloatArray:
     """The covariance rate (n_x, n_x) of a field noise of 1 K/√s."""
     settings = config.estimator.model_copy(update={"field_noise_K_sqrt_s": 1.0})
     return build_plant(config.model_copy(update={"estimator": settings})).field_noise_Q
-
-
-def _most_likely_field_noise(plant: Plant, unit_Q: FloatArray, cost: Callable[[Plant], float]) -> float:
-    def cost_of(log10_noise: float) -> float:
-        return cost(replace(plant, field_noise_Q=10.0 ** (2.0 * log10_noise) * unit_Q))
-
-    return float(10.0 ** least(cost_of, *np.log10(FIELD_BOUNDS_K_SQRT_S).tolist()))
 
 
 def fit_process_noise(plant: Plant, cost: Callable[[Plant], float]) -> FloatArray:

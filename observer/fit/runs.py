@@ -78,6 +78,16 @@ def prepare_all(config: Config, logs: Sequence[Sequence[FrameBlock]]) -> list[Ru
     return [_prepared(config, drive, blocks, f"log {i + 1}") for i, blocks in enumerate(logs)]
 
 
+def refuse_short(runs: Sequence[Run], purpose: str) -> None:
+    """Raise `LogError` where every run is shorter than `LEAST_S`; `purpose` is named in it."""
+    longest_s = max((run.duration_s for run in runs), default=0.0)
+    if longest_s < LEAST_S:
+        raise LogError(
+            f"the longest log lasts {longest_s:.0f} s and {purpose} needs at least {LEAST_S:.0f} s; "
+            "record from a standstill through warming up to cooling down"
+        )
+
+
 def prepare(config: Config, blocks: Sequence[FrameBlock], name: str) -> Run:
     """Return a run from the frames of a log; `name` is named in errors.
 

@@ -79,16 +79,16 @@ def smooth_heats(plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inp
     Sensors rejected by the gate in the forward pass are left out of the backward pass too. Sources: Bierman
     (1973), de Jong (1989); Durbin and Koopman (2012), section 6.4, for one sensor at a time.
     """
-    passes = _Passes(plant.sensors_only(), settings, StepCache(plant))
-    heat, sigma, residual = passes.run(blocks)
-    return HeatHistory(np.concatenate([block.time_s for block in blocks]), heat, sigma, residual)
+    smoothed = smooth_all(plant, settings, blocks, StepCache(plant))
+    time_s = np.concatenate([block.time_s for block in blocks])
+    return HeatHistory(time_s, smoothed.heat, smoothed.sigma, smoothed.residual)
 
 
 def smooth_all(
     plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], steps: StepCache
 ) -> Smoothed:
     """Return all that the smoother says of consecutive blocks, the step matrices being those of `steps`."""
-    return Smoothed(*_WholePasses(plant.sensors_only(), settings, steps).run(blocks))
+    return Smoothed(*_Passes(plant.sensors_only(), settings, steps).run(blocks))
 
 
 def smooth_changes(
@@ -190,21 +190,11 @@ class _Passes:
         )
 
     def _smooth(self, segment: _Segment) -> tuple[FloatArray, ...]:
-        """Heats and σ (K, m_e), residuals (K, s)."""
-        return self._smoothed(segment)[:3]
-
-    def _smoothed(self, segment: _Segment) -> Smoothed:
+        """The results of a segment's rows, as `Smoothed`."""
         K, s, m_e = len(segment.step), len(self._arrays.R_K2), len(self._arrays.source)
         out = Smoothed(*(np.full((K, width), np.nan) for width in (m_e, m_e, s, s, m_e, m_e)))
         run_backward(self._batch(segment), self._tape, self._adjoint, self._work, record(out))
         return out
-
-
-class _WholePasses(_Passes):
-    """The same passes with all that the way back finds."""
-
-    def _smooth(self, segment: _Segment) -> tuple[FloatArray, ...]:
-        return self._smoothed(segment)
 
 
 class _ChangedPasses(_Passes):

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import pickle
 import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from observer.discovery.search import without
-from observer.discovery.workers import IN_PROCESS, WorkerPool, _packed, _problems
+from observer.discovery.workers import IN_PROCESS, WorkerPool, _packed, _problems, _unpacked
 from observer.fit.hypothesis import fit_null
 from tests.discovery.small import problem_of
 from tests.logs.machines import machine
@@ -55,9 +54,9 @@ def test_a_second_process_does_not_change_the_answer() -> None:
 def test_what_crosses_over_leaves_the_problem_behind() -> None:
     config = machine()
     null = fit_null(problem_of(config, [made_log(config, 0, minutes=20.0)]), config)
-    data = _packed((without, null), null.problem)
     _problems[:] = [null.problem]
-    work, fit = pickle.loads(data)
+    data = _packed((without, null))
+    work, fit = _unpacked(data)
     assert work is without
     assert fit.problem is null.problem
     assert fit.deviance == null.deviance

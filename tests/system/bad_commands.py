@@ -185,7 +185,7 @@ OTHERS = [
     Case("calibrate: a log twice", _twice(calibrate(text(rows(800)))), ("again.csv", "the same as", "once")),
     Case("discover: a log twice", _twice(_discover(text(rows(800)))), ("again.csv", "the same as", "once")),
     Case("calibrate: too short", calibrate(text(rows(2))), ("longest log", "300 s", "record")),
-    Case("discover: too short", _discover(text(rows(2))), ("shorter than 300 s", "record")),
+    Case("discover: too short", _discover(text(rows(2))), ("needs at least 300 s", "record")),
     Case("discover: no sensor has a value", _discover(_without_sensors()), ("no sensor", "check")),
     Case(
         "discover: no ambient",
