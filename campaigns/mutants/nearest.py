@@ -99,6 +99,7 @@ NEAREST: dict[str, Nearest] = {
     ),
     "observer/kernels/step.py": KALMAN,
     "observer/kernels/walk.py": _at("tests/align/test_align.py", "tests/align/test_dejitter.py", BITS),
+    "observer/linear_fit.py": _at("tests/fit/test_linear_fit.py"),
     "observer/model/generator.py": _at("tests/model/test_basis.py"),
     "observer/model/couple.py": _at(
         "tests/model/test_couple.py",

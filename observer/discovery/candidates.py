@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.config import Config
-from observer.discovery.log_faults import deviance
 from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.effects.base import EffectTable, Fitted, Shape
 from observer.effects.catalogue import LIBRARY, effect_class
@@ -26,6 +25,14 @@ from observer.frames import FloatArray
 from observer.linear_fit import unabsorbed
 from observer.model.build import refuse_on_followed
 from observer.tables.sections import Description
+
+PER_PARAMETER = 6.0
+"""Drop of the deviance required for each parameter beyond the first."""
+
+
+def score(drop: float, parameters: int) -> float:
+    """Return a drop of the deviance less that required for so many parameters of an effect or a log fault."""
+    return drop - PER_PARAMETER * (parameters - 1)
 
 
 class Candidate(NamedTuple):
@@ -159,7 +166,7 @@ def promises(base: Fit, marks: Sequence[Signature], *, everywhere: bool = False)
     out: list[Promise] = []
     problem, used = base.problem, base.problem.evidence.used
     used = np.ones_like(used) if everywhere else used
-    before = deviance(base) if everywhere else base.deviance
+    before = base.deviance_of_all if everywhere else base.deviance
     by_tolerance: dict[frozenset[str], list[Signature]] = {}
     for s in marks:
         effect = s.candidate.effect(s.candidate.shapes[s.shape])

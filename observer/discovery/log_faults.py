@@ -11,11 +11,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Literal
 
 import numpy as np
 
 from observer.config import Config
+from observer.discovery.candidates import score
 from observer.effects.terms import AmbientShift, SensorOffset, Term
 from observer.fit.hypothesis import Fit
 from observer.fit.problem import Problem, modelled_lags
@@ -40,8 +42,6 @@ Transform = Callable[[int, FloatArray], FloatArray]
 Columns = Callable[[Problem, Config], list[FloatArray]]
 """Changes (n,) in K of the prediction with one unit of each parameter of a fault."""
 
-PER_PARAMETER = 6.0
-"""Drop of the deviance required for each parameter beyond the first, as for effects."""
 WORTH = 3.0
 """Least score at which a hypothesis is linearised again at its fitted parameters."""
 SHIFTS_S = np.concatenate([np.arange(-900.0, 0.0, 60.0), np.arange(60.0, 901.0, 60.0)])
@@ -92,12 +92,7 @@ class FaultFit:
     @property
     def score(self) -> float:
         """The drop of the deviance, less that required for its parameters."""
-        return self.drop - PER_PARAMETER * (self.parameters - 1)
-
-
-def deviance(fit: Fit) -> float:
-    """The deviance of a fitted hypothesis over all logs, its parameters refitted to all of them."""
-    return fit.linear(np.ones(len(fit.residual), dtype=bool)).deviance
+        return score(self.drop, self.parameters)
 
 
 @dataclass(frozen=True)
@@ -247,17 +242,17 @@ def possible_faults(problem: Problem) -> Iterator[LogFault]:
 
 def fit_faults(null: Fit) -> list[FaultFit]:
     """Return the best fault of each kind, the highest score first."""
-    problem, without = null.problem, deviance(null)
+    problem, without = null.problem, null.deviance_of_all
     linearised = Linearised.at(problem, null.config)
     best: dict[str, FaultFit] = {}
     for fault in possible_faults(problem):
         fitted = linearised.fitted(fault, without)
-        best[fault.what] = max(best.get(fault.what, fitted), fitted, key=_score)
-    return sorted((_refined(problem, fitted, without) for fitted in best.values()), key=_score, reverse=True)
-
-
-def _score(fitted: FaultFit) -> float:
-    return fitted.score
+        best[fault.what] = max(best.get(fault.what, fitted), fitted, key=attrgetter("score"))
+    return sorted(
+        (_refined(problem, fitted, without) for fitted in best.values()),
+        key=attrgetter("score"),
+        reverse=True,
+    )
 
 
 def _refined(problem: Problem, fitted: FaultFit, null: float) -> FaultFit:

@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from observer.discovery.candidates import Candidate, Promise, Signature, promises, signatures
+from observer.discovery.candidates import Candidate, Promise, Signature, promises, score, signatures
 from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.effects.base import Fitted
 from observer.fit.hypothesis import MOST_STEP, EffectParameter, Fit, fit_effects, fit_null, refitted
@@ -24,8 +24,6 @@ FITTED, FITTED_LATER = 5, 4
 """How many candidates are fitted after the first screening, and after later ones."""
 ACCEPT = 30.0
 """The least drop of the deviance that names an effect; see `docs/discovery.md` for how it was found."""
-PER_PARAMETER = 6.0
-"""Drop of the deviance required for each parameter beyond the first."""
 FORM = 0.01
 """Part of the deviance already explained that a further effect has to explain as well, since no form is
 exact; larger beside effects that are `rough`.
@@ -66,7 +64,7 @@ class FittedCandidate:
     @property
     def score(self) -> float:
         """The drop of the deviance, less that required for its parameters."""
-        return self.drop - PER_PARAMETER * (len(self.candidate.fitted) - 1)
+        return score(self.drop, len(self.candidate.fitted))
 
     @property
     def accepted(self) -> bool:
@@ -345,7 +343,7 @@ def _pruned(
     while len(chosen) > 1:
         smaller_fits = pool.map(without, null.problem, [(fit, i) for i in range(len(chosen))])
         costs = [
-            f.deviance - fit.deviance - PER_PARAMETER * (len(t.candidate.fitted) - 1)
+            score(f.deviance - fit.deviance, len(t.candidate.fitted))
             for f, t in zip(smaller_fits, chosen, strict=True)
         ]
         least = int(np.argmin(costs))

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from observer.config import Config
-from observer.discovery.candidates import Signature, promises
-from observer.discovery.log_faults import FaultFit, Linearised, What, deviance, fit_faults, follows
-from observer.discovery.search import BLIND, MATERIAL, PER_PARAMETER, FittedCandidate
+from observer.discovery.candidates import Signature, promises, score
+from observer.discovery.log_faults import FaultFit, Linearised, What, fit_faults, follows
+from observer.discovery.search import BLIND, MATERIAL, FittedCandidate
 from observer.discovery.verdict import WITHIN_REACH
 from observer.effects.base import EffectTable
 from observer.effects.terms import AmbientShift, SensorOffset
@@ -132,13 +132,13 @@ def plain(
 ) -> bool:
     """Whether a hypothesis, without its kind's tolerance, explains the logs, and no single effect does."""
     noise = null.problem.evidence.expected * len(null.residual)
-    taken = deviance(null) <= noise  # by the tolerances, at a cost that this hypothesis would avoid
+    taken = null.deviance_of_all <= noise  # by the tolerances, at a cost that this hypothesis would avoid
     if taken and fitted.score >= SPARED and _no_effect_explains(null, fitted, rivals, marks):
         return True
     config, strict = intolerant(null.config, fitted.fault.what), null
     if config.tolerance != null.config.tolerance:
         strict = replace(null, problem=null.problem.with_nuisance(config))
-        fitted = Linearised.at(strict.problem, fitted.config).fitted(fitted.fault, deviance(strict))
+        fitted = Linearised.at(strict.problem, fitted.config).fitted(fitted.fault, strict.deviance_of_all)
     misfit = fitted.left + fitted.drop - noise
     earned = fitted.score >= LEAST and fitted.drop >= SHARE * misfit
     return earned and _no_effect_explains(null, fitted, rivals, marks)
@@ -152,17 +152,17 @@ def _no_effect_explains(
     Effects that were fitted are judged by their fit within the tolerances; the others, visible on the proof
     alone, which suspects use as well, by what they promise within their bounds. Air is no rival of air.
     """
-    before, is_air = deviance(null), fitted.fault.what == "ambient"
+    before, is_air = null.deviance_of_all, fitted.fault.what == "ambient"
+    fault_score = score(before - fitted.left, fitted.parameters)
     for rival in rivals:
-        left, count = deviance(replace(rival.fit, problem=null.problem)), len(rival.candidate.fitted)
-        reach = max(WITHIN_REACH, AS_WELL_SHARE * (before - left - PER_PARAMETER * (count - 1)))
-        as_well = left + PER_PARAMETER * (count - fitted.parameters) < fitted.left + reach
+        left = replace(rival.fit, problem=null.problem).deviance_of_all
+        rival_score = score(before - left, len(rival.candidate.fitted))
+        as_well = rival_score > fault_score - max(WITHIN_REACH, AS_WELL_SHARE * rival_score)
         if as_well and not (is_air and about_the_air(rival.fit)):
             return False
     for promise in promises(null, marks, everywhere=True):
         candidate = promise.signature.candidate
-        left = before - promise.drop + PER_PARAMETER * (len(candidate.fitted) - fitted.parameters)
-        if left < fitted.left and promise.unabsorbed >= BLIND:
+        if score(promise.drop, len(candidate.fitted)) > fault_score and promise.unabsorbed >= BLIND:
             effect = candidate.effect(candidate.shapes[promise.signature.shape])
             if not (is_air and _is_air(effect, null.config)):
                 return False

@@ -174,6 +174,11 @@ class Fit:
         return float(np.sum(self.remainder**2))
 
     @cached_property
+    def deviance_of_all(self) -> float:
+        """The deviance over all logs, the proof included, the parameters refitted to all of them."""
+        return self.linear(np.ones(len(self.residual), np.bool_)).deviance
+
+    @cached_property
     def remainder(self) -> FloatArray:
         """The used rows' whitened residual with the tolerances marginalised."""
         used = self.problem.evidence.used

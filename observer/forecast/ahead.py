@@ -64,13 +64,6 @@ class Runner:
     after_s: float = 0.0
     drifts: bool = True
 
-    def of(self, plant: Plant, x: FloatArray, heats: MeanHeats) -> Runner:
-        """Return the same of another plant, from another state, with other heats."""
-        state = replace(self.state, x_hat=x)
-        return replace(
-            self, plant=plant, estimator=KalmanEstimator(plant, self.settings), state=state, heats=heats
-        )
-
     def run(self, bins: Bins) -> tuple[Runner, EstimateBlock]:
         """Take some bins; what is learnt of the machine stays as it was. Times count from the begin."""
         u, time_s = self._inputs(bins), self.after_s + np.cumsum(bins.dt_s)

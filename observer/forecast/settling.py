@@ -8,6 +8,7 @@ from itertools import repeat
 
 import numpy as np
 
+from observer.estimators.kalman import KalmanEstimator
 from observer.forecast.ahead import HOUR_S, Runner
 from observer.forecast.program import Bins, Program
 from observer.frames import BoolArray, EstimateBlock, FloatArray
@@ -77,7 +78,10 @@ def draws(begin: Runner, program: Program, count: int = _DRAWS) -> list[Runner]:
     state, plant, n_x = begin.state, begin.plant, len(begin.plant.decay_1_s)
     free = np.flatnonzero(plant.estimated)
     heats = slice(n_x, n_x + len(free))
-    fading = replace(plant, heat_decay_1_s=np.full(len(free), 1.0 / HOUR_S)) if begin.drifts else plant
+    fading = begin
+    if begin.drifts:
+        faded = replace(plant, heat_decay_1_s=np.full(len(free), 1.0 / HOUR_S))
+        fading = replace(begin, plant=faded, estimator=KalmanEstimator(faded, begin.settings))
     mean_W = np.abs(program.mean.law_W[0] * begin.heats.ratio + begin.heats.extra_W)
     share = (mean_W / max(float(mean_W.sum()), 1e-12))[free]
     drift_W = np.sqrt(plant.random_walk_W2_s * HOUR_S)
@@ -96,7 +100,8 @@ def draws(begin: Runner, program: Program, count: int = _DRAWS) -> list[Runner]:
             x[heats] = drift_W * draw[len(P) :]
         else:  # what heats have beside their laws is in the state, and dies away
             extra_W[free] += np.sqrt(varies) * share * draw[-1]
-        runners.append(begin.of(fading, x, begin.heats._replace(extra_W=extra_W)))
+        means = begin.heats._replace(extra_W=extra_W)
+        runners.append(replace(fading, state=replace(state, x_hat=x), heats=means))
     return runners
 
 

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from observer.discovery.candidates import PER_PARAMETER
 from observer.discovery.discover import Discovery
 from observer.discovery.proof import rms
 from observer.discovery.result import effects_of
-from observer.discovery.search import ACCEPT, MATERIAL, PER_PARAMETER, FittedCandidate
+from observer.discovery.search import ACCEPT, MATERIAL, FittedCandidate
 from observer.fit.evidence import UNUSED
 from observer.fit.tolerance import UNEVEN
 from observer.frames import FloatArray

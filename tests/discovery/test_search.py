@@ -22,6 +22,7 @@ from observer.fit.hypothesis import EffectParameter, Fit
 from observer.fit.parameters import free_keys
 from observer.frames import FloatArray
 from observer.installation import load
+from observer.linear_fit import LinearFit
 from observer.model.build import build_plant
 from tests.logs.machines import machine
 from tests.logs.simulated import made_log
@@ -138,6 +139,7 @@ def a_fit(residual: FloatArray, column: FloatArray) -> Fit:
         residual=residual,
         jacobian=column[:, None],
         marginal=lambda _rows: lambda columns: columns,
+        linear=lambda rows: LinearFit.of(column[rows, None], residual[rows]),
     )
     return cast(Fit, plain)
 

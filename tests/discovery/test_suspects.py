@@ -14,7 +14,7 @@ from campaigns.discovery.suspects import judged, suspect_summary, suspects_of, t
 from observer.align.unit_errors import read_rightly
 from observer.discovery.candidates import library, promises, signatures
 from observer.discovery.discover import _counts, discover
-from observer.discovery.log_faults import deviance, fit_faults
+from observer.discovery.log_faults import fit_faults
 from observer.discovery.suspects import Suspect, alike, plain, suspects
 from observer.discovery.verdict import Verdict, under_suspicion
 from observer.files.logs import Log
@@ -129,9 +129,9 @@ def test_an_effect_that_was_not_fitted_but_explains_all_logs_is_no_fault_of_them
     motor = [c for c in library(config, null.problem.keys) if c.name == "motor_heat at left"]
     found = signatures(null.problem, null.config, motor)
     fitted, everywhere = promises(null, found)[0].drop, promises(null, found, everywhere=True)[0].drop
-    assert 100.0 < 2.0 * fitted < everywhere < deviance(null)  # the proof shows more of it
+    assert 100.0 < 2.0 * fitted < everywhere < null.deviance_of_all  # the proof shows more of it
     clocks = next(w for w in fit_faults(null) if w.fault.what == "heat starts late")
-    suspected = replace(clocks, left=deviance(null) - everywhere + by, drop=everywhere - by)
+    suspected = replace(clocks, left=null.deviance_of_all - everywhere + by, drop=everywhere - by)
     assert plain(null, suspected, [])
     assert plain(null, suspected, [], found) is expected
 
