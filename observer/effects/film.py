@@ -174,7 +174,7 @@ class RadiationEffect(EffectTable):
 
 
 class NaturalConvection(EffectTable):
-    """Air that the warm surface itself sets in motion: h = coefficient · (|T − T_amb| / 10 K)^(1/4)."""
+    """A film of still air, which a warm surface sets in motion: h = coefficient · (|T − T_amb| / 10 K)^¼."""
 
     kind: Literal["natural_convection"]
     coefficient_W_m2K: Annotated[Finite, Field(ge=0, le=500)]  #: film coefficient at a rise of 10 K, W/m²K

@@ -121,3 +121,17 @@ def test_a_nut_that_is_polled_too_slowly_is_named_with_the_period_to_set(period_
     if hidden is not None:
         assert hidden in warnings_of_it[0]
         assert warnings_of_it[0].endswith("set period_s of its driver to 0.02")
+
+
+STILL_AIR = {"kind": "natural_convection", "coefficient_W_m2K": 6.0}
+
+
+@pytest.mark.usefixtures("no_further")
+@pytest.mark.parametrize(("effects", "is_warned"), [([], True), ([STILL_AIR], False)])
+def test_a_screw_that_loses_no_heat_is_warned_of_unless_still_air_takes_it(
+    effects: list[dict[str, Any]], is_warned: bool
+) -> None:
+    table = tomllib.loads((CONFIG / "kim-screw.toml").read_text(encoding="utf-8"))
+    CHANGES["no loss"](table)
+    warnings_of_it = findings(parse(table | {"effect": effects}))["warnings"]
+    assert any("can only rise" in warning for warning in warnings_of_it) == is_warned
