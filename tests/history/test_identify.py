@@ -158,7 +158,7 @@ def test_uneven_steps_are_taken_by_every_method(tmp_path, method):
 def test_a_log_that_a_method_cannot_take_is_named(tmp_path):
     log, config = _log(tmp_path / "log.csv"), _config(effect=[{"kind": "radiation", "emissivity": 0.9}])
     options = MethodOptions("conjugate-gradient")
-    with pytest.raises(LogError, match=r"log\.csv: radiation .* use --method smoother"):
+    with pytest.raises(LogError, match=r"log\.csv: radiation, .* use --method smoother"):
         app.identify(log, config, tmp_path / "out", options, progress=lambda _text: None)
     assert not (tmp_path / "out").exists()
 
