@@ -103,7 +103,9 @@ def settled_without_two_of_its_sensors(kind):
     u = _even(plant, 60)
     lose(u, slice(2, 60), slice(0, 2))
     u.dt_s[20:] = 1.0
-    return settled_run(fixed(plant, kind, gate_sigma=1e6), plant, u)
+    found = settled_run(fixed(plant, kind, gate_sigma=1e6), plant, u)
+    # covariances of 1e-24 are what LAPACK leaves of nothing, in bits of its own on every computer
+    return found | {"state.P": firm(found["state.P"])}
 
 
 @cases_of(**BOTH)

@@ -27,6 +27,7 @@ def test_a_fit_solves_the_normal_equations_with_its_prior(seed: int, n: int, p: 
     assert fit.deviance == pytest.approx(squares, rel=1e-9, abs=1e-12)
     by_information = LinearFit.of_information(information, A.T @ b)
     np.testing.assert_allclose(by_information.step, step, rtol=0, atol=rounding)
+    assert by_information.floor == 0.0
 
 
 @given(SEEDS, ROWS, PARAMETERS)
@@ -64,6 +65,13 @@ def test_a_damped_step_is_shorter_and_stays_within_its_bounds() -> None:
     assert (np.abs(fit.within(-0.01 * wide / 10, 0.01 * wide / 10)) <= 0.01 + 1e-12).all()
 
 
+def test_a_bounded_step_may_always_be_zero() -> None:
+    fit = LinearFit.of(np.eye(2), np.array([2.0, -2.0]))
+    beyond_zero = fit.within(np.array([-1.0, 0.5]), np.array([-0.5, 1.0]))
+    np.testing.assert_allclose(beyond_zero, 0.0, atol=2e-12)
+    np.testing.assert_allclose(fit.within(np.zeros(2), np.zeros(2)), 0.0, atol=2e-12)
+
+
 def test_what_a_fit_cannot_absorb_is_orthogonal_to_it() -> None:
     rng = np.random.default_rng(4)
     A, columns = rng.normal(size=(12, 3)), rng.normal(size=(12, 2))
@@ -71,3 +79,5 @@ def test_what_a_fit_cannot_absorb_is_orthogonal_to_it() -> None:
     np.testing.assert_allclose(A.T @ remaining, 0.0, atol=1e-12)
     np.testing.assert_allclose(unabsorbed(A, A @ rng.normal(size=3)), 0.0, atol=1e-12)
     np.testing.assert_array_equal(unabsorbed(np.zeros((12, 0)), columns), columns)
+    mostly_absorbed = 1e8 * A @ rng.normal(size=3) + columns[:, 0]
+    np.testing.assert_allclose(np.linalg.qr(A)[0].T @ unabsorbed(A, mostly_absorbed), 0.0, atol=1e-12)

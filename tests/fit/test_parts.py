@@ -19,7 +19,7 @@ from observer.fit.evidence import (
     gather,
     shown_noise,
 )
-from observer.fit.hypothesis import EffectParameter, Fit, fit_effects, fit_null, with_effects
+from observer.fit.hypothesis import EffectParameter, Fit, fit_effects, fit_null, replaces, with_effects
 from observer.fit.parameters import FILM, get, with_values
 from observer.fit.problem import Problem, modelled_lags
 from observer.fit.tolerance import tolerances
@@ -367,6 +367,17 @@ def test_a_value_within_a_thousandth_of_its_scale_is_at_its_bound(value: float, 
     parameter = EffectParameter(0, "offset_K", 0.5, -1.0, 1.0)
     fit = Fit(problem, machine(), (parameter,), np.array([value]), none, none, none)
     assert fit.at_bound is bound
+
+
+def test_an_effect_replaces_the_tolerance_of_the_same_thing_alone() -> None:
+    film = {"kind": "uneven_convection", "from_m": 0.1, "to_m": 0.2, "extra_W_m2K": 3.0}
+    bias = {"kind": "sensor_bias", "target": "a", "offset_K": 0.3}
+    with_film, with_bias = machine(effect=[film]), machine(effect=[bias])
+    assert replaces(StretchFilm(0.0, 0.1, 0.2), with_film)
+    assert not replaces(StretchFilm(0.0, 0.1, 0.2), with_bias)
+    assert replaces(SensorOffset("a", 0.1, 0.0), with_bias)
+    assert not replaces(SensorOffset("b", 0.1, 0.0), with_bias)
+    assert not replaces(None, with_film)
 
 
 def test_a_fit_that_cannot_overtake_its_rival_is_given_up() -> None:
