@@ -15,7 +15,7 @@ cdef void couple_columns(PlantArrays p, Inputs u, Py_ssize_t k, double[::1] z, d
 @cython.locals(first=Py_ssize_t, count=Py_ssize_t, weight=double)
 cdef void multiply_columns(double[:, ::1] M, Py_ssize_t n_x, double[:, ::1] X, double[:, ::1] scratch) noexcept nogil
 @cython.locals(dt_known=double, driven=bint)
-cdef void march_steps(OpenLoop loop, double[::1] x, double[:, ::1] states, Py_ssize_t first) noexcept nogil
+cdef void march_steps(OpenLoopMarch loop, double[::1] x, double[:, ::1] states, Py_ssize_t first) noexcept nogil
 cdef inline bint is_held(AdvancePlant p, Inputs u, Py_ssize_t k) noexcept nogil
 cdef inline void hold_inputs(AdvancePlant p, AdvanceTable t, Inputs u, Py_ssize_t k, double[:, ::1] B, AdvanceWork work) noexcept nogil
-cpdef march(OpenLoop loop, double[::1] x, double[:, ::1] states, Py_ssize_t first)
+cpdef march(OpenLoopMarch loop, double[::1] x, double[:, ::1] states, Py_ssize_t first)

@@ -104,7 +104,7 @@ cdef class Inputs(Record):
     cdef public signed char[::1] degraded
 
 
-cdef class OpenLoop(Record):
+cdef class OpenLoopMarch(Record):
     cdef public AdvancePlant plant
     cdef public AdvanceTable table
     cdef public Inputs inputs

@@ -149,7 +149,8 @@ def _time_the_poll(nut, since_s, way_m, driven_m_s):
         nut.usual_s = since_s
     longer_s = since_s - nut.usual_s
     nut.late_s = max(exp(-since_s / _LATENESS_FADES_S) * nut.late_s + longer_s, 0.0)
-    nut.later_s = nut.late_s if longer_s > _UNUSUAL * nut.usual_s else 0.0
+    # a server that catches up after a pause reads old places for no longer than that lasted
+    nut.later_s = nut.late_s if longer_s > _UNUSUAL * nut.usual_s else max(nut.later_s - since_s, 0.0)
     most_s = _UNUSUAL * nut.usual_s if nut.samples >= _SAMPLES_FIRST else since_s
     nut.usual_s += min(max(longer_s, -most_s), most_s) / min(nut.samples + 1.0, 64.0)
     if driven_m_s > 0.0:

@@ -67,7 +67,7 @@ class AdvanceWork(NamedTuple):
         return cls(B, C, np.zeros(m), np.zeros(width), np.zeros((2, n_x)), link, state, sweep)
 
 
-class OpenLoop(NamedTuple):
+class OpenLoopMarch(NamedTuple):
     """What `kernels.march` takes: a plant that its inputs drive, the table of the moment and scratch."""
 
     plant: AdvancePlant
@@ -187,7 +187,7 @@ def _marched(
     u, table = inputs.packed(), AdvanceTable.empty(p.B.shape[1])
     states = np.empty((min(K, _CHUNK), len(state) + u.z_end.shape[1]))
     work, decay_1_s = AdvanceWork.of(p, len(state), sweep), contiguous(plant.decay_1_s)
-    loop = record(OpenLoop(p, table, u, work, decay_1_s))
+    loop = record(OpenLoopMarch(p, table, u, work, decay_1_s))
     for begin in range(0, K, _CHUNK):
         here = states[: K - begin]
         march(loop, x, here, begin)

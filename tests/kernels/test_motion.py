@@ -88,6 +88,25 @@ def test_nor_are_samples_that_are_late_by_less_than_the_time_between_them(speed_
 
 
 @pytest.mark.parametrize("speed_m_s", [0.05, 0.15, 0.5])
+@pytest.mark.parametrize("polls", [2, 4])
+@pytest.mark.parametrize("seed", range(10))
+def test_nor_is_a_server_that_catches_up_after_a_pause(speed_m_s, polls, seed):
+    """It stops for a second, and its first answers after that are old, each by less than the one before."""
+    rng = np.random.default_rng(seed)
+    time_s, place_m, driven_m_s = _runs(speed_m_s, 120.0, every_s=0.05)
+    old_s, present = np.zeros_like(time_s), np.ones(len(time_s), np.bool_)
+    for begin in rng.choice(len(time_s) // 150, 8, replace=False) * 150 + 100:
+        paused = rng.integers(8, 25)
+        present[begin : begin + paused] = False
+        first = begin + paused
+        old_s[first : first + polls] = (
+            0.05 * paused * (1.0 - np.arange(polls) / polls) * rng.uniform(0.5, 1.0)
+        )
+    read_m = np.interp(time_s - old_s, time_s, place_m)
+    assert not _leap_m(time_s[present], read_m[present], driven_m_s[present]).any()
+
+
+@pytest.mark.parametrize("speed_m_s", [0.05, 0.15, 0.5])
 @pytest.mark.parametrize("leap_m", [0.05, -0.05])
 def test_a_leap_between_such_pauses_is_found_at_once(speed_m_s, leap_m):
     time_s, place_m, driven_m_s = _runs(speed_m_s, 60.0)
