@@ -108,9 +108,8 @@ def _of_surface(term: SurfaceTerm, history: ScrewHistory) -> FloatArray:
             drawn_degC = air_degC if known_degC is None else np.reshape(known_degC, (-1, 1))
             speed_rpm = 0.0 * history.length_s if speed is None else history.channels[speed]
             return film_W_m2K(speed_rpm) * ((T_degC - drawn_degC) @ history.whole)
-        case RisingFilm(at_10_K):
-            growth = np.sqrt(np.sqrt(np.abs(history.excess_K) / 10.0))
-            return at_10_K * ((growth * history.excess_K) @ history.whole)
+        case RisingFilm():
+            return np.asarray((term.film_W_m2K(history.excess_K) * history.excess_K) @ history.whole)
         case Radiation(emissivity):
             fourth_K4 = (T_degC + ZERO_DEGC_K) ** 4 - (air_degC + ZERO_DEGC_K) ** 4
             return emissivity * STEFAN_BOLTZMANN_W_m2K4 * (fourth_K4 @ history.whole)

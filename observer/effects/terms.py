@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 from observer.frames import FloatArray
 from observer.tables.sections import Source
 
@@ -105,6 +107,10 @@ class RisingFilm(NamedTuple):
     """A film that grows with its own rise over the air: h = `at_10_K_W_m2K` · (|T − T_amb| / 10 K)^(1/4)."""
 
     at_10_K_W_m2K: float
+
+    def film_W_m2K(self, rise_K: FloatArray | float) -> FloatArray:
+        """Return the film coefficient at rises over the air, in K, of either sign."""
+        return np.asarray(self.at_10_K_W_m2K * np.sqrt(np.sqrt(np.abs(rise_K) / 10.0)))
 
 
 class Body(NamedTuple):

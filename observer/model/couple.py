@@ -84,9 +84,9 @@ def with_coupling(
         constant.E[state] += F / time_s
     links = _links(plant, beside, own, gain, screw, moving)
     emissivity = sum(t.emissivity for t in terms if isinstance(t, Radiation))
-    at_10_K_W_m2K = sum(t.at_10_K_W_m2K for t in terms if isinstance(t, RisingFilm))
+    at_1_K_W_m2K = sum(float(t.film_W_m2K(1.0)) for t in terms if isinstance(t, RisingFilm))
     fades = _fades(plant, terms)
-    varying = len(links.source) > 0 or emissivity > 0.0 or at_10_K_W_m2K > 0.0 or fades.per_K.any()
+    varying = len(links.source) > 0 or emissivity > 0.0 or at_1_K_W_m2K > 0.0 or fades.per_K.any()
     coupling = no_coupling(n_x, m, p, plant.modes)._replace(
         active=int(varying or any(isinstance(t, SpeedLoss) for t in terms)),
         ambient=plant.known.ambient,
@@ -98,7 +98,7 @@ def with_coupling(
         mean=padded(_mean(modes, screw), n_x),
         square=modes.rod.diffusivity_m2_s / modes.rod.storage_m,
         radiation=emissivity * STEFAN_BOLTZMANN_W_m2K4 * surface_rate(machine.screw),
-        rising=at_10_K_W_m2K / 10.0**0.25 * surface_rate(machine.screw),
+        rising=at_1_K_W_m2K * surface_rate(machine.screw),
         links=links,
         spreads=spreads(modes, machine, beside, moving),
         fades=fades,

@@ -39,15 +39,19 @@ ALIKE = 0.02
 
 
 @cache
-def searched(free: str, *, insulated: bool = True, documented: bool = True) -> Discovery:
+def searched(
+    free: str, *, insulated: bool = True, documented: bool = True, still_air: bool = False
+) -> Discovery:
     """The search, with all documented parameters as they stand but the one that is free; with the tolerances
-    of a typical user where those of the wall's own record are not `documented`.
+    of a typical user where those of the wall's own record are not `documented`. A film that grows with its
+    own rise, as the wall's record does not have it, is looked for with `still_air` only.
 
     Conductivity as the free one leaves them as they stand indeed: the wall hardly feels it.
     """
     table = wall_config().model_dump(exclude_unset=True) | {
         "calibrate": {"free": [free]},
         "tolerance": DOCUMENTED if documented else {},
+        "discover": {} if still_air else {"without": ["natural_convection"]},
     }
     if insulated:
         table["boundary"] = {"right": {"kind": "insulated"}}
@@ -145,6 +149,20 @@ def test_a_body_beside_the_loss_is_refuted_by_the_data_held_back(*, documented: 
     alone_K = prove(null, without(null.problem, found.search.fit, body)).whole.after_rms_K
     print(f"held back: {both_K:.2f} K with a body, {alone_K:.2f} K with the loss alone")
     assert alone_K < 0.2 * both_K
+
+
+def test_a_film_of_still_air_predicts_the_data_held_back_without_a_body() -> None:
+    """It is one more loss of the family, and predicts no worse than a constant one."""
+    constant, growing = (searched("screw.conductivity_W_mK", still_air=still) for still in (False, True))
+    assert [t.candidate.kind for t in growing.search.chosen] == ["natural_convection"]
+    assert growing.proof.unproved == ()
+    partial = discovery_result(growing)["partial"]
+    assert set(partial["family"]["members"]) == {*LOSSES, "natural_convection"}
+    body = [t.candidate.kind for t in constant.search.chosen].index("attached_mass")
+    alone = prove(constant.search.null, without(constant.search.null.problem, constant.search.fit, body))
+    growing_K, constant_K = growing.proof.whole.after_rms_K, alone.whole.after_rms_K
+    print(f"held back: {growing_K:.2f} K with a film that grows, {constant_K:.2f} K with a constant loss")
+    assert growing_K < constant_K
 
 
 def test_with_the_scale_of_the_flux_free_loss_and_body_are_a_family_each() -> None:
