@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import ssl
 import sys
-import time
 from contextlib import suppress
 from typing import Any
 
@@ -21,7 +20,6 @@ from paho.mqtt.reasoncodes import ReasonCode
 from observer.errors import ConfigError
 from observer.exchange import RETAINED
 from observer.files.regular import read_password
-from observer.gateway.home_assistant import HomeAssistantEntry
 from observer.gateway.late import LateSender
 from observer.gateway.messages import Latest
 from observer.gateway.start import Say, Start, run_together
@@ -51,7 +49,6 @@ class _Broker:
     def __init__(self, start: Start, settings: Mqtt, latest: Latest, say: Say) -> None:
         self._settings, self._latest, self._say = settings, latest, say
         self._topic = f"{settings.prefix}/{start.prefix}" if settings.prefix else start.prefix
-        self._home = HomeAssistantEntry(settings.home_assistant, start, latest, self._topic)
         self.late: LateSender | None = None
         self._quality: str | None = None
         self._let_in = False
@@ -105,15 +102,12 @@ class _Broker:
         return message
 
     async def look(self) -> None:
-        """Publish the quality and Home Assistant's state whenever they change, for ever."""
+        """Publish the quality whenever it changes, until cancelled."""
         while True:
             quality = "stale" if self._latest.is_stale else self._latest.document("estimate").get("quality")
             if quality != self._quality and quality is not None and self._client.is_connected():
                 self._quality = quality
                 self._client.publish(f"{self._topic}/quality", quality, _AT_LEAST_ONCE, retain=True)
-            if self._client.is_connected():
-                for topic, payload in self._home.news(time.monotonic()):
-                    self._client.publish(topic, payload, _AT_LEAST_ONCE, retain=True)
             await asyncio.sleep(_LOOK_S)
 
     def close(self) -> None:
@@ -139,7 +133,6 @@ class _Broker:
 
     def _begin(self) -> None:
         self._quality = None
-        self._home.begin()
         self._client.publish(f"{self._topic}/alive", "true", _AT_LEAST_ONCE, retain=True)
         for key in RETAINED:
             if (payload := self._latest.payload(key)) is not None:

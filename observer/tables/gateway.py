@@ -126,10 +126,6 @@ class Mqtt(Section):
     #: so many late steps a second at most, 0.1 to 1000
     late_rate_Hz: Annotated[Number, Field(ge=0.1, le=1000)] = 20.0
 
-    #: `true` describes the machine to [Home Assistant](../how-to/plant.md#home-assistant), text under another
-    #: prefix than `homeassistant`; `false` removes it again; – does neither
-    home_assistant: Flag | Topic | None = None
-
     _pair = together("user", "password_file")
 
 

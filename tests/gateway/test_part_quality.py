@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from observer.gateway.home_assistant import state_of
 from observer.gateway.messages import Latest
 from observer.gateway.opcua import values
 from observer.gateway.process_values import process_signals
@@ -50,14 +49,6 @@ def test_process_values_mark_the_heats_alone(latest: Latest) -> None:
     found = {signal.name: signal.quality for signal in process_signals(latest)}
     assert found["Heat_nut"] == "starting"
     assert found["Error_500mm"] == found["Temperature_500mm"] == "good"
-
-
-def test_home_automation_shows_no_heat_that_is_uncertain(latest: Latest) -> None:
-    state = state_of(latest)
-    assert state is not None
-    assert state["heat_nut_W"] is None
-    assert state["error_largest_um"] == 12.0
-    assert state["quality"] == "good"
 
 
 @pytest.mark.system

@@ -125,6 +125,14 @@ CONFIGURATIONS = [
     Case("nut longer than the screw", of_config(changed(source__0__length_m=1.5)), ("source nut", "longer")),
     Case("unknown key", of_config(changed(screw__lenght_m=1.0)), ("screw.lenght_m", "did you mean length_m")),
     Case("unknown section", of_config(changed(sensors=[])), ("sensors", "did you mean sensor")),
+    *(
+        Case(
+            f"the unknown key {table}.{key}",
+            of_config(changed(**{table: {key: value}})),
+            (f"{table}.{key}: unknown key",),
+        )
+        for table, key, value in (("mqtt", "home_assistant", True),)
+    ),
     Case("missing section", of_config(changed(screw=None)), ("screw", "is missing")),
     Case("missing key", of_config(changed(screw__diameter_m=None)), ("screw.diameter_m", "is missing")),
     Case("wrong type", of_config(changed(screw__length_m="long")), ("screw.length_m", "number", "'long'")),
