@@ -77,9 +77,8 @@ def run(
     """Run the daemon of one axis beside the CNC until SIGTERM or Ctrl-C."""
     if len(config) > 1:
         raise UserError(
-            "run: give one --config, since a process serves one axis; for several, `observer service "
-            "install` makes "
-            "an instance of the service for each, and a container runs one each (docs/how-to/fleet.md)"
+            "run: give one --config, since a process serves one axis; for several, run an instance of the "
+            "systemd unit or a container for each (docs/how-to/fleet.md)"
         )
     from observer.process.memory import import_sparingly, not_found
 
@@ -350,24 +349,3 @@ def export(
     for line in made.facts:
         echo(line)
     echo(f"written to {output}: {', '.join(made.names)}")
-
-
-@verbs.command()
-def service(
-    action: Annotated[Literal["install", "remove"], typer.Argument(help="What is to be done.")],
-    config: Annotated[
-        list[Path] | None,
-        typer.Option("--config", "-c", help="install: the configuration (TOML); repeat for each axis."),
-    ] = None,
-    root: Annotated[Path, typer.Option(help="Put the files below another folder and run nothing.")] = Path(
-        "/"
-    ),
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would be done.")] = False,
-) -> None:
-    """Install the service with systemd (unit, user, folders), or remove it; configuration and data stay."""
-    if (action == "install") != bool(config):
-        raise UserError("service: install needs --config, and remove takes none")
-    from observer.installation.unit import service as installed
-
-    for line in installed(config or [], root, dry_run=dry_run):
-        echo(line)

@@ -22,18 +22,15 @@ from observer.installation.problems import as_message, problems_of
 _SETTINGS: TypeAdapter[DriverSettings] = TypeAdapter(DriverSettings)
 
 
-def examine(path: Path, *, runs_here: bool = True) -> Installation:
-    """Read a configuration and look for every file that it names. Raises `ConfigError` with all problems.
-
-    Unless it `runs_here`, the files of its certificates and passwords may be on another computer.
-    """
+def examine(path: Path) -> Installation:
+    """Read a configuration and look for every file that it names. Raises `ConfigError` with all problems."""
     table = read_toml(path)
     problems = problems_of(table, Installation)
     config = None if problems else Installation.model_validate(table)
     settings = dict(_drivers(table)) if config is None else config.drivers
     if config is not None:
         problems += effect_problems(config) + free_problems(config)
-        problems += file_problems(config) if runs_here else []
+        problems += file_problems(config)
         problems += config.undelivered() if config.drivers else []  # without any, the model is for logs
     for name, driver in settings.items():
         problems += [f"drivers.{name}.{problem}" for problem in driver.file_problems(name)]

@@ -36,7 +36,7 @@ def test_one_process_serves_one_axis():
     command = [sys.executable, "-m", "observer", "run", "--config", "x.toml", "--config", "y.toml"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 2
-    assert re.fullmatch(r"observer: run: give one --config, .*service install.*\n", done.stderr)
+    assert re.fullmatch(r"observer: run: give one --config, .* or a container for each .*\n", done.stderr)
 
 
 @pytest.mark.system

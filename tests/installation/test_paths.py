@@ -28,7 +28,6 @@ def test_a_missing_file_is_reported_with_its_key(key, tmp_path):
     config.write_text(DEMO.read_text() + TABLES[key].format("/nowhere/it", here=here))
     with pytest.raises(ConfigError, match=f"{key}: /nowhere/it is not a file; correct the path"):
         examine(config)
-    examine(config, runs_here=False)
     config.write_text(DEMO.read_text() + TABLES[key].format(here, here=here))
     examine(config)
 

@@ -1,6 +1,6 @@
-"""docs/operations.md from the box to a running service, line by line, as an ordinary user beside a systemd.
+"""docs/operations.md and docs/how-to/systemd.md, line by line, as an ordinary user beside a systemd.
 
-The lines are read from the page. Debian's packages and pip get the network settings of this computer.
+The lines are read from the pages. Debian's packages and pip get the network settings of this computer.
 The thermocouple module is a Modbus server in the box.
 """
 
@@ -23,6 +23,7 @@ from tests.patience import PATIENCE_S, until
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "operations.md"
+SYSTEMD = ROOT / "docs" / "how-to" / "systemd.md"
 # A package that a daemon does not need is more than 8 MB as a rule.
 DAEMON_MB, SMALL_MB = 305, 215
 CONFIG = "/etc/ballscrew-observer/observer.toml"
@@ -51,12 +52,12 @@ def computer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Box]:
         yield made
 
 
-def _lines(section: str) -> list[str]:
+def _lines(section: str, page: Path = PAGE) -> list[str]:
     """The lines of all blocks of text below a heading, the wheel by its name."""
-    text = PAGE.read_text(encoding="utf-8").splitlines()
+    text = page.read_text(encoding="utf-8").splitlines()
     start = text.index(f"## {section}") + 1
     end = next((k for k, line in enumerate(text[start:], start) if line.startswith("## ")), len(text))
-    found = [b for line, language, b in blocks(PAGE) if language == "text" and start < line <= end]
+    found = [b for line, language, b in blocks(page) if language == "text" and start < line <= end]
     (wheel,) = (ROOT / "dist").glob("*.whl")
     return [re.sub(r"ballscrew_observer-\S+\.whl", wheel.name, row) for b in found for row in b.splitlines()]
 
@@ -133,10 +134,9 @@ def _try_the_wires(computer: Box) -> None:
 
 
 def _install_the_service(computer: Box) -> None:
-    """One command; it waits for nothing, and the service comes up by itself as its own user."""
-    _shown(computer, "observer service install --config observer.toml --dry-run")
-    install, status, health = _lines("Install the service")
-    computer.does(install)
+    """The lines wait for nothing, and the service comes up by itself as its own user."""
+    computer.does("; ".join(("set -e", *_lines("Install", SYSTEMD))))
+    status, health = _lines("Install the service")
     assert "ballscrew-observer.service" in computer.does(status, code=None)
     _gives_estimates(computer)
     document = json.loads(computer.does(f"{health} --json"))
@@ -216,11 +216,10 @@ def _update(computer: Box) -> None:
 
 def _remove(computer: Box) -> None:
     """The service goes; configuration and recordings stay, and bring it back."""
-    computer.does("sudo observer service remove")
+    computer.does("; ".join(("set -e", *_lines("Remove", SYSTEMD))))
     assert _property(computer, "LoadState") == "not-found"
     computer.does("sudo ls /var/lib/ballscrew-observer/recordings | grep -q lathe-7-z")
-    (back,) = [line for line in _lines("Update, and go back") if "service install" in line]
-    computer.does(back)
+    computer.does("; ".join(("set -e", *_lines("Install", SYSTEMD))))
     _gives_estimates(computer)
 
 
@@ -231,9 +230,11 @@ def _serve_two_axes(computer: Box) -> None:
         's#^listen = .*7447.*#connect = ["tcp/127.0.0.1:7447"]#',
     )  # fmt: skip
     computer.does(f"sed {' '.join('-e ' + shlex.quote(edit) for edit in edits)} observer.toml >y.toml")
-    computer.does(f"sudo observer service install --config {CONFIG} --config y.toml")
+    place = "sudo install -o root -g ballscrew -m 0640"
+    computer.does(f"{place} observer.toml {Path(CONFIG).with_name('x.toml')}")
+    computer.does(f"{place} y.toml {Path(CONFIG).with_name('y.toml')}")
+    computer.does("; ".join(("set -e", *_lines("Several axes", SYSTEMD))))
     for axis in "zy":
         until(partial(computer.says, f"observer health --machine lathe-7 --axis {axis}"), 2 * PATIENCE_S, 2.0)
-    computer.does("systemctl is-active ballscrew-observer@observer ballscrew-observer@lathe-7-y")
-    assert _property(computer, "LoadState") == "not-found"
+    computer.does("systemctl is-active ballscrew-observer@x ballscrew-observer@y")
     computer.does("sudo ls /var/lib/ballscrew-observer/recordings | grep -q lathe-7-y")
