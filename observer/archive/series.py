@@ -1,4 +1,4 @@
-"""One value of the estimates over time, for OPC UA's history: every value, or one per interval."""
+"""One value of the estimates over time, for OPC UA's history."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ from typing import Any, NamedTuple
 
 import cbor2
 import numpy as np
-from numpy.typing import NDArray
 
 from observer.archive.pages import Span
 from observer.archive.store import Archive, Chapter
-from observer.errors import LogError
 from observer.exchange import KEYS, KeyFigure
 from observer.frames import PARTS, EstimateQuality, Layout, Quality
 
@@ -127,55 +125,3 @@ def _taken(
         values += [_SENSOR[code] for code in found] if found.dtype == np.int8 else found.tolist()
         quality += own
     return times, values, quality
-
-
-def aggregated(archive: Archive, node: list[str], span: Span, interval_s: float, by: str) -> bytes:
-    """Mean, least or most (`by`: average, minimum, maximum) of each interval of a span, as CBOR.
-
-    `{"time_s": [where each begins], "values", "quality"}`; of values that are invalid nothing enters. The
-    quality is the worst that entered, and `invalid` where none did. Part 13 of OPC UA, 5.4.3.5 to 5.4.3.11,
-    with PercentValues of all that are not bad; the mean is of the values, which are evenly spaced.
-    """
-    until_s, count = time.monotonic() + _WITHIN_S, math.ceil((span.to_s - span.from_s) / interval_s)
-    sums, numbers = np.zeros(count), np.zeros(count)
-    least, most, worst = np.full(count, np.inf), np.full(count, -np.inf), np.zeros(count, np.int64)
-    at_s, order = span.from_s, {name: rank for rank, name in enumerate(_RANKED)}
-    while at_s < span.to_s:
-        begin_s, end_s, at_s = _skipped(archive, at_s, min(span.to_s, at_s + _STEP_S), span, backwards=False)
-        times, values, quality = _taken(archive, tuple(node), begin_s, end_s, until_s)
-        if not times:
-            continue
-        numeric = _numbers(values)
-        ranks = np.array([order[name] for name in quality])
-        here = np.isfinite(numeric) & (ranks < order["invalid"])
-        slot = ((np.array(times) - span.from_s) // interval_s).astype(np.int64)[here]
-        np.add.at(sums, slot, numeric[here])
-        np.add.at(numbers, slot, 1.0)
-        np.minimum.at(least, slot, numeric[here])
-        np.maximum.at(most, slot, numeric[here])
-        np.maximum.at(worst, slot, ranks[here])
-    known = numbers > 0
-    mean = np.divide(sums, numbers, out=np.full(count, np.nan), where=known)
-    result = {"average": mean, "minimum": least, "maximum": most}[by]
-    return cbor2.dumps(
-        {
-            "time_s": (span.from_s + interval_s * np.arange(count)).tolist(),
-            "values": np.where(known, result, np.nan).tolist(),
-            "quality": [
-                _RANKED[rank] if there else "invalid" for rank, there in zip(worst, known, strict=True)
-            ],
-        }
-    )
-
-
-_RANKED = ("good", "degraded", "starting", "stale", "invalid")
-
-
-def _numbers(values: list[Any]) -> NDArray[np.float64]:
-    try:
-        numbers = np.array(values, float)
-    except ValueError:
-        numbers = np.empty((0, 0))
-    if numbers.ndim != 1:
-        raise LogError("an array or a text has no mean; ask for its raw values")
-    return numbers

@@ -11,7 +11,6 @@ import os
 import sys
 import time
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ import structlog
 
 from observer.archive.client import FOUND, REFUSED, UNFINISHED
 from observer.archive.pages import Pages, Span
-from observer.archive.series import aggregated, series
+from observer.archive.series import series
 from observer.archive.store import Archive, UnfinishedError
 from observer.errors import UserError
 from observer.installation import parse
@@ -73,6 +72,4 @@ def _answer(archive: Archive, pages: Pages, what: str, asked: dict[str, Any]) ->
     span = Span(asked["from_s"], asked["to_s"], asked.get("every_s", 0.0))
     if what == "late":
         return pages.late(span, asked["keys"])
-    if what == "series":
-        return series(archive, asked["node"], span, asked["most"], backwards=asked["backwards"])
-    return aggregated(archive, asked["node"], replace(span, every_s=0.0), asked["interval_s"], asked["by"])
+    return series(archive, asked["node"], span, asked["most"], backwards=asked["backwards"])

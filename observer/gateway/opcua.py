@@ -28,9 +28,8 @@ from asyncua.ua.status_codes import StatusCodes
 from observer.exchange import KEYS, KeyFigure
 from observer.gateway.late import PastOfStart
 from observer.gateway.messages import Latest
-from observer.gateway.opcua_history import PastValues, give_history
+from observer.gateway.opcua_history import PastValues
 from observer.gateway.opcua_server import guarded
-from observer.gateway.process_values import ProcessValueTree, process_signals
 from observer.gateway.start import Say, Start
 
 # asyncua logs every client error with a traceback, which would fill the service's log.
@@ -65,11 +64,10 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
     past = PastOfStart(start, latest)
     storage = None if start.recordings is None else PastValues(past.archivist, _data)
     if storage is not None:
-        give_history(server, storage)
+        server.iserver.history_manager.set_storage(storage)
     index = await server.register_namespace(NAMESPACE)
     machine = await server.nodes.objects.add_object(index, start.machine)
     axis = await machine.add_object(index, start.axis)
-    process_values = await ProcessValueTree.below(server, index, axis)
     try:
         await server.start()
     except OSError as error:
@@ -82,8 +80,6 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
         while True:
             for value in values(latest):
                 await tree.write(value)
-            for signal in process_signals(latest):
-                await process_values.write(signal, _data(signal.value, signal.quality, signal.time_s))
             await asyncio.sleep(PERIOD_S)
     finally:
         past.close()

@@ -7,6 +7,7 @@ A session ends with its connection, and nobody uses the subscriptions of another
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Any
 
 from asyncua import ua
@@ -18,12 +19,15 @@ from asyncua.server.server import Server
 from asyncua.ua.object_ids import ObjectIds
 from asyncua.ua.status_codes import StatusCodes
 
+from observer.gateway.opcua_history import MOST_VALUES, check_continuation_point
+
 MOST_NODES = 1000
 """Of a request to read, translate, call, or create items."""
 MOST_BROWSED = 100
 """Of a request to browse."""
 MOST_HISTORIES = 100
 """Of a request to read history."""
+_LEAST_VALUES = 50  # of a node, where many histories are read at once
 MOST_REFERENCES = 2000
 """Of an answer to a request to browse; the nodes beyond get BadNoContinuationPoints."""
 MOST_SESSIONS = 60
@@ -93,9 +97,26 @@ class LimitedSession(InternalSession):
         return await super().translate_browsepaths_to_nodeids(params)
 
     async def history_read(self, params: ua.HistoryReadParameters) -> list[ua.HistoryReadResult]:
-        """Read histories."""
+        """Read histories, which share the values of one answer; an error concerns its node alone."""
         _check(params.NodesToRead, MOST_HISTORIES)
-        return await super().history_read(params)
+        count, details = len(params.NodesToRead), params.HistoryReadDetails
+        if isinstance(details, ua.ReadRawModifiedDetails) and count > 1:
+            most = max(_LEAST_VALUES, MOST_VALUES // count)
+            details.NumValuesPerNode = ua.Counter(min(details.NumValuesPerNode or most, most))
+        return [await self._history_of(node, params) for node in params.NodesToRead]
+
+    async def _history_of(
+        self, node: ua.HistoryReadValueId, params: ua.HistoryReadParameters
+    ) -> ua.HistoryReadResult:
+        """Read the history of one node of a request."""
+        details = params.HistoryReadDetails
+        try:
+            if node.ContinuationPoint and isinstance(details, ua.ReadRawModifiedDetails):
+                check_continuation_point(node.ContinuationPoint, details)
+            (result,) = await super().history_read(replace(params, NodesToRead=[node]))
+        except ServiceError as error:
+            result = ua.HistoryReadResult(StatusCode=ua.StatusCode(ua.UInt32(error.code)))
+        return result
 
     async def call(self, params: list[ua.CallMethodRequest]) -> list[ua.CallMethodResult]:
         """Call methods."""

@@ -256,7 +256,7 @@ _USED_KINDS_OF_OBJECTS = {
     _IDS.FolderType, _IDS.ServerType, _IDS.ServerCapabilitiesType, _IDS.ServerDiagnosticsType,
     _IDS.SessionsDiagnosticsSummaryType, _IDS.SessionDiagnosticsObjectType, _IDS.VendorServerInfoType,
     _IDS.ServerRedundancyType, _IDS.OperationLimitsType, _IDS.DataTypeSystemType, _IDS.DataTypeEncodingType,
-    _IDS.ModellingRuleType, _IDS.AggregateFunctionType, _IDS.NamespaceMetadataType, _IDS.NamespacesType,
+    _IDS.ModellingRuleType, _IDS.NamespaceMetadataType, _IDS.NamespacesType,
 }  # fmt: skip
 
 

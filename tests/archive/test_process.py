@@ -24,8 +24,6 @@ HOSTILE = [
     ("readings", SPAN | {"every": "5e-324"}),
     *[("estimate", SPAN | {name: f"{value}"}) for name in ("from", "to", "every") for value in HUGE],
     *[("late", TIMES | {"keys": ["estimate"], "every_s": value}) for value in HUGE],
-    *[("aggregated", TIMES | {"node": HEAT, "by": "average", "interval_s": value}) for value in (*HUGE, 0.0)],
-    ("aggregated", TIMES | {"to_s": BEGIN_S - 9.0, "node": HEAT, "by": "average", "interval_s": 1.0}),
     *[("series", TIMES | {name: value, "node": HEAT, "most": 5, "backwards": False})
       for name in ("from_s", "to_s") for value in HUGE],
     ("series", TIMES | {"node": ["nothing"], "most": 5, "backwards": True}),

@@ -11,7 +11,6 @@ import pytest
 
 from observer.gateway.messages import Latest
 from observer.gateway.opcua import values
-from observer.gateway.process_values import process_signals
 from observer.library.messages import documents_of
 from observer.publish.codec import decode_estimate
 from observer.publish.watch import live_line
@@ -22,8 +21,6 @@ from tests.patience import until
 from tests.publish.router import free_port
 
 PARTS = np.array([[1, 0, 0]], np.int8)
-SOURCES = [{"name": name, "initial_sigma_W": 30.0} for name in ("nut", "left")]
-CONFIG = {"source": SOURCES, "sensor": [], "compensation": {"limit_um": 200.0}}
 
 
 def payload() -> bytes:
@@ -34,7 +31,6 @@ def payload() -> bytes:
 def latest() -> Latest:
     newest = Latest(60.0)
     newest.put("estimate", payload())
-    newest.put("config", json.dumps({"config": CONFIG}).encode())
     return newest
 
 
@@ -43,12 +39,6 @@ def test_opcua_marks_the_heats_alone(latest: Latest) -> None:
     assert found["Heat", "nut", "Heat_W"] == "starting"
     assert found["Heat", "nut", "Bound_W"] == "starting"
     assert found["Error", "Error_um"] == found["Field", "Temperature_degC"] == "good"
-
-
-def test_process_values_mark_the_heats_alone(latest: Latest) -> None:
-    found = {signal.name: signal.quality for signal in process_signals(latest)}
-    assert found["Heat_nut"] == "starting"
-    assert found["Error_500mm"] == found["Temperature_500mm"] == "good"
 
 
 @pytest.mark.system
