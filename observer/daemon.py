@@ -25,13 +25,13 @@ from observer.files.folders import refuse_unwritable
 from observer.gateway.feed import Feed
 from observer.gateway.start import Start
 from observer.installation import Installation, load
+from observer.installation.adopt import record_of
 from observer.live.forecasting import Forecaster, is_wanted
 from observer.live.loop import Service
 from observer.live.loop import serve as serve_parts
 from observer.live.observers import AlarmObserver, CompensationObserver, Keeper, StepObserver, carried, stored
 from observer.live.probing import ProbingAdvisor, is_advised
 from observer.live.renewal import Renewal, Renewals, carried_over
-from observer.live.trial import AdoptionTrial
 from observer.live.wires import take_short_turns
 from observer.live.zero_signal import ZeroSignal
 from observer.process.clock import ServiceClock
@@ -46,8 +46,6 @@ from observer.quality.gap import GapState
 from observer.record.recorder import Companions, NoRecorder, Recorder
 from observer.record.retention import Retention, refuse_shared
 
-_TRIAL_END_S = 0.2
-
 log = structlog.get_logger()
 
 
@@ -61,10 +59,10 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
     if (folder := config.record.directory) is not None:
         refuse_shared(folder, f"{config.machine.name}-{config.machine.axis}")
     desk = _alarm_desk(ready)
-    renewals: Renewals[_Ready] = Renewals(None if path is None else lambda: _reread(path, ready.config))
-    trial = None if path is None else AdoptionTrial(path, renewals.reload)
-
-    process = _Process(path, renewals, trial)
+    renewals: Renewals[_Ready] = Renewals()
+    if path is not None:
+        renewals = Renewals(lambda: _reread(path, ready.config), record_of(path))
+    process = _Process(path, renewals)
 
     def anew(renewal: Renewal[_Ready]) -> Service:
         nonlocal ready, clock, desk
@@ -79,22 +77,12 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
             snapshot, before.fit, ready.fit,
             lambda: carried_over(renewal.snapshot, renewal.last, before.machine, ready.machine),
         )  # fmt: skip
-        if trial is not None:
-            trial.in_force(ready.config)
         return _service(ready, clock, desk, process, _Start(snapshot, None, compensation, alone=False))
 
     start = _Start()
     if (file := config.checkpoint_file) is not None:
         start = _Start(*stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s))
-    service = _service(ready, clock, desk, process, start)
-    if trial is None:
-        run(service, seconds, anew)
-        return
-    trial.start(config)
-    try:
-        run(service, seconds, anew)
-    finally:
-        trial.close(_TRIAL_END_S)
+    run(_service(ready, clock, desk, process, start), seconds, anew)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,11 +114,10 @@ def _reread(path: Path, now: Installation) -> _Ready:
 
 @dataclass(frozen=True, slots=True)
 class _Process:
-    """The parts that outlive a renewal: the configuration's file, its renewals, and the adoption on trial."""
+    """The parts that outlive a renewal: the configuration's file and its renewals."""
 
     path: Path | None
     renewals: Renewals[_Ready]
-    trial: AdoptionTrial | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,8 +161,6 @@ def _service(
         )
     if config.checkpoint_file is not None:
         observers.append(Keeper(config.checkpoint_file, ready.fit, config.checkpoint.period_s))
-    if process.trial is not None:
-        observers.append(process.trial)
     if desk is not None:
         air = machine.plant.known.ambient
         observers.append(AlarmObserver(desk, publish["alarms"], air, instance))

@@ -343,9 +343,6 @@ def adopt(
     folder: Annotated[
         Path | None, typer.Argument(metavar="DIR", help="Results of discover or calibrate.")
     ] = None,
-    hours: Annotated[
-        float, typer.Option(min=0.001, max=1000.0, help="Hours of running over which the gap is watched.")
-    ] = 24.0,
     status: Annotated[
         bool, typer.Option("--status", help="Show the state of the last adoption instead.")
     ] = False,
@@ -354,7 +351,7 @@ def adopt(
         bool, typer.Option("--candidate", help="Adopt candidate.toml, which explains part of an unknown.")
     ] = False,
 ) -> None:
-    """Put a found configuration in force, monitor the gap, and revert it if the gap has not shrunk."""
+    """Put a found configuration in force, with a way back."""
     if [folder is not None, status, undo].count(True) != 1:
         raise UserError("adopt: name either the folder of results, or --status, or --undo")
     from observer.installation import adopt as adoptions
@@ -363,9 +360,8 @@ def adopt(
         found = adoptions.undo(config) if undo else adoptions.adoption_of(config)
         echo(f"{config}: " + ("nothing was adopted" if found is None else found.sentence()))
         return
-    adoption = adoptions.adopt(folder, config, hours, time.time(), candidate=candidate)
+    adoption = adoptions.adopt(folder, config, time.time(), candidate=candidate)
     echo(
         f"{config} is now the configuration of {folder}; the previous one is in {adoption.before}.\n"
-        f"A running service puts it in force within seconds, monitors the gap for {hours:g} h of running, "
-        "and reverts it if the gap has not shrunk."
+        "A running service puts it in force within seconds; --undo restores the previous one."
     )

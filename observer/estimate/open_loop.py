@@ -58,11 +58,6 @@ class OpenLoop:
         return self._begun.x
 
 
-def gap_K(plant: Plant, inputs: Inputs, rows: FloatArray) -> FloatArray:
-    """How far each usable reading (K, s) is from its prediction, in K or µm, NaN where there is none."""
-    return np.where(inputs.usable, inputs.y_degC - rows[:, plant.rows.sensor_slice], np.nan)
-
-
 _OPPOSED = -0.5
 """With a lower correlation to its prediction, a displacement has the wrong sign."""
 _MOVED = 3.0
@@ -82,13 +77,15 @@ class OpenLoopGap:
 
     def take(self, frames: FrameBlock) -> None:
         """Take the next frames."""
-        if (found := self._loop.run(frames)) is not None:
-            gap = gap_K(self._plant, *found)
+        if (predicted := self._loop.run(frames)) is not None:
+            inputs, rows = predicted
+            prediction = rows[:, self._plant.rows.sensor_slice]
+            gap = np.where(inputs.usable, inputs.y_degC - prediction, np.nan)
             self._squares_K2 += np.nansum(gap**2, axis=0)
-            there = np.isfinite(gap)
-            self._count += there.sum(axis=0)
-            y = np.where(there, found[0].y_degC, 0.0)
-            p = np.where(there, found[1][:, self._plant.rows.sensor_slice], 0.0)
+            is_usable = np.isfinite(gap)
+            self._count += is_usable.sum(axis=0)
+            y = np.where(is_usable, inputs.y_degC, 0.0)
+            p = np.where(is_usable, prediction, 0.0)
             self._products += [column.sum(axis=0) for column in (y, p, y * y, p * p, y * p)]
 
     @property

@@ -1,14 +1,13 @@
-"""Puts a found configuration in place of the one in force, with a way back; a record lies beside it.
+"""Puts a found configuration in place of the one in force, with a way back.
 
 Beside `machine.toml` lie then `machine.toml.before-adopt`, the configuration that it has replaced, and
-`machine.toml.adopted.json`, which shows a running service that there is something to read and to monitor.
+`machine.toml.adopted.json`, the record of the adoption; a running service reloads when the record changes.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,67 +22,27 @@ from observer.installation import Installation, load
 
 RECORD, BEFORE = ".adopted.json", ".before-adopt"
 RESULTS = ("result.json", "calibration.json", "learned.json")
-Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-State = Literal["watching", "kept", "taken_back", "undone", "replaced"]
 
 
 class Adoption(BaseModel):
-    """The outcome of an adopted configuration.
+    """The record of an adopted configuration.
 
-    `sha256` is that of the file's text, `hash` that of its meaning, as Zenoh's `config` gives it. Of the
-    `watched_h` hours in which the machine ran so far, `hours` are wanted; the sums of the squares of both
-    open-loop gaps over the same `values` readings are in K².
+    `before` names the file of the configuration that was replaced; `before_sha256` and `sha256` are the
+    digests of both files.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    adopted_s: Amount
-    state: State
+    adopted_s: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    state: Literal["adopted", "undone"]
     before: str
     before_sha256: str
-    before_hash: str
     sha256: str
-    hash: str
-    hours: Amount
-    watched_h: Amount = 0.0
-    values: Annotated[int, Field(ge=0)] = 0
-    before_squares_K2: Amount = 0.0
-    squares_K2: Amount = 0.0
-    reason: str = ""
-
-    @property
-    def before_rms_K(self) -> float | None:
-        """The gap of the previous configuration over the hours watched."""
-        return math.sqrt(self.before_squares_K2 / self.values) if self.values else None
-
-    @property
-    def rms_K(self) -> float | None:
-        """The gap of the adopted one over the very same hours."""
-        return math.sqrt(self.squares_K2 / self.values) if self.values else None
-
-    def document(self) -> dict[str, Any]:
-        """What health reports of it."""
-        return {
-            "state": self.state,
-            "since_s": self.adopted_s,
-            "watched_h": round(self.watched_h, 3),
-            "hours": self.hours,
-            "before_rms_K": _rounded(self.before_rms_K),
-            "rms_K": _rounded(self.rms_K),
-            "reason": self.reason or None,
-        }
 
     def sentence(self) -> str:
-        """The same for people."""
-        said = f"adopted {datetime.fromtimestamp(self.adopted_s, UTC):%Y-%m-%d %H:%M} UTC: "
-        said += {
-            "watching": f"watched for {self.watched_h:.3g} of {self.hours:g} h of running",
-            "taken_back": "reverted",
-            "replaced": "since replaced by another configuration, which is left as it is",
-        }.get(self.state, self.state.replace("_", " "))
-        if self.rms_K is not None and self.before_rms_K is not None:
-            said += f"; open-loop gap {self.before_rms_K:.3g} K rms before, {self.rms_K:.3g} K now"
-        return said + (f" ({self.reason})" if self.reason else "")
+        """The record in words."""
+        text = f"adopted {datetime.fromtimestamp(self.adopted_s, UTC):%Y-%m-%d %H:%M} UTC"
+        return f"{text}, undone since" if self.state == "undone" else text
 
 
 def adoption_of(config: Path) -> Adoption | None:
@@ -91,7 +50,7 @@ def adoption_of(config: Path) -> Adoption | None:
 
     Raises `ConfigError` where the record cannot be read or is invalid.
     """
-    path = _beside(config, RECORD)
+    path = record_of(config)
     try:
         return Adoption.model_validate_json(read_regular(path, MOST_BYTES, "the record of an adoption"))
     except FileNotFoundError:
@@ -104,12 +63,7 @@ def adoption_of(config: Path) -> Adoption | None:
         ) from None
 
 
-def note(config: Path, adoption: Adoption) -> None:
-    """Write the outcome of an adoption beside its configuration. Raises `UserError`."""
-    _write({_beside(config, RECORD): _text(adoption)}, config)
-
-
-def adopt(folder: Path, config: Path, hours: float, now_s: float, *, candidate: bool = False) -> Adoption:
+def adopt(folder: Path, config: Path, now_s: float, *, candidate: bool = False) -> Adoption:
     """Put the configuration written by a search in place of the one it has searched.
 
     The `candidate` of an unknown is put there only on demand.
@@ -118,39 +72,40 @@ def adopt(folder: Path, config: Path, hours: float, now_s: float, *, candidate: 
     where the new one cannot be loaded or is of another machine, or where the files cannot be written.
     """
     config = config.resolve()
-    before, watched = load(config), adoption_of(config)
-    if watched is not None and watched.state == "watching" and watched.sha256 == sha256(config):
-        raise UserError(f"{config}: {watched.sentence()}; wait for its end, or undo it with --undo")
     path = _found(folder, config, candidate=candidate)
-    new = load(path)
-    refuse_unlike(before, new, path)
-    text, kept = path.read_bytes(), _free(config)
+    refuse_unlike(load(config), load(path), path)
+    text, backup = path.read_bytes(), _free(config)
     adoption = Adoption(
-        adopted_s=now_s, state="watching", before=kept.name, before_sha256=sha256(config),
-        before_hash=before.digest, sha256=hashlib.sha256(text).hexdigest(), hash=new.digest, hours=hours,
+        adopted_s=now_s, state="adopted", before=backup.name, before_sha256=sha256(config),
+        sha256=hashlib.sha256(text).hexdigest(),
     )  # fmt: skip
-    _write({kept: config.read_bytes(), config: text, _beside(config, RECORD): _text(adoption)}, config)
+    _write({backup: config.read_bytes(), config: text, record_of(config): _text(adoption)}, config)
     return adoption
 
 
-def take_back(config: Path, adoption: Adoption, state: State, reason: str = "") -> Adoption:
-    """Restore the configuration from before an adoption; returns the record then.
+def undo(config: Path) -> Adoption:
+    """Restore the configuration from before the last adoption; returns the record then.
 
-    Raises `UserError` where somebody has changed the configuration since, which is left as it is then, or
-    where a file is missing or cannot be written.
+    Raises `UserError` where there is nothing to undo, where somebody has changed the configuration since,
+    which is left as it is then, or where a file is missing or cannot be written.
     """
     config = config.resolve()
+    adoption = adoption_of(config)
+    if adoption is None:
+        raise UserError(f"{config}: nothing was adopted in its place, so there is nothing to undo")
+    if adoption.state == "undone":
+        raise UserError(f"{config}: {adoption.sentence()}; there is nothing to undo")
+    before = before_of(config, adoption)
     if sha256(config) != adoption.sha256:
         raise UserError(
             f"{config}: has been changed since it was adopted, and is left as it is; the previous one is in "
-            f"{before_of(config, adoption)}"
+            f"{before}"
         )
-    before = before_of(config, adoption)
     if sha256(before) != adoption.before_sha256:
         raise UserError(f"{before}: is no longer the configuration that was in force; restore it by hand")
-    ended = adoption.model_copy(update={"state": state, "reason": reason})
-    _write({config: before.read_bytes(), _beside(config, RECORD): _text(ended)}, config)
-    return ended
+    undone = adoption.model_copy(update={"state": "undone"})
+    _write({config: before.read_bytes(), record_of(config): _text(undone)}, config)
+    return undone
 
 
 def before_of(config: Path, adoption: Adoption) -> Path:
@@ -158,14 +113,9 @@ def before_of(config: Path, adoption: Adoption) -> Path:
     return config.with_name(Path(adoption.before).name)
 
 
-def undo(config: Path) -> Adoption:
-    """Revert an adopted configuration on request. Raises `UserError`."""
-    adoption = adoption_of(config.resolve())
-    if adoption is None:
-        raise UserError(f"{config}: nothing was adopted in its place, so there is nothing to undo")
-    if adoption.state in {"taken_back", "undone"}:
-        raise UserError(f"{config}: {adoption.sentence()}; there is nothing to undo")
-    return take_back(config, adoption, "undone")
+def record_of(config: Path) -> Path:
+    """The path of the record of the last adoption in place of a configuration."""
+    return _beside(config, RECORD)
 
 
 def refuse_unlike(before: Installation, new: Installation, place: Path) -> None:
@@ -271,7 +221,3 @@ def _write(files: Mapping[Path, bytes], like: Path) -> None:
             f"{like}: nothing is changed, since {place} cannot be written ({error.strerror}); let this user "
             "write there, or free space"
         ) from None
-
-
-def _rounded(value_K: float | None) -> float | None:
-    return None if value_K is None else round(value_K, 4)

@@ -253,8 +253,6 @@ class _Cycles:
         self._commands.before_step([*self._service.publisher.commands(), *asked], time_s)
         frame = self._aligner.tick(time_s)
         changed = self._estimate_of(frame)  # first: work that nobody waits for comes after
-        for observer in self._service.observers:
-            observer.see(frame)
         self._service.recorder.tick(float(frame.time_s[0]), self._standing)
         changed |= self._frame is None or bool((frame.quality != self._frame.quality).any())
         self._frame = frame
@@ -374,7 +372,4 @@ class _Cycles:
             log.info("health", state=health.state, reasons=health.reasons)
         if changed or now_s - self._sent_s >= HEALTH_PERIOD_S:
             self._health, self._sent_s = health, now_s
-            document = health.document() | {"adoption": None, "instance": service.instance}
-            for observer in service.observers:
-                document |= observer.health()
-            service.publisher.document("health", document)
+            service.publisher.document("health", health.document() | {"instance": service.instance})

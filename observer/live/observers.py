@@ -65,9 +65,6 @@ class StepObserver:
         """Commands that follow from readings, to be obeyed by all before the next step."""
         return []
 
-    def see(self, frame: FrameBlock) -> None:
-        """Take the frame of a tick, whether or not the estimator's step succeeds."""
-
     def follow(self, step: Step) -> None:
         """Take a step that succeeded, once its estimate is published."""
 
@@ -87,10 +84,6 @@ class StepObserver:
     def conditions(self) -> tuple[Condition, ...]:
         """Problems for health and alarms; a change of them is reported at once."""
         return ()
-
-    def health(self) -> dict[str, Any]:
-        """Fields of the health document."""
-        return {}
 
     def remember(self, snapshot: Snapshot) -> Snapshot:
         """Add what a restart is to continue from."""

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -24,6 +25,8 @@ SETTLED_S = 3.0
 """The new time of a reset clock is accepted once its offset has been stable for so long …"""
 _SAME_S = 0.1
 """… to within this."""
+LOOK_S = 2.0
+"""Interval of looking for an adopted configuration."""
 NOTICE_S = 600.0
 """A rejected configuration stays a reason in health for so long."""
 
@@ -49,17 +52,21 @@ class Renewal(Generic[Prepared]):
 class Renewals(Generic[Prepared]):
     """Watches for both; outlives the parts. `reload` may be called from any thread."""
 
-    def __init__(self, reread: Callable[[], Prepared] | None = None) -> None:
+    def __init__(
+        self, reread: Callable[[], Prepared] | None = None, adoption_record: Path | None = None
+    ) -> None:
         """Take the function that reloads and checks the configuration; it raises `UserError` for an invalid
-        one.
+        one. It is also called when the record of an adoption changes.
         """
-        self._reread = reread
-        self._lock = threading.Lock()
-        self._asked = False
+        self._reread, self._record = reread, adoption_record
+        self._recorded_ns = self._record_ns()
+        self._asked = threading.Event()
         self._ready: Prepared | None = None
         self._refused: tuple[float, str] | None = None
         self._since_s: float | None = None
         self._offset_s = 0.0
+        if reread is not None:
+            threading.Thread(target=self._watch, args=(reread,), name="reload", daemon=True).start()
 
     @property
     def can_reload(self) -> bool:
@@ -68,22 +75,35 @@ class Renewals(Generic[Prepared]):
 
     def reload(self) -> None:
         """Reload the configuration, beside the running service; if asked meanwhile, once more."""
-        if self._reread is not None and not self._asked:
-            self._asked = True
-            threading.Thread(target=self._read, args=(self._reread,), name="reload", daemon=True).start()
+        self._asked.set()
+
+    def _watch(self, reread: Callable[[], Prepared]) -> None:
+        """Read the configuration when that is asked for, or when one was adopted or undone."""
+        while True:
+            asked = self._asked.wait(LOOK_S)
+            recorded_ns, before_ns = self._record_ns(), self._recorded_ns
+            self._recorded_ns = recorded_ns
+            if asked or recorded_ns != before_ns:
+                self._asked.clear()
+                self._read(reread)
+
+    def _record_ns(self) -> int | None:
+        """When the record of the last adoption was written, None without one."""
+        try:
+            return None if self._record is None else self._record.stat().st_mtime_ns
+        except OSError:
+            return None
 
     def _read(self, reread: Callable[[], Prepared]) -> None:
-        with self._lock:
-            self._asked = False
-            log.info("reading the configuration again")
-            try:
-                self._ready = reread()
-                self._refused = None
-            except UserError as error:
-                self._refuse(str(error))
-            except Exception as error:  # the service continues with what it has, whatever this is
-                log.error("reading the configuration failed", exc_info=True)
-                self._refuse(repr(error))
+        log.info("reading the configuration again")
+        try:
+            self._ready = reread()
+            self._refused = None
+        except UserError as error:
+            self._refuse(str(error))
+        except Exception as error:  # the service continues with what it has, whatever this is
+            log.error("reading the configuration failed", exc_info=True)
+            self._refuse(repr(error))
 
     def _refuse(self, why: str) -> None:
         self._refused = (time.monotonic(), why)

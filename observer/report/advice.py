@@ -26,7 +26,7 @@ def next_step(result: dict[str, Any], logs: str, config: str, output: str) -> di
     if result["suspects"] and not result["effects"]:
         text, command = "Correct what is wrong with the logs, then search again", again
     elif verdict == "named":
-        text, command = "Put it in force; a running service watches whether the gap shrinks", adopt
+        text, command = "Put it in force; --undo restores the previous configuration", adopt
     elif partial is not None:
         text = look_sentence(partial, result["logs"])
         if decides:

@@ -12,7 +12,7 @@ import tomlkit
 from observer.errors import UserError
 from observer.files import folders
 from observer.installation import adopt as adopting
-from observer.installation.adopt import adopt, adoption_of, before_of, sha256, take_back, undo
+from observer.installation.adopt import adopt, adoption_of, before_of, sha256, undo
 from tests.logs.machines import table
 
 
@@ -44,7 +44,7 @@ def _refused(found: Path, config: Path) -> str:
     """Why it is refused; nothing has changed then."""
     before = {p.name: p.read_bytes() for p in config.parent.iterdir() if p.is_file()}
     with pytest.raises(UserError) as refused:
-        adopt(found, config, 24.0, 1e9)
+        adopt(found, config, 1e9)
     assert {p.name: p.read_bytes() for p in config.parent.iterdir() if p.is_file()} == before
     sentence = str(refused.value)
     assert "\n" not in sentence
@@ -53,19 +53,18 @@ def _refused(found: Path, config: Path) -> str:
 
 def test_the_found_one_is_in_place_and_the_one_before_beside_it(found, config):
     text = config.read_bytes()
-    adoption = adopt(found, config, 24.0, 1.79e9)
+    adoption = adopt(found, config, 1.79e9)
     assert config.read_bytes() == (found / "config.toml").read_bytes()
     assert before_of(config, adoption).read_bytes() == text
     assert adoption_of(config) == adoption
-    assert (adoption.state, adoption.hours, adoption.adopted_s) == ("watching", 24.0, 1.79e9)
-    assert adoption.hash != adoption.before_hash
+    assert (adoption.state, adoption.adopted_s) == ("adopted", 1.79e9)
     for path in (config, before_of(config, adoption), config.with_name("machine.toml.adopted.json")):
         assert stat.S_IMODE(path.stat().st_mode) == 0o640, path  # a service of another user can read them
 
 
 def test_it_is_reverted_completely(found, config):
     text = config.read_bytes()
-    adopt(found, config, 24.0, 1.79e9)
+    adopt(found, config, 1.79e9)
     assert undo(config).state == "undone"
     assert config.read_bytes() == text
     assert adoption_of(config).state == "undone"
@@ -74,9 +73,9 @@ def test_it_is_reverted_completely(found, config):
 
 
 def test_adopted_once_more_it_keeps_both_that_were_before(found, config):
-    adopt(found, config, 24.0, 1.0)
+    adopt(found, config, 1.0)
     undo(config)
-    again = adopt(found, config, 24.0, 2.0)
+    again = adopt(found, config, 2.0)
     assert again.before == "machine.toml.before-adopt-2"
     assert (config.parent / "machine.toml.before-adopt").exists()
 
@@ -85,7 +84,7 @@ def test_a_link_to_a_configuration_stays_one(found, config, tmp_path):
     (tmp_path / "place").mkdir()
     link = tmp_path / "place" / "link.toml"
     link.symlink_to(config)
-    adopt(found, link, 24.0, 1.0)
+    adopt(found, link, 1.0)
     assert link.is_symlink()
     assert config.read_bytes() == (found / "config.toml").read_bytes()
 
@@ -96,13 +95,13 @@ def test_what_was_changed_since_the_search_is_not_overwritten(found, config):
 
 
 def test_a_file_changed_since_its_adoption_is_not_reverted(found, config):
-    adoption = adopt(found, config, 24.0, 1.0)
+    adopt(found, config, 1.0)
     config.write_text(config.read_text() + "# by hand since\n", encoding="utf-8")
     text = config.read_bytes()
     with pytest.raises(UserError, match="changed since it was adopted"):
-        take_back(config, adoption, "taken_back")
+        undo(config)
     assert config.read_bytes() == text
-    assert adoption_of(config).state == "watching"
+    assert adoption_of(config).state == "adopted"
 
 
 def test_without_anything_named_there_is_nothing_to_adopt(found, config):
@@ -150,11 +149,9 @@ def test_another_machine_or_an_invalid_one_is_rejected(found, config, change, wh
     assert why in _refused(found, config)
 
 
-def test_one_that_is_being_watched_is_not_adopted_over(found, config):
-    adopt(found, config, 24.0, 1.0)
-    assert "watched for 0 of 24 h" in _refused(found, config)  # the very same, typed twice
-    _result(found, verdict="named", config_sha256=sha256(config))
-    assert "watched for 0 of 24 h" in _refused(found, config)
+def test_adopted_twice_it_is_rejected(found, config):
+    adopt(found, config, 1.0)
+    assert "no longer the configuration that was searched" in _refused(found, config)
 
 
 def test_where_nothing_can_be_written_nothing_changes(found, config, monkeypatch):
@@ -167,15 +164,15 @@ def test_where_nothing_can_be_written_nothing_changes(found, config, monkeypatch
 
 @pytest.mark.parametrize("fits", [0, 1, 2])
 def test_where_the_disk_is_full_meanwhile_nothing_changes(found, config, monkeypatch, fits):
-    """Neither is an adopted one in force that nobody watches, nor is one half taken back."""
+    """Neither is a configuration adopted without its record, nor is one undone by half."""
     _full_after(fits, monkeypatch)
     assert "No space left on device" in _refused(found, config)
     monkeypatch.undo()
-    adoption = adopt(found, config, 24.0, 1.0)
+    adoption = adopt(found, config, 1.0)
     if fits < 2:
         _full_after(fits, monkeypatch)
         with pytest.raises(UserError, match="No space left on device"):
-            take_back(config, adoption, "taken_back")
+            undo(config)
         monkeypatch.undo()
         assert sha256(config) == adoption.sha256
         assert adoption_of(config) == adoption
@@ -202,12 +199,8 @@ def test_an_invalid_record_is_reported(config, text):
 
 
 def test_a_sentence_describes_its_state(found, config):
-    adoption = adopt(found, config, 24.0, 1.79e9)
-    assert adoption.sentence() == "adopted 2026-09-21 14:13 UTC: watched for 0 of 24 h of running"
-    watched = adoption.model_copy(
-        update={"watched_h": 3.0, "values": 4, "before_squares_K2": 16.0, "squares_K2": 1.0}
-    )
-    assert watched.sentence().endswith("3 of 24 h of running; open-loop gap 2 K rms before, 0.5 K now")
+    assert adopt(found, config, 1.79e9).sentence() == "adopted 2026-09-21 14:13 UTC"
+    assert undo(config).sentence() == "adopted 2026-09-21 14:13 UTC, undone since"
 
 
 def test_a_candidate_is_adopted_only_on_demand(found, config):
@@ -215,10 +208,10 @@ def test_a_candidate_is_adopted_only_on_demand(found, config):
     candidate = {"candidate": "candidate.toml"}
     _result(found, verdict="unknown", partial=candidate, config_sha256=sha256(config))
     assert "holds only a candidate" in _refused(found, config)
-    adopt(found, config, 24.0, 1e9, candidate=True)
+    adopt(found, config, 1e9, candidate=True)
     assert config.read_bytes() == (found / "candidate.toml").read_bytes()
 
 
 def test_where_there_is_no_candidate_none_is_adopted(found, config):
     with pytest.raises(UserError, match="holds no candidate"):
-        adopt(found, config, 24.0, 1e9, candidate=True)
+        adopt(found, config, 1e9, candidate=True)

@@ -1,5 +1,6 @@
 """When the parts are built anew: after a configuration was read again, or once a set clock has settled."""
 
+import os
 import threading
 
 from observer.errors import ConfigError
@@ -59,6 +60,18 @@ def test_a_rejected_configuration_is_reported_and_changes_nothing():
     assert renewals.notices() == ()
 
 
+def test_a_configuration_is_read_again_when_one_was_adopted(tmp_path):
+    record = tmp_path / "machine.toml.adopted.json"
+    record.write_text("{}")
+    count = []
+    renewals = Renewals(lambda: count.append(1) or len(count), record)
+    record.write_text('{"state": "undone"}')
+    os.utime(record, ns=(1, 1))  # a file system may keep no more than seconds
+    until(lambda: (renewal := renewals.due(0.0, 0.0)) is not None and renewal.prepared == 1)
+    record.unlink()
+    until(lambda: (renewal := renewals.due(0.0, 0.0)) is not None and renewal.prepared == 2)
+
+
 def test_asked_while_it_reads_it_reads_once_more():
     go, count = threading.Event(), []
 
@@ -68,6 +81,8 @@ def test_asked_while_it_reads_it_reads_once_more():
         return len(count)
 
     renewals = Renewals(reread)
+    renewals.reload()
+    until(lambda: count)
     for _ in range(5):
         renewals.reload()
     go.set()

@@ -143,7 +143,7 @@ def _install_the_service(computer: Box) -> None:
     assert {channel["quality"] for channel in document["channels"].values()} == {"good"}
     whose = "sudo stat --format='%U:%G %a' /etc/ballscrew-observer /var/lib/ballscrew-observer"
     assert computer.does(f"{whose} {CONFIG}").splitlines() == [
-        "root:ballscrew 770", "ballscrew:ballscrew 700", "root:ballscrew 640",
+        "root:ballscrew 750", "ballscrew:ballscrew 700", "root:ballscrew 640",
     ]  # fmt: skip
     assert computer.does(f"ps -o user= -p {_property(computer, 'MainPID')}").strip() == "ballscrew"
     computer.does("sudo ls /var/lib/ballscrew-observer/recordings | grep -q lathe-7-z")

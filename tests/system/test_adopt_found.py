@@ -17,8 +17,6 @@ from observer.estimate.pipeline import MachineModel
 from observer.fit.runs import joined
 from observer.frames import FrameBlock
 from observer.installation import Installation, load
-from observer.installation.adopt import adoption_of
-from observer.live.trial import AdoptionTrial
 from tests.logs.recordings import recorded, thinned
 from tests.system.plant import ROOT
 from tests.truth.machine.effects import Effect
@@ -89,7 +87,7 @@ def config(tmp_path: Path) -> Path:
     return path
 
 
-def test_what_appears_is_found_in_the_recordings_adopted_and_kept(config, tmp_path):
+def test_what_appears_is_found_in_the_recordings_and_adopted_it_explains_the_readings(config, tmp_path):
     plant = Plant(load(config))
     watch = Watch(load(config))
     watch.see(plant.works(_run(BEFORE, "a")))
@@ -113,24 +111,10 @@ def test_what_appears_is_found_in_the_recordings_adopted_and_kept(config, tmp_pa
     assert said.count("searched: ") == 3
     assert "end_conduction at left" in said
 
-    reloads: list[str] = []
-
-    def reload() -> None:
-        reloads.append(load(config).digest)
-        trial.in_force(load(config))
-
-    trial = AdoptionTrial(config, reload)
-    trial.in_force(load(config))
-    said = _observer("adopt", str(found), "--config", str(config), "--hours", "1")
-    assert "monitors the gap for 1 h" in said
-    trial.look()
-    assert reloads == [load(found / "config.toml").digest]
-    for k, frame in enumerate(plant.works(_run(AFTER, "b"))):
-        trial.see(frame)
-        if k % 100 == 99:
-            trial.look()
-    kept = adoption_of(config)
-    assert kept.state == "kept"
-    assert kept.before_rms_K > 1.0
-    assert kept.rms_K < 0.3 * kept.before_rms_K
-    assert "kept" in _observer("adopt", "--status", "--config", str(config))
+    _observer("adopt", str(found), "--config", str(config))
+    assert config.read_bytes() == (found / "config.toml").read_bytes()
+    again = Watch(load(config))
+    for name in ("b", "c"):
+        again.see(plant.works(_run(AFTER, name)))
+    assert again.gap.departure is None
+    assert "adopted" in _observer("adopt", "--status", "--config", str(config))
