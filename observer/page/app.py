@@ -37,10 +37,8 @@ from observer.gateway.start import Start
 from observer.page.axes import Neighbour, summaries
 from observer.page.guard import COOKIE, REPORT_POLICY, Guard, Logins
 from observer.page.history import Digests, history
-from observer.page.notes import Notes
 from observer.page.reports import report_html, reports
 from observer.page.stream import Stream
-from observer.page.viewers import event
 from observer.record.spans import Recorded, recordings
 from observer.tables.gateway import host_and_port
 
@@ -51,7 +49,7 @@ _MOST_NAME = 200
 _POINTS = 600
 _OF_AN_AXIS = {
     "GET": re.compile(r"(recent|recordings|history|reports)\.json|reports/[^/]+/report\.html"),
-    "POST": re.compile(r"acknowledge|notes"),
+    "POST": re.compile(r"acknowledge"),
 }
 _GIVES_WAY = 10
 _LEVEL = 4  # of compression
@@ -85,7 +83,6 @@ def application(
             Route("/reports.json", pages.reports),
             Route("/reports/{name}/report.html", pages.report),
             Route("/acknowledge", pages.acknowledge, methods=["POST"]),
-            Route("/notes", pages.note, methods=["POST"]),
             Route("/axes.json", pages.axes),
             Route("/axes/{k:int}/events", pages.axis_events),
             Route("/axes/{k:int}/{path:path}", pages.axis, methods=["GET", "POST"]),
@@ -122,8 +119,7 @@ class _Pages:
         assert start.page is not None
         self._start, self._page, self._stream = start, start.page, stream
         self._login, self._acknowledge = login, acknowledge
-        self._axes, self._notes = axes, Notes(start.recordings, f"{start.machine}-{start.axis}")
-        self._send_notes()
+        self._axes = axes
         # one reader for all viewers: concurrent requests take neither more memory nor another core
         self._reader = ThreadPoolExecutor(1, "recordings", _give_way)
         self._digests, self._turn = Digests(), asyncio.Lock()
@@ -226,26 +222,11 @@ class _Pages:
         self._acknowledge(alarm, self._by(request, form))
         return _Json({"acknowledged": alarm})
 
-    async def note(self, request: Request) -> Response:
-        """Keep a note, and show it to all."""
-        form = await _form(request)
-        try:
-            await run_in_threadpool(
-                self._notes.add, form.get("time_s", ""), form.get("text", ""), self._by(request, form)
-            )
-        except ValueError as error:
-            return PlainTextResponse(f"{error}\n", 400)
-        self._send_notes()
-        return _Json({"noted": True})
-
     def _by(self, request: Request, form: dict[str, str]) -> str:
         """The user who asks, or, without a login, the one named by another axis's page."""
         said = form.get("by", "")
         trusted = self._login is None and 0 < len(said) <= _MOST_NAME and said.isprintable()
         return said if trusted else str(request.scope["user"])
-
-    def _send_notes(self) -> None:
-        self._stream.send("notes", event("notes", json.dumps({"notes": self._notes.listed()}).encode()))
 
     async def axes(self, _: Request) -> Response:
         """This axis and the others, in words."""

@@ -48,6 +48,13 @@ async def test_everything_is_sealed(page):
         assert answer.headers["referrer-policy"] == "no-referrer"
 
 
+@pytest.mark.parametrize("path", ["/notes"])
+async def test_the_page_has_no_other_routes(page, path):
+    client, _ = page()
+    assert (await client.get(path)).status_code == 404
+    assert (await client.post(path, data={"text": "a"}, headers={"origin": HERE})).status_code == 404
+
+
 async def test_every_file_that_the_page_names_is_there(page):
     client, _ = page()
     text = (await client.get("/")).text

@@ -1,7 +1,6 @@
 // Curves with bands, drawn by uPlot in the colours of the page, with what the cursor is at in words below.
 import { clock, css, make, number, when } from "./format.js";
 import { gestures } from "./gestures.js";
-import { drawNotes, notesNear } from "./notes.js";
 
 const all = new Set();
 const HINT = "← → read the values; the wheel or + − zoom, dragging moves, a double click shows all.";
@@ -26,15 +25,14 @@ const times = () => {
 };
 
 // element, {x, y: labels, isTime, series, bands, draw, range: of y, view: of x, read(index, plot): words at the cursor}
-export function chart(element, { x, y, isTime = false, series, bands = [], draw = null, range = null, legend = true, view, read, padding = null, labels = true }) {
+export function chart(element, { x, y, isTime = false, series, bands = [], draw = null, range = null, legend = true, view, read, padding = null }) {
   const size = () => ({ width: Math.max(200, element.clientWidth), height: Math.max(120, element.clientHeight) - (legend ? 30 : 0) });
   const readout = make("p", { class: "readout hint", text: "" });
   const place = (at) => (isTime ? (view.days?.() ? when(at) : clock(at)) : `${number(at, 0)} mm`);
   function readOut(plot) {
     const index = plot.cursor.idx, at = plot.data[0][index];
     if (plot.cursor.left < 0 || at === undefined) { readout.textContent = document.activeElement === element ? HINT : ""; return; }
-    const written = isTime ? notesNear(plot, at).map(({ text, by }) => `note by ${by}: ${text}`) : [];
-    readout.textContent = [`${place(at)}: ${read(index, plot)}`, ...written].join(" · ");
+    readout.textContent = `${place(at)}: ${read(index, plot)}`;
   }
   const options = {
     ...size(), series: [{ label: isTime ? "time" : x }, ...series], ...(padding ? { padding } : {}),
@@ -42,7 +40,7 @@ export function chart(element, { x, y, isTime = false, series, bands = [], draw 
     scales: { x: { time: isTime, range: (_, low, high) => view.get() ?? (low < high ? [low, high] : [low - 1, high + 1]) }, y: range ? { range } : {} },
     axes: [axis(isTime ? null : x, 24, isTime ? { values: times(), space: 75 * big() } : {}), axis(y, 52)],
     cursor: { drag: { x: false, y: false, setScale: false }, points: { size: 6 } },
-    hooks: { draw: [...(draw ? [draw] : []), ...(isTime ? [(u) => drawNotes(u, labels)] : [])], setCursor: [readOut] },
+    hooks: { draw: draw ? [draw] : [], setCursor: [readOut] },
   };
   element.tabIndex = 0;
   element.setAttribute("role", "group");

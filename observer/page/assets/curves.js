@@ -145,11 +145,11 @@ const errorTable = () => {
 const aheadTable = () => { const { at, mean, sigma, unit } = aheadNow(), { at_s, position_m } = store.documents.forecast ?? {}; return { columns: ["time_s", "position_mm", `expected_${unit}`, "sigma"], rows: mean.map((m, k) => [at_s[k], mm(position_m[at]), m, sigma[k]]) }; };
 
 export function startCurves() {
-  offer("p1", { table: fieldTable, view: live, isTime: true }); offer("p2", { table: heatTable, view: live, isTime: true });
+  offer("p1", { table: fieldTable, view: live }); offer("p2", { table: heatTable, view: live });
   offer("p3", { table: errorTable, view: errorView }); offer("p6", { table: aheadTable, view: aheadView });
   onNews(["heat", "estimate", "view", "hello"], drawHeats);
   onNews(["rows", "heat", "hello", "span"], drawHeatsPast);
   onNews(["error", "span-error", "compensation", "config", "view", "rows"], drawError);
   onNews(["forecast", "span-forecast", "hello"], drawForecast);
-  onNews(["theme", "view", "notes"], redraw);
+  onNews(["theme", "view"], redraw);
 }

@@ -71,6 +71,6 @@ function slider() {
 
 export function startHeatmap() {
   onNews(["rows", "view", "theme"], slider);
-  onNews(["field", "rows", "view", "span", "config", "theme", "notes"], draw);
+  onNews(["field", "rows", "view", "span", "config", "theme"], draw);
   byId("moment").addEventListener("input", (event) => hold(Number(event.target.value)));
 }

@@ -75,7 +75,7 @@ function build(groups, second) {
   const box = byId("c-past");
   box.replaceChildren();
   charts = [...groups].map(([unit, names]) => {
-    const element = make("div", { class: "chart", "data-unit": unit }), labels = !box.firstChild, series = [], bands = [];
+    const element = make("div", { class: "chart", "data-unit": unit }), series = [], bands = [];
     box.append(make("div", {}, element));
     names.forEach((name, i) => {
       const at = series.length + 1;
@@ -83,7 +83,7 @@ function build(groups, second) {
       bands.push({ series: [at + 1, at + 2], fill: () => fade(colour(i), 0.25) });
       if (second?.channels[name]) series.push(line("_over", () => colour(i), { width: 1.5, dash: [5, 4], spanGaps: true }));
     });
-    const made = chart(element, { x: "time", y: shownIn(unit)[0], isTime: true, series, bands, view: pastView, labels, read: (k) => names.map((name) => words(name, k, unit)).join("; ") });
+    const made = chart(element, { x: "time", y: shownIn(unit)[0], isTime: true, series, bands, view: pastView, read: (k) => names.map((name) => words(name, k, unit)).join("; ") });
     tidyLegend(element);
     return made;
   });
@@ -130,7 +130,7 @@ async function list(thenNewest) {
 
 let seen = null;
 export function startPast() {
-  offer("p8", { table, view: pastView, isTime: true });
+  offer("p8", { table, view: pastView });
   onNews(["theme"], () => { for (const made of charts) made.again(); });
   byId("spans").addEventListener("click", (event) => {
     const { span: chosen } = event.target.dataset;

@@ -89,7 +89,7 @@ export async function connect() {
   } catch { setTimeout(connect, 1000); return; }
   news("rows");
   const events = new EventSource(address("events"));
-  for (const key of [...keys, "hello", "beat", "notes", "axes"]) {
+  for (const key of [...keys, "hello", "beat", "axes"]) {
     events.addEventListener(key, (event) => take(key, JSON.parse(event.data)));
   }
   events.addEventListener("error", () => {

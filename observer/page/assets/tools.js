@@ -1,14 +1,13 @@
-// Of every panel its data as CSV, its picture as PNG, a link to it as it is, and a note about a moment.
+// Of every panel its data as CSV, its picture as PNG, and a link to it as it is.
 import { big } from "./charts.js";
 import { byId, css, make } from "./format.js";
-import { notes, writeNote } from "./notes.js";
 import { store, view } from "./store.js";
 import { link, live } from "./views.js";
 
 const panels = new Map();
 
-// panel: {table(): {columns, rows}, view: of its x axis, isTime}
-export function offer(panel, more = {}) { panels.set(panel, more); }
+// panel: {table(): {columns, rows}, view: of its x axis}
+export function offer(panel, { table, view = null }) { panels.set(panel, { table, view }); }
 
 // a spreadsheet runs what begins like this
 const cell = (x) => {
@@ -17,22 +16,7 @@ const cell = (x) => {
   return /[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 };
 
-export function csvOf({ columns, rows }) { return `${[columns, ...rows].map((row) => row.map(cell).join(",")).join("\r\n")}\r\n`; }
-
-// each note in the row that its time falls into
-export function noted({ columns, rows }) {
-  const texts = rows.map(() => []);
-  for (const { time_s, text } of notes()) {
-    const k = rows.findIndex((row, i) => time_s >= row[0] && (i + 1 === rows.length ? time_s - row[0] < 60 : time_s < rows[i + 1][0]));
-    if (k >= 0) texts[k].push(text);
-  }
-  return { columns: [...columns, "note"], rows: rows.map((row, k) => [...row, texts[k].join("; ")]) };
-}
-
-function ofTables(panel) {
-  const lines = [...byId(panel).querySelectorAll("table tr:not(.why)")].map((row) => [...row.cells].map((c) => c.innerText.replace(/\s+/g, " ").trim()));
-  return { columns: lines[0] ?? [], rows: lines.slice(1) };
-}
+function csvOf({ columns, rows }) { return `${[columns, ...rows].map((row) => row.map(cell).join(",")).join("\r\n")}\r\n`; }
 
 function save(panel, kind, blob) {
   const stamp = new Date((view().time_s ?? Date.now() / 1000) * 1000).toISOString().replace(/[-:]|\.\d+/g, "");
@@ -43,18 +27,16 @@ function save(panel, kind, blob) {
 }
 
 function saveCsv(panel) {
-  const { table, isTime } = panels.get(panel), found = table ? table() : ofTables(panel);
-  save(panel, "csv", new Blob([csvOf(isTime ? noted(found) : found)], { type: "text/csv" }));
+  save(panel, "csv", new Blob([csvOf(panels.get(panel).table())], { type: "text/csv" }));
 }
 
-// title, what is drawn, what the cursor is at, tables, and notes, one below the other
+// title, what is drawn, and tables, one below the other
 function savePng(panel) {
   const box = byId(panel), ratio = devicePixelRatio || 1, k = big(), line = 18 * k, edge = 12 * k;
   const drawn = [...box.querySelectorAll("canvas")].filter((c) => c.offsetWidth), width = Math.max(480, ...drawn.map((c) => c.clientWidth)) + 2 * edge;
-  const inView = ([from, to] = panels.get(panel).view?.get() ?? []) => notes().filter(({ time_s }) => from === undefined || (time_s >= from && time_s <= to));
   const words = [
     ...[...box.querySelectorAll(".tiles li, .u-legend .u-series:not([hidden])")].map((e) => e.innerText), ...[...box.querySelectorAll(".hint:not(.readout), .alarm b, .calm")].map((e) => e.innerText),
-    ...[...box.querySelectorAll("table tr")].map((row) => [...row.cells].map((c) => c.innerText.trim()).join("   ")), ...(panels.get(panel).isTime ? inView().map(({ time_s, text }) => `${new Date(time_s * 1000).toLocaleString()}: ${text}`) : []),
+    ...[...box.querySelectorAll("table tr")].map((row) => [...row.cells].map((c) => c.innerText.trim()).join("   ")),
   ].map((text) => text.replace(/\s+/g, " ").trim()).filter(Boolean);
   const out = document.createElement("canvas"), c = out.getContext("2d"), font = `${12 * k}px system-ui, sans-serif`;
   c.font = font;
@@ -79,10 +61,9 @@ async function copyLink(panel, button) {
 }
 
 export function startTools() {
-  for (const [panel, { isTime }] of panels) {
+  for (const panel of panels.keys()) {
     const button = (text, title, act) => { const made = make("button", { type: "button", text, title, onclick: () => act(made) }); return made; };
     byId(panel).querySelector("h2").append(make("span", { class: "tools" },
-      ...(isTime ? [button("Note", "Write a note about a moment", () => writeNote(store.held?.time_s ?? (panels.get(panel).view.get() ?? live.whole())[1]))] : []),
       button("CSV", "Save the data of this panel", () => saveCsv(panel)), button("PNG", "Save a picture of this panel", () => savePng(panel)), button("Link", "Copy a link to this view", (made) => copyLink(panel, made))));
   }
 }
