@@ -62,7 +62,6 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
     renewals: Renewals[_Ready] = Renewals()
     if path is not None:
         renewals = Renewals(lambda: _reread(path, ready.config), record_of(path))
-    process = _Process(path, renewals)
 
     def anew(renewal: Renewal[_Ready]) -> Service:
         nonlocal ready, clock, desk
@@ -77,12 +76,12 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
             snapshot, before.fit, ready.fit,
             lambda: carried_over(renewal.snapshot, renewal.last, before.machine, ready.machine),
         )  # fmt: skip
-        return _service(ready, clock, desk, process, _Start(snapshot, None, compensation, alone=False))
+        return _service(ready, clock, desk, renewals, _Start(snapshot, None, compensation, alone=False))
 
     start = _Start()
     if (file := config.checkpoint_file) is not None:
         start = _Start(*stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s))
-    run(_service(ready, clock, desk, process, start), seconds, anew)
+    run(_service(ready, clock, desk, renewals, start), seconds, anew)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,14 +112,6 @@ def _reread(path: Path, now: Installation) -> _Ready:
 
 
 @dataclass(frozen=True, slots=True)
-class _Process:
-    """The parts that outlive a renewal: the configuration's file and its renewals."""
-
-    path: Path | None
-    renewals: Renewals[_Ready]
-
-
-@dataclass(frozen=True, slots=True)
 class _Start:
     """The state from which a service continues: a snapshot, None for a cold start, which then has the state
     of the prediction's gap and of the compensation. `alone` requires that no other service has the axis.
@@ -133,14 +124,14 @@ class _Start:
 
 
 def _service(
-    ready: _Ready, clock: ServiceClock, desk: AlarmDesk | None, process: _Process, start: _Start
+    ready: _Ready, clock: ServiceClock, desk: AlarmDesk | None, renewals: Renewals[_Ready], start: _Start
 ) -> Service:
     """Put the parts of the daemon together."""
     config, machine, pipeline = ready.config, ready.machine, ready.machine.pipeline()
     instance, snapshot = secrets.token_hex(4), start.snapshot
     if pipeline.gap is not None and start.gap is not None:
         pipeline.gap.restore(start.gap)
-    publisher = _publisher(ready, instance, process.path)
+    publisher = _publisher(ready, instance)
     publish = {
         key: partial(publisher.document, key) for key in ("alarms", "compensation", "forecast", "probing")
     }
@@ -179,7 +170,7 @@ def _service(
         observers=tuple(observers),
         instance=instance,
         start=snapshot,
-        renewals=process.renewals,
+        renewals=renewals,
         alone=start.alone,
         sensors={sensor.channel: sensor.name for sensor in config.sensor},
         options=f"--machine {config.machine.name} --axis {config.machine.axis}",
@@ -215,11 +206,11 @@ def _recorder(ready: _Ready, start: Snapshot | None, instance: str) -> Recorder 
     )
 
 
-def _publisher(ready: _Ready, instance: str, path: Path | None) -> ZenohPublisher:
+def _publisher(ready: _Ready, instance: str) -> ZenohPublisher:
     """Zenoh, with a gateway beside it where the configuration asks for one."""
     config, name, forecasts = ready.config, ready.config.machine, is_wanted(ready.machine)
     folder = config.record.directory
-    in_force, start = config_json(config, instance), Start.of(config, path, forecasts=forecasts)
+    in_force, start = config_json(config, instance), Start.of(config, forecasts=forecasts)
     offered = {
         "compensation": config.compensation.enabled,
         "forecast": forecasts,

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 class Start(BaseModel):
     """Which outlets to serve, and what they need to know.
 
-    `config_file` is the configuration's file, None if it has none; `recordings` the folder of the recordings;
-    `laws` the sources with a heat law; `forecast_s` the interval of forecasts, None without.
+    `recordings` is the folder of the recordings; `laws` are the sources with a heat law; `forecast_s` is the
+    interval of forecasts, None without.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -34,13 +34,12 @@ class Start(BaseModel):
     metrics: Metrics | None = None
     mqtt: Mqtt | None = None
     opcua: Opcua | None = None
-    config_file: Path | None = None
     recordings: Path | None = None
     laws: tuple[str, ...] = ()
     forecast_s: float | None = None
 
     @classmethod
-    def of(cls, config: Installation, path: Path | None, *, forecasts: bool) -> Start | None:
+    def of(cls, config: Installation, *, forecasts: bool) -> Start | None:
         """What a configuration asks for, None without any outlet; `forecasts`: whether there will be any."""
         outlets = {name: getattr(config, name) for name in OUTLETS}
         if all(outlet is None for outlet in outlets.values()):
@@ -49,7 +48,6 @@ class Start(BaseModel):
             machine=config.machine.name,
             axis=config.machine.axis,
             period_s=config.estimator.period_s,
-            config_file=None if path is None else path.absolute(),
             recordings=None if (folder := config.record.directory) is None else folder.absolute(),
             laws=tuple(source.name for source in config.source if source.law is not None),
             forecast_s=config.forecast.period_s if forecasts else None,

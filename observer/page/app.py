@@ -35,9 +35,8 @@ from starlette.types import ASGIApp
 from observer.errors import LogError
 from observer.gateway.start import Start
 from observer.page.axes import Neighbour, summaries
-from observer.page.guard import COOKIE, REPORT_POLICY, Guard, Logins
+from observer.page.guard import COOKIE, Guard, Logins
 from observer.page.history import Digests, history
-from observer.page.reports import report_html, reports
 from observer.page.stream import Stream
 from observer.record.spans import Recorded, recordings
 from observer.tables.gateway import host_and_port
@@ -48,7 +47,7 @@ _MOST_FIELDS = 10
 _MOST_NAME = 200
 _POINTS = 600
 _OF_AN_AXIS = {
-    "GET": re.compile(r"(recent|recordings|history|reports)\.json|reports/[^/]+/report\.html"),
+    "GET": re.compile(r"(recent|recordings|history)\.json"),
     "POST": re.compile(r"acknowledge"),
 }
 _GIVES_WAY = 10
@@ -80,8 +79,6 @@ def application(
             Route("/recent.json", pages.recent),
             Route("/recordings.json", pages.recordings),
             Route("/history.json", pages.history),
-            Route("/reports.json", pages.reports),
-            Route("/reports/{name}/report.html", pages.report),
             Route("/acknowledge", pages.acknowledge, methods=["POST"]),
             Route("/axes.json", pages.axes),
             Route("/axes/{k:int}/events", pages.axis_events),
@@ -98,7 +95,7 @@ def application(
 
 
 class _Json(JSONResponse):
-    """JSON in ASCII: names of files and texts of reports may not be encodable."""
+    """JSON in ASCII: names of files may not be encodable."""
 
     def render(self, content: Any) -> bytes:
         """The body."""
@@ -199,20 +196,6 @@ class _Pages:
             return []
         return recordings(folder, f"{self._start.machine}-{self._start.axis}")
 
-    async def reports(self, _: Request) -> Response:
-        """The reports of discover."""
-        folder = self._page.reports
-        found = [] if folder is None else await run_in_threadpool(reports, folder, self._start.config_file)
-        return _Json({"folder": None if folder is None else str(folder), "reports": found})
-
-    async def report(self, request: Request) -> Response:
-        """One report, sandboxed."""
-        folder, name = self._page.reports, request.path_params["name"]
-        html = None if folder is None else await run_in_threadpool(report_html, folder, name)
-        if html is None:
-            return PlainTextResponse("no such report\n", 404)
-        return HTMLResponse(html, headers={"content-security-policy": REPORT_POLICY})
-
     async def acknowledge(self, request: Request) -> Response:
         """Report to the service that somebody has acknowledged an alarm."""
         form = await _form(request)
@@ -248,8 +231,7 @@ class _Pages:
             status, kind, body = await run_in_threadpool(axis.ask, path, request.url.query, form)
         except (OSError, ClientError) as error:
             return PlainTextResponse(f"the page of that axis does not answer: {error}\n", 502)
-        policy = {"content-security-policy": REPORT_POLICY} if kind == "text/html" else None
-        return Response(body, status, policy, kind)
+        return Response(body, status, media_type=kind)
 
     def _axis(self, request: Request) -> Neighbour | None:
         k = request.path_params["k"]

@@ -78,7 +78,6 @@ class Page(Section):
     users_file: File | None = None  #: a file of lines `name:password`; viewers must then log in
     certificate: File | None = None  #: PEM file; the page is then served by TLS
     key: File | None = None  #: its key
-    reports: File | None = None  #: a folder of the folders that `observer discover` wrote
     #: the pages of other axes on this computer, `host:port` each, shown on this one too
     axes: Annotated[tuple[Nearby, ...], Field(max_length=50)] = ()
 

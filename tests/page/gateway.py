@@ -80,7 +80,6 @@ def estimate(sequence: int, law_W: float = math.nan) -> bytes:
 @contextmanager
 def gateway(
     ca: Path | None = None,
-    config_file: Path | None = None,
     laws: tuple[str, ...] = (),
     forecast_s: float | None = None,
     documents: Mapping[str, Any] = DOCUMENTS,
@@ -95,7 +94,7 @@ def gateway(
     """
     listen = f"127.0.0.1:{free_port()}"
     first = Start(
-        machine=machine, axis="z", period_s=60.0, page=Page(listen=listen, **page), config_file=config_file,
+        machine=machine, axis="z", period_s=60.0, page=Page(listen=listen, **page),
         laws=laws, forecast_s=forecast_s, recordings=recordings,
     )  # fmt: skip
     trusted = None if ca is None else ssl.create_default_context(cafile=ca)

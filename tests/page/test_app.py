@@ -26,12 +26,12 @@ def _start(period_s: float) -> Start:
 
 
 @pytest.fixture
-def page(tmp_path):
-    """Make a client of a page with reports in a folder, for those whom `login` lets in."""
+def page():
+    """Make a client of a page, for those whom `login` lets in."""
 
-    def made(login: Logins | None = None, **more) -> tuple[httpx.AsyncClient, list[tuple[str, str]]]:
+    def made(login: Logins | None = None) -> tuple[httpx.AsyncClient, list[tuple[str, str]]]:
         seen: list[tuple[str, str]] = []
-        start = Start(machine="lathe", axis="z", period_s=0.5, page=Page(reports=tmp_path), **more)
+        start = Start(machine="lathe", axis="z", period_s=0.5, page=Page())
         stream = Stream(Latest(0.5), _start(0.5))
         app = application(start, stream, login, lambda alarm, by: seen.append((alarm, by)))
         return httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=HERE), seen
@@ -48,7 +48,7 @@ async def test_everything_is_sealed(page):
         assert answer.headers["referrer-policy"] == "no-referrer"
 
 
-@pytest.mark.parametrize("path", ["/notes"])
+@pytest.mark.parametrize("path", ["/notes", "/reports.json", "/reports/monday/report.html"])
 async def test_the_page_has_no_other_routes(page, path):
     client, _ = page()
     assert (await client.get(path)).status_code == 404
@@ -95,7 +95,7 @@ async def test_an_alarm_is_acknowledged_by_the_page_itself_alone(page):
 async def test_who_has_to_log_in_sees_nothing_before(page):
     client, seen = page(Logins({"anna": "right"}, secure=False))
     assert (await client.get("/")).headers["location"] == "/login"
-    for path in ("/events", "/recent.json", "/history.json?from=0&to=1", "/reports.json", "/assets/main.js"):
+    for path in ("/events", "/recent.json", "/history.json?from=0&to=1", "/assets/main.js"):
         assert (await client.get(path)).status_code == 401, path
     own = {"origin": HERE}
     assert (await client.post("/acknowledge", data={"id": "a"}, headers=own)).status_code == 401
@@ -136,32 +136,7 @@ async def test_a_login_that_others_can_read_says_so(listen, tls, clear):
     assert (settings.doubt is not None) == clear
 
 
-async def test_reports_are_listed_with_what_they_change(page, tmp_path):
-    force = tmp_path / "force.toml"
-    force.write_text("[surface]\nconvection_W_m2K = 15.0\n", encoding="utf-8")
-    found = tmp_path / "monday"
-    found.mkdir()
-    (found / "result.json").write_text(
-        json.dumps({"verdict": "named", "effects": [{"kind": "radiation"}]}), encoding="utf-8"
-    )
-    (found / "config.toml").write_text("[surface]\nconvection_W_m2K = 18.0\n", encoding="utf-8")
-    (found / "report.html").write_text("<script>alert(1)</script>", encoding="utf-8")
-    (tmp_path / "broken").mkdir()
-    (tmp_path / "broken" / "result.json").write_text("{", encoding="utf-8")
-    client, _ = page(config_file=force)
-    sent = {r["name"]: r for r in (await client.get("/reports.json")).json()["reports"]}
-    assert sent["broken"]["verdict"] == "not readable"
-    assert sent["monday"]["effects"] == ["radiation"]
-    assert "+convection_W_m2K = 18.0" in sent["monday"]["diff"]
-    assert sent["monday"]["command"] == f"observer adopt {found} --config {force}"
-    report = await client.get("/reports/monday/report.html")
-    assert "sandbox" in report.headers["content-security-policy"]
-    assert "script-src" not in report.headers["content-security-policy"]
-    for name in ("none", "..", "%2e%2e", "..%2fmonday"):
-        assert (await client.get(f"/reports/{name}/report.html")).status_code == 404
-
-
-async def test_no_recording_is_said_with_what_to_do(page, tmp_path):
+async def test_no_recording_is_said_with_what_to_do(page):
     client, _ = page()
     assert "record.directory" in (await client.get("/recordings.json")).json()["reason"]
     assert (await client.get("/history.json?from=1")).status_code == 400

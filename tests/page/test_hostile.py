@@ -7,7 +7,7 @@ import json
 import socket
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from urllib.parse import quote, urlsplit
+from urllib.parse import urlsplit
 
 import httpx
 import pytest
@@ -103,7 +103,7 @@ def test_a_cookie_that_has_been_logged_out_is_worth_nothing(tmp_path):
 
 
 HOSTILE = [
-    (f"/reports/{'a' * 5000}/report.html", None, 404),
+    (f"/assets/{'a' * 5000}", None, 404),
     ("/history.json?from=0&to=1e308", None, 400),
     ("/history.json?from=-1e308&to=1e308", None, 400),
     ("/history.json?from=0&to=5e-324", None, 400),
@@ -112,41 +112,13 @@ HOSTILE = [
 ]
 
 
-def test_a_hostile_request_is_rejected_with_a_sentence(tmp_path):
-    with gateway(reports=tmp_path) as (url, _):  # which also asserts that nothing is on standard error
+def test_a_hostile_request_is_rejected_with_a_sentence():
+    with gateway() as (url, _):  # which also asserts that nothing is on standard error
         for path, form, status in HOSTILE:
             answer = _asked(url, path, form)
             assert answer.status_code == status, (path, form)
             assert answer.text.strip()
         assert _asked(url, "/acknowledge", "id=a", Origin="http://[").status_code == 403
-
-
-def test_a_link_in_the_folder_of_reports_is_not_followed(tmp_path):
-    reports, elsewhere = tmp_path / "reports", tmp_path / "elsewhere"
-    for folder in (elsewhere, reports / "linked"):
-        folder.mkdir(parents=True)
-        (folder / "result.json").write_text('{"verdict": "named", "effects": []}', encoding="utf-8")
-    for name in ("report.html", "config.toml"):
-        (elsewhere / name).write_text("secret", encoding="utf-8")
-        (reports / "linked" / name).symlink_to(elsewhere / name)
-    (reports / "folder").symlink_to(elsewhere)
-    force = tmp_path / "force.toml"
-    force.write_text("", encoding="utf-8")
-    with gateway(config_file=force, reports=reports) as (url, _):
-        for name in ("linked", "folder"):
-            assert _asked(url, f"/reports/{name}/report.html").status_code == 404
-        listed = _asked(url, "/reports.json").content
-    assert b"linked" in listed
-    assert b"secret" not in listed
-    assert b'"folder","' not in listed
-    assert b'"name":"folder"' not in listed
-
-
-def test_a_result_of_endless_lists_is_listed_as_not_readable(tmp_path):
-    (tmp_path / "deep").mkdir()
-    (tmp_path / "deep" / "result.json").write_text("[" * 100_000, encoding="utf-8")
-    with gateway(reports=tmp_path) as (url, _):
-        assert b"not readable" in _asked(url, "/reports.json").content
 
 
 def test_a_burst_of_viewers_is_admitted_up_to_the_limit():
@@ -176,24 +148,6 @@ def _status(connection: socket.socket) -> bytes:
         return connection.recv(65536)[9:12]
     except ConnectionResetError:
         return b""
-
-
-NAMES = ["größe", "x%y", "a b", "name\nline", "q?#", "€", "\x00", "a" * 5000, "\r\nX: y", "Ω/.."]
-
-
-def test_a_report_of_any_name_is_shown_or_not_found_also_through_another_axis(tmp_path):
-    for name in ("größe", b"not-utf8-\xff".decode("utf-8", "surrogateescape")):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "result.json").write_text(
-            '{"verdict": "\\ud800", "effects": []}', encoding="utf-8"
-        )
-        (tmp_path / name / "report.html").write_text("<p>shown</p>", encoding="utf-8")
-    with gateway(reports=tmp_path) as (one, _), gateway(axes=(urlsplit(one).netloc,)) as (other, _):
-        for url in (one, f"{other}axes/1/"):
-            assert len(httpx.get(f"{url}reports.json", timeout=PATIENCE_S).json()["reports"]) == 2
-            for name in NAMES:
-                answer = httpx.get(f"{url}reports/{quote(name, safe='')}/report.html", timeout=PATIENCE_S)
-                assert answer.status_code == (200 if name == "größe" else 404), (url, name)
 
 
 def test_sixty_viewers_who_ask_for_the_last_hour_at_once_get_it_compressed_once():

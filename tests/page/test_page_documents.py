@@ -36,22 +36,8 @@ def sealed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tls")
     ours = Authority(folder)
     users = secret(folder / "users", "anna:right\n")
-    config = _found(folder)
-    with gateway(ours.ca, config, users_file=users, reports=folder, **ours.sign("page")) as (url, process):
+    with gateway(ours.ca, users_file=users, **ours.sign("page")) as (url, process):
         yield url, ours.ca, process
-
-
-def _found(folder: Path) -> Path:
-    """A configuration, and beside it what `discover` found; the report has a script, as no true one has."""
-    config, found = folder / "force.toml", folder / "monday"
-    found.mkdir()
-    config.write_text("[surface]\nconvection_W_m2K = 15.0\n", encoding="utf-8")
-    (found / "config.toml").write_text("[surface]\nconvection_W_m2K = 18.0\n", encoding="utf-8")
-    result = {"verdict": "named", "effects": [{"kind": "radiation"}]}
-    (found / "result.json").write_text(json.dumps(result), encoding="utf-8")
-    script = "<h1>It radiates</h1><script>document.querySelector('h1').textContent = 'It ran'</script>"
-    (found / "report.html").write_text(script, encoding="utf-8")
-    return config
 
 
 @pytest.fixture(scope="module")
@@ -202,28 +188,6 @@ def test_good_estimates_with_a_released_compensation_are_good_and_the_headline_s
         send_all(process, DOCUMENTS | {"compensation": off, "health": health}, estimate(7))
         until(lambda: page.inner_text("#words") == f"Estimates are good. Compensation is off: {reason}")
         assert page.inner_text("#state") == "Good"
-
-
-def test_a_report_is_opened_and_the_command_that_adopts_it_copied(anna, sealed):
-    url, ca, _ = sealed
-    anna.grant_permissions(["clipboard-read", "clipboard-write"])
-    with closing(anna.new_page()) as page:
-        page.goto(url)
-        page.click("#reports summary")
-        assert "+convection_W_m2K = 18.0" in page.inner_text("#reports pre")
-        page.click("#reports .copy button")
-        page.wait_for_function(
-            "() => document.querySelector('#reports .copy button').textContent === 'Copied'"
-        )
-        command = f"observer adopt {ca.parent / 'monday'} --config {ca.parent / 'force.toml'}"
-        assert page.evaluate("() => navigator.clipboard.readText()") == command
-        page.click("#reports details > button")
-        report = page.frame_locator("#report-frame")
-        report.locator("h1").wait_for()
-        assert report.locator("h1").inner_text() == "It radiates"
-        page.keyboard.press("Escape")
-        assert not page.is_visible("#report")
-        assert page.evaluate("() => document.activeElement.textContent") == "Show the report"
 
 
 def test_long_and_numerous_texts_stay_in_their_panel(crowded):

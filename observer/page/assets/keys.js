@@ -27,7 +27,7 @@ export function startKeys() {
     const past = at.closest("#p8") !== null;
     const acts = { "?": () => byId("help").showModal(), t: turnTheme, " ": turnHold, ArrowLeft: () => (past ? pan(-1) : step(-1)), ArrowRight: () => (past ? pan(1) : step(1)), "+": () => zoom(0.5), "-": () => zoom(2) };
     if (typing || (pressing && event.key === " ")) return;
-    if (/^[0-9]$/.test(event.key)) go(byId(`p${event.key}`));
+    if (/^[0-8]$/.test(event.key)) go(byId(`p${event.key}`));
     else if (acts[event.key]) acts[event.key]();
     else return;
     event.preventDefault();

@@ -6,7 +6,6 @@ import { startHeatmap } from "./heatmap.js";
 import { startHero } from "./hero.js";
 import { startKeys } from "./keys.js";
 import { openPast, startPast } from "./past.js";
-import { startReports } from "./reports.js";
 import { startScrew } from "./screw.js";
 import { connect, onNews, store } from "./store.js";
 import { startTables } from "./tables.js";
@@ -14,7 +13,7 @@ import { startTools } from "./tools.js";
 import { restore } from "./views.js";
 
 await chooseAxis();
-for (const start of [startHero, startTables, startAlarms, startScrew, startHeatmap, startCurves, startAxes, startKeys, startPast, startReports, startTools]) start();
+for (const start of [startHero, startTables, startAlarms, startScrew, startHeatmap, startCurves, startAxes, startKeys, startPast, startTools]) start();
 restore(views, openPast);
 onNews(["hello"], () => { byId("logout").hidden = !store.hello.login; });
 byId("logout").addEventListener("submit", async (event) => {
