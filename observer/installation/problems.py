@@ -1,15 +1,9 @@
-"""What is wrong with a configuration, all of it at once: one sentence for each problem, likely typos first.
-
-pydantic checks a table as a whole only when each of its keys is valid. So a misspelt key is renamed, a wrong
-value replaced by what was probably meant, and the repaired table checked again while that finds more.
-"""
+"""What is wrong with a configuration: one sentence for each problem, likely typos first."""
 
 from __future__ import annotations
 
 import contextlib
-import copy
 import difflib
-import functools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, get_args
@@ -23,92 +17,46 @@ from observer.effects.catalogue import KINDS
 from observer.errors import SeveralError
 from observer.files.toml_slips import truth, without_quotes
 from observer.installation.typed import key_name
-from observer.installation.typical_ranges import hint, probable
+from observer.installation.typical_ranges import hint
 from observer.tables.outside import entry_names, is_outside, outside
 
 Path = tuple[int | str, ...]
-_PASSES = 4
 _MOST_LISTED = 40
-_ANY_CHANNEL = "some_channel"
 _KEY = "[key]"  # the end of pydantic's location when the name of a table is wrong
 
 
 def problems_of(table: dict[str, Any], model: type[BaseModel]) -> list[str]:
-    """Every problem of a table as “key: what is wrong; remedy”; empty where the model accepts it."""
-    check = _Check(table, model)
-    for number in range(_PASSES):
-        if not check.finds_more(first=number == 0):
-            break
-    every = [*check.typos, *check.others]
-    lines = [_line(path, words, table) for path, words in every[:_MOST_LISTED]]
-    left = len(every) - len(lines)
-    return [*lines, f"and {left} more; fix these first"] if left > 0 else lines
+    """Every problem of a table as “key: what is wrong; remedy”; empty where the model accepts it.
+
+    A missing key is left out where it is what a misspelt one probably means.
+    """
+    try:
+        model.model_validate(table)
+        return []
+    except ValidationError as error:
+        errors = [(_path(e["loc"], table), e) for e in _without_consequences(error.errors(include_url=False))]
+    unknown = [path for path, e in errors if e["type"] == "extra_forbidden"]
+    meant = {path: _meant_key(path, table, model) for path in unknown[:_MOST_LISTED]}
+    suggested = {(*path[:-1], key) for path, key in meant.items() if key is not None}
+    typos = [
+        (path, f"unknown key{_question(meant.get(path))}; remove it or correct its name") for path in unknown
+    ]
+    others = [
+        (path, words)
+        for path, e in errors
+        if e["type"] != "extra_forbidden" and not (e["type"] == "missing" and path in suggested)
+        for words in _sentences(e, path)
+    ]
+    problems = dict.fromkeys(typos + others)
+    lines = [_line(path, words, table) for path, words in [*problems][:_MOST_LISTED]]
+    remaining = len(problems) - len(lines)
+    return [*lines, f"and {remaining} more; fix these first"] if remaining > 0 else lines
 
 
-class _Check:
-    """The problems found so far by place and words, and the table with guessed repairs."""
-
-    def __init__(self, table: dict[str, Any], model: type[BaseModel]) -> None:
-        self.typos: dict[tuple[Path, str], None] = {}
-        self.others: dict[tuple[Path, str], None] = {}
-        self._table = copy.deepcopy(table)
-        self._model = model
-        self._repaired: set[Path] = set()  # places whose further errors follow from the repair
-        self._guessed: set[Path] = set()  # tables whose further errors may follow from a repair in them
-
-    def finds_more(self, *, first: bool) -> bool:
-        """Validate the table once and repair it; whether that found a new problem."""
-        try:
-            self._model.model_validate(self._table)
-            return False
-        except ValidationError as error:
-            errors = _without_consequences(error.errors(include_url=False))
-        before = len(self.typos) + len(self.others)
-        errors.sort(key=lambda e: e["type"] != "extra_forbidden")
-        for detail in errors:
-            path = _path(detail["loc"], self._table)
-            if detail["type"] == "extra_forbidden":
-                self._rename(path)
-            elif path in self._repaired:
-                self._replace(path, detail)
-            elif first or not {path, path[:-1]} & self._guessed:
-                cause = detail.get("ctx", {}).get("error")
-                several = cause.problems if isinstance(cause, SeveralError) else [_words(detail, path)]
-                self.others |= dict.fromkeys((path, words) for words in several)
-                self._replace(path, detail)
-        return len(self.typos) + len(self.others) > before
-
-    def _rename(self, path: Path) -> None:
-        """Report an unknown key, and give it the name that was probably meant; without one, remove it."""
-        *place, key = path
-        listed = len(self.typos) < _MOST_LISTED
-        close = listed and _closest(str(key).lower()[:80], _keys_at(place, self._table, self._model))
-        question = f" (did you mean {close}?)" if close else ""
-        self.typos[path, f"unknown key{question}; remove it or correct its name"] = None
-        holder = _holder(self._table, path)
-        if not isinstance(holder, dict):
-            return
-        value = holder.pop(key, None)
-        if close:
-            holder.setdefault(close, value)
-            self._repaired.add((*place, close))
-        elif place:
-            self._guessed.add(tuple(place))
-
-    def _replace(self, path: Path, detail: ErrorDetails) -> None:
-        """Put what was probably meant in place of a value; else remove it, so that its default holds."""
-        value = detail["input"]
-        if not path or detail["type"] == "missing" or isinstance(value, dict):
-            return
-        is_channel = isinstance(value, str) and str(path[-1]).endswith("channel")
-        guess = _ANY_CHANNEL if is_channel else probable(path, value)
-        holder = _holder(self._table, path)
-        if isinstance(holder, dict):
-            holder.pop(path[-1], None)
-        if guess is not None and isinstance(holder, dict | list):
-            holder[path[-1]] = guess  # type: ignore[index]
-        self._repaired.add(path)
-        self._guessed |= {path[:-1]} - {()}
+def _sentences(detail: ErrorDetails, path: Path) -> Sequence[str]:
+    """What one error of pydantic says, in words: a check of several keys may find several problems."""
+    cause = detail.get("ctx", {}).get("error")
+    return cause.problems if isinstance(cause, SeveralError) else [_words(detail, path)]
 
 
 def as_message(place: str, problems: Sequence[str]) -> str:
@@ -251,9 +199,14 @@ def within(table: Any, part: int | str) -> Any:
     return table.get(part) if isinstance(table, dict) else None
 
 
-def _holder(table: Any, path: Path) -> Any:
-    """The table or list that contains a place."""
-    return functools.reduce(within, path[:-1], table)
+def _question(key: str | None) -> str:
+    return f" (did you mean {key}?)" if key else ""
+
+
+def _meant_key(path: Path, table: Any, model: type[BaseModel]) -> str | None:
+    """The key that an unknown one probably stands for, None where none is near."""
+    *place, key = path
+    return _closest(str(key).lower()[:80], _keys_at(place, table, model))
 
 
 def _closest(key: str, known: Sequence[str]) -> str | None:

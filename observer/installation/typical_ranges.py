@@ -123,12 +123,6 @@ def pattern_of(path: tuple[int | str, ...]) -> str:
     return ".".join(parts)
 
 
-def probable(path: tuple[int | str, ...], value: object) -> float | None:
-    """The one value that was probably meant at a place, None where nothing or more than one is likely."""
-    found = _candidates(path, value)
-    return found[0][0] if found else None
-
-
 def hint(path: tuple[int | str, ...], value: object) -> str:
     """“; did you mean 0.04 (40 mm)?”, or nothing where the value is usual or no unit explains it."""
     found = _candidates(path, value)
