@@ -7,12 +7,10 @@ import gzip
 import json
 import mimetypes
 import os
-import re
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from http.client import HTTPException as ClientError
 from importlib.resources import files
 from typing import Any
 from urllib.parse import parse_qs
@@ -34,7 +32,6 @@ from starlette.types import ASGIApp
 
 from observer.errors import LogError
 from observer.gateway.start import Start
-from observer.page.axes import Neighbour, summaries
 from observer.page.guard import COOKIE, Guard, Logins
 from observer.page.history import Digests, history
 from observer.page.stream import Stream
@@ -46,10 +43,6 @@ _MOST_FORM_BYTES = 4096
 _MOST_FIELDS = 10
 _MOST_NAME = 200
 _POINTS = 600
-_OF_AN_AXIS = {
-    "GET": re.compile(r"(recent|recordings|history)\.json"),
-    "POST": re.compile(r"acknowledge"),
-}
 _GIVES_WAY = 10
 _LEVEL = 4  # of compression
 _IN_THE_CLEAR = (
@@ -63,14 +56,10 @@ def application(
     stream: Stream,
     login: Logins | None,
     acknowledge: Acknowledge,
-    axes: Sequence[Neighbour] = (),
 ) -> ASGIApp:
-    """The page of an axis, for users of `login`; `acknowledge(id, by)` reports an acknowledged alarm.
-
-    `axes` are the others that it shows.
-    """
+    """The page of an axis, for users of `login`; `acknowledge(id, by)` reports an acknowledged alarm."""
     assert start.page is not None
-    pages = _Pages(start, stream, login, acknowledge, axes)
+    pages = _Pages(start, stream, login, acknowledge)
     app = Starlette(
         routes=[
             Route("/", pages.index),
@@ -80,9 +69,6 @@ def application(
             Route("/recordings.json", pages.recordings),
             Route("/history.json", pages.history),
             Route("/acknowledge", pages.acknowledge, methods=["POST"]),
-            Route("/axes.json", pages.axes),
-            Route("/axes/{k:int}/events", pages.axis_events),
-            Route("/axes/{k:int}/{path:path}", pages.axis, methods=["GET", "POST"]),
             Route("/login", pages.login, methods=["GET", "POST"]),
             Route("/logout", pages.logout, methods=["POST"]),
         ]
@@ -111,12 +97,10 @@ class _Pages:
         stream: Stream,
         login: Logins | None,
         acknowledge: Acknowledge,
-        axes: Sequence[Neighbour],
     ) -> None:
         assert start.page is not None
         self._start, self._page, self._stream = start, start.page, stream
         self._login, self._acknowledge = login, acknowledge
-        self._axes = axes
         # one reader for all viewers: concurrent requests take neither more memory nor another core
         self._reader = ThreadPoolExecutor(1, "recordings", _give_way)
         self._digests, self._turn = Digests(), asyncio.Lock()
@@ -198,44 +182,11 @@ class _Pages:
 
     async def acknowledge(self, request: Request) -> Response:
         """Report to the service that somebody has acknowledged an alarm."""
-        form = await _form(request)
-        alarm = form.get("id", "")
+        alarm = (await _form(request)).get("id", "")
         if not alarm or len(alarm) > _MOST_NAME or not alarm.isprintable():
             return PlainTextResponse("which alarm? give its id\n", 400)
-        self._acknowledge(alarm, self._by(request, form))
+        self._acknowledge(alarm, request.scope["user"])
         return _Json({"acknowledged": alarm})
-
-    def _by(self, request: Request, form: dict[str, str]) -> str:
-        """The user who asks, or, without a login, the one named by another axis's page."""
-        said = form.get("by", "")
-        trusted = self._login is None and 0 < len(said) <= _MOST_NAME and said.isprintable()
-        return said if trusted else str(request.scope["user"])
-
-    async def axes(self, _: Request) -> Response:
-        """This axis and the others, in words."""
-        return _Json(summaries(self._stream.documents(), self._axes))
-
-    async def axis_events(self, request: Request) -> Response:
-        """The events of another axis."""
-        if (axis := self._axis(request)) is not None and (events := axis.join()) is not None:
-            return events
-        return PlainTextResponse("no such axis, or too many viewers of it\n", 503)
-
-    async def axis(self, request: Request) -> Response:
-        """The answer of another axis's page."""
-        path, axis = request.path_params["path"], self._axis(request)
-        if axis is None or not _OF_AN_AXIS["POST" if request.method == "POST" else "GET"].fullmatch(path):
-            return PlainTextResponse("no such axis, or nothing of it under that name\n", 404)
-        form = {**await _form(request), "by": request.scope["user"]} if request.method == "POST" else None
-        try:
-            status, kind, body = await run_in_threadpool(axis.ask, path, request.url.query, form)
-        except (OSError, ClientError) as error:
-            return PlainTextResponse(f"the page of that axis does not answer: {error}\n", 502)
-        return Response(body, status, media_type=kind)
-
-    def _axis(self, request: Request) -> Neighbour | None:
-        k = request.path_params["k"]
-        return self._axes[k - 1] if 1 <= k <= len(self._axes) else None
 
     async def login(self, request: Request) -> Response:
         """The login form, and its evaluation."""

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
-
 from observer.files.regular import read_users
 from observer.gateway.messages import Latest
 from observer.gateway.server import served
 from observer.gateway.start import Say, Start, run_together, tell_service
 from observer.page.app import application
-from observer.page.axes import Neighbour, announce
 from observer.page.guard import Logins
 from observer.page.stream import Stream
 
@@ -22,17 +19,13 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
     users = read_users(page.users_file, "page.users_file") if page.users_file is not None else None
     login = None if users is None else Logins(users, secure=secure)
     stream = Stream(latest, start, login is not None)
-    axes = [Neighbour(address, login is not None) for address in page.axes]
-    app = application(start, stream, login, acknowledge, axes)
+    app = application(start, stream, login, acknowledge)
     async with served(app, "page", page.listen, page.certificate, page.key) as serving:
-        for axis in axes:
-            axis.follow(asyncio.get_running_loop())
         say({"reason": None, "address": f"http{'s' * secure}://{page.listen}/", "doubt": page.doubt})
         try:
-            await run_together(serving, stream.run(), announce(axes, stream, stream.documents))
+            await run_together(serving, stream.run())
         finally:
-            for viewers in (stream, *axes):
-                viewers.end()
+            stream.end()
 
 
 def acknowledge(alarm: str, by: str) -> None:

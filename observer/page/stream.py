@@ -45,15 +45,9 @@ class Stream(Viewers):
         hello = start.model_dump(include={"machine", "axis", "period_s", "laws", "forecast_s"})
         hello["login"] = login
         self.send("hello", event("hello", json.dumps(hello).encode()) + _AGAIN)
-        self._hello = hello
         self._sent_s: dict[str, float] = {}
         self._innovations = Innovations()
         self.recent = Recent()
-
-    def documents(self) -> dict[str, Any]:
-        """The newest documents of which a summary is made."""
-        said = {key: self._latest.document(key) for key in ("health", "alarms")}
-        return {**said, "hello": self._hello, "beat": {"stale": self._latest.is_stale}}
 
     async def run(self) -> None:
         """Pass on the service's messages as they arrive, for ever, and a heartbeat each second."""

@@ -40,14 +40,6 @@ def _checked(address: str) -> str:
     return address
 
 
-def _checked_nearby(address: str) -> str:
-    if not is_loopback(address):
-        raise ValueError(
-            f"{address} is not on this computer; let each axis's page listen on 127.0.0.1 and name that"
-        )
-    return address
-
-
 def _checked_interval(interval_s: float) -> float:
     if 0.0 < interval_s < _LEAST_INTERVAL_S:
         raise ValueError(f"{interval_s:g} s is too short; give 0, which is every step, or 0.001 and more")
@@ -66,7 +58,6 @@ Address = Annotated[str, Field(max_length=300), AfterValidator(_checked)]
 
 
 OpcuaAddress = Annotated[str, Field(max_length=300), AfterValidator(_checked_opcua)]
-Nearby = Annotated[Address, AfterValidator(_checked_nearby)]
 Topic = Annotated[str, Field(pattern=r"^[^#+\s/][^#+\s]*$", max_length=200)]
 
 
@@ -78,8 +69,6 @@ class Page(Section):
     users_file: File | None = None  #: a file of lines `name:password`; viewers must then log in
     certificate: File | None = None  #: PEM file; the page is then served by TLS
     key: File | None = None  #: its key
-    #: the pages of other axes on this computer, `host:port` each, shown on this one too
-    axes: Annotated[tuple[Nearby, ...], Field(max_length=50)] = ()
 
     _pair = together("certificate", "key")
 

@@ -48,7 +48,9 @@ async def test_everything_is_sealed(page):
         assert answer.headers["referrer-policy"] == "no-referrer"
 
 
-@pytest.mark.parametrize("path", ["/notes", "/reports.json", "/reports/monday/report.html"])
+@pytest.mark.parametrize(
+    "path", ["/notes", "/reports.json", "/reports/monday/report.html", "/axes.json", "/axes/1/events"]
+)
 async def test_the_page_has_no_other_routes(page, path):
     client, _ = page()
     assert (await client.get(path)).status_code == 404
@@ -83,7 +85,9 @@ async def test_an_alarm_is_acknowledged_by_the_page_itself_alone(page):
         answer = await client.post("/acknowledge", data={"id": "sensor.t3"}, headers=origin)
         assert answer.status_code == 403
     assert seen == []
-    answer = await client.post("/acknowledge", data={"id": "sensor.t3"}, headers={"origin": HERE})
+    answer = await client.post(
+        "/acknowledge", data={"id": "sensor.t3", "by": "anna"}, headers={"origin": HERE}
+    )
     assert answer.status_code == 200
     assert seen == [("sensor.t3", "page")]
     for wrong in ("", "a" * 201, "a\nb"):

@@ -1,4 +1,4 @@
-"""What one does with the page in a real browser: acknowledge, read, zoom, save, look at other axes."""
+"""What one does with the page in a real browser: acknowledge, read, zoom, save."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import json
 from contextlib import closing
 from pathlib import Path
 
-import httpx
 import numpy as np
 import pytest
 
@@ -295,35 +294,6 @@ def test_a_hundred_thousand_points_are_trends_with_their_mean(opened):
         # a saw of 100 values, and r more at worst all at one end: r (100 - r) / 2 / (100 + r) is at most 8.6
         assert float(row["t3_degC_mean"]) == pytest.approx(69.5, abs=8.6)
     assert page.evaluate("() => document.querySelector('[data-unit=m] + .readout') !== null")
-
-
-def test_two_axes_stand_side_by_side_and_one_is_looked_at_through_the_other(browser, folder, tmp_path):
-    users = tmp_path / "users"
-    users.write_text("anna:right\n", encoding="utf-8")
-    users.chmod(0o600)
-    with gateway(machine="mill") as (there, far):
-        address = there.split("/")[2]
-        with gateway(users_file=users, axes=(address,)) as (here, _), closing(browser.new_page()) as page:
-            page.goto(here)
-            page.fill("[name=user]", "anna")
-            page.fill("[name=password]", "right")
-            page.keyboard.press("Enter")
-            page.wait_for_selector("#axes [data-axis='mill/z']")
-            assert page.locator("#axes a").count() == 2
-            page.click("#axes [data-axis='mill/z']")
-            page.wait_for_function("() => document.getElementById('machine')?.textContent === 'mill'")
-            assert page.is_visible("#logout")
-            page.click("#hero-alarm button")
-            assert json.loads(far.stdout.readline())["by"] == "anna"
-            with httpx.Client(base_url=here) as stranger:
-                for path in ("axes.json", "axes/1/events", "axes/1/recent.json"):
-                    assert stranger.get(f"/{path}").status_code == 401
-            far.stdin.close()
-            page.wait_for_function(
-                "() => document.querySelector('#axes [data-axis=\"mill/z\"]').dataset.state === 'stale'"
-            )
-            assert "nothing comes from" in page.inner_text("#axes [data-axis='mill/z']")
-            far.stdin = io.BytesIO()  # the helper closes it again
 
 
 @pytest.mark.parametrize("size", SIZES)

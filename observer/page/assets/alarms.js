@@ -1,6 +1,6 @@
 // Alarms: the worst of them, each with its remedy, and the button that says somebody has seen it.
 import { byId, known, make, number, when } from "./format.js";
-import { address, onNews, store } from "./store.js";
+import { onNews, store } from "./store.js";
 
 const SEVERITIES = ["invalid", "major", "minor"];
 const rank = ({ state, severity }) => (state === "acknowledged" ? 10 : 0) + SEVERITIES.indexOf(severity);
@@ -11,7 +11,7 @@ export const worst = () => [...(store.documents.alarms?.alarms ?? [])].sort((a, 
 async function acknowledge(id, button) {
   button.disabled = true;
   try {
-    const answer = await fetch(address("acknowledge"), { method: "POST", body: new URLSearchParams({ id }) });
+    const answer = await fetch("/acknowledge", { method: "POST", body: new URLSearchParams({ id }) });
     button.textContent = answer.ok ? "sent" : `refused (${answer.status})`;
     if (!answer.ok) button.disabled = false;
   } catch { button.textContent = "not sent; try again"; button.disabled = false; }

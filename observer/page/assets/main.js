@@ -1,5 +1,4 @@
 import { startAlarms } from "./alarms.js";
-import { chooseAxis, startAxes } from "./axes.js";
 import { startCurves, views } from "./curves.js";
 import { byId } from "./format.js";
 import { startHeatmap } from "./heatmap.js";
@@ -12,8 +11,7 @@ import { startTables } from "./tables.js";
 import { startTools } from "./tools.js";
 import { restore } from "./views.js";
 
-await chooseAxis();
-for (const start of [startHero, startTables, startAlarms, startScrew, startHeatmap, startCurves, startAxes, startKeys, startPast, startTools]) start();
+for (const start of [startHero, startTables, startAlarms, startScrew, startHeatmap, startCurves, startKeys, startPast, startTools]) start();
 restore(views, openPast);
 onNews(["hello"], () => { byId("logout").hidden = !store.hello.login; });
 byId("logout").addEventListener("submit", async (event) => {

@@ -1,7 +1,7 @@
 // The recordings: a span of them, another laid over it.
 import { again, chart, edge, line, tidyLegend } from "./charts.js";
 import { byId, colour, fade, known, local, make, number, say, span, when } from "./format.js";
-import { address, onNews, store } from "./store.js";
+import { onNews, store } from "./store.js";
 import { offer } from "./tools.js";
 import { newView, note } from "./views.js";
 
@@ -20,7 +20,7 @@ const unitOf = (name) => name.slice(name.lastIndexOf("_") + 1);
 
 async function read(from_s, until_s, signal) {
   const points = Math.min(800, Math.max(200, byId("c-past").clientWidth));
-  const answer = await fetch(`${address("history.json")}?from=${from_s}&to=${until_s}&points=${points}`, { signal });
+  const answer = await fetch(`/history.json?from=${from_s}&to=${until_s}&points=${points}`, { signal });
   if (!answer.ok) throw new Error((await answer.text()).trim());
   return answer.json();
 }
@@ -117,7 +117,7 @@ function table() {
 
 async function list(thenNewest) {
   if (!store.appearance) await new Promise((heard) => { onNews(["rows"], heard); });
-  const listed = await (await fetch(address("recordings.json"))).json();
+  const listed = await (await fetch("/recordings.json")).json();
   files = listed.files;
   if (!files.length) { say("past-words", listed.reason ?? "Nothing has been recorded yet."); return; }
   if (to_s === null || thenNewest) {

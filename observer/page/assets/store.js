@@ -5,9 +5,8 @@ const HOUR_S = 3600;
 // of a sensor whose reading is not used now
 const CROSSED = ["missing", "stale", "rejected", "excluded"];
 export const store = {
-  base: "/", appearance: null, hello: null, documents: {}, rows: [], held: null, heard: 0, beat: 0, config: null, serverSaysStale: false,
+  appearance: null, hello: null, documents: {}, rows: [], held: null, heard: 0, beat: 0, config: null, serverSaysStale: false,
 };
-export const address = (path) => store.base + path;
 const wanted = new Map();
 const dirty = new Set();
 let waiting = false;
@@ -82,14 +81,14 @@ function remember() {
 export async function connect() {
   let keys;
   try {
-    const answer = await fetch(address("recent.json"));
+    const answer = await fetch("/recent.json");
     if (answer.status === 401) { location.assign("/login"); return; }
     if (!answer.ok) throw new Error(await answer.text());
     ({ rows: store.rows, keys, appearance: store.appearance } = await answer.json());
   } catch { setTimeout(connect, 1000); return; }
   news("rows");
-  const events = new EventSource(address("events"));
-  for (const key of [...keys, "hello", "beat", "axes"]) {
+  const events = new EventSource("/events");
+  for (const key of [...keys, "hello", "beat"]) {
     events.addEventListener(key, (event) => take(key, JSON.parse(event.data)));
   }
   events.addEventListener("error", () => {

@@ -9,13 +9,11 @@ export function newView(panel, key, whole) {
 }
 export const live = newView("p2", "span", () => [store.rows[0]?.time_s ?? 0, store.rows.at(-1)?.time_s ?? 1]);
 
-export const asked = new URLSearchParams(location.hash.slice(1));
+const asked = new URLSearchParams(location.hash.slice(1));
 const digits = (x) => String(Number(x.toFixed(3)));
 
 export function link(panel, range) {
-  const words = new URLSearchParams();
-  if (store.hello) words.set("axis", `${store.hello.machine}/${store.hello.axis}`);
-  words.set("panel", panel);
+  const words = new URLSearchParams({ panel });
   if (range) { words.set("from", digits(range[0])); words.set("to", digits(range[1])); }
   return `${location.pathname}#${words}`;
 }
