@@ -226,7 +226,7 @@ def test_nothing_moves_where_that_is_not_wanted(crowded):
     crowded.emulate_media(reduced_motion="reduce")
     assert crowded.evaluate("() => getComputedStyle(document.documentElement).scrollBehavior") == "auto"
     moving = "() => document.getAnimations().length"
-    crowded.keyboard.press("t")
+    crowded.click("#theme")
     assert crowded.evaluate(moving) == 0
     crowded.emulate_media(reduced_motion="no-preference")
     assert crowded.evaluate("() => getComputedStyle(document.documentElement).scrollBehavior") == "smooth"

@@ -48,6 +48,6 @@ export function gestures(plot, frame, view) {
     const acts = { ArrowLeft: () => (event.shiftKey ? pan(-0.25) : look(index - 1)), ArrowRight: () => (event.shiftKey ? pan(0.25) : look(index + 1)), "+": () => zoom(0.5), "-": () => zoom(2), Home: () => view.set(null) };
     if (!acts[event.key]) return;
     acts[event.key]();
-    event.preventDefault(); event.stopPropagation();
+    event.preventDefault();
   });
 }

@@ -106,8 +106,7 @@ function move(from, to) {
   waiting = setTimeout(show, 120);
 }
 function whole() { if (files.length) move(Math.min(...files.map((f) => f.from_s)), Math.max(...files.map((f) => f.to_s), files[0].from_s + LEAST_S)); }
-export function pan(by) { if (to_s !== null) { to_s += by * length_s / 4; show(); } }
-export function zoom(by) { if (to_s !== null) { const middle = to_s - length_s / 2; move(middle - length_s * by / 2, middle + length_s * by / 2); } }
+function pan(by) { if (to_s !== null) { to_s += by * length_s / 4; show(); } }
 export function openPast(from, to) { length_s = Math.min(MOST_S, Math.max(LEAST_S, to - from)); to_s = to; if (seen) { seen.disconnect(); seen = null; } list(false).then(() => byId("p8").scrollIntoView({ behavior: "instant" })); }
 
 function table() {

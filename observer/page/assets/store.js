@@ -62,11 +62,6 @@ export function hold(index) {
   news("view");
 }
 
-export function step(by) {
-  const at = store.held ? store.rows.indexOf(store.held) : store.rows.length;
-  hold(Math.min(store.rows.length, Math.max(0, at + by)));
-}
-
 function remember() {
   const row = live();
   const last = store.rows.at(-1);
