@@ -160,12 +160,11 @@ class _Tree:
 
 
 def _data(value: Any, quality: str, time_s: float) -> ua.DataValue:
-    """A value with its quality as status, BadNoData where it is not known, and its own time."""
-    known = not (value is None or (isinstance(value, float) and math.isnan(value)))
-    status = STATUS[quality] if known else StatusCodes.BadNoData
+    """A value with its quality as status, BadNoData for NaN, and its own time."""
+    is_unknown = isinstance(value, float) and math.isnan(value)
+    status = StatusCodes.BadNoData if is_unknown else STATUS[quality]
     at = ua.DateTime.fromtimestamp(time_s, UTC).replace(tzinfo=None)
-    variant = _variant(_plain(value))
-    return ua.DataValue(variant, ua.StatusCode(ua.UInt32(status)), SourceTimestamp=at)
+    return ua.DataValue(_variant(value), ua.StatusCode(ua.UInt32(status)), SourceTimestamp=at)
 
 
 def _variant(value: Any) -> ua.Variant:

@@ -101,12 +101,6 @@ class PastValues(HistoryStorageInterface):
         answer: dict[str, Any] = cbor2.loads(reply.payload)
         return answer
 
-    async def new_historized_node(self, node_id: Any, period: Any, count: int = 0) -> None:
-        """Nothing to do: the recorder keeps it."""
-
-    async def save_node_value(self, node_id: Any, datavalue: Any) -> None:
-        """Nothing to do: the recorder keeps it."""
-
 
 def check_continuation_point(point: bytes, details: ua.ReadRawModifiedDetails) -> None:
     """Raise `ServiceError` for a point that no answer about this span has given."""

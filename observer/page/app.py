@@ -168,11 +168,6 @@ class _Pages:
             return PlainTextResponse(f"{error} is missing; give from and to in seconds since 1970\n", 400)
         except (ValueError, LogError) as error:
             return PlainTextResponse(f"{error}\n", 400)
-        except ModuleNotFoundError as error:
-            install = 'pip install "ballscrew-observer[analysis]"'
-            return PlainTextResponse(
-                f"{error.name} is missing to read recordings; install it: {install}\n", 501
-            )
         return _Json(found)
 
     def _recordings(self) -> list[Recorded]:
