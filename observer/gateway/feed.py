@@ -55,7 +55,7 @@ class Feed:
 
     @property
     def unsent(self) -> Mapping[str, Mapping[str, float]]:
-        """What each outlet still has to send late: `steps`, and the `duration_s` they span."""
+        """The backlog of each outlet: the number of `steps` to send late, and the `duration_s` they span."""
         return dict(self._unsent)
 
     def put(self, key: str, payload: bytes) -> None:
@@ -69,7 +69,7 @@ class Feed:
         return [self._commands.popleft() for _ in range(len(self._commands))]
 
     def close(self, timeout_s: float) -> bool:
-        """End the process; returns whether it ended by itself in that time."""
+        """End the process; returns False if it had to be killed after that time."""
         self._closing.set()
         self._awake.set()
         end_s = time.monotonic() + timeout_s
@@ -128,19 +128,19 @@ class Feed:
             except (ValueError, KeyError, TypeError) as error:
                 log.warning("unexpected output of the gateway", line=line[:200], reason=str(error))
 
-    def _take(self, said: dict[str, Any]) -> None:
-        if "acknowledge" in said:
-            by, alarm = plain_name(f"{said['by']}@page"), said["acknowledge"]
+    def _take(self, report: dict[str, Any]) -> None:
+        if "acknowledge" in report:
+            by, alarm = plain_name(f"{report['by']}@page"), report["acknowledge"]
             self._commands.append(Command("acknowledge", by, time.monotonic(), _answered, None, alarm))
-        elif "unsent" in said:
-            self._unsent[said["outlet"]] = said["unsent"]
-        elif "outlet" in said:
+        elif "unsent" in report:
+            self._unsent[report["outlet"]] = report["unsent"]
+        elif "outlet" in report:
             self._reasons.pop("gateway", None)
-            name, reason = said["outlet"], said["reason"]
+            name, reason = report["outlet"], report["reason"]
             if reason is None:
                 self._reasons.pop(name, None)
-                log.info("outlet", name=name, address=said.get("address"))
-                if doubt := said.get("doubt"):
+                log.info("outlet", name=name, address=report.get("address"))
+                if doubt := report.get("doubt"):
                     log.warning("outlet", name=name, doubt=doubt)
             else:
                 self._reasons[name] = reason

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from paho.mqtt.client import MQTTMessageInfo
 
     from observer.gateway.messages import Latest
-    from observer.gateway.start import Say, Start
+    from observer.gateway.start import ReportState, Start
 
 _LAST_OF_A_STEP = "readings"
 _OF_EVERY_STEP = ("estimate", "heat", "readings")  # field and error are published less often
@@ -36,7 +36,7 @@ _SETTLE_S = 3.0  # until subscribers are back too, and the rows of the outage's 
 _RETRY_S = 10.0
 _ACKNOWLEDGED_S = 0.005
 _SAVE_LATE_S = 1.0
-_SAY_S = 1.0
+_REPORT_EVERY_S = 1.0
 
 Send = Callable[[str, bytes], "MQTTMessageInfo"]
 
@@ -51,7 +51,7 @@ class PastOfStart:
         self._archivist: Archivist | None = None
 
     def archivist(self) -> Archivist:
-        """Who answers; only where there is a folder of recordings."""
+        """Return the archive's client; only where there is a folder of recordings."""
         if self._archivist is None:
             assert self._start.recordings is not None
             self._archivist = Archivist(self._latest.payload("config") or b"{}", self._start.recordings)
@@ -65,24 +65,29 @@ class PastOfStart:
 
 class LateSender:
     """Tracks what a broker has received, and sends what it missed. `send` publishes at QoS 1 below the
-    prefix, `say` reports what is not sent yet.
+    prefix, `report_state` reports the number of unsent steps.
     """
 
     def __init__(
-        self, start: Start, latest: Latest, say: Say, send: Send, is_connected: Callable[[], bool]
+        self,
+        start: Start,
+        latest: Latest,
+        report_state: ReportState,
+        send: Send,
+        is_connected: Callable[[], bool],
     ) -> None:
         assert start.mqtt is not None
         assert start.recordings is not None
         self._settings = start.mqtt
-        self._say, self._send, self._is_connected = say, send, is_connected
+        self._report_state, self._send, self._is_connected = report_state, send, is_connected
         self._latest, self._step_s = latest, start.mqtt.late_every_s or start.period_s
-        self._said: dict[str, float] | None = None
+        self._reported: dict[str, float] | None = None
         name = f"{start.machine}-{start.axis}.mqtt-sent"
         self.backlog = Backlog(start.recordings / name, f"{start.mqtt.broker} {start.mqtt.prefix or ''}")
         self._marks: dict[int, tuple[int, float]] = {}
         self._connection = 0  # the library sends a mark again on the next one, where it says nothing
         self._resumes = False
-        self._marked_s = self._saved_s = self._connected_s = self._resumed_s = self._said_s = -math.inf
+        self._marked_s = self._saved_s = self._connected_s = self._resumed_s = self._reported_s = -math.inf
         self._slot = math.nan
         self._went: dict[str, tuple[int, float]] = {}
         self._past = PastOfStart(start, latest)
@@ -108,7 +113,7 @@ class LateSender:
         """Whether what lies before the first live value may not be on the disk yet, or nobody listens yet."""
         return self.is_settling or time.monotonic() - self._resumed_s < _SETTLE_S
 
-    def may_go(self, key: str, payload: bytes) -> bool:
+    def can_send(self, key: str, payload: bytes) -> bool:
         """Note that a message is about to go live; returns False for the rest of a step already sent."""
         if self._resumes and key in STEP_KEYS:
             if key != "estimate":
@@ -120,7 +125,7 @@ class LateSender:
             self.backlog.resumed(time_s)
         return True
 
-    def gone(self, key: str, payload: bytes) -> None:
+    def note_sent(self, key: str, payload: bytes) -> None:
         """Note that a message has gone live; send a mark after the last one of a step when due."""
         every_s, now_s = self._settings.late_every_s, time.monotonic()
         if key in self._went and every_s == 0.0:
@@ -133,7 +138,7 @@ class LateSender:
             self._slot, self._marked_s = slot, now_s
             connection = self._connection
             # a copy: the library's thread removes marks meanwhile
-            self._marks = {m: about for m, about in list(self._marks.items()) if about[0] == connection}
+            self._marks = {m: mark for m, mark in list(self._marks.items()) if mark[0] == connection}
             self._marks[self._send("alive", b"true").mid] = connection, time_s
 
     def _look_for_overtaken(self, key: str, payload: bytes) -> None:
@@ -172,15 +177,15 @@ class LateSender:
 
     def _report(self) -> None:
         """Say how much has not been sent yet, for health, where that has changed."""
-        if time.monotonic() - self._said_s < _SAY_S:
+        if time.monotonic() - self._reported_s < _REPORT_EVERY_S:
             return
         newest_s = float(self._latest.document("heat").get("time_s", -math.inf))
         is_out = not self._is_connected() or self._resumes
         behind_s = self.backlog.behind_s(newest_s) if is_out else self.backlog.left_s
         unsent = {"steps": round(behind_s / self._step_s), "duration_s": round(behind_s, 3)}
-        if unsent != self._said:
-            self._said, self._said_s = unsent, time.monotonic()
-            self._say({"unsent": unsent})
+        if unsent != self._reported:
+            self._reported, self._reported_s = unsent, time.monotonic()
+            self._report_state({"unsent": unsent})
 
     async def _send_span(self, span: MissingSpan) -> None:
         """Send a page of a span."""

@@ -1,8 +1,8 @@
 """Metrics for Prometheus, in its base units: metres, seconds, watts, degrees Celsius.
 
 Each value carries its `quality` as a label, so one that is not good is never shown as good.
-Once the service is silent, or its estimate stale or invalid, the values are absent, which ends the series.
-`up`, `state`, `alarms` and counters describe the service itself and are always there.
+The values are absent while the service is silent, or its estimate stale or invalid. That ends the series.
+`up`, `state`, `alarms` and the counters describe the service itself and are always present.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from observer.exchange import KEYS, KeyFigure
 from observer.frames import EstimateQuality
 from observer.gateway.messages import Latest
 from observer.gateway.server import served
-from observer.gateway.start import Say, Start
+from observer.gateway.start import ReportState, Start
 
 _SHOWN = ("good", "starting", "degraded")
 Rows = list[tuple[dict[str, str], float]]
 
 
-async def serve(start: Start, latest: Latest, say: Say) -> None:
+async def serve(start: Start, latest: Latest, report_state: ReportState) -> None:
     """Answer scrapes until cancelled; raises `OSError` with one sentence where it cannot listen."""
     assert start.metrics is not None
     registry = CollectorRegistry(auto_describe=False)
     registry.register(_Figures(start, latest))
     async with served(make_asgi_app(registry), "metrics", start.metrics.listen) as serving:
-        say({"reason": None, "address": f"http://{start.metrics.listen}/metrics"})
+        report_state({"reason": None, "address": f"http://{start.metrics.listen}/metrics"})
         await serving
 
 
@@ -79,16 +79,16 @@ class _Figures(Collector):
         labels = [*self._names, *(rows[0][0] if rows else ())]
         kind = CounterMetricFamily if counter else GaugeMetricFamily
         family = kind(f"ballscrew_{name}", words, labels=labels)
-        for own, value in rows:
+        for labels_of_row, value in rows:
             if math.isfinite(value):
-                family.add_metric([*self._names.values(), *own.values()], value)
+                family.add_metric([*self._names.values(), *labels_of_row.values()], value)
         return family
 
 
 def _rows(
     figure: KeyFigure, document: Mapping[str, Any], quality: str | None
 ) -> Iterator[tuple[dict[str, str], float]]:
-    """The labels and values of a figure, as far as they are known."""
+    """Yield the labels and values of a figure, without unknown values."""
     of_quality = {"quality": quality} if figure.labelled and quality is not None else {}
     for name, value in figure.rows(document):
         if value is not None:

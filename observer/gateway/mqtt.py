@@ -1,8 +1,8 @@
 """Every message to a broker of MQTT, under topics that are the Zenoh keys.
 
-State is retained, so that late subscribers get it; `alive` is `false` as the last will, and `quality` is the
-quality of the estimates in one word, `stale` once the service is silent. Nothing waits for a missing broker:
-once it answers, it gets the newest of everything, and what it missed is sent late (`observer.gateway.late`).
+State is retained, so that late subscribers get it. `alive` is `false` as the last will. `quality` is the
+quality of the estimates in one word, `stale` once the service is silent. Nothing waits for a missing broker.
+Once it answers, it gets the newest message of each key. `observer.gateway.late` sends the missed ones.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from observer.exchange import RETAINED
 from observer.files.regular import read_password
 from observer.gateway.late import LateSender
 from observer.gateway.messages import Latest
-from observer.gateway.start import Say, Start, run_together
+from observer.gateway.start import ReportState, Start, run_together
 from observer.tables.gateway import Mqtt, host_and_port
 
 _LOOK_S = 0.1
@@ -32,10 +32,10 @@ _END_S = 0.5
 _AT_LEAST_ONCE = 1
 
 
-async def serve(start: Start, latest: Latest, say: Say) -> None:
+async def serve(start: Start, latest: Latest, report_state: ReportState) -> None:
     """Publish until cancelled; raises `ConfigError` where a file of password or authority cannot be used."""
     assert start.mqtt is not None
-    outlet = _Broker(start, start.mqtt, latest, say)
+    outlet = _Broker(start, start.mqtt, latest, report_state)
     late = () if outlet.late is None else (outlet.late.run(),)
     try:
         await run_together(outlet.pass_on(), outlet.look(), *late)
@@ -46,8 +46,8 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
 class _Broker:
     """The connection to a broker, which a thread of the library keeps up."""
 
-    def __init__(self, start: Start, settings: Mqtt, latest: Latest, say: Say) -> None:
-        self._settings, self._latest, self._say = settings, latest, say
+    def __init__(self, start: Start, settings: Mqtt, latest: Latest, report_state: ReportState) -> None:
+        self._settings, self._latest, self._report_state = settings, latest, report_state
         self._topic = f"{settings.prefix}/{start.prefix}" if settings.prefix else start.prefix
         self.late: LateSender | None = None
         self._quality: str | None = None
@@ -70,11 +70,11 @@ class _Broker:
                     f"{settings.ca}: cannot be used ({error}); name a PEM file in mqtt.ca"
                 ) from None
         if settings.late and start.recordings is not None:
-            self.late = late = LateSender(start, latest, say, self._send_surely, client.is_connected)
+            self.late = late = LateSender(start, latest, report_state, self._send_surely, client.is_connected)
             client.on_publish = lambda _client, _data, mid, *_: late.acknowledged(mid)
         client.connect_async(*host_and_port(settings.broker), keepalive=_KEEPALIVE_S)
         client.loop_start()
-        self._say({"reason": f"mqtt: {self._no_broker()}"})
+        self._report_state({"reason": f"mqtt: {self._no_broker()}"})
 
     async def pass_on(self) -> None:
         """Publish the service's messages as they arrive, for ever."""
@@ -84,7 +84,7 @@ class _Broker:
     def put(self, key: str, payload: bytes) -> None:
         """Publish a message; without a broker it is dropped."""
         late = self.late
-        if self._client.is_connected() and (late is None or late.may_go(key, payload)):
+        if self._client.is_connected() and (late is None or late.can_send(key, payload)):
             retained = key in RETAINED
             surely = retained or (late is not None and late.is_settling)
             self._client.publish(
@@ -92,7 +92,7 @@ class _Broker:
             )
 
             if late is not None:
-                late.gone(key, payload)
+                late.note_sent(key, payload)
 
     def _send_surely(self, key: str, payload: bytes) -> MQTTMessageInfo:
         retained = key == "alive"
@@ -120,7 +120,7 @@ class _Broker:
         self._client.disconnect()
         self._client.loop_stop()
 
-    def _connected(self, _client: Any, _data: Any, _flags: Any, code: ReasonCode, _more: Any) -> None:
+    def _connected(self, _client: Any, _data: Any, _flags: Any, code: ReasonCode, _properties: Any) -> None:
         """On the library's thread: publish all retained messages, or report why the broker refuses."""
         if code.is_failure:
             broker = self._settings.broker
@@ -137,9 +137,11 @@ class _Broker:
         for key in RETAINED:
             if (payload := self._latest.payload(key)) is not None:
                 self.put(key, payload)
-        self._say({"reason": None, "address": self._settings.broker})
+        self._report_state({"reason": None, "address": self._settings.broker})
 
-    def _disconnected(self, _client: Any, _data: Any, _flags: Any, code: ReasonCode, _more: Any) -> None:
+    def _disconnected(
+        self, _client: Any, _data: Any, _flags: Any, code: ReasonCode, _properties: Any
+    ) -> None:
         if code.is_failure and self._let_in:  # else the reason is known
             self._report(self._no_broker())
         self._let_in = False
@@ -150,11 +152,11 @@ class _Broker:
         return f"no broker answers at {self._settings.broker}; start it, or change mqtt.broker"
 
     def _why_not(self, error: BaseException | None) -> str:
-        """Why there is no connection, from the error being handled when the library calls back."""
+        """Return the reason of a failed connection, from the error that the library handles."""
         if isinstance(error, ssl.SSLError):
             why = getattr(error, "verify_message", None) or error.reason
             return f"the broker at {self._settings.broker} is not trusted ({why}); check mqtt.ca"
         return self._no_broker()
 
     def _report(self, reason: str) -> None:
-        self._loop.call_soon_threadsafe(self._say, {"reason": f"mqtt: {reason}"})
+        self._loop.call_soon_threadsafe(self._report_state, {"reason": f"mqtt: {reason}"})

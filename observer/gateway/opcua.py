@@ -1,4 +1,4 @@
-"""A server of OPC UA: estimates and what surrounds them as variables, their quality as status codes.
+"""A server of OPC UA: the documents' figures as variables, their quality as status codes.
 
 | quality | status code |
 |---|---|
@@ -8,7 +8,7 @@
 | `stale`, or a service that is silent | UncertainLastUsableValue |
 | `invalid`, or not known | BadNoData |
 
-Source timestamps are the estimates' own times. Nothing can be written.
+Source timestamps are the times of the estimates. Nothing can be written.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from observer.gateway.late import PastOfStart
 from observer.gateway.messages import Latest
 from observer.gateway.opcua_history import PastValues
 from observer.gateway.opcua_server import guarded
-from observer.gateway.start import Say, Start
+from observer.gateway.start import ReportState, Start
 
 # asyncua logs every client error with a traceback, which would fill the service's log.
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)
@@ -55,7 +55,7 @@ class Value(NamedTuple):
     time_s: float
 
 
-async def serve(start: Start, latest: Latest, say: Say) -> None:
+async def serve(start: Start, latest: Latest, report_state: ReportState) -> None:
     """Serve until cancelled; raises `OSError` or `ConfigError` with one sentence where it cannot."""
     assert start.opcua is not None
     server = await guarded(start.opcua)
@@ -74,7 +74,7 @@ async def serve(start: Start, latest: Latest, say: Say) -> None:
         raise OSError(
             f"cannot listen on {start.opcua.listen} ({error.strerror}); change opcua.listen"
         ) from None
-    say({"reason": None, "address": start.opcua.listen})
+    report_state({"reason": None, "address": start.opcua.listen})
     tree = _Tree(server, index, axis, storage)
     try:
         while True:
@@ -92,16 +92,16 @@ def values(latest: Latest) -> Iterator[Value]:
     for name, key in KEYS.items():
         document = latest.document(name) if key.figures else {}
         for figure in key.figures if document else ():
-            own = figure.quality(document) or "invalid" if key.rated else "good"
-            yield from _values(figure, document, "stale" if silent else own)
+            quality = figure.quality(document) or "invalid" if key.rated else "good"
+            yield from _values(figure, document, "stale" if silent else quality)
     if alarms := latest.document("alarms"):
         words = [
             f"{a['severity']} {a['id']} ({a['state']}): {a['reason']}; {a['remedy']}"
             for a in alarms["alarms"]
         ]
-        own = "stale" if silent else "good"
-        yield Value(("Alarms", "Raised"), words, own, alarms["time_s"])
-        yield Value(("Alarms", "Count"), float(len(words)), own, alarms["time_s"])
+        quality = "stale" if silent else "good"
+        yield Value(("Alarms", "Raised"), words, quality, alarms["time_s"])
+        yield Value(("Alarms", "Count"), float(len(words)), quality, alarms["time_s"])
 
 
 def _values(figure: KeyFigure, document: Mapping[str, Any], quality: str) -> Iterator[Value]:
@@ -121,7 +121,7 @@ def _values(figure: KeyFigure, document: Mapping[str, Any], quality: str) -> Ite
 
 
 def _plain(value: Any) -> Any:
-    """Text or a list as it is, a number as a float, NaN where it is not known."""
+    """Return text and lists unchanged, a number as a float, and NaN for an unknown number."""
     if isinstance(value, (str, list, tuple)):
         return list(value) if isinstance(value, tuple) else value
     return math.nan if value is None else float(value)
@@ -143,10 +143,10 @@ class _Tree:
         self._written[value.path] = (value.quality, value.time_s)
         data = _data(value.value, value.quality, value.time_s)
         assert data.Value is not None
-        node = self._variables.get(value.path) or await self._made(value.path, data.Value)
+        node = self._variables.get(value.path) or await self._create_variable(value.path, data.Value)
         await self._server.write_attribute_value(node.nodeid, data)
 
-    async def _made(self, path: tuple[str, ...], variant: ua.Variant) -> Node:
+    async def _create_variable(self, path: tuple[str, ...], variant: ua.Variant) -> Node:
         for depth in range(1, len(path)):
             if path[:depth] not in self._folders:
                 above = self._folders[path[: depth - 1]]
@@ -160,7 +160,7 @@ class _Tree:
 
 
 def _data(value: Any, quality: str, time_s: float) -> ua.DataValue:
-    """A value with its quality as status, BadNoData for NaN, and its own time."""
+    """A value with its quality as status, BadNoData for NaN, and its time."""
     is_unknown = isinstance(value, float) and math.isnan(value)
     status = StatusCodes.BadNoData if is_unknown else STATUS[quality]
     at = ua.DateTime.fromtimestamp(time_s, UTC).replace(tzinfo=None)

@@ -45,10 +45,10 @@ class PastValues(HistoryStorageInterface):
         self._paths: dict[ua.NodeId, tuple[str, ...]] = {}
 
     async def init(self) -> None:
-        """Begin; there is nothing to open."""
+        """Begin, without a file or connection to open."""
 
     async def stop(self) -> None:
-        """End; there is nothing to close."""
+        """End, without a file or connection to close."""
 
     async def add(self, node: Node, path: tuple[str, ...]) -> None:
         """Show clients that a node has a history, if it has one."""
@@ -115,7 +115,7 @@ def check_continuation_point(point: bytes, details: ua.ReadRawModifiedDetails) -
 
 
 def _seconds(moment: datetime | None) -> float | None:
-    """A time as seconds since 1970, None where it stands for none."""
+    """Return a time in seconds since 1970, None for a missing time."""
     if moment is None:
         return None
     time_s = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()

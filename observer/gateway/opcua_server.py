@@ -1,14 +1,15 @@
 """The OPC UA server beneath the variables: access, limits for clients, and which nodes exist.
 
-asyncua 2.1 resumes a session for anyone who names its token, which is a small number: a second connection
-reads as the first one's user, without a password, and unencrypted where the server requires encryption. Here
-no session is resumed. A server with a certificate still answers unencrypted requests for its endpoints, which
-clients make before they encrypt, but nobody can log in that way, whatever the password.
+asyncua 2.1 resumes a session for anyone who names its token, which is a small number. A second connection
+would read as the first one's user, without a password or encryption. Here no session is resumed. A server
+with a certificate answers unencrypted requests for its endpoints only, because clients make them before they
+encrypt. Nobody can log in that way, whatever the password.
 
-asyncua also buffers data before it checks a message's length, keeps unread answers without limit, and lets a
-client without a session ask without end; `_Connection` sets bounds. `opcua_limits` has those of sessions.
+asyncua also buffers data before it checks a message's length, and keeps unread answers without limit. A
+client without a session may send requests without end. asyncua has no settings for these three, so
+`_Connection` sets the bounds. `opcua_limits` has the bounds of sessions.
 
-Of the 6,000 nodes (50 MB) of namespace 0 (part 5 of the standard) only those in use are created: the
+Namespace 0 (part 5 of the standard) has 6,000 nodes, which take 50 MB. Only the nodes in use are created: the
 server's own object, the base types and the data types, without the descriptions of their encodings.
 """
 
@@ -102,7 +103,7 @@ def _format(data: bytes) -> str:
 
 
 def _name_in(certificate: x509.Certificate) -> str | None:
-    """The name of an application in its certificate, by which clients know whose it is (part 6, 6.2.2)."""
+    """Return the application's URI in its certificate, which clients check (part 6, 6.2.2)."""
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except (x509.ExtensionNotFound, ValueError):
@@ -165,7 +166,7 @@ class _Guarded(InternalServer):
         return LimitedSession(self, self.aspace, self.subscription_service, name, user, external)
 
     def register_server(self, _server: Any, _conf: Any = None) -> None:
-        """Refuse: this is no directory of others."""
+        """Refuse: this server lists no other servers."""
         raise ServiceError(StatusCodes.BadServiceUnsupported)
 
     def decrypt_user_token(self, isession: Any, token: ua.UserNameIdentityToken) -> tuple[str, str]:
@@ -182,7 +183,7 @@ _MOST_BYTES = 128 * 1024
 _MOST_CONNECTIONS = 100
 _ACTIVE_WITHIN_S = 10.0
 _MOST_WAITING = 8  # connections of one address without a session
-_MOST_ASKED = 32  # messages before a session is active; a client takes some five
+_MOST_EARLY_MESSAGES = 32  # messages before a session is active; a client takes some five
 _MOST_UNREAD = 4_000_000  # bytes of answers that a client has not taken when it asks for more
 _PIECE = 8192  # each message is kept with the rest of what it came with
 
@@ -199,7 +200,7 @@ def bound(server: Server) -> None:
 class _Connection(binary_server_asyncio.OPCUAProtocol):
     """A connection that is closed if its client takes too much."""
 
-    _asked = 0
+    _early_messages = 0
 
     def connection_made(self, transport: BaseTransport) -> None:
         """Take a connection; where an address has many without a session, the oldest of them make room."""
@@ -227,8 +228,8 @@ class _Connection(binary_server_asyncio.OPCUAProtocol):
 
     async def _process_one_msg(self, header: Any, buf: Buffer) -> bool:
         if not self._is_active:
-            self._asked += 1
-        if self._asked > _MOST_ASKED or self._unread() > _MOST_UNREAD:
+            self._early_messages += 1
+        if self._early_messages > _MOST_EARLY_MESSAGES or self._unread() > _MOST_UNREAD:
             self._abort()
             return False
         return await super()._process_one_msg(header, buf)

@@ -17,7 +17,7 @@ import structlog
 
 from observer.errors import UserError
 from observer.gateway.messages import Latest
-from observer.gateway.start import OUTLETS, Say, Start, tell_service
+from observer.gateway.start import OUTLETS, ReportState, Start, tell_service
 from observer.process.memory import leave_in_peace
 from observer.process.messages import configure
 from observer.process.pipes import messages
@@ -25,6 +25,7 @@ from observer.process.shutdown import leave
 
 _RETRY_S = 1.0
 log = structlog.get_logger()
+_Serve = Callable[[Start, Latest, ReportState], Awaitable[None]]
 _MODULES = {
     "page": ("observer.page.outlet", "page"),
     "metrics": ("observer.gateway.metrics", "plant"),
@@ -80,21 +81,21 @@ class _Outlet(threading.Thread):
 
 async def _supervised(name: str, start: Start, latest: Latest) -> None:
     """Serve an outlet for ever; report why it fails, and retry."""
-    said = False
+    has_reported = False
 
-    def say(more: dict[str, Any]) -> None:
-        nonlocal said
-        tell_service({"outlet": name, **more})
-        if not said:  # its libraries are loaded by now
+    def report_state(document: dict[str, Any]) -> None:
+        nonlocal has_reported
+        tell_service({"outlet": name, **document})
+        if not has_reported:  # its libraries are loaded by now
             leave_in_peace()
-        said = True
+        has_reported = True
 
     while True:
         reason = f"{name}: ended by itself"
         try:
             module, extra = _MODULES[name]
-            serve: Callable[[Start, Latest, Say], Awaitable[None]] = importlib.import_module(module).serve
-            await serve(start, latest, say)
+            serve: _Serve = importlib.import_module(module).serve
+            await serve(start, latest, report_state)
         except ModuleNotFoundError as error:
             reason = f'{name}: {error.name} is missing; install it: pip install "ballscrew-observer[{extra}]"'
         except (OSError, UserError) as error:
@@ -102,5 +103,5 @@ async def _supervised(name: str, start: Start, latest: Latest) -> None:
         except Exception as error:  # whatever it is, the others continue and health reports it
             log.error("an outlet failed", outlet=name, exc_info=True)
             reason = f"{name}: {type(error).__name__}: {error}"
-        say({"reason": reason})
+        report_state({"reason": reason})
         await asyncio.sleep(_RETRY_S)

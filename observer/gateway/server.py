@@ -1,6 +1,6 @@
 """The HTTP server of page and metrics: where it listens, its connections, and why it cannot serve.
 
-uvicorn closes a connection that is idle after an answer, but not one whose request never ends; at its limit
+uvicorn closes a connection that is idle after an answer, but not one whose request never ends. At its limit
 it refuses every newcomer. `Connection` bounds the time to a whole request and makes room.
 """
 
@@ -83,8 +83,8 @@ def _bound(listen: str, table: str) -> Iterator[socket.socket]:
     """A socket that listens at an address; raises `OSError` with the remedy if that fails."""
     host, port = host_and_port(listen)
     try:
-        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-        family, kind, protocol, _, address = found[0]
+        addresses = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        family, kind, protocol, _, address = addresses[0]
         with socket.socket(family, kind, protocol) as bound:
             bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             bound.bind(address)
@@ -126,8 +126,8 @@ class Connection(H11Protocol):
     @property
     def is_waiting(self) -> bool:
         """Whether it is open and has no whole request that is not answered."""
-        asked = self.cycle is not None and not self.cycle.response_complete and not self.cycle.more_body
-        return not asked and not self.transport.is_closing()
+        has_request = self.cycle is not None and not self.cycle.response_complete and not self.cycle.more_body
+        return not has_request and not self.transport.is_closing()
 
     def _begin_to_wait(self) -> None:
         if self._late is not None:

@@ -1,4 +1,4 @@
-"""What the gateway's process gets at its start, and how its outlets report back."""
+"""The first message to the gateway's process, and the reports of its outlets to the service."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Start(BaseModel):
-    """Which outlets to serve, and what they need to know.
+    """The outlets to serve, with their settings.
 
     `recordings` is the folder of the recordings; `laws` are the sources with a heat law; `forecast_s` is the
     interval of forecasts, None without.
@@ -40,7 +40,7 @@ class Start(BaseModel):
 
     @classmethod
     def of(cls, config: Installation, *, forecasts: bool) -> Start | None:
-        """What a configuration asks for, None without any outlet; `forecasts`: whether there will be any."""
+        """Return the start of a configuration's outlets, None without any; with `forecasts` if some come."""
         outlets = {name: getattr(config, name) for name in OUTLETS}
         if all(outlet is None for outlet in outlets.values()):
             return None
@@ -63,8 +63,8 @@ class Start(BaseModel):
 OUTLETS = ("page", "metrics", "mqtt", "opcua")
 
 
-Say = Callable[[dict[str, Any]], None]
-"""How an outlet reports its state: a `reason`, or None with an `address` once it serves."""
+ReportState = Callable[[dict[str, Any]], None]
+"""Takes the state of an outlet: a `reason`, or None with an `address` once it serves."""
 
 
 _OUTPUT = threading.Lock()

@@ -141,10 +141,10 @@ class _Pages:
     async def recordings(self, _: Request) -> Response:
         """The list of recordings."""
         try:
-            found = await run_in_threadpool(self._recordings)
+            files_of_axis = await run_in_threadpool(self._recordings)
         except LogError as error:
             return _Json({"reason": str(error), "files": []})
-        listed = [{"name": r.path.name, "from_s": r.from_s, "to_s": r.to_s} for r in found]
+        listed = [{"name": r.path.name, "from_s": r.from_s, "to_s": r.to_s} for r in files_of_axis]
         off = (
             None
             if self._start.recordings is not None
@@ -161,14 +161,14 @@ class _Pages:
             async with self._turn:
                 if await request.is_disconnected():  # the viewer has moved on
                     return Response(status_code=204)
-                found = await asyncio.get_running_loop().run_in_executor(
+                document = await asyncio.get_running_loop().run_in_executor(
                     self._reader, lambda: history(self._recordings(), from_s, to_s, points, self._digests)
                 )
         except KeyError as error:
             return PlainTextResponse(f"{error} is missing; give from and to in seconds since 1970\n", 400)
         except (ValueError, LogError) as error:
             return PlainTextResponse(f"{error}\n", 400)
-        return _Json(found)
+        return _Json(document)
 
     def _recordings(self) -> list[Recorded]:
         if (folder := self._start.recordings) is None:

@@ -1,7 +1,7 @@
 """Checks before every answer: the requested host, the origin of the request, and the user.
 
-Written here rather than with Starlette's middleware: its sessions live in the cookie, so logging out could
-not end a stolen one, and its trusted hosts cannot allow every address of this computer and no foreign name.
+Starlette's middleware does not suffice. Its sessions live in the cookie, so logging out could not end a
+stolen one. Its trusted hosts cannot allow every address of this computer and refuse foreign names.
 """
 
 from __future__ import annotations
@@ -66,10 +66,10 @@ class Guard:
 
     def _refusal(self, scope: Scope) -> ASGIApp | None:
         headers, path = Headers(scope=scope), scope["path"]
-        asked = headers.get("host", "")
-        if not self._is_ours(asked):
+        host_header = headers.get("host", "")
+        if not self._is_ours(host_header):
             return PlainTextResponse("this page is not served under that name; use the address\n", 421)
-        if scope["method"] not in {"GET", "HEAD"} and _place(headers.get("origin", "")) != asked:
+        if scope["method"] not in {"GET", "HEAD"} and _place(headers.get("origin", "")) != host_header:
             return PlainTextResponse("only the page itself may ask for that\n", 403)
         if self._login is None:
             scope["user"] = "page"
@@ -81,10 +81,10 @@ class Guard:
             return RedirectResponse("/login", 303)
         return PlainTextResponse("log in first\n", 401)
 
-    def _is_ours(self, asked: str) -> bool:
+    def _is_ours(self, host_header: str) -> bool:
         """Whether a Host header is an address or one of our names (against DNS rebinding)."""
         try:
-            host = urlsplit(f"//{asked}").hostname or ""
+            host = urlsplit(f"//{host_header}").hostname or ""
         except ValueError:
             return False
         if host in self._hosts:
@@ -97,7 +97,7 @@ class Guard:
 
 
 def _place(origin: str) -> str:
-    """Host and port of an origin, nothing where it is none."""
+    """Return host and port of an origin, an empty text for an invalid one."""
     try:
         return urlsplit(origin).netloc
     except ValueError:

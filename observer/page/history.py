@@ -1,6 +1,6 @@
 """Recordings: the list of files, and minimum, mean and maximum of each channel over a span.
 
-The files are long: only the rows asked for are read, a block at a time, so memory depends neither on the size
+The files are long. Only the requested rows are read, a block at a time, so memory depends neither on the size
 of a file nor on that of a span. Reading a day takes longer than a viewer waits, so a `Digest` keeps minimum,
 maximum, sum and count of each channel in bins of seconds or minutes. It grows until a time limit, and
 continues at the next request, also from the end of a file that has grown meanwhile.
@@ -41,7 +41,7 @@ Values = NDArray[np.floating[Any]]
 
 
 class ChannelBins(NamedTuple):
-    """Of each channel (n, channels) least, most, sum and number of the values in each of n bins."""
+    """Least, most, sum and number of the values of each channel in each of n bins, (n, channels) each."""
 
     least: Values
     most: Values
@@ -50,15 +50,15 @@ class ChannelBins(NamedTuple):
 
     @classmethod
     def of(cls, values: Values) -> ChannelBins:
-        """Each row (n, channels) a bin of its own; NaN is no value."""
-        known = np.isfinite(values)
-        return cls(values, values, np.where(known, values, 0.0), known.astype(np.float32))
+        """Make each row (n, channels) a bin of its own; a NaN counts as missing."""
+        has_value = np.isfinite(values)
+        return cls(values, values, np.where(has_value, values, 0.0), has_value.astype(np.float32))
 
     def at(self, rows: slice | NDArray[Any]) -> ChannelBins:
         """Some of the bins."""
         return ChannelBins(*(column[rows] for column in self))
 
-    def kept(self, kind: type[np.floating[Any]]) -> ChannelBins:
+    def as_type(self, kind: type[np.floating[Any]]) -> ChannelBins:
         """The same in other floats."""
         return ChannelBins(*(column.astype(kind) for column in self))
 
@@ -76,31 +76,31 @@ def history(
 ) -> dict[str, Any]:
     """Minimum, mean and maximum of each channel in each of `points` equal parts of a span.
 
-    `{"from_s", "to_s", "read", "notes": sentences about damaged files, "time_s": [the middle of each part],
-    "channels"}` with, by name, `least`,
-    `mean` and `most`; a part without a reading is None. Where the parts are long, they consist of bins that
-    `digests` keeps, a bin belonging to the part in which its middle is; what cannot be read within 0.35 s is
-    left to the next call, and `read` is the share that has been. Raises `ValueError` for a span that is none.
+    Returns `{"from_s", "to_s", "read", "notes", "time_s", "channels"}`. `notes` are sentences about damaged
+    files, `time_s` is the middle of each part. `channels` has, by name, `least`, `mean` and `most`, with None
+    for a part without a reading. Long parts consist of the bins of `digests`. A bin belongs to the part that
+    has its middle. The call ends after 0.35 s, and the next one continues. `read` is the share read so far.
+    Raises `ValueError` for an invalid span.
     """
     if not (-_MOST_S <= from_s <= to_s - _LEAST_S < to_s <= _MOST_S and 1 <= points <= MOST_POINTS):
         raise ValueError(
             f"no span: give from < to in seconds since 1970, up to {_MOST_S:g}, and 1 to {MOST_POINTS} points"
         )
-    wanted = [f for f in files if f.to_s + _MARGIN_S >= from_s and f.from_s - _MARGIN_S <= to_s]
+    overlapping = [f for f in files if f.to_s + _MARGIN_S >= from_s and f.from_s - _MARGIN_S <= to_s]
     parts, part_s, read = _Parts(points), (to_s - from_s) / points, 1.0
     notes = set[str]()
     if part_s < _BINS * FINE_S or digests is None:
-        for file in wanted:
+        for file in overlapping:
             with suppress(OSError):  # it has been removed meanwhile
-                for names, found in _rows(file.path, from_s, to_s, notes):
-                    parts.take(names, found, from_s, part_s)
+                for names, rows in _rows(file.path, from_s, to_s, notes):
+                    parts.take(names, rows, from_s, part_s)
     else:
         bin_s = COARSE_S if part_s >= _BINS * COARSE_S else FINE_S
-        grown, read = _grow(digests, wanted, bin_s, clock() + _PATIENCE_S, clock)
+        grown, read = _grow(digests, overlapping, bin_s, clock() + _PATIENCE_S, clock)
         for digest in grown:
             notes |= digest.notes
-            parts.take(digest.channels, digest.within(from_s, to_s), from_s, part_s)
-        digests.tidy((file.path, bin_s) for file in wanted)
+            parts.take(digest.channels, digest.bins_between(from_s, to_s), from_s, part_s)
+        digests.tidy((file.path, bin_s) for file in overlapping)
     middle_s = from_s + (np.arange(points) + 0.5) * part_s
     return {
         "from_s": from_s,
@@ -117,21 +117,21 @@ class _Parts:
 
     def __init__(self, points: int) -> None:
         self._points = points
-        self._found: dict[str, NDArray[np.float64]] = {}
+        self._totals: dict[str, NDArray[np.float64]] = {}
 
-    def take(self, names: list[str], found: _Timed, from_s: float, part_s: float) -> None:
+    def take(self, names: list[str], rows: _Timed, from_s: float, part_s: float) -> None:
         """Take times (n), and the bins at each of them."""
-        time_s, bins = found
+        time_s, bins = rows
         part = np.floor((time_s - from_s) / part_s)
-        here = (part >= 0) & (part < self._points)  # false for NaN
-        if not here.any():
+        in_span = (part >= 0) & (part < self._points)  # false for NaN
+        if not in_span.any():
             return
-        keys, bins = merged(part[here].astype(np.int64), bins.at(here))
+        keys, bins = merged(part[in_span].astype(np.int64), bins.at(in_span))
         empty = np.array([[np.nan], [np.nan], [0.0], [0.0]])
         for k, name in enumerate(names):
-            if name not in self._found:
-                self._found[name] = np.repeat(empty, self._points, axis=1)
-            low, high, total, count = self._found[name]
+            if name not in self._totals:
+                self._totals[name] = np.repeat(empty, self._points, axis=1)
+            low, high, total, count = self._totals[name]
             low[keys] = np.fmin(low[keys], bins.least[:, k])
             high[keys] = np.fmax(high[keys], bins.most[:, k])
             total[keys] += bins.total[:, k]
@@ -140,14 +140,18 @@ class _Parts:
     def document(self) -> dict[str, dict[str, list[float | None]]]:
         """By channel, for JSON; channels without any value are left out."""
         ranges = {}
-        for name, (least, most, total, count) in self._found.items():
+        for name, (least, most, total, count) in self._totals.items():
             if count.any():
                 mean = np.divide(total, count, out=np.full(self._points, np.nan), where=count > 0)
-                ranges[name] = {"least": _known(least), "mean": _known(mean), "most": _known(most)}
+                ranges[name] = {
+                    "least": _json_values(least),
+                    "mean": _json_values(mean),
+                    "most": _json_values(most),
+                }
         return ranges
 
 
-def _known(values: NDArray[np.float64]) -> list[float | None]:
+def _json_values(values: NDArray[np.float64]) -> list[float | None]:
     # the bins of days are kept in half the bytes, which is some seven digits
     return [float(f"{x:.7g}") if math.isfinite(x) else None for x in values.tolist()]
 
@@ -206,8 +210,8 @@ class RowBlock:
 
 def blocks(path: Path, columns: list[str], begin: int) -> Iterator[RowBlock]:
     """The rows from a place in the file on; damaged ones are left out. Raises `OSError`."""
-    wanted = [TIME, *channels_of(columns)]
-    place = np.array([wanted.index(name) if name in wanted else -1 for name in columns], np.intp)
+    read_columns = [TIME, *channels_of(columns)]
+    place = np.array([read_columns.index(name) if name in read_columns else -1 for name in columns], np.intp)
     with path.open("rb") as file:
         file.seek(begin - 1)
         is_within_line = file.read(1) != b"\n"  # of a line that is too long: here the last reader stopped
@@ -221,7 +225,7 @@ def blocks(path: Path, columns: list[str], begin: int) -> Iterator[RowBlock]:
             end += len(rows) + len(newline)
             if len(rest) >= _BLOCK_BYTES:
                 end, rest, is_within_line = end + len(rest), b"", True
-            table = np.empty((rows.count(b"\n") + 1, len(wanted)))
+            table = np.empty((rows.count(b"\n") + 1, len(read_columns)))
             count = read_rows(rows + newline, place, table) if newline else 0
             yield RowBlock(table[:count, 0], table[:count, 1:], end, is_within_line)
 
@@ -250,11 +254,11 @@ class Digest:
     def grow(self) -> Iterable[None]:
         """Take what has not been read yet, a block at each step."""
         for block in blocks(self._path, self._columns, self.end):
-            known = np.isfinite(block.time_s)
-            keys = np.floor(block.time_s[known] / self._bin_s).astype(np.int64)
+            is_timed = np.isfinite(block.time_s)
+            keys = np.floor(block.time_s[is_timed] / self._bin_s).astype(np.int64)
             if keys.size:
-                keys, bins = merged(keys, ChannelBins.of(block.values[known]))
-                self._parts.append((keys, bins.kept(np.float32)))
+                keys, bins = merged(keys, ChannelBins.of(block.values[is_timed]))
+                self._parts.append((keys, bins.as_type(np.float32)))
             if len(self._parts) > _MERGED:
                 self._merge()
             if block.is_too_long:
@@ -267,7 +271,7 @@ class Digest:
         columns = zip(*(bins for _, bins in self._parts), strict=True)
         self._parts = [merged(keys, ChannelBins(*(np.concatenate(column) for column in columns)))]
 
-    def within(self, from_s: float, to_s: float) -> _Timed:
+    def bins_between(self, from_s: float, to_s: float) -> _Timed:
         """Centres (n) of the bins in a span, and the bins."""
         if not self._parts:
             return np.empty(0), ChannelBins(*[np.empty((0, 0))] * 4)
@@ -275,8 +279,8 @@ class Digest:
             self._merge()
         keys, bins = self._parts[0]
         middle_s = (keys.astype(np.float64) + 0.5) * self._bin_s
-        here = slice(*np.searchsorted(middle_s, [from_s, to_s]))
-        return middle_s[here], bins.at(here).kept(np.float64)
+        in_span = slice(*np.searchsorted(middle_s, [from_s, to_s]))
+        return middle_s[in_span], bins.at(in_span).as_type(np.float64)
 
     @property
     def size(self) -> int:
@@ -293,16 +297,16 @@ class Digests:
 
     def of(self, path: Path, bin_s: float) -> Digest:
         """The digest of a file, new where it is another file than before. Raises `OSError`."""
-        about, digest = path.stat(), self._digests.pop((path, bin_s), None)
-        if digest is None or digest.inode != about.st_ino or digest.end > about.st_size:
+        status, digest = path.stat(), self._digests.pop((path, bin_s), None)
+        if digest is None or digest.inode != status.st_ino or digest.end > status.st_size:
             digest = Digest(path, bin_s)
         self._digests[path, bin_s] = digest  # the last in the order
         return digest
 
-    def tidy(self, wanted: Iterable[tuple[Path, float]]) -> None:
+    def tidy(self, in_use: Iterable[tuple[Path, float]]) -> None:
         """Drop digests beyond the limit, oldest first and none in use, and those of removed files."""
-        wanted, in_all = set(wanted), sum(digest.size for digest in self._digests.values())
+        keep, in_all = set(in_use), sum(digest.size for digest in self._digests.values())
         for key, digest in list(self._digests.items()):
-            if not os.path.lexists(key[0]) or (in_all > self._most_bytes and key not in wanted):
+            if not os.path.lexists(key[0]) or (in_all > self._most_bytes and key not in keep):
                 in_all -= digest.size
                 del self._digests[key]

@@ -20,9 +20,9 @@ from observer.publish.codec import decode_estimate
 from observer.report import appearance
 
 _BEAT_S = 1.0
-_AGAIN = b"retry: 1000\n\n"
+_RETRY = b"retry: 1000\n\n"
 """A browser that has lost the connection retries each second; its default is three."""
-_KEPT = (
+_SHOWN_COLUMNS = (
     "time_s", "sequence", "instance", "quality", "sensors_used", "sources", "law_W", "sensors",
     "sensor_quality",
 )  # fmt: skip
@@ -44,7 +44,7 @@ class Stream(Viewers):
         self._clock = clock
         hello = start.model_dump(include={"machine", "axis", "period_s", "laws", "forecast_s"})
         hello["login"] = login
-        self.send("hello", event("hello", json.dumps(hello).encode()) + _AGAIN)
+        self.send("hello", event("hello", json.dumps(hello).encode()) + _RETRY)
         self._sent_s: dict[str, float] = {}
         self._innovations = Innovations()
         self.recent = Recent()
@@ -84,8 +84,8 @@ class Stream(Viewers):
 
 def shown(estimate: Mapping[str, Any], innovations: Innovations) -> bytes:
     """The part of an estimate that the page shows, with the last residual of each sensor, as JSON."""
-    kept = {key: _plain(estimate[key]) for key in _KEPT if key in estimate}
-    return json.dumps({**kept, "innovations": innovations.document(estimate["time_s"])}).encode()
+    columns = {key: _plain(estimate[key]) for key in _SHOWN_COLUMNS if key in estimate}
+    return json.dumps({**columns, "innovations": innovations.document(estimate["time_s"])}).encode()
 
 
 def figures_of(key: Key, document: Mapping[str, Any]) -> bytes:
@@ -208,7 +208,7 @@ class Innovations:
             )
 
     def document(self, time_s: float) -> dict[str, dict[str, Any]]:
-        """By sensor `{"value", "sigma", "sequence", "age_s", "late"}`, as it is at a time."""
+        """By sensor `{"value", "sigma", "sequence", "age_s", "late"}`, at a time."""
         return {
             name: {
                 "value": round(last.value_K, 6),

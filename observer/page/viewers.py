@@ -22,7 +22,7 @@ def event(name: str, data: bytes) -> bytes:
 
 
 class Viewers:
-    """Those who look at an axis, and the newest event of each kind for those who join later."""
+    """The viewers of an axis; a viewer who joins late gets the newest event of each kind."""
 
     def __init__(self) -> None:
         self._newest: dict[str, bytes] = {}
