@@ -135,7 +135,11 @@ CONFIGURATIONS = [
             of_config(changed(**{table: {key: value}})),
             (f"{table}.{key}: unknown key",),
         )
-        for table, key, value in (("mqtt", "home_assistant", True),)
+        for table, key, value in (
+            ("mqtt", "home_assistant", True),
+            ("page", "reports", "reports"),
+            ("page", "axes", ["127.0.0.1:8081"]),
+        )
     ),
     Case("missing section", of_config(changed(screw=None)), ("screw", "is missing")),
     Case("missing key", of_config(changed(screw__diameter_m=None)), ("screw.diameter_m", "is missing")),
