@@ -1,4 +1,4 @@
-"""The daemon's composition root: puts its parts together, at the start and at each renewal."""
+"""The daemon's composition root: puts its parts together."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import structlog
 
@@ -19,7 +18,7 @@ from observer.control.compensation import CompensationState, plan_of, valid_s
 from observer.control.compensator import Compensator
 from observer.control.steering import NoControl, Steering
 from observer.errors import ConfigError
-from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack, shifted
+from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
 from observer.estimate.pipeline import MachineModel
 from observer.files.folders import refuse_unwritable
 from observer.gateway.feed import Feed
@@ -29,14 +28,15 @@ from observer.installation.adopt import record_of
 from observer.live.forecasting import Forecaster, is_wanted
 from observer.live.loop import Service
 from observer.live.loop import serve as serve_parts
-from observer.live.observers import AlarmObserver, CompensationObserver, Keeper, StepObserver, carried, stored
+from observer.live.observers import AlarmObserver, CompensationObserver, Keeper, StepObserver, stored
 from observer.live.probing import ProbingAdvisor, is_advised
-from observer.live.renewal import Renewal, Renewals, carried_over
+from observer.live.restarts import Restarts
 from observer.live.wires import take_short_turns
 from observer.live.zero_signal import ZeroSignal
 from observer.process.clock import ServiceClock
 from observer.process.memory import leave_in_peace
 from observer.process.notify import service_manager
+from observer.process.restart import Restart, execute_anew, restarted
 from observer.process.shutdown import StopSignals
 from observer.publish.codec import config_json
 from observer.publish.session import refuse_taken
@@ -52,36 +52,23 @@ log = structlog.get_logger()
 def serve(config: Installation, seconds: float | None = None, path: Path | None = None) -> None:
     """Run the daemon until it is stopped; the caller leaves the process afterwards.
 
-    With `path`, SIGHUP reloads the configuration from there.
+    With `path`, the process is executed anew when SIGHUP asks to read the configuration there again, when one
+    was adopted, and when the computer's clock was set.
     """
+    restart = restarted()
+    if restart is not None:
+        log.warning("begun anew", reason=restart.reason)
+        seconds = None if restart.ends_s is None else max(0.0, restart.ends_s - time.monotonic())
     refuse_taken(config.publish.listens, "publish.listen")
     ready, clock = _Ready.of(config), ServiceClock()
     if (folder := config.record.directory) is not None:
         refuse_shared(folder, f"{config.machine.name}-{config.machine.axis}")
-    desk = _alarm_desk(ready)
-    renewals: Renewals[_Ready] = Renewals()
-    if path is not None:
-        renewals = Renewals(lambda: _reread(path, ready.config), record_of(path))
-
-    def anew(renewal: Renewal[_Ready]) -> Service:
-        nonlocal ready, clock, desk
-        before, ready, snapshot = ready, renewal.prepared or ready, renewal.snapshot
-        moved_s = clock.offset_s() if renewal.new_time else 0.0
-        if renewal.new_time and snapshot is not None:
-            snapshot = shifted(snapshot, moved_s)
-        clock = ServiceClock() if renewal.new_time else clock
-        desk = _alarm_desk(ready, None if desk is None else desk.kept(moved_s))
-        compensation = None if snapshot is None else snapshot.compensation
-        snapshot = carried(
-            snapshot, before.fit, ready.fit,
-            lambda: carried_over(renewal.snapshot, renewal.last, before.machine, ready.machine),
-        )  # fmt: skip
-        return _service(ready, clock, desk, renewals, _Start(snapshot, None, compensation, alone=False))
-
-    start = _Start()
+    start = _Start(restart=restart)
     if (file := config.checkpoint_file) is not None:
-        start = _Start(*stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s))
-    run(_service(ready, clock, desk, renewals, start), seconds, anew)
+        state = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s, ready.machine)
+        start = _Start(*state, restart)
+    restarts = None if path is None else Restarts(lambda: _check(path, config), record_of(path))
+    run(_service(ready, clock, restarts, start), seconds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,29 +90,27 @@ class _Ready:
         return cls(config, machine, CheckpointFit.of(machine))
 
 
-def _reread(path: Path, now: Installation) -> _Ready:
-    """Read, check and build a configuration beside the one that runs. Raises `UserError`."""
+def _check(path: Path, in_force: Installation) -> None:
+    """Check that a service can run with the configuration in a file. Raises `UserError`."""
     config = load(path)
-    refuse_taken(set(config.publish.listens) - set(now.publish.listens), "publish.listen")
+    refuse_taken(set(config.publish.listens) - set(in_force.publish.listens), "publish.listen")
     config.open_drivers()
-    return _Ready.of(config)
+    _Ready.of(config)
 
 
 @dataclass(frozen=True, slots=True)
 class _Start:
     """The state from which a service continues: a snapshot, None for a cold start, which then has the state
-    of the prediction's gap and of the compensation. `alone` requires that no other service has the axis.
+    of the prediction's gap and of the compensation; and why the process was executed anew, if it was.
     """
 
     snapshot: Snapshot | None = None
     gap: GapState | None = None
     compensation: CompensationState | None = None
-    alone: bool = True
+    restart: Restart | None = None
 
 
-def _service(
-    ready: _Ready, clock: ServiceClock, desk: AlarmDesk | None, renewals: Renewals[_Ready], start: _Start
-) -> Service:
+def _service(ready: _Ready, clock: ServiceClock, restarts: Restarts | None, start: _Start) -> Service:
     """Put the parts of the daemon together."""
     config, machine, pipeline = ready.config, ready.machine, ready.machine.pipeline()
     instance, snapshot = secrets.token_hex(4), start.snapshot
@@ -151,8 +136,9 @@ def _service(
             )
         )
     if config.checkpoint_file is not None:
-        observers.append(Keeper(config.checkpoint_file, ready.fit, config.checkpoint.period_s))
-    if desk is not None:
+        observers.append(Keeper(config.checkpoint_file, ready.fit, config.checkpoint.period_s, machine))
+    if config.alarms.enabled:
+        desk = AlarmDesk(config, machine.layout, config.alarms, config.alarms_file)
         air = machine.plant.known.ambient
         observers.append(AlarmObserver(desk, publish["alarms"], air, instance))
     if is_wanted(machine):
@@ -170,20 +156,13 @@ def _service(
         observers=tuple(observers),
         instance=instance,
         start=snapshot,
-        renewals=renewals,
-        alone=start.alone,
+        restarts=restarts,
+        restarted=None if start.restart is None else start.restart.document(),
+        alone=start.restart is None,
         sensors={sensor.channel: sensor.name for sensor in config.sensor},
         options=f"--machine {config.machine.name} --axis {config.machine.axis}",
         nut_channel=next((s.position_channel for s in config.source if s.position_channel), None),
     )
-
-
-def _alarm_desk(ready: _Ready, kept: dict[str, Any] | None = None) -> AlarmDesk | None:
-    """The desk of alarms, None where they are off; `kept` is the state of the one before."""
-    config = ready.config
-    if not config.alarms.enabled:
-        return None
-    return AlarmDesk(config, ready.machine.layout, config.alarms, config.alarms_file, kept)
 
 
 def _recorder(ready: _Ready, start: Snapshot | None, instance: str) -> Recorder | NoRecorder:
@@ -237,44 +216,37 @@ def _control(config: Installation) -> Steering | NoControl:
     return Steering(link, valid_s(plan_of(config)), at.follow_s)
 
 
-def run(
-    service: Service, seconds: float | None = None, anew: Callable[[Renewal[Any]], Service] | None = None
-) -> None:
+def run(service: Service, seconds: float | None = None) -> None:
     """Run a service until SIGTERM, SIGINT or for `seconds` from its first tick on; to be called from the main
     thread.
 
-    `anew` builds its parts for a renewal, where it can have one. After a signal the process is left by force,
-    with the recording written, where the parts do not end in time. The caller should then `leave`, because a
+    After a signal the process is left by force, with the recording written, where the parts do not end in
+    time. Where a restart is due, the process is executed anew. The caller should then `leave`, because a
     library's threads may hang at the interpreter's exit. Raises `UserError` where another service has the
     axis already.
     """
     end_s: float | None = None
 
     def left_s() -> float | None:
-        """The time left; it starts at the first call, since a network may take seconds."""
+        """The time left; it starts with the first tick, since a network may take seconds."""
         nonlocal end_s
-        if seconds is None:
-            return None
-        end_s = time.monotonic() + seconds if end_s is None else end_s
-        return max(0.0, end_s - time.monotonic())
+        end_s = None if seconds is None else time.monotonic() + seconds
+        return seconds
 
     def flush() -> None:
         service.recorder.close(0.1)
 
     take_short_turns()
     with StopSignals(flush) as signals:
-        while True:
-            renewal = asyncio.run(_until_ended(service, left_s, signals))
-            if renewal is None or anew is None:
-                return
-            log.warning("begun anew", reason=renewal.reason)
-            service = anew(renewal)
+        reason = asyncio.run(_until_ended(service, left_s, signals))
+        if reason is not None and not signals.heard:
+            execute_anew(Restart(reason, time.time(), end_s))
 
 
 async def _until_ended(
     service: Service, left_s: Callable[[], float | None], signals: StopSignals
-) -> Renewal[Any] | None:
-    """Serve until a signal, until no time is left, or until a renewal is due, which is returned."""
+) -> str | None:
+    """Serve until a signal, until no time is left, or until a restart is due; returns its reason."""
     loop = asyncio.get_running_loop()
 
     def stop() -> None:
@@ -287,8 +259,8 @@ async def _until_ended(
             loop.call_later(seconds, stop)
 
     task = asyncio.ensure_future(serve_parts(service, when_ready=when_ready))
-    if service.renewals.can_reload:
-        signals.when_asked(service.renewals.reload)
+    if service.restarts is not None:
+        signals.when_asked(service.restarts.reload)
     signals.when_heard(stop)
     with contextlib.suppress(asyncio.CancelledError):
         return await task

@@ -156,7 +156,7 @@ class CompensatedAxis:
                 )  # fmt: skip
                 self._observer.follow(at)
                 self._keeper.follow(at)
-                self._keeper.finished()
+                self._keeper.finished(_END_S)
             else:
                 self._observer.miss(self.time_s, 0, drawn.failure)
             self._judge(self._report(drawn, frame), logs)
@@ -181,7 +181,7 @@ class CompensatedAxis:
 
     def close(self) -> None:
         """Wait until its files are written."""
-        self._keeper.finished()
+        self._keeper.finished(_END_S)
         assert self._desk.close(_END_S)
 
     def acknowledge(self) -> None:

@@ -16,11 +16,13 @@ from typing import Any
 
 import cbor2
 import numpy as np
+import structlog
 
 from observer.align.walk import Memory, nothing_yet
 from observer.control import compensation
 from observer.control.compensation import CompensationState
 from observer.estimate.pipeline import MachineModel
+from observer.estimate.screw_state import ScrewState
 from observer.estimators.protocol import EstimatorState
 from observer.estimators.selftest import SelfTestState
 from observer.quality.gap import GapState
@@ -36,6 +38,9 @@ _MOMENTS = frozenset(
 """The fields that hold a moment of the service's time."""
 
 
+log = structlog.get_logger()
+
+
 class UnfitError(Exception):
     """A checkpoint cannot be resumed; the message gives the reason, to follow its name and a colon."""
 
@@ -46,7 +51,8 @@ class Snapshot:
     one, and what its compensation held.
 
     Beside a recording that goes on with another one also what the aligner (`walk`) and the self-test (`test`)
-    remembered, which a restart forgets, and the number of the next estimate.
+    remembered, which a restart forgets, and the number of the next estimate. At the end of a process also
+    `screw`, from which another model of the machine continues.
     """
 
     tick_s: float
@@ -57,6 +63,7 @@ class Snapshot:
     walk: Memory | None = None
     test: SelfTestState | None = None
     sequence: int = 0
+    screw: ScrewState | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,21 +105,23 @@ def pack(snapshot: Snapshot, fit: CheckpointFit) -> bytes:
             "walk": _plain(snapshot.walk),
             "test": _plain(snapshot.test),
             "sequence": snapshot.sequence,
+            "screw": _plain(snapshot.screw),
         }
     )
     return _FORMAT + hashlib.sha256(body).digest() + body
 
 
-def unpack(data: bytes, fit: CheckpointFit) -> Snapshot:
-    """A snapshot from bytes; raises `UnfitError` where they are damaged, or of another plant or program."""
+def unpack(data: bytes, fit: CheckpointFit, machine: MachineModel | None = None) -> Snapshot:
+    """A snapshot from bytes; raises `UnfitError` where they are damaged, or of another plant or program.
+
+    With `machine`, a snapshot of another plant continues in that machine, where both have enough in common.
+    """
     document = _document(data)
-    for key, wanted, remark in (
-        ("version", version("ballscrew-observer"), "it was written by version {} of the program"),
-        ("plant", fit.plant, "it was written under another configuration of the machine"),
-    ):
-        if document.get(key) != wanted:
-            raise UnfitError(remark.format(document.get(key)))
+    if document.get("version") != version("ballscrew-observer"):
+        raise UnfitError(f"it was written by version {document.get('version')} of the program")
     tick_s = _filled(0.0, document.get("tick_s"), "tick_s")
+    if document.get("plant") != fit.plant:
+        return _of_another_plant(document, fit, machine, tick_s)
     estimator = _filled(fit.estimator, document.get("estimator"), "estimator")
     if not all(np.isfinite(array).all() for array in (tick_s, estimator.x_hat, estimator.P)):
         raise UnfitError("it holds numbers that are not finite")
@@ -128,8 +137,49 @@ def unpack(data: bytes, fit: CheckpointFit) -> Snapshot:
     )
 
 
-def load(path: Path, fit: CheckpointFit) -> Snapshot:
-    """A snapshot from a file; raises `UnfitError`, also where the file is missing or cannot be read."""
+def _of_another_plant(
+    document: Mapping[str, Any], fit: CheckpointFit, machine: MachineModel | None, tick_s: float
+) -> Snapshot:
+    """The snapshot of another plant in the plant of a machine; raises `UnfitError` where it does not fit."""
+    screw, continued = document.get("screw"), None
+    if machine is not None and screw is not None and np.isfinite(tick_s):
+        try:
+            continued = _screw(screw).continued(machine, tick_s)
+        except (ArithmeticError, LookupError, ValueError):  # no checkpoint prevents a start
+            log.error("a checkpoint of another model cannot be used", exc_info=True)
+    if continued is None:
+        raise UnfitError("it was written under another configuration of the machine")
+    drive, estimator = continued
+    try:
+        nuts = {name: _filled(getattr(fit.drive, name), document["drive"][name], name) for name in _PATHS}
+        drive = replace(drive, **nuts)
+    except (UnfitError, KeyError, TypeError):
+        log.info("the paths of the nuts start again")
+    log.info("field and heats are carried over into another model of the screw")
+    return Snapshot(tick_s, drive, estimator, None, _compensation(document.get("compensation"), fit))
+
+
+_PATHS = ("nuts", "turns")
+"""The fields of a drive's state that remember the paths of nuts."""
+
+
+def _screw(plain: Any) -> ScrewState:
+    """The state of a screw, of whatever size; raises `UnfitError` where the document holds none."""
+    try:
+        (places,) = plain["position_m"][1]
+        heats, lags, channels = (tuple(map(str, plain[name])) for name in ("heats", "lags", "channels"))
+        like = ScrewState.empty(places, heats, lags, channels)
+    except (KeyError, IndexError, TypeError, ValueError, MemoryError):
+        raise UnfitError("its screw does not fit any model") from None
+    filled: ScrewState = _filled(like, plain, "screw")
+    return filled
+
+
+def load(path: Path, fit: CheckpointFit, machine: MachineModel | None = None) -> Snapshot:
+    """A snapshot from a file; raises `UnfitError`, also where the file is missing or cannot be read.
+
+    `machine` is as in `unpack`.
+    """
     try:
         with path.open("rb") as file:
             data = file.read(_MOST_BYTES + 1)
@@ -137,7 +187,7 @@ def load(path: Path, fit: CheckpointFit) -> Snapshot:
         raise UnfitError("there is none yet") from None
     except OSError as error:
         raise UnfitError(f"it cannot be read ({error.strerror})") from None
-    return unpack(data, fit)
+    return unpack(data, fit, machine)
 
 
 def recent(snapshot: Snapshot, now_s: float, oldest_s: float) -> Snapshot:
@@ -151,7 +201,7 @@ def recent(snapshot: Snapshot, now_s: float, oldest_s: float) -> Snapshot:
 
 
 def shifted(snapshot: Snapshot, by_s: float) -> Snapshot:
-    """A snapshot with all its times shifted, for a service whose time was reset."""
+    """A snapshot with all its times shifted, for a computer whose clock was set."""
     drive, estimator = _moved(snapshot.drive, by_s), _moved(snapshot.estimator, by_s)
     gap, held = _moved(snapshot.gap, by_s), _moved(snapshot.compensation, by_s)
     return replace(

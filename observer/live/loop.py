@@ -19,14 +19,15 @@ import structlog
 from drivers.protocol import Driver
 from observer.align.aligner import Aligner, AlignPlan
 from observer.errors import UserError
-from observer.estimate.checkpoint import Snapshot
+from observer.estimate.checkpoint import Snapshot, shifted
 from observer.estimate.pipeline import Pipeline
 from observer.exchange import Command, PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Quality, Reading
 from observer.live.commands import Commands
 from observer.live.observers import Step, StepObserver
-from observer.live.renewal import Renewal, Renewals
+from observer.live.restarts import Restarts
 from observer.live.wires import Wires
+from observer.process.notify import reloading
 from observer.quality.conditions import Condition, Facts
 from observer.quality.health import HEALTH_PERIOD_S, Health, assess
 from observer.record.recorder import NoRecorder, Recorder
@@ -38,6 +39,9 @@ _SETTLE_LOOK_S = 0.02
 _DRIVERS_END_S = 0.3
 _RECORDER_END_S = 0.4
 _PUBLISHER_END_S = 0.7
+_OBSERVER_END_S = 0.1
+_WRITTEN_S = 4.0
+"""Before a restart, recording and checkpoint have so long instead: the new process continues from them."""
 
 log = structlog.get_logger()
 
@@ -89,7 +93,8 @@ class Service:
     `instance` names a start, `start` is the state that the pipeline continues from, None if cold. With
     `alone` it verifies before the first tick that no other service has the axis. `sensors` maps sensors'
     channels to their names, `options` name the machine and axis to a command; `nut_channel` is that of the
-    nut's position, None where none is read.
+    nut's position, None where none is read. `restarts` says when the process is to be executed anew, None
+    never; `restarted` gives the time and reason of the last time for health, None without one.
     """
 
     drivers: tuple[Driver, ...]
@@ -102,23 +107,24 @@ class Service:
     observers: tuple[StepObserver, ...] = ()
     instance: str = ""
     start: Snapshot | None = None
-    renewals: Renewals[Any] = field(default_factory=Renewals)
+    restarts: Restarts | None = None
+    restarted: Mapping[str, Any] | None = None
     alone: bool = True
     sensors: Mapping[str, str] = field(default_factory=dict)
     options: str = ""
     nut_channel: str | None = None
 
 
-async def serve(service: Service, when_ready: Callable[[], None] | None = None) -> Renewal[Any] | None:
-    """Serve until cancelled or until a renewal is due, then end every part within 1.7 s.
+async def serve(service: Service, when_ready: Callable[[], None] | None = None) -> str:
+    """Serve until cancelled or until a restart is due, then end every part; returns the restart's reason.
 
-    `when_ready` is called before the first tick. Raises `UserError` where another service has the axis
-    already.
+    After a cancellation that takes 1.7 s at most. `when_ready` is called before the first tick. Raises
+    `UserError` where another service has the axis already.
     """
     cycles = _Cycles(service)
     service.publisher.start()
     cycles.wires.start()
-    renewal = None
+    reason = None
     try:
         for observer in service.observers:
             observer.begin()
@@ -126,30 +132,37 @@ async def serve(service: Service, when_ready: Callable[[], None] | None = None) 
             await _refuse_a_second_service(service.publisher)
         if when_ready is not None:
             when_ready()
-        renewal = await cycles.tick_until_renewed()
-        return renewal
+        reason = await cycles.tick_until_restart()
+        service.notify(reloading())
+        return reason
     finally:
-        _end(service, cycles)
+        _end(service, cycles, restarts=reason is not None)
         log.info(
-            "stopped" if renewal is None else "parts ended", cycles=cycles.count, overruns=cycles.overruns
+            "stopped" if reason is None else "parts ended", cycles=cycles.count, overruns=cycles.overruns
         )
 
 
-def _end(service: Service, cycles: _Cycles) -> None:
+def _end(service: Service, cycles: _Cycles, *, restarts: bool) -> None:
     """End every part; log those that do not end in time."""
     snapshot = cycles.snapshot()
+    recorder_s, observer_s = (_WRITTEN_S, _WRITTEN_S) if restarts else (_RECORDER_END_S, _OBSERVER_END_S)
+    if restarts:
+        moved_s = service.clock.offset_s()
+        snapshot = None if snapshot is None else shifted(snapshot, moved_s)
+        for observer in service.observers:
+            observer.set_clock(moved_s)
     for observer in service.observers:
         observer.finish(snapshot)
     cycles.report_changes()
     if not cycles.wires.close(_DRIVERS_END_S):
         log.warning("a driver did not end in time")
-    if not service.recorder.close(_RECORDER_END_S):
+    if not service.recorder.close(recorder_s):
         status = service.recorder.status
         log.error("recording not complete", reason=status and status.reason)
     if not service.publisher.close(_PUBLISHER_END_S):
         log.warning("zenoh did not close in time; its peer does not answer")
     for observer in service.observers:
-        if (unfinished := observer.finished()) is not None:
+        if (unfinished := observer.finished(observer_s)) is not None:
             log.warning(unfinished)
 
 
@@ -189,6 +202,7 @@ class _Cycles:
         self._observed: tuple[Condition, ...] = ()
         self._health: Health | None = None
         self._sent_s = self._looked_s = -math.inf
+        self._restart = service.restarted
 
     def snapshot(self) -> Snapshot | None:
         """The pipeline's state after its last step, None before the first estimate."""
@@ -231,8 +245,8 @@ class _Cycles:
         for news in self._aligner.news_of(reading):
             self._service.recorder.reading(self._aligner.ingest(news))
 
-    async def tick_until_renewed(self) -> Renewal[Any] | None:
-        """Tick at whole multiples of the period, until the parts are to be rebuilt.
+    async def tick_until_restart(self) -> str:
+        """Tick at whole multiples of the period until a restart is due, and announce it; returns its reason.
 
         A tick that is missed is counted and left out.
         """
@@ -244,8 +258,11 @@ class _Cycles:
             due = math.floor(clock.now() / period_s)
             self.overruns += max(0, due - number)
             number = max(due, number) + 1
-            if renewal := self._service.renewals.due(clock.now(), clock.offset_s()):
-                return replace(renewal, snapshot=self.snapshot(), last=self._last)
+            restarts = self._service.restarts
+            if restarts is not None and (reason := restarts.due(clock.now(), clock.offset_s())) is not None:
+                self._restart, self._health = {"time_s": clock.now(), "reason": reason}, None
+                self._report(clock.now())
+                return reason
 
     def _tick(self, time_s: float) -> None:
         self.wires.drain()  # what arrived while this tick was waiting belongs to it
@@ -318,7 +335,8 @@ class _Cycles:
             yield "drivers: their thread has ended; restart the service"
         for observer in self._service.observers:
             yield from observer.notices()
-        yield from self._service.renewals.notices()
+        if self._service.restarts is not None:
+            yield from self._service.restarts.notices()
 
     def _used_sensors(self) -> frozenset[str]:
         """The names of the sensors that the last estimate uses."""
@@ -372,4 +390,5 @@ class _Cycles:
             log.info("health", state=health.state, reasons=health.reasons)
         if changed or now_s - self._sent_s >= HEALTH_PERIOD_S:
             self._health, self._sent_s = health, now_s
-            service.publisher.document("health", health.document() | {"instance": service.instance})
+            about = {"restart": self._restart, "instance": service.instance}
+            service.publisher.document("health", health.document() | about)

@@ -14,7 +14,9 @@ import structlog
 from observer.control.compensation import CompensationState
 from observer.control.compensator import Compensator
 from observer.control.steering import NoControl, Steering
-from observer.estimate.checkpoint import CheckpointFit, Snapshot, UnfitError, load, pack, recent, unpack
+from observer.estimate.checkpoint import CheckpointFit, Snapshot, UnfitError, load, pack, recent
+from observer.estimate.pipeline import MachineModel
+from observer.estimate.screw_state import ScrewState
 from observer.exchange import Command
 from observer.files.folders import make_folder, write_whole
 from observer.frames import EstimateBlock, FrameBlock, Inputs, Reading
@@ -24,7 +26,6 @@ from observer.quality.conditions import Condition, Trouble
 from observer.quality.gap import GapState
 from observer.quality.health import HEALTH_PERIOD_S
 
-_END_S = 0.1
 _CONTROL_END_S = 0.3
 
 Publish = Callable[[Mapping[str, Any]], None]
@@ -53,7 +54,7 @@ class Step:
 
 
 class StepObserver:
-    """Follows the loop; hooks that a subclass leaves out do nothing. Only `finished` may wait, for 0.1 s."""
+    """Follows the loop; hooks that a subclass leaves out do nothing. Only `finished` may wait."""
 
     def begin(self) -> None:
         """Start, before the first tick."""
@@ -92,8 +93,12 @@ class StepObserver:
     def finish(self, snapshot: Snapshot | None) -> None:
         """End; `snapshot` is where the pipeline stands."""
 
-    def finished(self) -> str | None:
-        """Wait for the end; returns what was not done in time."""
+    def set_clock(self, by_s: float) -> None:
+        """Move everything that lasts by the step of the computer's clock, before a restart."""
+
+    def finished(self, timeout_s: float) -> str | None:
+        """Wait for the end, at most so long; returns what was not done by then."""
+        del timeout_s
         return None
 
 
@@ -234,22 +239,27 @@ class AlarmObserver(StepObserver):
             self._sent_s = time_s
             self._publish(self._desk.document(time_s) | {"instance": self._instance})
 
-    def finished(self) -> str | None:
+    def set_clock(self, by_s: float) -> None:
+        """Move the times of the alarms."""
+        self._desk.move(by_s)
+
+    def finished(self, timeout_s: float) -> str | None:
         """Wait until the alarms are on the disk."""
-        return None if self._desk.close(_END_S) else "the state of the alarms could not be saved in time"
+        return None if self._desk.close(timeout_s) else "the state of the alarms could not be saved in time"
 
 
 def stored(
-    path: Path, fit: CheckpointFit, now_s: float, oldest_s: float
+    path: Path, fit: CheckpointFit, now_s: float, oldest_s: float, machine: MachineModel | None = None
 ) -> tuple[Snapshot | None, GapState | None, CompensationState | None]:
     """The service's state when it last ran, None for a cold start; the log says which and why.
 
     Also the last known state of the prediction's gap and of the compensation, however old; None without.
+    With `machine`, a state of another model continues in that machine.
     """
     gap: GapState | None = None
     compensation: CompensationState | None = None
     try:
-        snapshot = load(path, fit)
+        snapshot = load(path, fit, machine)
         gap = None if snapshot.gap is None else replace(snapshot.gap, time_s=math.nan)
         compensation = snapshot.compensation
         recent(snapshot, now_s, oldest_s)
@@ -260,48 +270,28 @@ def stored(
     return snapshot, snapshot.gap, compensation
 
 
-def carried(
-    snapshot: Snapshot | None,
-    before: CheckpointFit,
-    now: CheckpointFit,
-    over: Callable[[], Snapshot | None] = lambda: None,
-) -> Snapshot | None:
-    """A snapshot for rebuilt parts, None where it cannot be carried over; the log says why.
-
-    `over` carries it over where it is of another model.
-    """
-    if snapshot is None:
-        return None
-    try:
-        if before.plant == now.plant:
-            return unpack(pack(snapshot, before), now)
-        if (other := over()) is None:
-            raise UnfitError("another configuration of the machine, with which it has nothing in common")
-        found = unpack(pack(other, replace(now, setup=before.setup)), now)
-    except UnfitError as error:
-        log.warning("cold start", reason=str(error))
-        return None
-    log.info("field and heats are carried over into another model of the screw")
-    return found
-
-
 class Keeper(StepObserver):
     """Writes the newest snapshot to one file, at most every `period_s`, and the last one at the end.
 
     Each is written in a thread of its own; a period in which the one before is not written yet is left out.
+    With `machine`, the last one also says what another model of the screw continues from.
     """
 
-    def __init__(self, path: Path, fit: CheckpointFit, period_s: float) -> None:
-        self._path, self._fit, self._period_s = path, fit, period_s
+    def __init__(
+        self, path: Path, fit: CheckpointFit, period_s: float, machine: MachineModel | None = None
+    ) -> None:
+        self._path, self._fit, self._period_s, self._machine = path, fit, period_s, machine
+        self._last: Step | None = None
         self._given_s = -math.inf
         self._writing = threading.Thread()
         self._reason: str | None = None
 
     def follow(self, step: Step) -> None:
         """Write the state of the service after a step, if due."""
+        self._last = step
         if step.now_s - self._given_s >= self._period_s and not self._writing.is_alive():
             self._given_s = step.now_s
-            self.finish(step.snapshot())
+            self._begin(step.snapshot(), None)
 
     def notices(self) -> tuple[str, ...]:
         """Why the last checkpoint could not be written."""
@@ -313,22 +303,30 @@ class Keeper(StepObserver):
         return None
 
     def finish(self, snapshot: Snapshot | None) -> None:
-        """Begin to write a snapshot."""
+        """Begin to write the last snapshot."""
+        self._begin(snapshot, self._last)
+
+    def _begin(self, snapshot: Snapshot | None, last: Step | None) -> None:
         if snapshot is not None:
-            args = (snapshot, self._writing)
+            args = (snapshot, last, self._writing)
             self._writing = threading.Thread(target=self._write, args=args, name="checkpoint", daemon=True)
             self._writing.start()
 
-    def finished(self) -> str | None:
+    def finished(self, timeout_s: float) -> str | None:
         """Wait until the last snapshot is on the disk."""
         if self._writing.is_alive():
-            self._writing.join(_END_S)
+            self._writing.join(timeout_s)
         return "the last checkpoint could not be written in time" if self._writing.is_alive() else None
 
-    def _write(self, snapshot: Snapshot, before: threading.Thread) -> None:
+    def _write(self, snapshot: Snapshot, last: Step | None, before: threading.Thread) -> None:
         if before.is_alive():
             before.join()
         try:
+            if last is not None and self._machine is not None:
+                screw = ScrewState.of(
+                    self._machine, snapshot.estimator, last.inputs, last.estimate, last.frame
+                )
+                snapshot = replace(snapshot, screw=screw)
             make_folder(self._path.parent)
             write_whole(self._path, pack(snapshot, self._fit))
             self._reason = None

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 import sdnotify
 
 _SEND_S = 0.05
+
+
+def reloading() -> str:
+    """The message that a process sends before it is executed anew; `READY=1` follows with its first estimate.
+
+    It also feeds the watchdog, so that the start has all of its time.
+    """
+    return f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}\nWATCHDOG=1"
 
 
 def service_manager() -> Callable[[str], object]:

@@ -44,6 +44,11 @@ class StopSignals:
         """Call `reload` at each SIGHUP from now on."""
         self._reload = reload
 
+    @property
+    def heard(self) -> bool:
+        """Whether the process is to end."""
+        return self._heard
+
     def when_heard(self, stop: Callable[[], None]) -> None:
         """Call `stop` at the first signal, or now if it has come already."""
         with self._lock:
@@ -57,6 +62,7 @@ class StopSignals:
         self._handlers = {s: signal.signal(s, lambda *_: None) for s in _HEARD}
         self._fd = signal.set_wakeup_fd(self._there.fileno(), warn_on_full_buffer=False)
         threading.Thread(target=self._listen, name="signals", daemon=True).start()
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGHUP})  # blocked where the process is anew
         return self
 
     def __exit__(self, *_error: object) -> None:

@@ -89,17 +89,10 @@ class KnownSensor(NamedTuple):
 class AlarmDesk:
     """Learns usual heats and offsets from every estimate; raises alarms from the conditions of a report."""
 
-    def __init__(
-        self,
-        config: Config,
-        layout: Layout,
-        settings: AlarmSettings,
-        file: Path | None,
-        kept: dict[str, Any] | None = None,
-    ) -> None:
-        """Begin from `kept`, the state of an earlier desk, else from what `file` holds, if there is one.
+    def __init__(self, config: Config, layout: Layout, settings: AlarmSettings, file: Path | None) -> None:
+        """Begin from what `file` holds, if there is one; its alarms are not announced again.
 
-        `layout` is that of the estimates. The alarms of `kept` are not announced again.
+        `layout` is that of the estimates.
         """
         self._settings = settings
         self._sensors = {s.channel: s.name for s in config.sensor}
@@ -123,10 +116,7 @@ class AlarmDesk:
         self._reported: dict[str, str] = {}
         self._kept_s = -math.inf
         self._writing: threading.Thread | None = None
-        if kept is not None:
-            self._take(kept)
-            self._reported = self._raised
-        elif file is not None:
+        if file is not None:
             self._restore(file)
 
     def see(self, estimate: EstimateBlock, frame: FrameBlock, air_degC: float) -> None:
@@ -188,11 +178,10 @@ class AlarmDesk:
         """The states of the raised alarms, by their ids."""
         return {name: alarm.state for name, alarm in self._alarms.items() if alarm.is_raised}
 
-    def kept(self, by_s: float) -> dict[str, Any]:
-        """The state as plain data, with all its times moved by `by_s`."""
+    def move(self, by_s: float) -> None:
+        """Move all times by the step of the computer's clock."""
         self._alarms = {name: states.moved(alarm, by_s) for name, alarm in self._alarms.items()}
         self._bands = {n: band._replace(at_s=band.at_s + by_s) for n, band in self._bands.items()}
-        return self._plain()
 
     def acknowledge(self, name: str | None) -> str | None:
         """Acknowledge an alarm, or all; returns None, or a sentence why that is not possible."""
@@ -333,6 +322,7 @@ class AlarmDesk:
             if (offset := kept["offsets"].get(sensor.name)) is not None and offset["said"] == sensor.said:
                 self._offsets[sensor.name] = states.offset_of(offset)
         self._alarms = {name: alarm_of(alarm) for name, alarm in kept["alarms"].items()}
+        self._reported = self._raised
 
 
 def _document_of(name: str, alarm: Alarm) -> dict[str, Any]:

@@ -33,9 +33,9 @@ from observer.estimators.protocol import SCREENING_VERDICT, SENSOR_GUARD
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality
 from observer.installation import load as load_config
-from observer.live import observers as keeper_module
-from observer.live.observers import Keeper, Step, carried, stored
+from observer.live.observers import Keeper, Step, stored
 from observer.tables.publishing import STATE_DIRECTORY, Checkpoint, RecordSettings
+from tests.patience import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]
 RIG = ROOT / "tests" / "data" / "rig"
@@ -259,33 +259,25 @@ def test_where_the_machine_was_set_to_zero_outlives_age_and_another_setup(tmp_pa
     assert later.zero == replace(zero, time_s=12.0)
 
 
-def test_the_keeper_writes_the_newest_whole_and_for_its_owner_only(tmp_path, rig, fit, monkeypatch):
-    monkeypatch.setattr(keeper_module, "_END_S", 10.0)
+def test_the_keeper_writes_the_newest_whole_and_for_its_owner_only(tmp_path, rig, fit):
     path = tmp_path / "new" / "m-x.checkpoint"
     keeper = Keeper(path, fit, 10.0)
     standings = [replace(rig[1], tick_s=float(k)) for k in range(100)]
     for k, snapshot in enumerate(standings):
         keeper.follow(Step(None, None, None, now_s=float(k), snapshot=lambda snapshot=snapshot: snapshot))
     keeper.finish(replace(rig[1], tick_s=1234.0))
-    assert keeper.finished() is None
+    assert keeper.finished(PATIENCE_S) is None
     assert load(path, fit).tick_s == 1234.0
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert [p.name for p in path.parent.iterdir()] == ["m-x.checkpoint"]
 
 
-def test_the_keeper_says_when_it_cannot_write(tmp_path, rig, fit, monkeypatch):
-    monkeypatch.setattr(keeper_module, "_END_S", 10.0)
+def test_the_keeper_says_when_it_cannot_write(tmp_path, rig, fit):
     (tmp_path / "new").write_text("a file where the folder should be")
     keeper = Keeper(tmp_path / "new" / "m-x.checkpoint", fit, 10.0)
     keeper.finish(rig[1])
-    assert keeper.finished() is None
+    assert keeper.finished(PATIENCE_S) is None
     assert "cannot be written" in keeper.notices()[0]
-
-
-def test_goes_from_parts_to_parts_where_it_fits(rig, fit):
-    assert carried(None, fit, fit) is None
-    _assert_same(carried(rig[1], fit, fit), rig[1])
-    assert carried(rig[1], fit, replace(fit, plant="other")) is None
 
 
 @pytest.mark.parametrize(

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import blocks_of_log
-from observer.estimate.checkpoint import CheckpointFit, Snapshot
+from observer.estimate.checkpoint import CheckpointFit, Snapshot, UnfitError, pack, unpack
 from observer.estimate.pipeline import MachineModel
+from observer.estimate.screw_state import ScrewState
 from observer.estimators.protocol import Estimator
 from observer.files.logs import read_log
 from observer.files.regular import read_toml
 from observer.frames import EstimateBlock, FrameBlock
 from observer.installation import parse
-from observer.live.observers import Step, carried
-from observer.live.renewal import carried_over
+from observer.live.observers import Step
 from tests.logs.machines import RIG
 
 TABLE = read_toml(RIG / "config.toml")
@@ -55,6 +55,18 @@ def _stood() -> Stood:
     return Stood(machine, Snapshot(float(frame.time_s[0]), *pipeline.snapshot()), last, frames[AFTER:])
 
 
+def _carried(stood: Stood, other: MachineModel) -> Snapshot | None:
+    """What another model continues from after a restart; None where it starts cold."""
+    screw = ScrewState.of(
+        stood.machine, stood.snapshot.estimator, stood.last.inputs, stood.last.estimate, stood.last.frame
+    )
+    data = pack(replace(stood.snapshot, screw=screw), replace(CheckpointFit.of(stood.machine), plant="old"))
+    try:
+        return unpack(data, CheckpointFit.of(other), other)
+    except UnfitError:
+        return None
+
+
 def _next(
     machine: MachineModel, estimator: Estimator, snapshot: Snapshot, frames: list[FrameBlock]
 ) -> EstimateBlock:
@@ -87,9 +99,9 @@ def _effect(kind: str, **keys: Any) -> dict[str, Any]:
 )  # fmt: skip
 def test_the_next_estimate_continues_from_the_last(changes):
     """A cold start would know the heats to 30 W, and begin at their laws."""
-    machine, snapshot, last, then = _stood()
+    _, _, last, then = _stood()
     other, estimator = _parts(**changes)
-    there = carried_over(snapshot, last, machine, other)
+    there = _carried(_stood(), other)
     before, after = last.estimate, _next(other, estimator, there, then[:1])
     moved = np.abs(after.heat_W - before.heat_W) / before.heat_sigma_W
     assert moved.max() < 0.25
@@ -102,9 +114,9 @@ def test_the_next_estimate_continues_from_the_last(changes):
 
 def test_into_the_same_model_it_is_nearly_the_same_estimate_fifty_seconds_on():
     """Not the same, since what had been learnt begins anew; a cold start would be off by 5 W, two σ."""
-    machine, snapshot, last, then = _stood()
+    machine, snapshot, _, then = _stood()
     other, estimator = _parts()
-    there = carried_over(snapshot, last, machine, other)
+    there = _carried(_stood(), other)
     stayed = _next(machine, estimator, snapshot, then)
     after = _next(other, estimator, there, then)
     assert (np.abs(after.heat_W - stayed.heat_W) / stayed.heat_sigma_W).max() < 1.0
@@ -112,9 +124,9 @@ def test_into_the_same_model_it_is_nearly_the_same_estimate_fifty_seconds_on():
 
 
 def test_parameters_learnt_of_the_old_model_start_again():
-    machine, snapshot, last, then = _stood()
+    _, _, last, then = _stood()
     other, estimator = _parts(**_effect("end_conduction", target="left", conductance_W_K=0.1))
-    there = carried_over(snapshot, last, machine, other)
+    there = _carried(_stood(), other)
     film = other.plant.layout.learned.index("surface.convection_W_m2K")
     cold = _next(other, estimator, replace(there, estimator=estimator.initial()), then[:1])
     after = _next(other, estimator, there, then[:1])
@@ -123,17 +135,14 @@ def test_parameters_learnt_of_the_old_model_start_again():
 
 
 def test_without_anything_in_common_it_starts_cold():
-    machine, snapshot, last, _ = _stood()
     elsewhere = {"output": {"positions_m": [0.0, 0.5]}}
     renamed = {"source": [source | {"name": f"new-{i}"} for i, source in enumerate(TABLE["source"])]}
     more = {"ambient": {"channel": "another_degC"}}
     for changes in (elsewhere, renamed, more):
-        assert carried_over(snapshot, last, machine, _parts(**changes)[0]) is None
-    other, _ = _parts()
-    assert carried_over(None, last, machine, other) is None
-    assert carried_over(snapshot, None, machine, other) is None
+        assert _carried(_stood(), _parts(**changes)[0]) is None
+    snapshot = _stood().snapshot
     unknown = replace(snapshot, estimator=replace(snapshot.estimator, started=False))
-    assert carried_over(unknown, last, machine, other) is None
+    assert _carried(_stood()._replace(snapshot=unknown), _parts()[0]) is None
 
 
 class _StatesOfItsOwn:
@@ -145,20 +154,21 @@ class _StatesOfItsOwn:
 
 @pytest.mark.parametrize("of", ["before", "now"])
 def test_to_and_from_an_estimator_with_states_of_its_own_it_starts_cold(of):
-    machine, snapshot, last, _ = _stood()
     other, estimator = _parts()
-    assert carried_over(snapshot, last, machine, other) is not None
+    assert _carried(_stood(), other) is not None
     own = MachineModel(other.config, other.plant, other.drive, other.plan)
     own.__dict__["_estimator"] = _StatesOfItsOwn(estimator)
-    before, now = (own, other) if of == "before" else (machine, own)
-    assert carried_over(snapshot, last, before, now) is None
+    before, now = (own, other) if of == "before" else (_stood().machine, own)
+    assert _carried(_stood()._replace(machine=before), now) is None
 
 
-def test_a_rebuilt_service_continues_with_the_carried_state():
-    machine, snapshot, last, _ = _stood()
-    other, _ = _parts(**_effect("end_conduction", target="left", conductance_W_K=0.1))
-    before, now = CheckpointFit.of(machine), CheckpointFit.of(other)
-    there = carried(snapshot, before, now, lambda: carried_over(snapshot, last, machine, other))
-    assert there.tick_s == snapshot.tick_s
-    assert there.estimator.started
-    assert carried(snapshot, before, now) is None
+@pytest.mark.parametrize("spoilt", [{"position_m": []}, {"heats": 3}, {"values": ["<f8", [1, 10**9], b""]}])
+def test_a_state_of_a_screw_that_is_damaged_is_a_cold_start(spoilt):
+    _, snapshot, last, _ = _stood()
+    machine = _stood().machine
+    screw = ScrewState.of(machine, snapshot.estimator, last.inputs, last.estimate, last.frame)
+    plain = {name: getattr(screw, name) for name in ScrewState.__dataclass_fields__} | spoilt
+    data = pack(replace(snapshot, screw=plain), replace(CheckpointFit.of(machine), plant="old"))
+    other, _ = _parts()
+    with pytest.raises(UnfitError, match="screw"):
+        unpack(data, CheckpointFit.of(other), other)

@@ -8,6 +8,7 @@ from functools import partial
 from typing import ClassVar
 
 import numpy as np
+import pytest
 
 from drivers.protocol import DriverStatus
 from observer.control.compensation import NOT_ARMED, CompensationState
@@ -19,8 +20,8 @@ from observer.files.logs import read_log
 from observer.frames import EstimateQuality, Reading
 from observer.kernels.codes import JUMPED
 from observer.live.loop import Service, serve
-from observer.live.observers import CompensationObserver
-from observer.live.renewal import Renewals
+from observer.live.observers import CompensationObserver, StepObserver
+from observer.live.restarts import Restarts
 from observer.process.clock import ServiceClock
 from observer.quality.gap import Departure
 from observer.record.recorder import NoRecorder, Recorder
@@ -285,23 +286,39 @@ async def test_a_dead_recorder_is_reported_and_the_watchdog_not_fed(tmp_path, mo
     await asyncio.wait([task])
 
 
-async def test_a_renewal_ends_the_parts_and_reports_their_state():
-    renewals = Renewals()
+async def test_before_a_restart_the_parts_end_and_clients_learn_the_reason():
+    keeper = _Keeping()
     driver = FakeDriver([(0, {"t1_degC": 20.0, "t2_degC": 20.0}, {})])
-    service = replace(_service([driver], clock=FastClock(), period_s=0.5), renewals=renewals)
+    service = _service([driver], clock=FastClock(), period_s=0.5)
+    service = replace(service, restarts=Restarts(lambda: None), observers=(keeper,))
     task = asyncio.ensure_future(serve(service))
     await eventually(lambda: [b for _, b in service.publisher.estimates if np.isfinite(b.field_degC).all()])
+    assert service.publisher.healths[-1]["restart"] is None
     service.clock.offset = 60.0
-    renewal = await task
-    assert renewal.new_time
+    reason = await task
+    assert "clock was set" in reason
     assert service.publisher.closed
+    assert service.publisher.healths[-1]["restart"]["reason"] == reason
+    assert service.notes[-1].startswith("RELOADING=1\nMONOTONIC_USEC=")
+    # the snapshot has the new time of the clock
     last = service.publisher.estimates[-1][1]
-    assert renewal.snapshot.tick_s == last.time_s[0]
-    # and others go on from there: the first step is as long as the gap
-    after = replace(_service([FakeDriver([])], clock=FastClock(service.clock.time_s)), start=renewal.snapshot)
+    assert keeper.snapshot.tick_s == last.time_s[0] + 60.0
+    # and a service goes on from there: the first step is as long as the gap
+    start = FastClock(service.clock.time_s + 60.0)
+    after = replace(_service([FakeDriver([])], clock=start), start=keeper.snapshot)
     await _serve(after, lambda: len(after.publisher.estimates) >= 2)
     first = after.publisher.estimates[0][1]
-    assert first.field_degC[0, 2] == first.field_degC[0, 0] * (first.time_s[0] - last.time_s[0])
+    gap_s = first.time_s[0] - last.time_s[0] - 60.0
+    assert first.field_degC[0, 2] == pytest.approx(first.field_degC[0, 0] * gap_s)
+
+
+class _Keeping(StepObserver):
+    """Keeps the last snapshot."""
+
+    snapshot = None
+
+    def finish(self, snapshot) -> None:
+        self.snapshot = snapshot
 
 
 class _Departed:

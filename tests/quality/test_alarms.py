@@ -16,6 +16,7 @@ from observer.quality.alarms import AlarmDesk
 from observer.quality.conditions import Condition, Facts, Trouble, conditions, of_finding
 from observer.tables.publishing import AlarmSettings
 from tests.learning.machines import CONFIG, config_of
+from tests.patience import PATIENCE_S
 from tests.publish.blocks import block
 
 SENSORS = ("t1", "t2", "t3", "t4", "t5")
@@ -155,8 +156,8 @@ CLOCK_STEPPED = Condition(Trouble.CLOCK, value=3600.0)
 
 
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
-def test_a_standing_alarm_is_not_announced_again_after_a_step_of_the_clock(step_s):
-    before = _desk()
+def test_a_standing_alarm_is_not_announced_again_after_a_step_of_the_clock(tmp_path, step_s):
+    before = _desk(tmp_path / "alarms.json")
     refused = of_finding(Finding(Fault.REFUSED, "t3", 1.8e9, 3.0, 0.1))
     for time_s in (1.8e9, 1.8e9 + 700.0):
         before.look(time_s, (refused,))
@@ -164,7 +165,9 @@ def test_a_standing_alarm_is_not_announced_again_after_a_step_of_the_clock(step_
     before.look(1.8e9 + 701.0, (refused, CLOCK_STEPPED))
     alarms = {alarm["kind"]: alarm for alarm in before.document(0.0)["alarms"]}
     stands, clock = alarms["sensor_disagrees"], alarms["clock"]
-    desk = AlarmDesk(config_of(CONFIG), LAYOUT, AlarmSettings(), None, before.kept(step_s))
+    before.move(step_s)
+    assert before.close(PATIENCE_S)
+    desk = _desk(tmp_path / "alarms.json")
     now_s = 1.8e9 + 705.0 + step_s
     still = of_finding(Finding(Fault.REFUSED, "t3", 1.8e9 + step_s, 3.0, 0.1))
     assert not desk.look(now_s, (still,))  # nothing is to be published or logged at once

@@ -25,7 +25,7 @@ NO_CODE_MADE = (
 
 
 @contextmanager
-def _service_manager(monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
+def service_manager(monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
     """A socket where a daemon's `sd_notify` arrives."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         name = f"ballscrew-test-{os.getpid()}"
@@ -35,7 +35,7 @@ def _service_manager(monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]
         yield manager
 
 
-def _heard(manager: socket.socket) -> list[str]:
+def heard(manager: socket.socket) -> list[str]:
     notes = []
     with suppress(BlockingIOError):
         while True:
@@ -56,7 +56,7 @@ def test_it_is_ready_with_its_first_estimate_and_stays_within_its_memory(tmp_pat
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     notes: list[str] = []
     peak_MB = 0.0
-    with machine() as plant, _service_manager(monkeypatch) as manager:
+    with machine() as plant, service_manager(monkeypatch) as manager:
         table = table_for(plant.wires, mode="router", listen=[endpoint])
         with Daemon(tmp_path, table, NO_CODE_MADE) as daemon, Subscriber(endpoint) as seen:
 
@@ -64,7 +64,7 @@ def test_it_is_ready_with_its_first_estimate_and_stays_within_its_memory(tmp_pat
                 nonlocal peak_MB
                 pid = daemon.process.pid
                 peak_MB = max(peak_MB, sum(_memory_MB(p, "Pss") for p in (pid, *children_of(pid))))
-                notes.extend(_heard(manager))
+                notes.extend(heard(manager))
                 return bool(notes)
 
             until(ready, START_S)

@@ -1,0 +1,85 @@
+"""The state of the screw whatever its model: it continues in a configuration with another model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.estimate.pipeline import MachineModel
+from observer.estimators.carry import Carried, carry_from, carry_into
+from observer.estimators.protocol import CarriesOver, EstimatorState
+from observer.frames import BoolArray, EstimateBlock, FloatArray, FrameBlock, Inputs, NutPath
+
+
+@dataclass(frozen=True, slots=True)
+class ScrewState:
+    """Field and heats with their covariance, as in `Carried`, and the frame (1, c) that the step followed."""
+
+    position_m: FloatArray
+    heats: tuple[str, ...]
+    lags: tuple[str, ...]
+    value: FloatArray
+    covariance: FloatArray
+    channels: tuple[str, ...]
+    dt_s: FloatArray
+    values: FloatArray
+    fresh: BoolArray
+    quality: NDArray[np.int8]
+    age_s: FloatArray
+
+    @classmethod
+    def of(
+        cls, machine: MachineModel, state: EstimatorState, inputs: Inputs, estimate: EstimateBlock,
+        frame: FrameBlock,
+    ) -> ScrewState | None:  # fmt: skip
+        """The state after a step; None before the first estimate, or where the estimator has other states."""
+        if not isinstance(machine.estimator(), CarriesOver):
+            return None
+        carried = carry_from(machine.plant, state, inputs, estimate)
+        if carried is None:
+            return None
+        return cls(
+            *carried, frame.channels, frame.dt_s, frame.values, frame.fresh, frame.quality, frame.age_s
+        )
+
+    @classmethod
+    def empty(
+        cls, places: int, heats: tuple[str, ...], lags: tuple[str, ...], channels: tuple[str, ...]
+    ) -> ScrewState:
+        """A state of this size, all zeros."""
+        rows, of_frame = places + len(heats) + len(lags), (1, len(channels))
+        return cls(
+            np.zeros(places), heats, lags, np.zeros(rows), np.zeros((rows, rows)),
+            channels, np.zeros(1), np.zeros(of_frame), np.zeros(of_frame, np.bool_),
+            np.zeros(of_frame, np.int8), np.zeros(of_frame),
+        )  # fmt: skip
+
+    def continued(self, machine: MachineModel, tick_s: float) -> tuple[Any, EstimatorState] | None:
+        """The states of drive and estimator of another model that knows the same at `tick_s`.
+
+        What had been learnt of the old model starts again, and so does everything counted from a start. None
+        where the two models have nothing in common, or where the estimator has states of its own.
+        """
+        estimator = machine.estimator()
+        if not isinstance(estimator, CarriesOver) or not set(machine.config.channels) <= set(self.channels):
+            return None
+        columns = self.dt_s, self.values, self.fresh, self.quality, self.age_s
+        paths = {nut.channel: self._place(nut.channel, tick_s) for nut in machine.plant.moving}
+        frame = FrameBlock(self.channels, np.array([tick_s]), *columns, paths)
+        drive, inputs = machine.drive.run(machine.drive.initial(), frame)
+        known = Carried(self.position_m, self.heats, self.lags, self.value, self.covariance)
+        state = carry_into(machine.plant, estimator, known, inputs)
+        if state is None or not (np.isfinite(state.x_hat).all() and np.isfinite(state.P).all()):
+            return None
+        return drive, state
+
+    def _place(self, channel: str, tick_s: float) -> NutPath:
+        """The path of a nut in the frame: its last position, nothing where that is unknown."""
+        position_m = self.values[0, [self.channels.index(channel)]]
+        position_m = position_m[np.isfinite(position_m)]
+        unknown = np.full(len(position_m), np.nan)
+        offset = np.array([0, len(position_m)])
+        return NutPath(np.full(len(position_m), tick_s), position_m, offset, unknown, unknown)

@@ -1,0 +1,97 @@
+"""When the process is to be executed anew: for a changed configuration, or a clock that was set."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import structlog
+
+from observer.errors import UserError
+from observer.process.clock import stepped
+
+SETTLED_S = 3.0
+"""The new time of a reset clock is accepted once its offset has been stable for so long …"""
+_SAME_S = 0.1
+"""… to within this."""
+LOOK_S = 2.0
+"""Interval of looking for an adopted configuration."""
+NOTICE_S = 600.0
+"""A rejected configuration stays a reason in health for so long."""
+
+log = structlog.get_logger()
+
+
+class Restarts:
+    """Watches for both. `reload` may be called from any thread."""
+
+    def __init__(self, check: Callable[[], object], adoption_record: Path | None = None) -> None:
+        """Take the function that checks the changed configuration: it raises `UserError` for an invalid one.
+
+        It is called at each `reload`, and when the record of an adoption changes.
+        """
+        self._check, self._record = check, adoption_record
+        self._recorded_ns = self._record_ns()
+        self._asked = threading.Event()
+        self._reason: str | None = None
+        self._refused: tuple[float, str] | None = None
+        self._since_s: float | None = None
+        self._offset_s = 0.0
+        threading.Thread(target=self._watch, name="reload", daemon=True).start()
+
+    def reload(self) -> None:
+        """Check the configuration, beside the running service; if asked meanwhile, once more."""
+        self._asked.set()
+
+    def _watch(self) -> None:
+        """Check the configuration when that is asked for, or when one was adopted or undone."""
+        while True:
+            asked = self._asked.wait(LOOK_S)
+            recorded_ns, before_ns = self._record_ns(), self._recorded_ns
+            self._recorded_ns = recorded_ns
+            if asked or recorded_ns != before_ns:
+                self._asked.clear()
+                self._examine("the configuration was read again" if asked else "a configuration was adopted")
+
+    def _record_ns(self) -> int | None:
+        """When the record of the last adoption was written, None without one."""
+        try:
+            return None if self._record is None else self._record.stat().st_mtime_ns
+        except OSError:
+            return None
+
+    def _examine(self, reason: str) -> None:
+        log.info("checking the configuration")
+        try:
+            self._check()
+            self._refused, self._reason = None, reason
+        except UserError as error:
+            self._refuse(str(error))
+        except Exception as error:  # the service continues with what it has, whatever this is
+            log.error("checking the configuration failed", exc_info=True)
+            self._refuse(repr(error))
+
+    def _refuse(self, why: str) -> None:
+        self._refused = (time.monotonic(), why)
+        log.error("configuration rejected; the one in force stays", reason=why)
+
+    def due(self, now_s: float, offset_s: float) -> str | None:
+        """Why a restart is due at a time of the service, None if none is."""
+        if self._reason is not None:
+            return self._reason
+        why = stepped(offset_s)
+        if why is None:
+            self._since_s = None
+        elif self._since_s is None or abs(offset_s - self._offset_s) > _SAME_S:
+            self._since_s, self._offset_s = now_s, offset_s
+        elif now_s - self._since_s >= SETTLED_S:
+            return why
+        return None
+
+    def notices(self) -> tuple[str, ...]:
+        """Reasons for health."""
+        if self._refused is None or time.monotonic() - self._refused[0] > NOTICE_S:
+            return ()
+        return (f"the new configuration was rejected, the old one is in force: {self._refused[1]}",)
