@@ -6,10 +6,10 @@ import asyncio
 import contextlib
 import secrets
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import structlog
 
@@ -21,9 +21,10 @@ from observer.errors import ConfigError
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
 from observer.estimate.pipeline import MachineModel
 from observer.files.folders import refuse_unwritable
+from observer.files.regular import read_toml
 from observer.gateway.feed import Feed
 from observer.gateway.start import Start
-from observer.installation import Installation, load
+from observer.installation import Installation, parse
 from observer.installation.adopt import record_of
 from observer.live.forecasting import Forecaster, is_wanted
 from observer.live.loop import Service
@@ -49,16 +50,34 @@ from observer.record.retention import Retention, refuse_shared
 log = structlog.get_logger()
 
 
-def serve(config: Installation, seconds: float | None = None, path: Path | None = None) -> None:
-    """Run the daemon until it is stopped; the caller leaves the process afterwards.
+def serve_file(path: Path, seconds: float | None = None) -> None:
+    """Run the daemon with a configuration file, as `serve`.
 
-    With `path`, the process is executed anew when SIGHUP asks to read the configuration there again, when one
-    was adopted, and when the computer's clock was set.
+    The process is executed anew when SIGHUP asks to read the file again, when a configuration was adopted,
+    and when the computer's clock was set. The new process gets the checked configuration.
     """
     restart = restarted()
+    table = read_toml(path) if restart is None else restart.table
+    config = parse(table, str(path))
+    restarts = Restarts(lambda: _checked(path, config), table, record_of(path))
     if restart is not None:
         log.warning("begun anew", reason=restart.reason)
         seconds = None if restart.ends_s is None else max(0.0, restart.ends_s - time.monotonic())
+        if restart.again:
+            restarts.reload()
+    serve(config, seconds, restarts, restart)
+
+
+def serve(
+    config: Installation,
+    seconds: float | None = None,
+    restarts: Restarts | None = None,
+    restart: Restart | None = None,
+) -> None:
+    """Run the daemon until it is stopped; the caller leaves the process afterwards.
+
+    `restarts` says when the process is to be executed anew, `restart` why this one was.
+    """
     refuse_taken(config.publish.listens, "publish.listen")
     ready, clock = _Ready.of(config), ServiceClock()
     if (folder := config.record.directory) is not None:
@@ -67,7 +86,6 @@ def serve(config: Installation, seconds: float | None = None, path: Path | None 
     if (file := config.checkpoint_file) is not None:
         state = stored(file, ready.fit, clock.now(), config.checkpoint.oldest_s, ready.machine)
         start = _Start(*state, restart)
-    restarts = None if path is None else Restarts(lambda: _check(path, config), record_of(path))
     run(_service(ready, clock, restarts, start), seconds)
 
 
@@ -90,12 +108,14 @@ class _Ready:
         return cls(config, machine, CheckpointFit.of(machine))
 
 
-def _check(path: Path, in_force: Installation) -> None:
-    """Check that a service can run with the configuration in a file. Raises `UserError`."""
-    config = load(path)
+def _checked(path: Path, in_force: Installation) -> dict[str, Any]:
+    """The table of a configuration file with which a service can run. Raises `UserError`."""
+    table = read_toml(path)
+    config = parse(table, str(path))
     refuse_taken(set(config.publish.listens) - set(in_force.publish.listens), "publish.listen")
     config.open_drivers()
     _Ready.of(config)
+    return table
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,43 +245,37 @@ def run(service: Service, seconds: float | None = None) -> None:
     library's threads may hang at the interpreter's exit. Raises `UserError` where another service has the
     axis already.
     """
-    end_s: float | None = None
-
-    def left_s() -> float | None:
-        """The time left; it starts with the first tick, since a network may take seconds."""
-        nonlocal end_s
-        end_s = None if seconds is None else time.monotonic() + seconds
-        return seconds
-
-    def flush() -> None:
-        service.recorder.close(0.1)
-
     take_short_turns()
-    with StopSignals(flush) as signals:
-        reason = asyncio.run(_until_ended(service, left_s, signals))
-        if reason is not None and not signals.heard:
-            execute_anew(Restart(reason, time.time(), end_s))
+    with StopSignals(lambda: service.recorder.close(0.1)) as signals:
+        restart = asyncio.run(_until_ended(service, seconds, signals))
+        if restart is not None and not signals.heard:
+            execute_anew(restart)
 
 
-async def _until_ended(
-    service: Service, left_s: Callable[[], float | None], signals: StopSignals
-) -> str | None:
-    """Serve until a signal, until no time is left, or until a restart is due; returns its reason."""
-    loop = asyncio.get_running_loop()
+async def _until_ended(service: Service, seconds: float | None, signals: StopSignals) -> Restart | None:
+    """Serve until a signal, until no time is left, or until a restart is due, which is returned.
+
+    The time counts from the first tick, since a network may take seconds.
+    """
+    loop, restarts, ends_s = asyncio.get_running_loop(), service.restarts, None
 
     def stop() -> None:
         with contextlib.suppress(RuntimeError):  # the loop has ended by itself
             loop.call_soon_threadsafe(task.cancel)
 
     def when_ready() -> None:
+        nonlocal ends_s
         leave_in_peace()
-        if (seconds := left_s()) is not None:
+        if seconds is not None:
+            ends_s = time.monotonic() + seconds
             loop.call_later(seconds, stop)
 
     task = asyncio.ensure_future(serve_parts(service, when_ready=when_ready))
-    if service.restarts is not None:
-        signals.when_asked(service.restarts.reload)
+    if restarts is not None:
+        signals.when_asked(restarts.reload)
     signals.when_heard(stop)
     with contextlib.suppress(asyncio.CancelledError):
-        return await task
+        reason = await task
+        if restarts is not None:
+            return Restart(reason, time.time(), restarts.table, restarts.asked, ends_s)
     return None

@@ -83,15 +83,14 @@ def run(
     from observer.process.memory import import_sparingly, not_found
 
     import_sparingly()
-    from observer.daemon import serve
-    from observer.installation import load
+    from observer.daemon import serve_file
     from observer.process.messages import configure
 
     configure(as_json=log_format == "json")
     try:
         # python-can would load it, and with it pandas, to read measurement files, which no daemon does
         with not_found("asammdf"):
-            serve(load(config[0]), seconds, config[0])
+            serve_file(config[0], seconds)
     except UserError as error:
         say(error)
         shutdown.leave(2)  # threads of parts that had been started may hang at the interpreter's exit

@@ -165,14 +165,17 @@ _PATHS = ("nuts", "turns")
 
 def _screw(plain: Any) -> ScrewState:
     """The state of a screw, of whatever size; raises `UnfitError` where the document holds none."""
+
+    def part(name: str) -> Any:
+        if name in ("heats", "lags", "channels"):
+            return tuple(map(str, plain[name]))
+        dtype, shape, data = plain[name]
+        return np.frombuffer(data, np.dtype(dtype)).reshape(shape).copy()
+
     try:
-        (places,) = plain["position_m"][1]
-        heats, lags, channels = (tuple(map(str, plain[name])) for name in ("heats", "lags", "channels"))
-        like = ScrewState.empty(places, heats, lags, channels)
-    except (KeyError, IndexError, TypeError, ValueError, MemoryError):
+        return ScrewState(**{field.name: part(field.name) for field in fields(ScrewState)})
+    except (LookupError, TypeError, ValueError):
         raise UnfitError("its screw does not fit any model") from None
-    filled: ScrewState = _filled(like, plain, "screw")
-    return filled
 
 
 def load(path: Path, fit: CheckpointFit, machine: MachineModel | None = None) -> Snapshot:

@@ -45,18 +45,6 @@ class ScrewState:
             *carried, frame.channels, frame.dt_s, frame.values, frame.fresh, frame.quality, frame.age_s
         )
 
-    @classmethod
-    def empty(
-        cls, places: int, heats: tuple[str, ...], lags: tuple[str, ...], channels: tuple[str, ...]
-    ) -> ScrewState:
-        """A state of this size, all zeros."""
-        rows, of_frame = places + len(heats) + len(lags), (1, len(channels))
-        return cls(
-            np.zeros(places), heats, lags, np.zeros(rows), np.zeros((rows, rows)),
-            channels, np.zeros(1), np.zeros(of_frame), np.zeros(of_frame, np.bool_),
-            np.zeros(of_frame, np.int8), np.zeros(of_frame),
-        )  # fmt: skip
-
     def continued(self, machine: MachineModel, tick_s: float) -> tuple[Any, EstimatorState] | None:
         """The states of drive and estimator of another model that knows the same at `tick_s`.
 

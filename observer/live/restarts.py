@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import structlog
 
@@ -21,17 +22,24 @@ LOOK_S = 2.0
 NOTICE_S = 600.0
 """A rejected configuration stays a reason in health for so long."""
 
+Table = dict[str, Any]
 log = structlog.get_logger()
 
 
 class Restarts:
-    """Watches for both. `reload` may be called from any thread."""
+    """Watches for both. `reload` may be called from any thread.
 
-    def __init__(self, check: Callable[[], object], adoption_record: Path | None = None) -> None:
-        """Take the function that checks the changed configuration: it raises `UserError` for an invalid one.
+    `table` is the configuration in force, and once a changed one is valid that one.
+    """
+
+    def __init__(
+        self, check: Callable[[], Table], table: Table | None = None, adoption_record: Path | None = None
+    ) -> None:
+        """Take the function that reads and checks the configuration; it raises `UserError` for a wrong one.
 
         It is called at each `reload`, and when the record of an adoption changes.
         """
+        self.table = table or {}
         self._check, self._record = check, adoption_record
         self._recorded_ns = self._record_ns()
         self._asked = threading.Event()
@@ -45,9 +53,14 @@ class Restarts:
         """Check the configuration, beside the running service; if asked meanwhile, once more."""
         self._asked.set()
 
+    @property
+    def asked(self) -> bool:
+        """Whether a reload was asked for that has not been checked."""
+        return self._asked.is_set()
+
     def _watch(self) -> None:
-        """Check the configuration when that is asked for, or when one was adopted or undone."""
-        while True:
+        """Check the configuration when that is asked for, or when one was adopted, until one is valid."""
+        while self._reason is None:
             asked = self._asked.wait(LOOK_S)
             recorded_ns, before_ns = self._record_ns(), self._recorded_ns
             self._recorded_ns = recorded_ns
@@ -65,7 +78,7 @@ class Restarts:
     def _examine(self, reason: str) -> None:
         log.info("checking the configuration")
         try:
-            self._check()
+            self.table = self._check()
             self._refused, self._reason = None, reason
         except UserError as error:
             self._refuse(str(error))

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
+import cbor2
 import structlog
 
 from observer.process.shutdown import leave
@@ -24,10 +23,16 @@ log = structlog.get_logger()
 
 
 class Restart(NamedTuple):
-    """Why the process was executed anew and when, and at which `time.monotonic()` it ends, None if never."""
+    """What a process that is executed anew is told.
+
+    Why and when it was, and the table of the configuration that was checked; `again` says that a reload was
+    asked for since. At `ends_s` of `time.monotonic()` the process ends, None if never.
+    """
 
     reason: str
     time_s: float
+    table: dict[str, Any]
+    again: bool = False
     ends_s: float | None = None
 
     def document(self) -> dict[str, Any]:
@@ -36,13 +41,15 @@ class Restart(NamedTuple):
 
 
 def restarted() -> Restart | None:
-    """Why this process was executed anew, None for any other start; only the first call tells."""
-    text = os.environ.pop(_VARIABLE, None)
-    if text is None:
+    """What this process was told, None after an ordinary start; only the first call returns it."""
+    number = os.environ.pop(_VARIABLE, None)
+    if number is None:
         return None
-    with contextlib.suppress(ValueError, TypeError):
-        return Restart(**json.loads(text))
-    return None
+    try:
+        with os.fdopen(int(number), "rb") as file:
+            return Restart(**cbor2.load(file))
+    except (OSError, ValueError, TypeError, cbor2.CBORError):
+        return None  # the variable is somebody else's
 
 
 def execute_anew(restart: Restart) -> NoReturn:
@@ -53,35 +60,31 @@ def execute_anew(restart: Restart) -> NoReturn:
     _end_children()
     # it would end the new program until that handles it; here it waits until then
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
-    os.environ[_VARIABLE] = json.dumps(restart._asdict())
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError, ValueError):
-            stream.flush()
-    try:
-        os.execv(sys.executable, sys.orig_argv)
-    except OSError as error:
-        log.error("the program cannot be executed anew", program=sys.executable, reason=error.strerror)
-        leave(1)
+    with os.fdopen(os.memfd_create("restart"), "w+b") as file:
+        cbor2.dump(restart._asdict(), file)
+        file.flush()
+        file.seek(0)
+        os.set_inheritable(file.fileno(), True)
+        os.environ[_VARIABLE] = str(file.fileno())
+        sys.stdout.flush()
+        try:
+            os.execv(sys.executable, sys.orig_argv)
+        except OSError as error:
+            log.error("the program cannot be executed anew", program=sys.executable, reason=error.strerror)
+            leave(1)
 
 
 def _end_children() -> None:
     """Kill every child process and take its exit code: the new program knows none of them."""
     end_s = time.monotonic() + _CHILDREN_END_S
     while time.monotonic() < end_s:
-        for child in _children():
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(child, signal.SIGKILL)
-        with contextlib.suppress(InterruptedError):
-            try:
-                while os.waitpid(-1, os.WNOHANG)[0]:
-                    pass
-            except ChildProcessError:
-                return
+        for thread in Path("/proc/self/task").iterdir():
+            with contextlib.suppress(OSError):
+                for child in (thread / "children").read_text(encoding="ascii").split():
+                    os.kill(int(child), signal.SIGKILL)
+        try:
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+        except ChildProcessError:
+            return
         time.sleep(_LOOK_S)
-
-
-def _children() -> Iterator[int]:
-    """The processes that this one has started and that have not ended."""
-    for thread in Path("/proc/self/task").iterdir():
-        with contextlib.suppress(OSError):
-            yield from map(int, (thread / "children").read_text(encoding="ascii").split())

@@ -290,7 +290,7 @@ async def test_before_a_restart_the_parts_end_and_clients_learn_the_reason():
     keeper = _Keeping()
     driver = FakeDriver([(0, {"t1_degC": 20.0, "t2_degC": 20.0}, {})])
     service = _service([driver], clock=FastClock(), period_s=0.5)
-    service = replace(service, restarts=Restarts(lambda: None), observers=(keeper,))
+    service = replace(service, restarts=Restarts(dict), observers=(keeper,))
     task = asyncio.ensure_future(serve(service))
     await eventually(lambda: [b for _, b in service.publisher.estimates if np.isfinite(b.field_degC).all()])
     assert service.publisher.healths[-1]["restart"] is None

@@ -3,13 +3,16 @@
 import os
 import threading
 
+import pytest
+
 from observer.errors import ConfigError
 from observer.live.restarts import SETTLED_S, Restarts
 from tests.patience import until
 
 
-def nothing() -> None:
+def nothing() -> dict:
     """Find every configuration valid."""
+    return {}
 
 
 def test_a_clock_is_believed_once_it_has_settled():
@@ -29,10 +32,16 @@ def test_a_clock_that_corrects_itself_is_left_alone():
 
 
 def test_a_valid_configuration_is_a_reason_to_restart():
-    restarts = Restarts(nothing)
+    restarts = Restarts(lambda: {"new": 1}, {"old": 1})
+    assert restarts.table == {"old": 1}
     restarts.reload()
     until(lambda: restarts.due(0.0, 0.0) == "the configuration was read again")
+    assert restarts.table == {"new": 1}
     assert restarts.notices() == ()
+    # what is asked for now is left to the next process
+    assert not restarts.asked
+    restarts.reload()
+    assert restarts.asked
 
 
 def test_a_rejected_configuration_is_reported_and_changes_nothing():
@@ -41,6 +50,7 @@ def test_a_rejected_configuration_is_reported_and_changes_nothing():
     def check():
         if (answer := answers.pop(0)) is not None:
             raise answer
+        return {}
 
     restarts = Restarts(check)
     assert restarts.notices() == ()
@@ -53,15 +63,16 @@ def test_a_rejected_configuration_is_reported_and_changes_nothing():
     assert restarts.notices() == ()
 
 
-def test_an_adopted_configuration_is_checked_without_being_asked(tmp_path):
+@pytest.mark.parametrize("change", ["written", "removed"])
+def test_an_adopted_configuration_is_checked_without_being_asked(tmp_path, change):
     record = tmp_path / "machine.toml.adopted.json"
     record.write_text("{}")
-    count = []
-    restarts = Restarts(lambda: count.append(1), record)
-    os.utime(record, ns=(1, 1))
+    restarts = Restarts(nothing, {}, record)
+    if change == "written":
+        os.utime(record, ns=(1, 1))
+    else:
+        record.unlink()
     until(lambda: restarts.due(0.0, 0.0) == "a configuration was adopted")
-    record.unlink()
-    until(lambda: len(count) == 2)
 
 
 def test_asked_while_it_checks_it_checks_once_more():
@@ -70,6 +81,9 @@ def test_asked_while_it_checks_it_checks_once_more():
     def check():
         count.append(1)
         assert go.wait(30.0)
+        if len(count) == 1:
+            raise ConfigError("half written")
+        return {}
 
     restarts = Restarts(check)
     restarts.reload()
@@ -77,4 +91,5 @@ def test_asked_while_it_checks_it_checks_once_more():
     for _ in range(5):
         restarts.reload()
     go.set()
-    until(lambda: len(count) == 2)
+    until(lambda: restarts.due(0.0, 0.0) is not None)
+    assert len(count) == 2

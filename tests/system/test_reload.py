@@ -120,4 +120,15 @@ def test_a_wrong_configuration_changes_nothing_and_a_repaired_one_is_taken(tmp_p
             begun = _reload(daemon, seen)
             _assert_warm(seen.estimates[begun - 1], seen.estimates[begun])
             until(lambda: not any("rejected" in r for r in seen.health()["reasons"]), START_S)
+
+            # one that is spoilt while the process restarts neither ends the service nor goes unnoticed
+            before = seen.health()["restart"]
+            os.kill(daemon.process.pid, signal.SIGHUP)
+            until(lambda: seen.health()["restart"] != before, START_S)
+            daemon.config.write_text("[screw", encoding="utf-8")
+            os.kill(daemon.process.pid, signal.SIGHUP)
+            instance = seen.estimates[-1]["instance"]
+            until(lambda: seen.estimates[-1]["instance"] != instance, START_S)
+            until(lambda: any("not valid TOML" in r for r in seen.health()["reasons"]), START_S)
+            assert daemon.process.poll() is None
             assert daemon.stop() < 2.0
