@@ -7,6 +7,7 @@ from pathlib import Path
 
 from PIL import Image
 
+import observer
 from observer import app, installation
 
 HERE = Path(__file__).parent
@@ -19,7 +20,7 @@ def draw_overview(target: Path) -> None:
     """Do what a user does with a new machine: `observer calibrate`, then `observer replay`."""
     with tempfile.TemporaryDirectory() as scratch:
         place = Path(scratch)
-        app.calibrate([LOG], RIG / "config.toml", place, print)
+        observer.load(RIG / "config.toml").calibrate(LOG, progress=print).write(place)
         calibrated = installation.load(place / "config.toml")
         app.replay(LOG, calibrated, place, ".parquet", progress=lambda _done, _total: None)
         _shrink(place / "overview.png", target)

@@ -13,12 +13,11 @@ from observer.app.logs import (
     simulate,
     simulate_steady,
 )
-from observer.app.models import calibrate, discover, learned
+from observer.app.models import discover, learned
 
 __all__ = [
     "HeatFiles",
     "ImportOptions",
-    "calibrate",
     "compare",
     "discover",
     "export",

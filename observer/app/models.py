@@ -1,4 +1,4 @@
-"""Commands that change a model: calibration, learnt parameters, search for effects; results as files."""
+"""Commands that change a model: learnt parameters, search for effects; results as files."""
 
 from __future__ import annotations
 
@@ -13,29 +13,11 @@ from observer.estimate.pipeline import MachineModel
 from observer.files.documents import write_json
 from observer.files.folders import results_in
 from observer.installation import Installation, load
-from observer.library.fitting import RunsOfLogs, about, fitted, runs_of
+from observer.library.fitting import RunsOfLogs, about, runs_of
 from observer.library.given import channels_of
 
 if TYPE_CHECKING:  # the other commands start without the search
     from observer.discovery.discover import Discovery
-
-
-def calibrate(
-    log_paths: Sequence[Path], config_path: Path, output: Path, progress: Callable[[str], None]
-) -> dict[str, Any]:
-    """Fit the free parameters and the process noise; write `calibration.json`, and `config.toml` where the
-    fitted values are better than the configured ones.
-
-    Returns the content of `calibration.json`.
-    """
-    config = load(config_path)
-    progress("reading logs")
-    source = config_path.read_bytes()
-    logs = [channels_of(path, config) for path in log_paths]
-    with results_in(output) as part:
-        found = fitted(config, source, logs, progress)
-        found.write(part)
-    return found.document
 
 
 def learned(config_path: Path, output: Path) -> dict[str, tuple[float, float]]:

@@ -18,6 +18,7 @@ from observer.cli.options import (
 )
 from observer.cli.output import advancing, counting, show, show_sentence, warn, warn_of_paths
 from observer.errors import UserError
+from observer.files.folders import results_in
 from observer.terminal import echo
 
 verbs = typer.Typer()
@@ -263,10 +264,12 @@ def calibrate(
     """Fit the parameters that the configuration declares free; write config.toml and calibration.json, or
     end with code 1 if the configured values predict the held-back part of the logs better.
     """
-    from observer import app as parts
+    from observer.library.machine import load
 
-    with advancing("calibrate") as progress:
-        result = parts.calibrate(log, config, output, progress)
+    with results_in(output), advancing("calibrate") as progress:
+        calibrated = load(config).calibrate(log, progress=progress)
+        calibrated.write(output)
+    result = calibrated.document
     for key, fitted in result["calibrated"].items():
         low, high = fitted["ci95"]
         echo(f"{key} = {fitted['value']:g} ({low:g} … {high:g}), was {fitted['before']:g}")

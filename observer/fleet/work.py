@@ -33,6 +33,7 @@ from observer.fleet.journal import (
 )
 from observer.history.history import MethodOptions
 from observer.installation import Installation, load
+from observer.library.machine import load as load_machine
 
 _TURN = threading.Lock()
 """One job at a time in a process, whatever its number of threads: figures and time limits belong to one job.
@@ -140,9 +141,11 @@ def _identify(job: Job, options: RunOptions, part: Path) -> dict[str, Any]:
 
 
 def _calibrate(job: Job, _options: RunOptions, part: Path) -> dict[str, Any]:
-    result = app.calibrate(job.logs, job.config, part, _silent)
-    kept = ("calibrated", "not_told", "gap", "doubts")
-    return _type_of(load(job.config)) | {key: result[key] for key in kept}
+    machine = load_machine(job.config)
+    result = machine.calibrate(job.logs)
+    result.write(part)
+    shown = ("calibrated", "not_told", "gap", "doubts")
+    return _type_of(machine.config) | {key: result.document[key] for key in shown}
 
 
 def _discover(job: Job, _options: RunOptions, part: Path) -> dict[str, Any]:

@@ -119,6 +119,7 @@ class Machine:
         The last log, or the end of a single one, is held back. A fit that predicts it worse than the
         configured values do leaves the machine as it is. Raises `UserError`.
         """
+        progress("reading logs")
         found = fitted(self.config, self.source, as_several(logs, self.config), progress)
         return CalibrationResult(self if found.text is None else self.of_text(found.text, self.file), found)
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+import observer
 from observer import app
 from observer.align.aligner import doubts, refuse_empty
 from observer.errors import LogError
@@ -66,7 +67,7 @@ def _simulate(log, config, out):
 
 
 def _calibrate(log, config, out):
-    app.calibrate([log], config, out, lambda _text: None)
+    observer.load(config).calibrate([log])
 
 
 def _discover(log, config, out):

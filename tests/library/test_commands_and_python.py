@@ -1,0 +1,122 @@
+"""A command and the method of the same name read the same logs and write the same files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import can
+import cantools
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import observer
+from observer.cli import app as commands
+
+CONFIG = """
+[screw]
+length_m = 0.6
+diameter_m = 0.03
+conductivity_W_mK = 50.0
+density_kg_m3 = 7800.0
+specific_heat_J_kgK = 460.0
+expansion_1_K = 12e-6
+[surface]
+convection_W_m2K = 15.0
+[ambient]
+temperature_degC = 20.0
+[[source]]
+name = "bearing"
+shape = "point"
+position_m = 0.0
+speed_channel = "speed_rpm"
+heat_W_rpm = 0.01
+[[sensor]]
+name = "t1"
+channel = "t1_degC"
+position_m = 0.05
+[[sensor]]
+name = "t2"
+channel = "t2_degC"
+position_m = 0.4
+[calibrate]
+free = ["source.bearing.scale"]
+[drivers.axis]
+kind = "can"
+interface = "virtual"
+channel = "none"
+dbc = "DBC"
+period_s = 1.0
+[drivers.axis.channels]
+t1_degC = { message = "Temperatures", signal = "T1" }
+t2_degC = { message = "Temperatures", signal = "T2" }
+speed_rpm = { message = "Temperatures", signal = "Speed" }
+"""
+DBC = """VERSION ""
+BS_:
+BU_: Rig
+BO_ 256 Temperatures: 6 Rig
+ SG_ T1 : 0|16@1- (0.01,0) [-50|150] "degC" Rig
+ SG_ T2 : 16|16@1- (0.01,0) [-50|150] "degC" Rig
+ SG_ Speed : 32|16@1+ (1,0) [0|6000] "rpm" Rig
+"""
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("machine")
+    (folder / "rig.dbc").write_text(DBC)
+    path = folder / "machine.toml"
+    path.write_text(CONFIG.replace("DBC", str(folder / "rig.dbc")))
+    return path
+
+
+@pytest.fixture(scope="module")
+def program() -> dict[str, np.ndarray]:
+    """An hour in which the screw runs for half of it."""
+    time_s = np.arange(3600.0) + 1_700_000_000.0
+    return {"time_s": time_s, "speed_rpm": np.where(time_s - time_s[0] < 1800.0, 1500.0, 300.0)}
+
+
+@pytest.fixture(scope="module")
+def can_recording(config: Path, program: dict[str, np.ndarray]) -> Path:
+    """A CAN recording of a machine that has 0.7 of the configured friction."""
+    text = config.read_text().replace("heat_W_rpm = 0.01", "heat_W_rpm = 0.007")
+    run = observer.Machine.of_text(text).simulate(program)
+    database = cantools.database.load_file(config.with_name("rig.dbc"))
+    path = config.with_name("run.blf")
+    with can.Logger(path) as writer:
+        columns = (run["time_s"], run["t1_degC"], run["t2_degC"], run["speed_rpm"])
+        for time_s, t1_degC, t2_degC, speed_rpm in zip(*columns, strict=True):
+            values = {"T1": t1_degC, "T2": t2_degC, "Speed": speed_rpm}
+            data = database.encode_message("Temperatures", values)
+            writer(can.Message(timestamp=time_s, arbitration_id=256, is_extended_id=False, data=data))
+    return path
+
+
+def command(*arguments: str | Path) -> str:
+    """Run `observer` with arguments; return what it prints. An error of the user is raised."""
+    done = CliRunner().invoke(commands, [str(argument) for argument in arguments])
+    if isinstance(done.exception, observer.UserError):
+        raise done.exception
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def contents(folder: Path) -> dict[str, object]:
+    """The files of a folder by name; JSON without its date."""
+    files: dict[str, object] = {}
+    for path in folder.iterdir():
+        data: object = path.read_bytes()
+        if path.suffix == ".json":
+            data = {key: value for key, value in json.loads(path.read_bytes()).items() if key != "date"}
+        files[path.name] = data
+    return files
+
+
+def test_a_can_recording_is_calibrated(config: Path, can_recording: Path, tmp_path: Path) -> None:
+    command("calibrate", can_recording, "--config", config, "--output", tmp_path / "command")
+    observer.load(config).calibrate(can_recording).write(tmp_path / "python")
+    assert contents(tmp_path / "command") == contents(tmp_path / "python")
+    assert set(contents(tmp_path / "command")) == {"calibration.json", "config.toml"}
