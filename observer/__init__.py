@@ -36,6 +36,7 @@ if TYPE_CHECKING:  # `import observer` alone loads nothing, since it also starts
     )
     from observer.library.placing import PlacedSensors, SensorPlaces
     from observer.library.predicting import ForecastRun, SimulatedRun
+    from observer.library.profiles import ReportGrid
     from observer.library.replaying import Estimates
     from observer.library.signals import SignalTable
     from observer.library.steady import SteadyScrew
@@ -57,6 +58,7 @@ __all__ = [
     "LogError",
     "Machine",
     "PlacedSensors",
+    "ReportGrid",
     "SensorPlaces",
     "ServiceAlarm",
     "ServiceAlarms",
@@ -98,6 +100,7 @@ _MODULES = {
     ),
     "library.placing": ("PlacedSensors", "SensorPlaces"),
     "library.predicting": ("ForecastRun", "SimulatedRun"),
+    "library.profiles": ("ReportGrid",),
     "library.replaying": ("Estimates",),
     "library.signals": ("SignalTable",),
     "library.steady": ("SteadyScrew",),

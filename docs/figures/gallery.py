@@ -17,7 +17,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Rectangle
 
-from observer import app, installation
+import observer
+from observer import installation
 from observer.config import Config
 from observer.files.logs import Log, read_log
 from observer.files.writer import write_log
@@ -70,10 +71,11 @@ def predicted(config: Any, speed_rpm: float) -> Log:
     """What `observer simulate` writes for the programme."""
     time_s = np.arange(0.0, RUN_S + REST_S + STEP_S, STEP_S)
     with tempfile.TemporaryDirectory() as scratch:
-        program, log = Path(scratch) / "program.parquet", Path(scratch) / "log.parquet"
+        program = Path(scratch) / "program.parquet"
         write_log(program, time_s, inputs(config, time_s, speed_rpm))
-        app.simulate(program, config, log, None, lambda _done, _total: None, lambda _doubts: None)
-        return read_log(log)
+        run = observer.Machine(config, b"").simulate(program)
+        run.write(scratch, "log.parquet")
+        return read_log(Path(scratch) / "log.parquet")
 
 
 def inputs(config: Config, time_s: FloatArray, speed_rpm: float) -> dict[str, FloatArray]:

@@ -8,7 +8,6 @@ from pathlib import Path
 from PIL import Image
 
 import observer
-from observer import app, installation
 
 HERE = Path(__file__).parent
 RIG = HERE.parents[1] / "tests" / "data" / "rig"
@@ -20,9 +19,8 @@ def draw_overview(target: Path) -> None:
     """Do what a user does with a new machine: `observer calibrate`, then `observer replay`."""
     with tempfile.TemporaryDirectory() as scratch:
         place = Path(scratch)
-        observer.load(RIG / "config.toml").calibrate(LOG, progress=print).write(place)
-        calibrated = installation.load(place / "config.toml")
-        app.replay(LOG, calibrated, place, ".parquet", progress=lambda _done, _total: None)
+        calibrated = observer.load(RIG / "config.toml").calibrate(LOG, progress=print).machine
+        calibrated.replay(LOG).write(place, "parquet")
         _shrink(place / "overview.png", target)
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from observer.app.logs import Progress
 from observer.errors import ConfigError, LogError
+from observer.estimate.replay import Progress
 from observer.files.folders import results_in
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray
 from observer.installation import Installation

@@ -34,18 +34,12 @@ def replay(
     **accept: Any,
 ) -> None:
     """Run a recorded log through the same path as live: estimates, summary.json, overview.png."""
-    from observer import app as parts
-    from observer.installation import load
+    from observer.library.machine import load
 
-    with counting("replay", "estimating", "writing and drawing") as progress:
-        summary = parts.replay(
-            log,
-            load(config),
-            output,
-            f".{format}",
-            progress=progress,
-            **accept,
-        )
+    with results_in(output), counting("replay", "estimating", "writing and drawing") as progress:
+        estimates = load(config).replay(log, progress=progress, **accept)
+        estimates.write(output, format)
+    summary = estimates.summary
     if summary["start"] != "cold":
         echo(f"start: {summary['start']}")
     quality = ", ".join(f"{n} {name}" for name, n in summary["quality"].items() if n)
@@ -80,24 +74,14 @@ def forecast(
     **accept: Any,
 ) -> None:
     """Forecast what follows a log: temperatures and thermal error with sigma, and when they settle."""
-    from observer import app as parts
-    from observer.installation import load
+    from observer.library.machine import load
 
-    doubts = list[str]()
-    with counting("forecast", "estimating", "looking ahead") as progress:
-        lines = parts.forecast(
-            log,
-            load(config),
-            output,
-            program=program,
-            hours=hours,
-            progress=progress,
-            warn=doubts.extend,
-            **accept,
-        )
-    for line in lines:
+    with results_in(output), counting("forecast", "estimating", "looking ahead") as progress:
+        ahead = load(config).forecast(log, program=program, hours=hours, progress=progress, **accept)
+        ahead.write(output)
+    for line in ahead.sentences:
         show_sentence(line)
-    warn(doubts)
+    warn([*ahead.doubts])
     echo(f"written to {output}: forecast.csv, forecast.json, forecast.png")
 
 
@@ -143,24 +127,20 @@ def identify(
     **accept: Any,
 ) -> None:
     """Estimate the heats of a whole log from all its rows at once: heat.csv, summary.json, heat.png."""
-    from observer import app as parts
-    from observer.history.history import MethodOptions
-    from observer.installation import load
-    from observer.library.profiles import Report
+    from observer.library.machine import load
+    from observer.library.profiles import ReportGrid
 
-    options = MethodOptions(method, regularisation, parameter_choice, order, gradient, seed)
-    asked = Report(every_m, 60.0 * every_min)
-    asked.check()
-    with advancing("identify") as progress:
-        summary = parts.identify(
-            log,
-            load(config),
-            output,
-            options,
-            progress=progress,
-            report=asked if report or every_m is not None else None,
-            **accept,
-        )
+    grid = ReportGrid(every_m, 60.0 * every_min)
+    grid.check()
+    with results_in(output), advancing("identify") as progress:
+        heats = load(config).identify(
+            log, method, report=grid if report or every_m is not None else None, progress=progress,
+            regularisation=regularisation, parameter_choice=parameter_choice, order=order, gradient=gradient,
+            seed=seed, **accept,
+        )  # fmt: skip
+        progress("writing and drawing")
+        heats.write(output)
+    summary = heats.summary
     echo(f"{summary['rows']} rows over {summary['duration_s']:.6g} s by {method}")
     for name, mean_W in summary["heat_mean_W"].items():
         sigma_W = summary["heat_sigma_mean_W"][name]
@@ -199,29 +179,32 @@ def simulate(
     ] = None,
 ) -> None:
     """Predict a run from the heat laws alone, as a log with overview.png beside it; or the steady state."""
-    from observer import app as parts
-    from observer.installation import load
+    from observer.files.logs import suffix_of
+    from observer.library.machine import load
 
     if steady:
         if start_degC is not None:
             raise UserError("simulate: the steady state does not depend on --start-degc; leave it out")
-        found = parts.simulate_steady(load(config), assignments(at or []), program, output)
-        show(found.figures, as_json=False, as_text=case_as_table)
+        settled = load(config).settle(assignments(at or []), program=program)
+        settled.write(output)
+        show(settled.figures, as_json=False, as_text=case_as_table)
         echo(f"written to {output}: steady.csv, steady.json, steady.png")
         return
     if at:
         raise UserError("simulate: --at belongs to --steady; a program has its inputs as columns")
     if program is None:
         raise UserError("simulate: give --program, a log of the input channels, or --steady")
-    settings, doubts = load(config), list[str]()
+    suffix_of(output)
+    machine = load(config)
     with counting("simulate", "predicting", "writing and drawing") as progress:
-        last = parts.simulate(program, settings, output, start_degC, progress, doubts.extend)
+        run = machine.simulate(program, start_degC=start_degC, progress=progress)
+        run.write(output.parent, output.name)
     ends = ", ".join(
         f"{s.name} {t:.2f} {'°C' if s.kind == 'temperature' else 'µm'}"
-        for s, t in zip(settings.sensor, last, strict=True)
+        for s, t in zip(machine.config.sensor, run.last_degC, strict=True)
     )
     echo(f"at the end: {ends}")
-    warn(doubts)
+    warn([*run.doubts])
     echo(f"written: {output}, {output.parent / 'overview.png'}")
 
 
@@ -245,12 +228,13 @@ def compare(
     ] = None,
 ) -> None:
     """Compare variants of a machine: heats, temperatures, thermal error, force, and the σ that remain."""
-    from observer import app as parts
+    from observer.library.machine import load
 
-    with advancing("compare") as progress:
-        found = parts.compare(config, variants, log, output, progress, steady=steady, minimise=minimise)
-    show(found, as_json=False, as_text=comparison_as_text)
-    for sentence in found.sentences:
+    with results_in(output), advancing("compare") as progress:
+        comparison = load(config).compare(variants, log, steady=steady, minimise=minimise, progress=progress)
+        comparison.write(output)
+    show(comparison, as_json=False, as_text=comparison_as_text)
+    for sentence in comparison.sentences:
         show_sentence(sentence)
     echo(f"written to {output}: compare.csv, compare.json, compare.png")
 

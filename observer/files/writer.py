@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -26,25 +28,67 @@ class TableSink(Protocol):
         """Append rows; every block has the same columns in the same order."""
 
 
-class MemoryTable:
-    """Keeps the blocks of a table as one of Arrow."""
+class TemporaryTable:
+    """Stores the blocks of a table in a temporary file: the estimates of a long log may not fit into memory.
 
-    def __init__(self) -> None:
-        self._blocks: list[Any] = []
+    After the `with` block `table` is the `pyarrow.Table`, mapped from the file, which has no name any more
+    and vanishes with it. Raises `LogError` where the folder for temporary files has no room.
+    """
+
+    def __enter__(self) -> TemporaryTable:
+        import pyarrow as pa  # noqa: PLC0415
+
+        try:
+            file, self._name = tempfile.mkstemp(prefix="observer-", suffix=".arrow")
+        except OSError as error:
+            raise _no_room(error) from None
+        os.close(file)
+        self._sink: Any = pa.OSFile(self._name, "wb")
+        self._writer: Any = None
+        return self
 
     def write(self, columns: Mapping[str, Column]) -> None:
         """Append rows; every block has the same columns in the same order."""
-        self._blocks.append(_arrow(columns))
-
-    @property
-    def table(self) -> Any:
-        """The blocks so far, a `pyarrow.Table`."""
         import pyarrow as pa  # noqa: PLC0415
 
-        return pa.concat_tables(self._blocks)
+        block = arrow_table(columns)
+        try:
+            self._writer = self._writer or pa.ipc.new_file(self._sink, block.schema)
+            self._writer.write_table(block)
+        except OSError as error:
+            raise _no_room(error) from None
+
+    def __exit__(self, kind: type[BaseException] | None, *_error: object) -> None:
+        import pyarrow as pa  # noqa: PLC0415
+
+        try:
+            if kind is None:
+                self._writer.close()
+                self._sink.close()
+                self._file = pa.ipc.open_file(pa.OSFile(self._name))
+                self.table = pa.ipc.open_file(pa.memory_map(self._name)).read_all()
+        except OSError as error:
+            raise _no_room(error) from None
+        finally:
+            os.unlink(self._name)
+
+    def blocks(self) -> Iterator[Any]:
+        """Read the blocks from the file, one `pyarrow.Table` at a time."""
+        import pyarrow as pa  # noqa: PLC0415
+
+        for i in range(self._file.num_record_batches):
+            yield pa.Table.from_batches([self._file.get_batch(i)])
 
 
-def _arrow(columns: Mapping[str, Column]) -> Any:
+def _no_room(error: OSError) -> LogError:
+    return LogError(
+        f"{tempfile.gettempdir()}: estimates cannot be stored there ({error.strerror or error}); free space, "
+        "or set TMPDIR to another folder"
+    )
+
+
+def arrow_table(columns: Mapping[str, Column]) -> Any:
+    """Return columns as a `pyarrow.Table`, in which NaN is null."""
     import pyarrow as pa  # noqa: PLC0415
 
     return pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
@@ -81,7 +125,7 @@ class TableWriter:
 
     def write(self, columns: Mapping[str, Column]) -> None:
         """Append rows; every block has the same columns in the same order."""
-        self.write_arrow(_arrow(columns))
+        self.write_arrow(arrow_table(columns))
 
     def write_arrow(self, table: Any) -> None:
         """Append the rows of a `pyarrow.Table`."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -17,7 +17,6 @@ from typing import Any
 
 from observer import app
 from observer.errors import LogError, UserError
-from observer.estimate.pipeline import MachineModel
 from observer.fleet.jobs import Job, Verb
 from observer.fleet.journal import (
     WHY,
@@ -31,9 +30,7 @@ from observer.fleet.journal import (
     remove_attempts,
     remove_work_folder,
 )
-from observer.history.history import MethodOptions
-from observer.installation import Installation, load
-from observer.library.machine import load as load_machine
+from observer.library.machine import Machine, load
 
 _TURN = threading.Lock()
 """One job at a time in a process, whatever its number of threads: figures and time limits belong to one job.
@@ -125,27 +122,26 @@ def _limited(job: Job, options: RunOptions, part: Path) -> Iterator[None]:
 
 
 def _replay(job: Job, options: RunOptions, part: Path) -> dict[str, Any]:
-    config, machine = _machine(job.config, job.config.read_bytes())
-    summary = app.replay(
-        job.logs[0], config, part, f".{options.format}", progress=_silent, machine=machine, picture=False
-    )
-    return _heats(config, summary) | {"good": summary["quality"]["good"] / max(1, summary["rows"])}
+    machine = _machine(job.config, job.config.read_bytes())
+    estimates = machine.replay(job.logs[0])
+    estimates.write(part, options.format, picture=False)
+    good = estimates.summary["quality"]["good"] / max(1, estimates.summary["rows"])
+    return _heats(machine, estimates.summary) | {"good": good}
 
 
 def _identify(job: Job, options: RunOptions, part: Path) -> dict[str, Any]:
-    config, method = load(job.config), MethodOptions(options.method)
-    suffix = f".{options.format}"
-    files = app.HeatFiles(suffix, picture=False)
-    summary = app.identify(job.logs[0], config, part, method, progress=_silent, files=files)
-    return _heats(config, summary)
+    machine = load(job.config)
+    heats = machine.identify(job.logs[0], options.method)
+    heats.write(part, options.format, picture=False)
+    return _heats(machine, heats.summary)
 
 
 def _calibrate(job: Job, _options: RunOptions, part: Path) -> dict[str, Any]:
-    machine = load_machine(job.config)
+    machine = load(job.config)
     result = machine.calibrate(job.logs)
     result.write(part)
     shown = ("calibrated", "not_told", "gap", "doubts")
-    return _type_of(machine.config) | {key: result.document[key] for key in shown}
+    return _type_of(machine) | {key: result.document[key] for key in shown}
 
 
 def _discover(job: Job, _options: RunOptions, part: Path) -> dict[str, Any]:
@@ -162,25 +158,24 @@ _VERBS: dict[Verb, Callable[[Job, RunOptions, Path], dict[str, Any]]] = {
 }
 
 
-def _heats(config: Installation, summary: dict[str, Any]) -> dict[str, Any]:
-    kept = ("rows", "duration_s", "heat_mean_W", "speed_mean_rpm", "doubts")
-    return _type_of(config) | {key: summary[key] for key in kept}
+def _heats(machine: Machine, summary: Mapping[str, Any]) -> dict[str, Any]:
+    shown = ("rows", "duration_s", "heat_mean_W", "speed_mean_rpm", "doubts")
+    return _type_of(machine) | {key: summary[key] for key in shown}
 
 
-def _type_of(config: Installation) -> dict[str, Any]:
+def _type_of(machine: Machine) -> dict[str, Any]:
     """The key of comparable machines: the screw's size, and the names of its heat sources."""
-    screw = config.screw
+    screw = machine.config.screw
     return {
         "type": f"{screw.length_m:g} m × {1000 * screw.diameter_m:g} mm",
-        "sources": [source.name for source in config.source],
+        "sources": [source.name for source in machine.config.source],
     }
 
 
 @lru_cache(maxsize=_KEPT)
-def _machine(config: Path, _text: bytes) -> tuple[Installation, MachineModel]:
-    """The parts built from a configuration, cached for later logs while its text is the same."""
-    settings = load(config)
-    return settings, MachineModel.of(settings, learns=True)
+def _machine(config: Path, _text: bytes) -> Machine:
+    """The machine of a configuration, cached for later logs while its text is the same."""
+    return load(config)
 
 
 def _silent(*_args: object) -> None:

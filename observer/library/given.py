@@ -63,10 +63,15 @@ def read_program(path: Path, config: Installation, spare: Iterable[str] = ()) ->
     return read_channels(path, config, spare=config.sensor_channels | set(spare))
 
 
-def as_log(given: GivenLog, config: Installation, name: str = "log") -> Log:
-    """Return the given log, with a configuration's channels. Raises `LogError`."""
+def as_log(
+    given: GivenLog, config: Installation, name: str = "log", *, accept: Mapping[str, bool] | None = None
+) -> Log:
+    """Return the given log, with a configuration's channels.
+
+    `accept` has the options of `observer.read_log`, which concern files. Raises `LogError`.
+    """
     if isinstance(given, str | Path):
-        return recorded(Path(given), config)
+        return recorded(Path(given), config, **(accept or {}))
     log = _in_memory(given, name)
     derived = config.derived_channels - set(log.channels)
     there = [c for c in config.channels if c not in derived]

@@ -17,7 +17,7 @@ from observer.estimate.replay import heat_columns, history_summary, inputs_of, n
 from observer.files.documents import write_json
 from observer.files.folders import results_in
 from observer.files.logs import Log
-from observer.files.writer import MemoryTable
+from observer.files.writer import arrow_table
 from observer.frames import Inputs
 from observer.history.history import HeatHistory, MethodOptions
 from observer.history.identify import heat_history, refuse_diverged
@@ -29,6 +29,8 @@ from observer.report.panels import Panel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from observer.report.profiles import Profiles
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,6 +44,7 @@ class IdentifiedHeats(SignalTable):
     _config: Installation
     _history: HeatHistory
     _blocks: Sequence[Inputs]
+    _profiles: Profiles | None = None
 
     def _draw(self, figure: Figure) -> list[Panel]:
         from observer.report.pictures import draw_heat_history
@@ -53,13 +56,18 @@ class IdentifiedHeats(SignalTable):
     def write(self, folder: str | Path, format: str = "csv", *, picture: bool = True) -> None:
         """Write `heat.csv` (or `.parquet` by `format`), `summary.json` and `heat.png` into a folder.
 
-        Raises `UserError` where that cannot be.
+        With a report also `report.csv`, a row for each time and place, and `report.png`. Raises `UserError`
+        where that cannot be.
         """
+        from observer.library.profiles import write_report
+
         with results_in(Path(folder)) as part:
             self._write_table(part / f"heat.{format}")
             write_json(part / "summary.json", self.summary)
             if picture:
                 self._write_picture(part / "heat.png")
+            if self._profiles is not None:
+                write_report(self._profiles, part)
 
 
 def identified_heats(
@@ -93,6 +101,5 @@ def identified_heats(
         "speed_mean_rpm": speeds(config, log),
         "doubts": odd,
     }
-    summary, table = history_summary(layout, history, log, more), MemoryTable()
-    table.write(heat_columns(layout, history))
-    return IdentifiedHeats(table.table, f"heats in {log.path.name}", summary, config, history, tuple(blocks))
+    summary, table = history_summary(layout, history, log, more), arrow_table(heat_columns(layout, history))
+    return IdentifiedHeats(table, f"heats in {log.path.name}", summary, config, history, tuple(blocks))

@@ -6,12 +6,13 @@ import html
 import shlex
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from observer.estimate.pipeline import MachineModel
+from observer.estimate.replay import Progress
 from observer.files.folders import results_in
 from observer.history.history import Method, MethodOptions
 from observer.installation import Installation, load_candidates, parse, parse_candidates
@@ -28,6 +29,7 @@ from observer.library.given import GivenLog, as_log, as_program, as_several
 from observer.library.heats import IdentifiedHeats, identified_heats
 from observer.library.packages import in_words
 from observer.library.predicting import ForecastRun, SimulatedRun, forecast_run, simulated_run
+from observer.library.profiles import ReportGrid, profiles
 from observer.library.replaying import Estimates, estimates_of_log, quietly
 
 if TYPE_CHECKING:
@@ -71,44 +73,88 @@ class Machine:
         return MachineModel.of(self.config, learns=True)
 
     @in_words
-    def replay(self, log: GivenLog) -> Estimates:
+    def replay(
+        self,
+        log: GivenLog,
+        *,
+        progress: Progress = quietly,
+        accept_truncated: bool = False,
+        accept_damaged: bool = False,
+    ) -> Estimates:
         """Run a log through the path that live readings take, and return the estimates.
 
-        Raises `LogError` or `ConfigError`.
+        Of a file, `accept_truncated` drops a last row that was cut off, `accept_damaged` the rows of a
+        recording with a wrong checksum. `progress` gets the rows done and their total. Raises `LogError` or
+        `ConfigError`.
         """
-        return estimates_of_log(as_log(log, self.config), self.config, self._model)
+        accept = {"accept_truncated": accept_truncated, "accept_damaged": accept_damaged}
+        return estimates_of_log(as_log(log, self.config, accept=accept), self.config, self._model, progress)
 
     @in_words
-    def simulate(self, program: GivenLog, *, start_degC: float | None = None) -> SimulatedRun:
+    def simulate(
+        self, program: GivenLog, *, start_degC: float | None = None, progress: Progress = quietly
+    ) -> SimulatedRun:
         """Predict a run from the heat laws alone.
 
         The program is a log of the input channels; where it also holds the sensors' channels, their first
         values give the initial field, else `start_degC`, else the ambient. Raises `LogError`.
         """
-        return simulated_run(as_program(program, self.config, "program"), self.config, start_degC, quietly)
+        return simulated_run(as_program(program, self.config, "program"), self.config, start_degC, progress)
 
     @in_words
     def forecast(
-        self, log: GivenLog, *, program: GivenLog | None = None, hours: float | None = None
+        self,
+        log: GivenLog,
+        *,
+        program: GivenLog | None = None,
+        hours: float | None = None,
+        progress: Progress = quietly,
+        accept_truncated: bool = False,
+        accept_damaged: bool = False,
     ) -> ForecastRun:
         """Forecast what follows a log: temperatures and thermal error, and when they settle.
 
         The next program is learnt from the log's end, or given as `program`, a log of the input channels
-        that is repeated. Raises `LogError`.
+        that is repeated. `accept_truncated`, `accept_damaged` and `progress` are as for `replay`. Raises
+        `LogError`.
         """
-        follows = None if program is None else as_program(program, self.config, "program")
-        return forecast_run(as_log(log, self.config), self.config, follows, hours, quietly)
+        accept = {"accept_truncated": accept_truncated, "accept_damaged": accept_damaged}
+        next_program = None if program is None else as_program(program, self.config, "program")
+        return forecast_run(
+            as_log(log, self.config, accept=accept), self.config, next_program, hours, progress
+        )
 
     @in_words
-    def identify(self, log: GivenLog, method: Method = "smoother", **options: Any) -> IdentifiedHeats:
-        """Estimate the heats of a whole log, each from all measurements before and after it it.
+    def identify(
+        self,
+        log: GivenLog,
+        method: Method = "smoother",
+        *,
+        report: ReportGrid | None = None,
+        progress: Callable[[str], None] = lambda _text: None,
+        accept_truncated: bool = False,
+        accept_damaged: bool = False,
+        **options: Any,
+    ) -> IdentifiedHeats:
+        """Estimate the heats of a whole log, each from all measurements before and after it.
 
         `options` are `regularisation`, `parameter_choice`, `order`, `gradient` and `seed`, as of `observer
-        identify`. Raises `LogError` or `UserError`.
+        identify`. With a `report` the result also has temperatures and thermal error along the screw.
+        `progress` gets the stage of the work; `accept_truncated` and `accept_damaged` are as for `replay`.
+        Raises `LogError` or `UserError`.
         """
-        asked = MethodOptions(method, **options)
-        asked.check()
-        return identified_heats(as_log(log, self.config), self.config, asked, lambda _text: None)
+        method_options = MethodOptions(method, **options)
+        method_options.check()
+        if report is not None:
+            report.check()
+        progress("reading the log")
+        accept = {"accept_truncated": accept_truncated, "accept_damaged": accept_damaged}
+        measured = as_log(log, self.config, accept=accept)
+        heats = identified_heats(measured, self.config, method_options, progress)
+        if report is None:
+            return heats
+        progress("temperatures and thermal error")
+        return replace(heats, _profiles=profiles(measured, self.config, heats, report))
 
     @in_words
     def calibrate(

@@ -14,11 +14,11 @@ from observer.errors import LogError, UserError
 from observer.estimate.checkpoint import CheckpointFit
 from observer.estimate.open_loop import OpenLoop
 from observer.estimate.pipeline import MachineModel
-from observer.estimate.replay import estimates_of, program_of, simulated_columns, start_of
+from observer.estimate.replay import Progress, estimates_of, program_of, simulated_columns, start_of
 from observer.files.documents import write_json
 from observer.files.folders import results_in
 from observer.files.logs import TIME, Log
-from observer.files.writer import MemoryTable
+from observer.files.writer import arrow_table
 from observer.forecast.document import Forecast, document, sentences
 from observer.forecast.document import forecast as look_ahead
 from observer.forecast.friction import FrictionBank, forecast_by_all, is_of_use
@@ -26,7 +26,6 @@ from observer.forecast.program import learnt, repeating
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, NutPath
 from observer.installation import Installation
 from observer.library.packages import in_words
-from observer.library.replaying import Progress
 from observer.library.signals import SignalTable
 from observer.live.forecasting import Learner, forecast_columns, program_bins
 from observer.quality.conditions import of_finding
@@ -94,10 +93,10 @@ def simulated_run(
     if not parts:
         raise LogError(f"{log.path}: an input that the model needs never has a value; fill its column")
     time_s, law_W, rows = (np.concatenate(column) for column in zip(*parts, strict=True))
-    table = MemoryTable()
-    table.write({TIME: time_s, **simulated_columns(config, machine.plant, log, time_s, law_W, rows)})
+    columns = {TIME: time_s, **simulated_columns(config, machine.plant, log, time_s, law_W, rows)}
     words = tuple(words.text for words in log.words)
-    return SimulatedRun(table.table, f"open-loop prediction of {log.path.name}", words, config, samples)
+    title = f"open-loop prediction of {log.path.name}"
+    return SimulatedRun(arrow_table(columns), title, words, config, samples)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -173,9 +172,6 @@ def forecast_run(
     if content["reason"] is not None:
         lines.append(f"Doubtful: {content['reason']}.")
     odd = *doubts(log, paths, config, read), *(sentence(of_finding(f)) for f in pipeline.findings)
-    table = MemoryTable()
-    table.write({TIME: found.now_s + found.ahead.time_s, **forecast_columns(layout, found)})
+    table = arrow_table({TIME: found.now_s + found.ahead.time_s, **forecast_columns(layout, found)})
     title = f"{config.machine.name}, axis {config.machine.axis}: forecast from the end of {log.path.name}"
-    return ForecastRun(
-        table.table, title, tuple(lines), odd, content, found, layout.position_m, settings.within_um
-    )
+    return ForecastRun(table, title, tuple(lines), odd, content, found, layout.position_m, settings.within_um)

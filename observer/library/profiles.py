@@ -21,14 +21,14 @@ from observer.report.profiles import Profiles, draw_profiles
 MOST_PLACES = 400
 
 
-class Report(NamedTuple):
+class ReportGrid(NamedTuple):
     """The grid of a report: positions every `every_m`, m, or as in `[output]`; times every `every_s`, s."""
 
     every_m: float | None = None
     every_s: float = 600.0
 
     def check(self) -> None:
-        """Raise `UserError` where its times are none."""
+        """Raise `UserError` unless `every_s` is positive."""
         if not self.every_s > 0.0:
             raise UserError(f"--every-min {self.every_s / 60.0:g}: give a number above 0")
 
@@ -53,13 +53,12 @@ def write_report(found: Profiles, folder: Path) -> None:
         draw_profiles(figure, found)
 
 
-def profiles(log: Log, config: Installation, heats: SignalTable, asked: Report) -> Profiles:
+def profiles(log: Log, config: Installation, heats: SignalTable, grid: ReportGrid) -> Profiles:
     """Return the profiles of a log: heats from all of it, `heats`; field and error as its replay knows them.
 
     Raises `UserError` where the places or times asked for make no sense, `LogError` as a replay does.
     """
-    asked.check()
-    places_m = places(config, asked.every_m)
+    places_m = places(config, grid.every_m)
     if places_m is not None:
         output = config.output.model_copy(update={"positions_m": places_m})
         config = config.model_copy(update={"output": output})
@@ -67,7 +66,7 @@ def profiles(log: Log, config: Installation, heats: SignalTable, asked: Report) 
     found = estimates_of_log(log, config, machine)
     times_s = found.time_s
     since_s = times_s - times_s[0]
-    rows = np.unique(np.searchsorted(since_s, np.arange(0.0, since_s[-1] + 1e-6, asked.every_s)))[1:]
+    rows = np.unique(np.searchsorted(since_s, np.arange(0.0, since_s[-1] + 1e-6, grid.every_s)))[1:]
     rows = rows[rows < len(times_s)] if len(rows) else np.array([len(times_s) - 1])
     layout = machine.plant.layout
     mm = [f"{1000 * x:.10g}" for x in layout.position_m]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,11 +11,11 @@ from observer.align.aligner import commands_of, doubts, read_in
 from observer.estimate.checkpoint import CheckpointFit
 from observer.estimate.open_loop import OpenLoopGap
 from observer.estimate.pipeline import MachineModel
-from observer.estimate.replay import nut_paths, speeds, start_of, write_estimates
+from observer.estimate.replay import Progress, nut_paths, speeds, start_of, write_estimates
 from observer.files.documents import write_json
 from observer.files.folders import results_in
 from observer.files.logs import Log
-from observer.files.writer import MemoryTable, TableSink
+from observer.files.writer import TableSink, TemporaryTable
 from observer.frames import EstimateBlock, FrameBlock, NutPath
 from observer.installation import Installation
 from observer.library.packages import in_words
@@ -26,23 +26,21 @@ from observer.report.panels import Panel
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Progress = Callable[[int, int], None]
-
 
 def quietly(_done: int, _total: int) -> None:
     """Show no progress."""
 
 
 def replayed(
-    log: Log, config: Installation, sink: TableSink, progress: Progress, machine: MachineModel, samples: bool
-) -> tuple[dict[str, Any], ReplaySamples | None]:
-    """Write the estimates of a log into a table; return the summary and, if asked for, what a picture shows.
+    log: Log, config: Installation, sink: TableSink, progress: Progress, machine: MachineModel
+) -> tuple[dict[str, Any], ReplaySamples]:
+    """Write the estimates of a log into a table; return the summary, and the samples that its picture shows.
 
     Raises `LogError`.
     """
     pipeline = machine.pipeline()
     start, kind_of_start = start_of(log, CheckpointFit.of(machine))
-    kept = ReplaySamples(config, pipeline.layout) if samples else None
+    samples = ReplaySamples(config, pipeline.layout)
     open_loop, paths = OpenLoopGap(machine.plant, machine.drive), list[Mapping[str, NutPath]]()
     read = set[str]()
 
@@ -50,8 +48,7 @@ def replayed(
         open_loop.take(frames)
         paths.append(frames.path)
         read.update(read_in(frames))
-        if kept is not None:
-            kept.take(pipeline.inputs, block)
+        samples.take(pipeline.inputs, block)
 
     numbers = write_estimates(sink, log, machine.plan, pipeline, progress, start, follow)
     return {
@@ -65,7 +62,7 @@ def replayed(
         "doubts": [*doubts(log, paths, config, read), *_opposed(open_loop.opposed)],
         "start": kind_of_start,
         "commands": commands_of(log),
-    }, kept
+    }, samples
 
 
 def _opposed(found: Mapping[str, float]) -> Iterator[str]:
@@ -78,11 +75,6 @@ def _opposed(found: Mapping[str, float]) -> Iterator[str]:
         )
 
 
-def title_of_replay(log: Log) -> str:
-    """The title of a replay's picture."""
-    return f"replay of {log.path.name}"
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Estimates(SignalTable):
     """The estimates of a whole log; signals are the columns of `estimates.csv`.
@@ -93,6 +85,10 @@ class Estimates(SignalTable):
     summary: Mapping[str, Any]
     _config: Installation
     _samples: ReplaySamples
+    _stored: TemporaryTable
+
+    def _row_blocks(self) -> Iterator[Any]:
+        return self._stored.blocks()
 
     def _draw(self, figure: Figure) -> list[Panel]:
         from observer.report.pictures import draw_overview
@@ -100,7 +96,7 @@ class Estimates(SignalTable):
         return draw_overview(figure, self._config, self._samples, self._title)
 
     @in_words
-    def write(self, folder: str | Path, format: str = "csv") -> None:
+    def write(self, folder: str | Path, format: str = "csv", *, picture: bool = True) -> None:
         """Write `estimates.csv` (or `.parquet` by `format`), `summary.json` and `overview.png` into a folder.
 
         Raises `UserError` where that cannot be.
@@ -108,12 +104,14 @@ class Estimates(SignalTable):
         with results_in(Path(folder)) as part:
             self._write_table(part / f"estimates.{format}")
             write_json(part / "summary.json", self.summary)
-            self._write_picture(part / "overview.png")
+            if picture:
+                self._write_picture(part / "overview.png")
 
 
-def estimates_of_log(log: Log, config: Installation, machine: MachineModel) -> Estimates:
+def estimates_of_log(
+    log: Log, config: Installation, machine: MachineModel, progress: Progress = quietly
+) -> Estimates:
     """Return the estimates of a log. Raises `LogError`."""
-    sink = MemoryTable()
-    summary, samples = replayed(log, config, sink, quietly, machine, samples=True)
-    assert samples is not None
-    return Estimates(sink.table, title_of_replay(log), summary, config, samples)
+    with TemporaryTable() as sink:
+        summary, samples = replayed(log, config, sink, progress, machine)
+    return Estimates(sink.table, f"replay of {log.path.name}", summary, config, samples, sink)

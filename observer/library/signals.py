@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import re
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -119,10 +120,15 @@ class SignalTable(ABC):
         with written(path) as figure:
             self._draw(figure)
 
+    def _row_blocks(self) -> Iterator[Any]:
+        """The rows, one `pyarrow.Table` at a time."""
+        for batch in self._table.to_batches():
+            yield self._table.from_batches([batch])
+
     def _write_table(self, path: Path) -> None:
         with TableWriter(path) as writer:
-            for batch in self._table.to_batches():
-                writer.write_arrow(self._table.from_batches([batch]))
+            for block in self._row_blocks():
+                writer.write_arrow(block)
 
     def _repr_html_(self) -> str:
         """A table of the signals with their means, for notebooks."""

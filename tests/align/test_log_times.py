@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from observer import app
+import observer
 from observer.align.aligner import AlignPlan, frames_of_log
 from observer.align.log_times import doubt_of_times
 from observer.errors import ConfigError
 from observer.files.logs import Log
 from observer.frames import Quality
-from observer.installation import load, parse
+from observer.installation import parse
 from tests.align.test_logs_in_doubt import CONFIG
 
 HEAD = ("t1_degC", "screw_speed_rpm", "ambient_degC")
@@ -123,9 +123,7 @@ def test_no_replay_counts_steps_that_are_not_good_without_a_reason(tmp_path, gon
         t1, air = "" if away and gone == "t1" else 22.5, "" if away and gone == "ambient" else 22
         rows.append(f"{i},{t1},1000,{air}")
     (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
-    summary = app.replay(
-        tmp_path / "log.csv", load(config), tmp_path / "out", ".csv", progress=lambda *_: None, picture=False
-    )
+    summary = observer.load(config).replay(tmp_path / "log.csv").summary
     not_good = sum(n for name, n in summary["quality"].items() if name != "good")
     assert not_good > 0
     assert sum(summary["reasons"].values()) >= not_good

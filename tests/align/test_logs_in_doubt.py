@@ -7,7 +7,6 @@ from observer import app
 from observer.align.aligner import doubts, refuse_empty
 from observer.errors import LogError
 from observer.files.logs import read_log
-from observer.history.history import MethodOptions
 from observer.installation import load
 
 CONFIG = """
@@ -55,15 +54,15 @@ def _log(folder, *, ambient="22", sensor="22.5", apart=1):
 
 
 def _replay(log, config, out):
-    app.replay(log, load(config), out, ".csv", progress=lambda _done, _total: None)
+    observer.load(config).replay(log)
 
 
 def _identify(log, config, out):
-    app.identify(log, load(config), out, MethodOptions("smoother"), progress=lambda _text: None)
+    observer.load(config).identify(log)
 
 
 def _simulate(log, config, out):
-    app.simulate(log, load(config), out / "out.csv", None, lambda _done, _total: None)
+    observer.load(config).simulate(log)
 
 
 def _calibrate(log, config, out):
@@ -74,10 +73,8 @@ def _discover(log, config, out):
     app.discover(config, [log], out, lambda _text, _done: None)
 
 
-def _forecast(log, config, out, warn=lambda _doubts: None):
-    app.forecast(
-        log, load(config), out, program=None, hours=0.5, progress=lambda _done, _total: None, warn=warn
-    )
+def _forecast(log, config, out):
+    return observer.load(config).forecast(log, hours=0.5)
 
 
 COMMANDS = [_replay, _identify, _calibrate, _discover]
@@ -118,15 +115,12 @@ def test_what_a_log_lacks_and_what_is_wrong_at_its_end_is_said_of_a_forecast_too
     rows[350:] = [row.replace(f"{350 + i},", f"{86750 + i},", 1) for i, row in enumerate(rows[350:])]
     rows[3] = rows[3].replace("22.53", "nan")
     path.write_text("\n".join([head, *rows]) + "\n")
-    said = list[str]()
-    _forecast(path, config, tmp_path / "out", said.extend)
+    said = _forecast(path, config, tmp_path / "out").doubts
     (gap,) = [text for text in said if "no row" in text]
     assert gap.startswith("there is no row for 24 h after 349 s: ")
     assert any("t1_degC: 1 cell says nan" in text for text in said)
     assert any(text.startswith("t1 ") for text in said), "which stepped by 20 K"
-    assert gap in app.identify(
-        path, load(config), tmp_path / "heat", MethodOptions(), progress=lambda _text: None
-    )["doubts"]  # fmt: skip
+    assert gap in observer.load(config).identify(path).summary["doubts"]
 
 
 def test_a_sensor_may_have_been_away_in_a_recording_and_a_program_has_none(config, tmp_path):
@@ -148,7 +142,7 @@ def test_one_dead_sensor_of_two_is_reported_and_the_log_is_used(config, tmp_path
     two = two.model_copy(update={"sensor": (*two.sensor, second)})
     head, *rows = path.read_text().splitlines()
     path.write_text("\n".join([f"{head},t2_degC", *(f"{row}," for row in rows)]) + "\n")
-    summary = app.replay(path, two, tmp_path / "out", ".csv", progress=lambda _done, _total: None)
+    summary = observer.Machine(two, b"").replay(path).summary
     assert summary["doubts"] == [
         "channel t2_degC has no value in any row, so its sensor counts as missing throughout"
     ]
@@ -165,8 +159,7 @@ def test_words_read_as_missing_are_reported_once_per_column_in_use(config, tmp_p
         "channel t1_degC: 4 cells say NULL and were read as missing; check why the recorder wrote "
         "that, and leave missing cells empty"
     ]
-    summary = app.replay(path, load(config), tmp_path / "out", ".csv", progress=lambda _done, _total: None)
+    summary = observer.load(config).replay(path).summary
     assert sum("4 cells say NULL" in text for text in summary["doubts"]) == 1
-    said = list[str]()
-    app.simulate(path, load(config), tmp_path / "p.csv", None, lambda _done, _total: None, said.extend)
+    said = observer.load(config).simulate(path).doubts
     assert sum("4 cells say NULL" in text for text in said) == 1

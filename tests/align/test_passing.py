@@ -16,10 +16,9 @@ from observer.config import Config
 from observer.errors import UserError
 from observer.estimate.pipeline import MachineModel
 from observer.files.logs import Log
-from observer.files.writer import MemoryTable
 from observer.frames import Reading
 from observer.installation import parse
-from observer.library.replaying import quietly, replayed
+from observer.library.replaying import estimates_of_log
 from tests.logs.machines import table
 from tests.model.test_displacement import simulated
 
@@ -171,14 +170,14 @@ def test_a_place_that_is_never_read_is_not_good_and_a_sentence_says_why(
     log = _log(config, every_s)
     nut_m = log.values[:, log.channels.index("nut_m")]
     nut_m[:] = np.maximum(nut_m, low_m)
-    sink = MemoryTable()
-    summary, _ = replayed(log, config, sink, quietly, MachineModel.of(config), samples=False)
+    estimates = estimates_of_log(log, config, MachineModel.of(config))
+    summary = estimates.summary
     doubted = [sentence for sentence in summary["doubts"] if sentence.startswith("scale_um")]
     assert len(doubted) == (said is not None)
     assert said is None or re.search(said, doubted[0])
     assert not any("missing" in reason for reason in summary["reasons"]), "which is no fault"
     for k, place_m in enumerate(PLACES_m, 1):
-        read = np.isfinite(sink.table[f"innovation_scale_{k}_um"])
+        read = np.isfinite(estimates[f"innovation_scale_{k}_um"])
         assert read.any() == (every_s < 1.0 and place_m > low_m)
-        missing = np.asarray(sink.table[f"quality_scale_{k}"]) == "missing"
+        missing = np.asarray(estimates[f"quality_scale_{k}"]) == "missing"
         np.testing.assert_array_equal(missing, np.cumsum(read) == 0)

@@ -48,12 +48,11 @@ def test_a_batch_builds_a_machine_once_and_again_for_another_text(tmp_path, orde
 
 
 def test_a_fleet_s_replay_gives_the_bits_of_a_single_one(tmp_path, order):
-    from observer import app
-    from observer.installation import load
+    import observer
 
     how = RunOptions("replay", tmp_path / "out")
     workers.work([Job("m", "before", order.logs, order.config, Path("m/replay/before")), order], how)
-    app.replay(order.logs[0], load(order.config), tmp_path / "one", ".parquet", progress=lambda *_: None)
+    observer.load(order.config).replay(order.logs[0]).write(tmp_path / "one", "parquet")
     alone, of_fleet = tmp_path / "one", how.output / order.folder
     for name in ("estimates.parquet", "summary.json"):
         assert (of_fleet / name).read_bytes() == (alone / name).read_bytes()

@@ -10,15 +10,14 @@ from typing import Any
 
 import pytest
 
+import observer
 from campaigns.forecast.warming import warming
-from observer import app
 from observer.align.aligner import frames_of_log
 from observer.errors import LogError
 from observer.estimate.checkpoint import Snapshot
 from observer.estimate.pipeline import MachineModel
 from observer.files.logs import Log
 from observer.files.writer import write_log
-from observer.installation import load
 from observer.live.forecasting import Forecaster, is_wanted
 from observer.live.observers import Step
 from tests.learning.cover import log_of
@@ -87,15 +86,14 @@ def files(folder: Path, rows: int) -> tuple[Path, Path]:
 
 def test_a_log_and_a_program_are_forecast_into_files(tmp_path: Path) -> None:
     log, config = files(tmp_path, 1500)
-    lines = app.forecast(
-        log, load(config), tmp_path / "out", program=log, hours=0.5, progress=lambda _done, _total: None
-    )
+    forecast = observer.load(config).forecast(log, program=log, hours=0.5)
+    forecast.write(tmp_path / "out")
     assert {f.name for f in (tmp_path / "out").iterdir()} == {"forecast.csv", "forecast.json", "forecast.png"}
     found = json.loads((tmp_path / "out" / "forecast.json").read_text(encoding="utf-8"))
     assert set(found) == SCHEMA
     assert found["program"]["kind"] == "given"
     assert found["at_s"][-1] - found["time_s"] == pytest.approx(1800.0, abs=10.0)  # to a bin
-    assert "warmest" in lines[0]
+    assert "warmest" in forecast.sentences[0]
 
 
 def test_a_log_of_a_warm_up_says_where_it_settles_and_how_sure_that_is(tmp_path: Path) -> None:
@@ -103,22 +101,17 @@ def test_a_log_of_a_warm_up_says_where_it_settles_and_how_sure_that_is(tmp_path:
     rows, columns = 1300, dict(zip(log.channels, log.values.T, strict=True))
     write_log(tmp_path / "log.csv", log.time_s[:rows], {c: v[:rows] for c, v in columns.items()})
     (tmp_path / "machine.toml").write_text(CONFIG, encoding="utf-8")
-    lines = app.forecast(
-        tmp_path / "log.csv", load(tmp_path / "machine.toml"), tmp_path / "out", program=None, hours=0.1,
-        progress=lambda _done, _total: None,
-    )  # fmt: skip
-    found = json.loads((tmp_path / "out" / "forecast.json").read_text(encoding="utf-8"))
+    forecast = observer.load(tmp_path / "machine.toml").forecast(tmp_path / "log.csv", hours=0.1)
+    found = forecast.document
     places = len(found["position_m"])
     assert all(len(found[key]) == places for key in ("settled_degC", "settled_error_um"))
     assert min(found["settled_sigma_K"]) > 0.0
     low_s, high_s = found["settled_between_s"]
     assert low_s <= found["settled_at_s"] <= high_s
-    assert lines[1].startswith("It settles with ")
+    assert forecast.sentences[1].startswith("It settles with ")
 
 
 def test_a_log_that_is_too_short_is_refused_in_a_sentence(tmp_path: Path) -> None:
     log, config = files(tmp_path, 30)
     with pytest.raises(LogError, match=r"log\.csv: no forecast .* first minute"):
-        app.forecast(
-            log, load(config), tmp_path, program=None, hours=None, progress=lambda _done, _total: None
-        )
+        observer.load(config).forecast(log)

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import observer
 from campaigns.gap.months import EFFECTS, Rig
-from observer import app
 from observer.align.aligner import frames_of_log
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack, shifted, unpack
 from observer.estimate.pipeline import MachineModel, Pipeline
@@ -239,7 +239,7 @@ def test_a_nut_failing_at_work_is_reported_by_a_replay_of_the_whole_day(tmp_path
     write_log(tmp_path / "day.csv.gz", one.time_s, values)
     (tmp_path / "config.toml").write_text(CONFIG + '[estimator]\nengine = "constant"\n', encoding="utf-8")
     config = load(tmp_path / "config.toml")
-    summary = app.replay(tmp_path / "day.csv.gz", config, tmp_path / "out", ".csv", progress=lambda *_: None)
+    summary = observer.Machine(config, b"").replay(tmp_path / "day.csv.gz").summary
     first, *others = summary["gap"]["departures"]
     assert not others
     assert first["sensor"] in ("t2", "t3", "t4")
@@ -249,11 +249,10 @@ def test_a_nut_failing_at_work_is_reported_by_a_replay_of_the_whole_day(tmp_path
 
 
 def test_a_replay_reports_its_history(tmp_path) -> None:
-    summary = app.replay(
-        RIG / "run_c.csv.gz", load(RIG / "config.toml"), tmp_path / "out", ".csv", progress=lambda *_: None
-    )
+    estimates = observer.load(RIG / "config.toml").replay(RIG / "run_c.csv.gz")
+    estimates.write(tmp_path / "out")
     report = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["gap"]
-    assert report == summary["gap"]
+    assert report == estimates.summary["gap"]
     assert report["now"]["hours"] > 1.0
     assert report["departures"] == []
     assert 0.0 < report["most_of_allowed"] < 1.0

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from observer import app
+import observer
 from observer.cli import app as cli
 from observer.errors import LogError, UserError
 from observer.files.logs import read_log
@@ -20,7 +20,7 @@ from observer.history.history import MethodOptions
 from observer.history.identify import heat_history
 from observer.installation import load
 from observer.library import heats
-from observer.library.profiles import Report
+from observer.library.profiles import ReportGrid
 from tests.reference.cases import config_of, point
 from tests.truth.bar import Bar, End
 
@@ -47,7 +47,9 @@ def _log(path, rows=200, missing=()):
 
 
 def _identify(log, output, **options):
-    return app.identify(log, _config(), output, MethodOptions(**options), progress=lambda _text: None)
+    heats = observer.Machine(_config(), b"").identify(log, **options)
+    heats.write(output)
+    return heats.summary
 
 
 def test_columns_are_those_of_the_contract_and_rows_those_of_the_log(tmp_path):
@@ -63,7 +65,7 @@ def test_columns_are_those_of_the_contract_and_rows_those_of_the_log(tmp_path):
 def test_a_heat_that_an_effect_adds_is_known_and_not_among_those_found(tmp_path):
     log = _log(tmp_path / "log.csv")
     config = _config(effect=[{"kind": "local_heat", "position_m": 0.5, "heat_W": 3.0}])
-    summary = app.identify(log, config, tmp_path / "out", MethodOptions(), progress=lambda _text: None)
+    summary = observer.Machine(config, b"").identify(log).summary
     assert set(summary["heat_mean_W"]) == {"left", "right"}
 
 
@@ -97,9 +99,9 @@ def test_a_log_without_any_value_leaves_nothing_behind(tmp_path):
 def test_every_method_writes_the_same_files_and_says_how_it_went(tmp_path, options):
     log = _log(tmp_path / "log.csv")
     beside_the_sources = _config(sensor_m=(0.0, 1.0))  # step by step diverges with sensors farther away
-    summary = app.identify(
-        log, beside_the_sources, tmp_path / "out", MethodOptions(**options), progress=lambda _text: None
-    )
+    heats = observer.Machine(beside_the_sources, b"").identify(log, **options)
+    heats.write(tmp_path / "out")
+    summary = heats.summary
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["heat.csv", "heat.png", "summary.json"]
     read = read_log(tmp_path / "out" / "heat.csv")
     assert np.isfinite(read.values).all()
@@ -157,10 +159,8 @@ def test_uneven_steps_are_taken_by_every_method(tmp_path, method):
 
 def test_a_log_that_a_method_cannot_take_is_named(tmp_path):
     log, config = _log(tmp_path / "log.csv"), _config(effect=[{"kind": "radiation", "emissivity": 0.9}])
-    options = MethodOptions("conjugate-gradient")
     with pytest.raises(LogError, match=r"log\.csv: radiation, .* use --method smoother"):
-        app.identify(log, config, tmp_path / "out", options, progress=lambda _text: None)
-    assert not (tmp_path / "out").exists()
+        observer.Machine(config, b"").identify(log, "conjugate-gradient")
 
 
 @pytest.mark.parametrize(
@@ -185,10 +185,8 @@ def test_options_that_contradict_each_other_are_refused(options, sentence):
 def test_a_report_has_temperatures_heats_and_errors_by_time_and_place(tmp_path):
     """Four times five minutes apart, 21 places 50 mm apart, with what estimates and heats say there."""
     log = _log(tmp_path / "log.csv", rows=250)
-    summary = app.identify(
-        log, _config(), tmp_path / "out", MethodOptions(), progress=lambda _text: None,
-        report=Report(0.05, 300.0),
-    )  # fmt: skip
+    result = observer.Machine(_config(), b"").identify(log, report=ReportGrid(0.05, 300.0))
+    result.write(tmp_path / "out")
     assert (tmp_path / "out" / "report.png").read_bytes()[:4] == b"\x89PNG"
     with (tmp_path / "out" / "report.csv").open(newline="") as file:
         rows = [{key: float(value or "nan") for key, value in row.items()} for row in csv.DictReader(file)]
@@ -205,7 +203,7 @@ def test_a_report_has_temperatures_heats_and_errors_by_time_and_place(tmp_path):
         for a, b in itertools.pairwise(late)
     ]
     assert late[-1]["error_um"] == pytest.approx(sum(growth_um), rel=0.05)
-    assert summary["rows"] == 250
+    assert result.summary["rows"] == 250
 
 
 def test_the_command_lists_the_files_of_a_report(tmp_path):
@@ -227,11 +225,10 @@ def test_the_command_lists_the_files_of_a_report(tmp_path):
 
 def test_a_report_that_cannot_be_is_refused_in_one_sentence(tmp_path):
     log = _log(tmp_path / "log.csv")
-    for report, sentence in ((Report(2.0), "--every-m 2: give between"), (Report(0.2, 0.0), "--every-min 0")):
+    refused = ((ReportGrid(2.0), "--every-m 2: give between"), (ReportGrid(0.2, 0.0), "--every-min 0"))
+    for report, sentence in refused:
         with pytest.raises(UserError, match=sentence):
-            app.identify(
-                log, _config(), tmp_path / "out", MethodOptions(), progress=lambda _text: None, report=report
-            )
+            observer.Machine(_config(), b"").identify(log, report=report)
     config = tmp_path / "machine.toml"
     config.write_text("")  # nothing is read before
     command = ["identify", str(log), "--config", str(config), "--output", str(tmp_path / "out")]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import can
 import cantools
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 
 import observer
 from observer.cli import app as commands
+from observer.library.profiles import ReportGrid
 
 CONFIG = """
 [screw]
@@ -120,3 +122,49 @@ def test_a_can_recording_is_calibrated(config: Path, can_recording: Path, tmp_pa
     observer.load(config).calibrate(can_recording).write(tmp_path / "python")
     assert contents(tmp_path / "command") == contents(tmp_path / "python")
     assert set(contents(tmp_path / "command")) == {"calibration.json", "config.toml"}
+
+
+@pytest.fixture(scope="module")
+def log(config: Path, program: dict[str, np.ndarray]) -> Path:
+    """The same hour as a CSV file whose last row is cut off."""
+    path = config.with_name("run.csv")
+    observer.load(config).simulate(program).write(config.parent, path.name)
+    *rows, last = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(rows) + last[: len(last) // 4])
+    return path
+
+
+CUT = {"accept_truncated": True}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "method"),
+    [
+        (["replay"], lambda machine, log: machine.replay(log, **CUT)),
+        (["forecast", "--hours", "0.5"], lambda machine, log: machine.forecast(log, hours=0.5, **CUT)),
+        (
+            ["identify", "--report", "--every-m", "0.1", "--every-min", "20"],
+            lambda machine, log: machine.identify(log, report=ReportGrid(0.1, 1200.0), **CUT),
+        ),
+    ],
+    ids=["replay", "forecast", "identify"],
+)
+def test_a_log_with_a_cut_last_row_gives_the_same_files(
+    arguments: list[str], method: Any, config: Path, log: Path, tmp_path: Path
+) -> None:
+    options = ("--config", config, "--output", tmp_path / "command")
+    with pytest.raises(observer.LogError, match="cut off"):
+        command(*arguments, log, *options)
+    assert not (tmp_path / "command").exists()
+    command(*arguments, log, *options, "--accept-truncated")
+    method(observer.load(config), log).write(tmp_path / "python")
+    assert contents(tmp_path / "command") == contents(tmp_path / "python")
+
+
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(config: Path, tmp_path: Path) -> None:
+    """The log does not exist either; a search would take minutes until the folder is needed."""
+    occupied = tmp_path / "file"
+    occupied.write_text("")
+    for name in ("replay", "forecast", "identify", "calibrate"):
+        with pytest.raises(observer.UserError, match="results cannot be written there"):
+            command(name, tmp_path / "none.csv", "--config", config, "--output", occupied)

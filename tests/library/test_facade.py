@@ -127,7 +127,7 @@ machine = observer.load("machine.toml")
 def estimates():
     import pyarrow
     table = pyarrow.table({"time_s": [0.0, 1.0], "heat_nut_W": [1.0, 2.0]})
-    return observer.Estimates(table, "a", {}, None, None)
+    return observer.Estimates(table, "a", {}, None, None, None)
 for package, call in CALLS:
     hidden.clear()
     hidden.add(package)

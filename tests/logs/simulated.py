@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from observer import app
+import observer
 from observer.config import Config
 from observer.discovery.experiment import Habits, Phase, frames_of
 from observer.estimate.pipeline import MachineModel
@@ -92,7 +92,7 @@ def written_log(config: Path, log: Path, rows: int, step_s: float = 1.0, speed_r
     log.parent.mkdir(parents=True, exist_ok=True)
     columns = {"nut_position_m": nut_m, "screw_speed_rpm": speed, "ambient_degC": np.full(rows, 22.0)}
     write_log(program, time_s, columns)
-    app.simulate(program, load(config), log, None, lambda _done, _total: None)
+    observer.load(config).simulate(program).write(log.parent, log.name)
     program.unlink()
     log.with_name("overview.png").unlink()
     return log

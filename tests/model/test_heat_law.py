@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer import app
+import observer
 from observer.config import Config
 from observer.errors import ConfigError
 from observer.files.logs import read_log
@@ -178,7 +178,8 @@ def test_simulate_and_replay_use_the_laws(tmp_path: Path) -> None:
     config = parse(friction_machine())
     time_s, columns = program()
     write_log(tmp_path / "program.csv", time_s, columns)
-    app.simulate(tmp_path / "program.csv", config, tmp_path / "log.csv", 20.0, lambda *_: None)
+    run = observer.Machine(config, b"").simulate(tmp_path / "program.csv", start_degC=20.0)
+    run.write(tmp_path, "log.csv")
 
     blind = friction_machine()
     for source in blind["source"]:
@@ -186,7 +187,7 @@ def test_simulate_and_replay_use_the_laws(tmp_path: Path) -> None:
             source.pop(key, None)
     unlawful = parse(blind)
     for name, settings in (("lawful", config), ("blind", unlawful)):
-        app.replay(tmp_path / "log.csv", settings, tmp_path / name, ".csv", progress=lambda *_: None)
+        observer.Machine(settings, b"").replay(tmp_path / "log.csv").write(tmp_path / name)
     log = read_log(tmp_path / "log.csv")
     truth = {name: log.values[:, log.channels.index(f"heat_{name}_W")] for name in ("nut", "bearing")}
     rest = (time_s > 1400) & (time_s < 1500)

@@ -13,7 +13,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from observer import app
+import observer
 from observer.config import Config
 from observer.errors import ConfigError
 from observer.estimators import build_estimator
@@ -342,7 +342,8 @@ def test_a_simulation_writes_the_error_between_the_supports(tmp_path: Path) -> N
     config = machine(supports=LIII | {"gap_m": 5e-6})
     time_s = np.arange(0.0, 2000.0, 5.0)
     write_log(tmp_path / "p.csv", time_s, {"heater_W": np.full(400, 25.0), "n_rpm": np.zeros(400)})
-    app.simulate(tmp_path / "p.csv", config, tmp_path / "log.csv", 20.0, lambda *_: None)
+    run = observer.Machine(config, b"").simulate(tmp_path / "p.csv", start_degC=20.0)
+    run.write(tmp_path, "log.csv")
     log = read_log(tmp_path / "log.csv")
     names = [c for c in log.channels if c.startswith("error_")]
     error = log.values[:, [log.channels.index(c) for c in names]]

@@ -10,10 +10,9 @@ import can
 import cantools
 import pytest
 
-from observer.app import replay
-from observer.config import Config
+from observer import Machine
 from observer.errors import ConfigError, LogError
-from observer.installation import parse
+from observer.installation import Installation, parse
 
 DBC = """VERSION ""
 BS_:
@@ -25,7 +24,7 @@ BO_ 256 Temperatures: 6 Rig
 """
 
 
-def _config(dbc: Path, *, with_driver: bool = True) -> Config:
+def _config(dbc: Path, *, with_driver: bool = True) -> Installation:
     channels = {
         channel: {"message": "Temperatures", "signal": signal}
         for channel, signal in (("t1_degC", "T1"), ("t2_degC", "T2"), ("speed_rpm", "Speed"))
@@ -75,7 +74,9 @@ def dbc(tmp_path: Path) -> Path:
 
 def test_every_frame_of_a_recording_reaches_the_estimator(tmp_path: Path, dbc: Path) -> None:
     _recorded(tmp_path / "rig.asc", dbc)
-    summary = replay(tmp_path / "rig.asc", _config(dbc), tmp_path / "out", ".csv", progress=lambda *_: None)
+    estimates = Machine(_config(dbc), b"").replay(tmp_path / "rig.asc")
+    estimates.write(tmp_path / "out")
+    summary = estimates.summary
     with (tmp_path / "out" / "estimates.csv").open() as file:
         rows = list(csv.DictReader(file))
     # frames lie 0.25 s beside the ticks, so that each of the 119 ticks between 120 frames has its own
@@ -89,7 +90,7 @@ def test_every_frame_of_a_recording_reaches_the_estimator(tmp_path: Path, dbc: P
 def test_two_formats_of_one_recording_give_the_same_estimates(tmp_path: Path, dbc: Path) -> None:
     for suffix in ("asc", "blf"):
         _recorded(tmp_path / f"rig.{suffix}", dbc)
-        replay(tmp_path / f"rig.{suffix}", _config(dbc), tmp_path / suffix, ".csv", progress=lambda *_: None)
+        Machine(_config(dbc), b"").replay(tmp_path / f"rig.{suffix}").write(tmp_path / suffix)
     tables = [
         list(csv.reader((tmp_path / suffix / "estimates.csv").read_text().splitlines()))
         for suffix in ("asc", "blf")
@@ -103,22 +104,19 @@ def test_two_formats_of_one_recording_give_the_same_estimates(tmp_path: Path, db
 def test_a_recording_without_a_can_driver_is_one_sentence(tmp_path: Path, dbc: Path) -> None:
     _recorded(tmp_path / "rig.asc", dbc)
     with pytest.raises(ConfigError, match=r"needs a \[drivers"):
-        replay(
-            tmp_path / "rig.asc", _config(dbc, with_driver=False), tmp_path, ".csv", progress=lambda *_: None
-        )
+        Machine(_config(dbc, with_driver=False), b"").replay(tmp_path / "rig.asc")
 
 
 def test_a_recording_that_goes_back_in_time_is_rejected(tmp_path: Path, dbc: Path) -> None:
     _recorded(tmp_path / "rig.blf", dbc, backwards=True)
     with pytest.raises(LogError, match="backwards"):
-        replay(tmp_path / "rig.blf", _config(dbc), tmp_path / "out", ".csv", progress=lambda *_: None)
-    assert not (tmp_path / "out").exists()
+        Machine(_config(dbc), b"").replay(tmp_path / "rig.blf")
 
 
 def test_a_recording_with_a_cut_last_line_is_replayed_with_a_warning(tmp_path: Path, dbc: Path) -> None:
     _recorded(tmp_path / "rig.log", dbc)
     data = (tmp_path / "rig.log").read_bytes()
     (tmp_path / "rig.log").write_bytes(data[:-5])
-    summary = replay(tmp_path / "rig.log", _config(dbc), tmp_path / "out", ".csv", progress=lambda *_: None)
+    summary = Machine(_config(dbc), b"").replay(tmp_path / "rig.log").summary
     assert summary["rows"] == 118
     assert summary["doubts"][0] == "the last line (120) is cut off and left out"

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from observer import app
+import observer
 from observer.estimators.filterpy_engine import FilterpyEstimator
 from observer.estimators.kalman import KalmanEstimator
 from observer.files.logs import read_log
@@ -173,10 +173,11 @@ def test_the_example_of_li_simulates_and_replays(tmp_path: Path) -> None:
         "nut_position_m": shuttle_m(time_s, 0.09, 0.51, 10.0 / 60.0),
     }
     write_log(tmp_path / "program.csv", time_s, columns)
-    app.simulate(tmp_path / "program.csv", example, tmp_path / "log.csv", 25.0, lambda *_: None)
+    run = observer.Machine(example, b"").simulate(tmp_path / "program.csv", start_degC=25.0)
+    run.write(tmp_path, "log.csv")
     low = [s.model_copy(update={"scale": 0.7, "random_walk_W_sqrt_s": 0.3}) for s in example.source]
     low_laws = example.model_copy(update={"source": tuple(low)})
-    app.replay(tmp_path / "log.csv", low_laws, tmp_path / "out", ".csv", progress=lambda *_: None)
+    observer.Machine(low_laws, b"").replay(tmp_path / "log.csv").write(tmp_path / "out")
     for source in example.source:
         name = f"heat_{source.name}_W"
         true_W = read_log(tmp_path / "log.csv", [name]).values[-1, 0]
