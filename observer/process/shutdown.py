@@ -41,8 +41,9 @@ class StopSignals:
         self._terminals = [fd for fd in range(3) if os.isatty(fd)]
 
     def when_asked(self, reload: Callable[[], None]) -> None:
-        """Call `reload` at each SIGHUP from now on."""
+        """Call `reload` at each SIGHUP from now on, and at one that waits since the process was executed."""
         self._reload = reload
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGHUP})
 
     @property
     def heard(self) -> bool:
@@ -62,7 +63,6 @@ class StopSignals:
         self._handlers = {s: signal.signal(s, lambda *_: None) for s in _HEARD}
         self._fd = signal.set_wakeup_fd(self._there.fileno(), warn_on_full_buffer=False)
         threading.Thread(target=self._listen, name="signals", daemon=True).start()
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGHUP})  # blocked where the process is anew
         return self
 
     def __exit__(self, *_error: object) -> None:

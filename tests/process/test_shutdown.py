@@ -134,3 +134,16 @@ def test_what_a_signal_raises_is_raised_behind_an_import(handlers, tmp_path, mon
     until(lambda: heard == [signal.SIGINT])
     signal.raise_signal(signal.SIGINT)
     assert len(heard) == 2, "elsewhere it is raised at once"
+
+
+@pytest.mark.system
+def test_a_hang_up_that_waited_until_the_process_handles_it_asks_for_the_configuration():
+    waits = "import os, signal\nsignal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})\n"
+    waits += "os.kill(os.getpid(), signal.SIGHUP)\n"
+    body = "ended.wait(0.5); " + ASKED.replace("print('go', flush=True); ", "")  # it begins other parts first
+    script = waits + SCRIPT.format(body=body)
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "reload\n"
+        process.send_signal(signal.SIGTERM)
+        assert process.stdout.read() == "ended\n"
+    assert process.returncode == 0
