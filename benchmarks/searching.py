@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 from benchmarks.table import Result
 from benchmarks.timing import medians_s, shown
-from observer import app
+from observer import discover
 
 RIG = Path(__file__).parents[1] / "tests" / "data" / "rig"
 CASE, RUNS, ROWS, GOAL_S = "end_conduction-0.1", "abc", 15_000, 5.0
@@ -21,7 +21,7 @@ def results() -> list[Result]:
         logs = [_cut(RIG / CASE / f"run_{run}.csv.gz", folder) for run in RUNS]
 
         def search() -> str:
-            _, found = app.discover(RIG / "config.toml", logs, folder / "found", lambda _what, _done: None)
+            found = discover(RIG / "config.toml", logs).write(folder / "found")
             return " ".join([found["verdict"], *(e["kind"] for e in found["effects"])])
 
         seconds = medians_s({"search": search}, repetitions=3)["search"]

@@ -24,7 +24,14 @@ if TYPE_CHECKING:  # `import observer` alone loads nothing, since it also starts
     from observer.library.findings import CheckFindings, FoundEffect, FoundValue
     from observer.library.given import read_log
     from observer.library.heats import IdentifiedHeats
-    from observer.library.machine import CalibrationResult, DiscoveryResult, Machine, discover, load
+    from observer.library.machine import (
+        CalibrationResult,
+        DiscoveryResult,
+        LearnedParameters,
+        Machine,
+        discover,
+        load,
+    )
     from observer.library.messages import (
         ServiceAlarm,
         ServiceAlarms,
@@ -54,6 +61,7 @@ __all__ = [
     "FoundEffect",
     "FoundValue",
     "IdentifiedHeats",
+    "LearnedParameters",
     "Log",
     "LogError",
     "Machine",
@@ -88,7 +96,14 @@ _MODULES = {
     "library.findings": ("CheckFindings", "FoundEffect", "FoundValue"),
     "library.given": ("read_log",),
     "library.heats": ("IdentifiedHeats",),
-    "library.machine": ("CalibrationResult", "DiscoveryResult", "Machine", "discover", "load"),
+    "library.machine": (
+        "CalibrationResult",
+        "DiscoveryResult",
+        "LearnedParameters",
+        "Machine",
+        "discover",
+        "load",
+    ),
     "library.messages": (
         "ServiceAlarm",
         "ServiceAlarms",

@@ -50,12 +50,12 @@ class Row:
 
 def search(entry: Entry, folder: Path) -> tuple[dict[str, Any], float]:
     """Write a case's logs, let the workflow search them; return its result and the seconds that it took."""
-    from observer.app import discover
+    from observer import discover
 
     logs = write_case(entry.case, folder / "logs", entry.without)
     begin_s = time.monotonic()
     config = folder / "logs" / "config.toml"
-    _, result = discover(config, logs, folder / "found", lambda _stage, _part: None, report=False)
+    result = discover(config, logs).write(folder / "found", report=False)
     return result, time.monotonic() - begin_s
 
 

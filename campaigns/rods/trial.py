@@ -37,14 +37,12 @@ def outcome_of(hidden: str, result: Mapping[str, Any]) -> str:
 
 def tried(what: tuple[str, int]) -> Rows:
     """One rod's row."""
-    from observer.app import discover
+    from observer import discover
 
     hidden, seed = what
     with TemporaryDirectory() as folder:
         log = write(draw(seed, hidden), seed, Path(folder))
-        found = Path(folder) / "found"
-        config = Path(folder) / "config.toml"
-        _, result = discover(config, [log], found, lambda _stage, _part: None, report=False)
+        result = discover(Path(folder) / "config.toml", log).document
     family = result.get("family") or {}
     named = " ".join(f"{e['kind']}@{e['target']}" for e in result["effects"])
     several = " | ".join(" ".join(names) for names in result["alternatives"])

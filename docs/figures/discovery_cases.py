@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parents[1]))
 
-from observer import app  # noqa: E402
+from observer import discover  # noqa: E402
 from observer.discovery.discover import Discovery  # noqa: E402
 from tests.truth.machine.effects import Effect  # noqa: E402
 from tests.truth.machine.generate import Case, write_case  # noqa: E402
@@ -61,7 +61,7 @@ def searched(case: Case) -> Discovery:
     with tempfile.TemporaryDirectory() as scratch:
         logs = write_case(case, Path(scratch))
         config = Path(scratch) / "config.toml"
-        return app.discover(config, logs, Path(scratch) / "found", lambda *_: None, report=False)[0]
+        return discover(config, logs)._found.found
 
 
 def residuals(axes: Axes, found: Discovery) -> None:

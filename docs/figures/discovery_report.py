@@ -10,7 +10,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from observer import app
+from observer import discover
 
 HERE = Path(__file__).parent
 TESTS = HERE.parents[1] / "tests"
@@ -30,7 +30,7 @@ def draw_report(target: Path) -> None:
     with tempfile.TemporaryDirectory() as scratch, contextlib.chdir(scratch):
         Path("tests").symlink_to(TESTS)
         place = Path("found")
-        app.discover(RIG / "config.toml", LOGS, place, lambda _what, _done: None)
+        discover(RIG / "config.toml", LOGS).write(place)
         photograph(browser, place / "report.html", place / "page.png")
         with Image.open(place / "page.png") as picture:
             picture.convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE).save(target, optimize=True)

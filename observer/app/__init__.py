@@ -6,7 +6,6 @@ from observer.app.logs import (
     extract_log,
     import_log,
 )
-from observer.app.models import discover, learned
 
 __all__ = [
     "ImportOptions",

@@ -278,10 +278,11 @@ def calibrate(
 @verbs.command()
 def learned(config: ConfigOption, output: OutputOption) -> None:
     """Write the configuration with the parameters its service has learnt, such as film and offsets."""
-    from observer import app as parts
+    from observer.library.machine import load
 
-    for key, (value, sigma) in parts.learned(config, output).items():
-        echo(f"{key} = {value:.5g} ± {sigma:.2g}")
+    learnt = load(config).learned()
+    learnt.write(output)
+    echo(repr(learnt))
     echo(f"written to {output}: config.toml, learned.json")
 
 
@@ -303,18 +304,19 @@ def discover(
         raise UserError(
             "discover: name either logs or --recent with a duration, as in --recent 8h, and not both"
         )
-    from observer import app as parts
+    from observer.library.machine import load
     from observer.record.recent import duration_s
-    from observer.report.wording import as_sentences
 
     recent_s = None if recent is None else duration_s(recent)
-    with advancing("discover") as progress:
-        found, result = parts.discover(config, log or [], output, progress, recent_s=recent_s)
+    with results_in(output), advancing("discover") as progress:
+        discovery = load(config).discover(log or None, recent_s=recent_s, progress=progress)
+        progress("writing the report", 0.97)
+        result = discovery.write(output)
     if recent is not None:
         for name in result["logs"]:
             echo(f"searched: {name}")
     warn(result["doubts"])
-    for sentence in as_sentences(found, result):
+    for sentence in discovery.sentences:
         show_sentence(sentence)
     more = "config.toml, " if result["effects"] else "candidate.toml, " if result["partial"] else ""
     echo(f"written to {output}: {more}result.json, report.html")

@@ -15,7 +15,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from observer import app
 from observer.errors import LogError, UserError
 from observer.fleet.jobs import Job, Verb
 from observer.fleet.journal import (
@@ -145,9 +144,10 @@ def _calibrate(job: Job, _options: RunOptions, part: Path) -> dict[str, Any]:
 
 
 def _discover(job: Job, _options: RunOptions, part: Path) -> dict[str, Any]:
-    _, result = app.discover(job.config, job.logs, part, _silent, alone=True)
-    kept = ("verdict", "effects", "alternatives", "family", "calibrated", "gap", "doubts")
-    return _type_of(load(job.config)) | {key: result[key] for key in kept}
+    machine = load(job.config)
+    result = machine.discover(job.logs, alone=True).write(part)
+    shown = ("verdict", "effects", "alternatives", "family", "calibrated", "gap", "doubts")
+    return _type_of(machine) | {key: result[key] for key in shown}
 
 
 _VERBS: dict[Verb, Callable[[Job, RunOptions, Path], dict[str, Any]]] = {
@@ -176,7 +176,3 @@ def _type_of(machine: Machine) -> dict[str, Any]:
 def _machine(config: Path, _text: bytes) -> Machine:
     """The machine of a configuration, cached for later logs while its text is the same."""
     return load(config)
-
-
-def _silent(*_args: object) -> None:
-    """A worker shows no progress."""

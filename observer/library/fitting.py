@@ -46,6 +46,25 @@ def runs_of(logs: Sequence[Log], config: Installation, *, rightly: bool = False)
     return RunsOfLogs(runs, odd, tuple(misread))
 
 
+def recent_runs(config: Installation, last_s: float) -> tuple[RunsOfLogs, list[str]]:
+    """Return what the service has recorded in the last seconds, a run for each stretch, with their names.
+
+    Raises `ConfigError` where it records nothing, `LogError` where that is too short.
+    """
+    from observer.align.plausibility import doubts_of_log
+    from observer.record.recent import stretches
+
+    name = f"{config.machine.name}-{config.machine.axis}"
+    runs, odd, names = [], [], []
+    for stretch in stretches(config.record, name, AlignPlan.of(config), last_s):
+        frames = stretch.frames
+        runs.append([frames])
+        names.append(str(stretch))
+        doubts_of_run = doubts_of_log(config, frames.values, frames.channels, [frames.path])
+        odd += [f"{names[-1]}: {sentence}" for sentence in doubts_of_run]
+    return RunsOfLogs(runs, odd), names
+
+
 def _refuse_twice(logs: Sequence[Log]) -> None:
     """Raise `LogError` where two logs are identical: one would prove what was found in itself."""
     seen: dict[bytes, Path] = {}

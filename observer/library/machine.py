@@ -11,8 +11,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from observer.errors import UserError
 from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import Progress
+from observer.files.documents import write_json
 from observer.files.folders import results_in
 from observer.history.history import Method, MethodOptions
 from observer.installation import Installation, load_candidates, parse, parse_candidates
@@ -24,7 +26,7 @@ from observer.library.findings import (
     effects_in,
     values_in,
 )
-from observer.library.fitting import FittedLogs, fitted, runs_of
+from observer.library.fitting import FittedLogs, fitted, recent_runs, runs_of
 from observer.library.given import GivenLog, as_log, as_program, as_several
 from observer.library.heats import IdentifiedHeats, identified_heats
 from observer.library.packages import in_words
@@ -172,25 +174,45 @@ class Machine:
     @in_words
     def discover(
         self,
-        logs: GivenLog | Sequence[GivenLog],
+        logs: GivenLog | Sequence[GivenLog] | None = None,
         *,
+        recent_s: float | None = None,
         progress: Callable[[str, float], None] = lambda _text, _done: None,
         alone: bool = False,
     ) -> DiscoveryResult:
         """Find the physical effect that the model lacks, and prove that the gap shrinks; some minutes.
 
-        The last of several logs, or the end of a single one, is kept as proof. `progress(what, part done)`
+        The last of several logs, or the end of a single one, is kept as proof. Instead of logs, `recent_s`
+        takes what the service has recorded in so many last seconds. `progress(what, part done)`
         reports the progress of the work, half of which is done by a second process unless `alone`. Raises
         `ConfigError` or `LogError`.
         """
         from observer.library.searching import searched
 
-        several = as_several(logs, self.config)
-        runs, names = runs_of(several, self.config, rightly=True), [log.path.name for log in several]
+        if (logs is None) == (recent_s is None):
+            raise UserError("discover: give either logs or recent_s, and not both")
+        progress("reading logs", 0.0)
+        if recent_s is not None:
+            runs, names = recent_runs(self.config, recent_s)
+            words = f"--recent {recent_s / 3600.0:g}h"
+        else:
+            several = as_several(logs, self.config)
+            runs, names = runs_of(several, self.config, rightly=True), [log.path.name for log in several]
+            words = shlex.join(str(log.path) for log in several)
         found = searched(self.config, self.source, runs, names, progress, alone=alone)
         machines = {name: self.of_text(text, self.file) for name, text in found.texts.items()}
-        words = shlex.join(str(log.path) for log in several)
         return DiscoveryResult(machines, self.file, words, found)
+
+    @in_words
+    def learned(self) -> LearnedParameters:
+        """Return the parameters that the service of this machine has learnt, from its checkpoint.
+
+        Raises `ConfigError` where nothing is learnt or no checkpoint of this configuration exists.
+        """
+        from observer.library.learning import learned_parameters
+
+        values, document, text = learned_parameters(self.config, self.source, self.file)
+        return LearnedParameters(self.of_text(text, self.file), values, document, text)
 
     @in_words
     def settle(self, inputs: Mapping[str, float], *, program: GivenLog | None = None) -> SteadyScrew:
@@ -308,6 +330,28 @@ class CalibrationResult:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class LearnedParameters:
+    """The parameters that a service has learnt: `machine` has them, `values` are value and σ by key, and
+    `document` is the content of `learned.json`.
+    """
+
+    machine: Machine
+    values: Mapping[str, tuple[float, float]]
+    document: Mapping[str, Any]
+    _text: str
+
+    @in_words
+    def write(self, folder: str | Path) -> None:
+        """Write `config.toml` and `learned.json` into a folder. Raises `UserError`."""
+        with results_in(Path(folder)) as part:
+            (part / "config.toml").write_text(self._text, encoding="utf-8")
+            write_json(part / "learned.json", self.document)
+
+    def __repr__(self) -> str:
+        return "\n".join(f"{key} = {value:.5g} ± {sigma:.2g}" for key, (value, sigma) in self.values.items())
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class DiscoveryResult:
     """The result of a search; printed, it describes itself in sentences."""
 
@@ -354,12 +398,14 @@ class DiscoveryResult:
         return tuple(as_sentences(self._found.found, self._found.document))
 
     @in_words
-    def write(self, folder: str | Path) -> None:
-        """Write `result.json`, `report.html` and what there is of `config.toml` or `candidate.toml` into a
-        folder. Raises `UserError`.
+    def write(self, folder: str | Path, *, report: bool = True) -> dict[str, Any]:
+        """Write `result.json`, `report.html` and, if there is one, `config.toml` or `candidate.toml` into a
+        folder.
+
+        Returns the content of `result.json`, with the next command. Raises `UserError`.
         """
         with results_in(Path(folder)) as part:
-            self._found.write(part, self._logs, self._file, str(folder), report=True)
+            return self._found.write(part, self._logs, self._file, str(folder), report=report)
 
     def __repr__(self) -> str:
         return "\n".join(self.sentences)

@@ -3,7 +3,6 @@
 import pytest
 
 import observer
-from observer import app
 from observer.align.aligner import doubts, refuse_empty
 from observer.errors import LogError
 from observer.files.logs import read_log
@@ -70,7 +69,7 @@ def _calibrate(log, config, out):
 
 
 def _discover(log, config, out):
-    app.discover(config, [log], out, lambda _text, _done: None)
+    observer.load(config).discover([log])
 
 
 def _forecast(log, config, out):

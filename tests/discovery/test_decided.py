@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from observer.app import discover
+from observer import discover
 from observer.files.logs import read_log
 from tests.truth.machine.catalogue import AMBIGUOUS
 from tests.truth.machine.cycles import Phase
@@ -19,8 +19,7 @@ pytestmark = pytest.mark.slow
 
 
 def searched(folder: Path, logs: list[Path], name: str) -> dict[str, Any]:
-    _, result = discover(folder / "config.toml", logs, folder / name, lambda *_: None, report=name == "doubt")
-    return result
+    return discover(folder / "config.toml", logs).write(folder / name, report=name == "doubt")
 
 
 def test_a_proposed_cycle_decides_between_a_motor_and_a_bearing(tmp_path: Path) -> None:

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.app import discover
+from observer import discover
 from observer.config import Config
 from observer.discovery.displacement import _supported, displacements_of
 from observer.frames import FrameBlock
 from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
-from observer.report.wording import as_sentences
 from tests.discovery.grown import EXPANSION_1_K, Moved, write_grown
 from tests.logs.machines import table
 from tests.logs.simulated import frames, run_model
@@ -35,11 +34,12 @@ def found(
     """The result of a search in logs with probes, and what is said of it."""
     logs = write_grown(Case("grown", effects, SEED, **case), moved, folder / "logs", every_s)
     config = folder / "logs" / "config.toml"
-    discovery, result = discover(config, logs, folder / "found", lambda *_: None, alone=True)
+    discovery = discover(config, logs, alone=True)
+    result = discovery.write(folder / "found")
     assert "Displacements" in (folder / "found" / "report.html").read_text(encoding="utf-8")
     written: dict[str, Any] = json.loads((folder / "found" / "result.json").read_text(encoding="utf-8"))
     assert written["displacements"] == result["displacements"]
-    return result, " ".join(as_sentences(discovery, result))
+    return result, " ".join(discovery.sentences)
 
 
 def named(result: dict[str, Any], true: float) -> str:

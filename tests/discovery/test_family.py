@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.app import discover
+from observer import discover
 from observer.discovery.candidates import Candidate, library
 from observer.discovery.family import Member, tie_of, ties
 from observer.fit.hypothesis import Fit, fit_effects, fit_null
@@ -34,7 +34,7 @@ SURFACE = {"surface_convection", "radiation", "natural_convection"}
 def found(tmp_path: Path, case: Case) -> dict[str, Any]:
     logs = written(case, tmp_path / "logs")
     config = tmp_path / "logs" / "config.toml"
-    return discover(config, logs, tmp_path / "out", lambda *_: None, report=False)[1]
+    return dict(discover(config, logs).document)
 
 
 def radiated_W_m2K(case: Case) -> float:

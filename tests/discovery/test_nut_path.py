@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from observer.app import discover
+from observer import discover
 from observer.config import Config
 from observer.discovery import nut_path
 from observer.discovery.candidates import Candidate
@@ -139,7 +139,8 @@ def test_a_search_of_logs_with_few_positions_doubts_them_and_names_nothing_of_th
         paths.append(tmp_path / f"sparse_{i}.csv.gz")
         write_log(paths[-1], run.time_s[every - 1 :: every], run.values[every - 1 :: every])
     config = tmp_path / "config.toml"
-    found, result = discover(config, paths, tmp_path / "found", lambda *_: None, report=False)
+    discovery = discover(config, paths)
+    found, result = discovery._found.found, discovery.document
     print(result["reason"], [t.candidate.name for t in found.search.ranking])
     assert result["verdict"] == ("unknown" if hidden else "none")
     assert [s["what"] for s in result["suspects"]] == ["nut's way"]

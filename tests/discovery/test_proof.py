@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from observer.app import discover
+from observer import discover
 from tests.truth import drawn_screw
 from tests.truth.heated_rod import draw, write
 
@@ -19,14 +19,14 @@ def test_what_was_named_without_proof_is_unknown_and_the_rest_is_offered(tmp_pat
     the fitted part of the log; it was named with it, and does not change what is held back.
     """
     log = write(draw(SEED, HIDDEN), SEED, tmp_path)
-    folder = tmp_path / "found"
-    found, result = discover(tmp_path / "config.toml", [log], folder, lambda *_: None, report=False)
+    discovery = discover(tmp_path / "config.toml", log)
+    found, result = discovery._found.found, discovery.document
     assert [t.candidate.name for t in found.search.chosen] == ["attached_mass at left", "local_heat"]
     assert found.proof.unproved == ("local_heat",)
     assert (result["verdict"], result["effects"]) == ("unknown", [])
     assert result["reason"].startswith("local_heat would explain")
     assert result["partial"]["kind"] == "attached_mass"
-    assert not (folder / "config.toml").exists()
+    assert discovery.machine is None
 
 
 def test_a_block_is_named_and_the_thermocouple_that_is_off_beside_it(tmp_path: Path) -> None:
@@ -35,9 +35,8 @@ def test_a_block_is_named_and_the_thermocouple_that_is_off_beside_it(tmp_path: P
     """
     rod = draw(PROVED, HIDDEN)
     log = write(rod, PROVED, tmp_path)
-    found, result = discover(
-        tmp_path / "config.toml", [log], tmp_path / "found", lambda *_: None, report=False
-    )
+    discovery = discover(tmp_path / "config.toml", log)
+    found, result = discovery._found.found, discovery.document
     assert abs(rod.offset_K).argmax() == 1
     assert found.proof.unproved == ()
     assert result["verdict"] == "named"
@@ -55,7 +54,7 @@ def test_tolerances_far_beyond_their_sigma_are_no_rival_of_a_loss(seed: int, tmp
     """Ten standard deviations of several tolerances would leave less of the gap than the loss does."""
     screw = drawn_screw.draw(seed, "end_conduction")
     logs = drawn_screw.write(screw, tmp_path, runs=2)
-    result = discover(tmp_path / "config.toml", logs, tmp_path / "found", lambda *_: None, report=False)[1]
+    result = discover(tmp_path / "config.toml", logs).document
     (effect,) = result["effects"]
     assert (effect["kind"], effect["target"]) == ("end_conduction", "left")
     low, high = effect["parameters"]["conductance_W_K"]["ci95"]

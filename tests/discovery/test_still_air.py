@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from observer.app import discover
+from observer import discover
 from tests.truth import drawn_screw
 from tests.truth.machine.effects import Effect
 from tests.truth.machine.generate import Case, write_case
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.slow
 
 
 def searched(folder: Path, logs: list[Path]) -> dict[str, Any]:
-    return discover(folder / "config.toml", logs, folder / "answer", lambda *_: None, report=False)[1]
+    return dict(discover(folder / "config.toml", logs).document)
 
 
 @pytest.mark.parametrize("seed", [501, 513])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.app import discover
+from observer import discover
 from observer.discovery.candidates import library, signatures
 from observer.discovery.search import FittedCandidate
 from observer.effects.base import Unnamed
@@ -30,9 +30,7 @@ LOSS = Effect("end_conduction", "right", {"conductance_W_K": 0.15})
 
 def found(tmp_path: Path, case: Case) -> dict[str, Any]:
     logs = write_case(case, tmp_path / "logs")
-    return discover(tmp_path / "logs" / "config.toml", logs, tmp_path / "out", lambda *_: None, report=False)[
-        1
-    ]
+    return dict(discover(tmp_path / "logs" / "config.toml", logs).document)
 
 
 @pytest.mark.slow

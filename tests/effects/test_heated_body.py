@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.app import discover
+from observer import discover
 from observer.discovery.candidates import Candidate, library
 from observer.discovery.result import reciprocal
 from observer.effects.bodies import AttachedMass, under_surface_K_W
@@ -154,7 +154,7 @@ def test_the_intervals_of_a_nut_that_its_friction_heats_hold_what_it_is(tmp_path
     """A light one without a loss: nearly all of its heat reaches the screw, half a minute late."""
     case = nut_entry(0, 60000).case
     config, logs = tmp_path / "logs" / "config.toml", write_case(case, tmp_path / "logs")
-    _, result = discover(config, logs, tmp_path / "out", lambda *_: None, report=False)
+    result = discover(config, logs).document
     (effect,) = result["effects"]
     for key, true in case.effects[0].parameters.items():
         low, high = effect["parameters"][key]["ci95"]

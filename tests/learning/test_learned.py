@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from observer import app
+import observer
 from observer.align.aligner import frames_of_log
 from observer.errors import ConfigError
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
@@ -43,7 +43,9 @@ def test_the_last_published_parameters_are_available_as_a_configuration(
     config_path: Path, tmp_path: Path
 ) -> None:
     published = run_for_an_hour(config_path)
-    offered = app.learned(config_path, tmp_path / "offer")
+    learned = observer.load(config_path).learned()
+    learned.write(tmp_path / "offer")
+    offered = learned.values
     assert set(offered) == set(published)
     np.testing.assert_allclose([*offered.values()], [*published.values()], rtol=1e-12)
     after, before = load(tmp_path / "offer" / "config.toml"), load(config_path)
@@ -65,11 +67,10 @@ def test_the_last_published_parameters_are_available_as_a_configuration(
 
 def test_a_sensor_that_has_its_offset_keeps_it(config_path: Path, tmp_path: Path) -> None:
     run_for_an_hour(config_path)
-    app.learned(config_path, tmp_path / "offer")
+    observer.load(config_path).learned().write(tmp_path / "offer")
     again = tmp_path / "offer" / "config.toml"
     run_for_an_hour(again)
-    app.learned(again, tmp_path / "second")
-    targets = [effect.target for effect in load(tmp_path / "second" / "config.toml").effect]
+    targets = [effect.target for effect in observer.load(again).learned().machine.config.effect]
     assert len(targets) == len(set(targets))
 
 
@@ -77,11 +78,11 @@ def test_without_a_checkpoint_of_this_configuration_the_sentence_says_so(
     config_path: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(ConfigError, match=r"there is none yet; run the service by machine\.toml"):
-        app.learned(config_path, tmp_path / "offer")
+        observer.load(config_path).learned()
     run_for_an_hour(config_path)
     config_path.write_text(config_path.read_text().replace("= 15.0", "= 16.0"), encoding="utf-8")
     with pytest.raises(ConfigError, match="another configuration"):
-        app.learned(config_path, tmp_path / "offer")
+        observer.load(config_path).learned()
     config_path.write_text(config_path.read_text() + "[estimator]\nlearn = []\n", encoding="utf-8")
     with pytest.raises(ConfigError, match="nothing is learnt"):
-        app.learned(config_path, tmp_path / "offer")
+        observer.load(config_path).learned()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,12 @@ import pytest
 from typer.testing import CliRunner
 
 import observer
+from observer.align.aligner import AlignPlan, frames_of_log
 from observer.cli import app as commands
+from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
+from observer.estimate.pipeline import MachineModel
 from observer.library.profiles import ReportGrid
+from tests.logs.recordings import recorded
 
 CONFIG = """
 [screw]
@@ -107,11 +112,13 @@ def command(*arguments: str | Path) -> str:
 
 
 def contents(folder: Path) -> dict[str, object]:
-    """The files of a folder by name; JSON without its date."""
+    """The files of a folder by name; JSON and pages without their date."""
     files: dict[str, object] = {}
     for path in folder.iterdir():
         data: object = path.read_bytes()
-        if path.suffix == ".json":
+        if path.suffix == ".html":
+            data = re.sub(r"20\d\d-\d\d-\d\dT[\d:+]+", "", path.read_text())
+        elif path.suffix == ".json":
             data = {key: value for key, value in json.loads(path.read_bytes()).items() if key != "date"}
         files[path.name] = data
     return files
@@ -165,6 +172,55 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_work(config: Pat
     """The log does not exist either; a search would take minutes until the folder is needed."""
     occupied = tmp_path / "file"
     occupied.write_text("")
-    for name in ("replay", "forecast", "identify", "calibrate"):
+    for name in ("replay", "forecast", "identify", "calibrate", "discover"):
         with pytest.raises(observer.UserError, match="results cannot be written there"):
             command(name, tmp_path / "none.csv", "--config", config, "--output", occupied)
+
+
+@pytest.fixture(scope="module")
+def recording_config(config: Path, program: dict[str, np.ndarray]) -> Path:
+    """A configuration whose service has recorded an hour of a machine with 0.7 of its friction."""
+    text = config.read_text().replace("heat_W_rpm = 0.01", "heat_W_rpm = 0.007")
+    run = observer.Machine.of_text(text).simulate(program)
+    path = config.with_name("recording.toml")
+    path.write_text(f'{config.read_text()}[record]\ndirectory = "{config.parent}/recordings"\n')
+    plan = AlignPlan.of(observer.load(path).config)
+    values = np.column_stack([run[name] for name in plan.channels])
+    rows = (run.time_s - run.time_s[0] + 1.0, plan.channels, values)
+    recorded(config.parent / "recordings", plan, run.time_s[0], *rows, name="machine-x")
+    return path
+
+
+@pytest.mark.parametrize("source", ["recent", "can"])
+def test_a_search_in_recordings_and_in_a_can_recording(
+    source: str, recording_config: Path, can_recording: Path, tmp_path: Path
+) -> None:
+    output = tmp_path / "found"
+    given = ["--recent", "50min"] if source == "recent" else [can_recording]
+    command("discover", *given, "--config", recording_config, "--output", output)
+    by_command = contents(output)
+    logs, recent_s = (None, 3000.0) if source == "recent" else (can_recording, None)
+    observer.load(recording_config).discover(logs, recent_s=recent_s).write(output)
+    assert contents(output) == by_command
+    assert set(by_command) >= {"result.json", "report.html"}
+
+
+def test_what_a_service_has_learnt(config: Path, log: Path, tmp_path: Path) -> None:
+    path = tmp_path / "learning.toml"
+    path.write_text(f'{config.read_text()}[checkpoint]\ndirectory = "{tmp_path}"\n')
+    machine = observer.load(path)
+    model = MachineModel.of(machine.config, learns=True)
+    pipeline, read = model.pipeline(), observer.read_log(log, accept_truncated=True)
+    frames = next(iter(frames_of_log(read.with_channels(machine.config.channels), model.plan)))
+    block = pipeline.step(frames)
+    snapshot = Snapshot(float(block.time_s[-1]), *pipeline.snapshot())
+    assert machine.config.checkpoint_file is not None
+    machine.config.checkpoint_file.write_bytes(pack(snapshot, CheckpointFit.of(model)))
+    said = command("learned", "--config", path, "--output", tmp_path / "command")
+    learned = machine.learned()
+    learned.write(tmp_path / "python")
+    assert contents(tmp_path / "command") == contents(tmp_path / "python")
+    assert set(contents(tmp_path / "python")) == {"learned.json", "config.toml"}
+    assert said.startswith(repr(learned))
+    assert set(learned.values) == set(learned.document["parameters"])
+    assert learned.machine.config.tolerance != machine.config.tolerance
