@@ -63,7 +63,7 @@ def serve_file(path: Path, seconds: float | None = None) -> None:
     if restart is not None:
         log.warning("begun anew", reason=restart.reason)
         seconds = None if restart.ends_s is None else max(0.0, restart.ends_s - time.monotonic())
-        if restart.again:
+        if restart.reload_pending:
             restarts.reload()
     serve(config, seconds, restarts, restart)
 
@@ -277,5 +277,5 @@ async def _until_ended(service: Service, seconds: float | None, signals: StopSig
     with contextlib.suppress(asyncio.CancelledError):
         reason = await task
         if restarts is not None:
-            return Restart(reason, time.time(), restarts.table, restarts.asked, ends_s)
+            return Restart(reason, time.time(), restarts.table, restarts.reload_pending, ends_s)
     return None

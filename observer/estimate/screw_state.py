@@ -58,8 +58,8 @@ class ScrewState:
         paths = {nut.channel: self._place(nut.channel, tick_s) for nut in machine.plant.moving}
         frame = FrameBlock(self.channels, np.array([tick_s]), *columns, paths)
         drive, inputs = machine.drive.run(machine.drive.initial(), frame)
-        known = Carried(self.position_m, self.heats, self.lags, self.value, self.covariance)
-        state = carry_into(machine.plant, estimator, known, inputs)
+        carried = Carried(self.position_m, self.heats, self.lags, self.value, self.covariance)
+        state = carry_into(machine.plant, estimator, carried, inputs)
         if state is None or not (np.isfinite(state.x_hat).all() and np.isfinite(state.P).all()):
             return None
         return drive, state

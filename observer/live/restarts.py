@@ -42,7 +42,7 @@ class Restarts:
         self.table = table or {}
         self._check, self._record = check, adoption_record
         self._recorded_ns = self._record_ns()
-        self._asked = threading.Event()
+        self._requested = threading.Event()
         self._reason: str | None = None
         self._refused: tuple[float, str] | None = None
         self._since_s: float | None = None
@@ -51,22 +51,24 @@ class Restarts:
 
     def reload(self) -> None:
         """Check the configuration, beside the running service; if asked meanwhile, once more."""
-        self._asked.set()
+        self._requested.set()
 
     @property
-    def asked(self) -> bool:
-        """Whether a reload was asked for that has not been checked."""
-        return self._asked.is_set()
+    def reload_pending(self) -> bool:
+        """Whether a reload was requested that has not been checked."""
+        return self._requested.is_set()
 
     def _watch(self) -> None:
         """Check the configuration when that is asked for, or when one was adopted, until one is valid."""
         while self._reason is None:
-            asked = self._asked.wait(LOOK_S)
+            is_requested = self._requested.wait(LOOK_S)
             recorded_ns, before_ns = self._record_ns(), self._recorded_ns
             self._recorded_ns = recorded_ns
-            if asked or recorded_ns != before_ns:
-                self._asked.clear()
-                self._examine("the configuration was read again" if asked else "a configuration was adopted")
+            if is_requested or recorded_ns != before_ns:
+                self._requested.clear()
+                self._examine(
+                    "the configuration was read again" if is_requested else "a configuration was adopted"
+                )
 
     def _record_ns(self) -> int | None:
         """When the record of the last adoption was written, None without one."""

@@ -25,14 +25,14 @@ log = structlog.get_logger()
 class Restart(NamedTuple):
     """What a process that is executed anew is told.
 
-    Why and when it was, and the table of the configuration that was checked; `again` says that a reload was
-    asked for since. At `ends_s` of `time.monotonic()` the process ends, None if never.
+    Why and when it was, and the table of the configuration that was checked; `reload_pending` says that a
+    reload was requested since. At `ends_s` of `time.monotonic()` the process ends, None if never.
     """
 
     reason: str
     time_s: float
     table: dict[str, Any]
-    again: bool = False
+    reload_pending: bool = False
     ends_s: float | None = None
 
     def document(self) -> dict[str, Any]:

@@ -39,9 +39,9 @@ def test_a_valid_configuration_is_a_reason_to_restart():
     assert restarts.table == {"new": 1}
     assert restarts.notices() == ()
     # what is asked for now is left to the next process
-    assert not restarts.asked
+    assert not restarts.reload_pending
     restarts.reload()
-    assert restarts.asked
+    assert restarts.reload_pending
 
 
 def test_a_rejected_configuration_is_reported_and_changes_nothing():
