@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # `import observer` alone loads nothing, since it also starts
     from observer.files.logs import Log
     from observer.library.client import ServiceClient, ServiceStream, connect
     from observer.library.comparing import Comparison
+    from observer.library.exporting import ExportedFiles
     from observer.library.findings import CheckFindings, FoundEffect, FoundValue
     from observer.library.given import read_log
     from observer.library.heats import IdentifiedHeats
@@ -57,6 +58,7 @@ __all__ = [
     "ConfigError",
     "DiscoveryResult",
     "Estimates",
+    "ExportedFiles",
     "ForecastRun",
     "FoundEffect",
     "FoundValue",
@@ -93,6 +95,7 @@ _MODULES = {
     "files.logs": ("Log",),
     "library.client": ("ServiceClient", "ServiceStream", "connect"),
     "library.comparing": ("Comparison",),
+    "library.exporting": ("ExportedFiles",),
     "library.findings": ("CheckFindings", "FoundEffect", "FoundValue"),
     "library.given": ("read_log",),
     "library.heats": ("IdentifiedHeats",),

@@ -1,6 +1,5 @@
 """The composition root of the commands for logs: one function for each."""
 
-from observer.app.exports import export, export_table
 from observer.app.logs import (
     ImportOptions,
     extract_log,
@@ -10,8 +9,6 @@ from observer.app.logs import (
 __all__ = [
     "ImportOptions",
     "discover",
-    "export",
-    "export_table",
     "extract_log",
     "import_log",
     "learned",

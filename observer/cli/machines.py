@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from inspect import Parameter
 from pathlib import Path
@@ -22,6 +21,7 @@ from observer.cli.options import (
 )
 from observer.cli.output import advancing, counting, say, show
 from observer.errors import UserError
+from observer.files.folders import results_in
 from observer.process import shutdown
 from observer.terminal import echo
 
@@ -328,23 +328,13 @@ def export(
     single: Annotated[bool, typer.Option("--single", help="st: REAL instead of LREAL.")] = False,
 ) -> None:
     """Write the constant-gain observer as code for a controller, the plant, or a table."""
-    from observer import app as parts
-    from observer.installation import load
+    from observer.library.machine import load
 
-    if single and format != "st":
-        raise UserError("export: --single belongs to --format st; C99 has a macro for it")
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,31}", axis):
-        raise UserError(
-            f"export: --axis {axis!r} is not the name of an axis, which consists of letters and digits"
+    with results_in(output), counting("export", "estimating", "comparing and writing") as progress:
+        exported = load(config).export(
+            format, log=log, progress=progress, control=control, axis=axis, single=single
         )
-    with counting("export", "estimating", "comparing and writing") as progress:
-        if format == "table":
-            if log is None:
-                raise UserError("export: --format table needs --log, the log at whose end the table holds")
-            made = parts.export_table(load(config), control, axis, log, output, progress)
-        else:
-            kind = f"{format}-single" if single else format
-            made = parts.export(load(config), kind, output, log, progress)
-    for line in made.facts:
+        exported.write(output)
+    for line in exported.facts:
         echo(line)
-    echo(f"written to {output}: {', '.join(made.names)}")
+    echo(f"written to {output}: {', '.join(exported.files)}")

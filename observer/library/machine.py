@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     import control
 
     from observer.library.comparing import Comparison, GivenVariants
+    from observer.library.exporting import ExportedFiles, ExportFormat
     from observer.library.placing import PlacedSensors, Quantity
     from observer.library.searching import SearchedLogs
     from observer.library.steady import SteadyScrew
@@ -271,6 +272,23 @@ class Machine:
         from observer.report.check import findings
 
         return CheckFindings(findings(self.config))
+
+    @in_words
+    def export(
+        self,
+        format: ExportFormat = "c99",
+        *,
+        log: GivenLog | None = None,
+        progress: Progress = quietly,
+        **options: Any,
+    ) -> ExportedFiles:
+        """Return the observer as code, the plant, or the compensation at a log's end, as files.
+
+        `options` are `control`, `axis` and `single`, as of `observer export`. Raises `UserError`.
+        """
+        from observer.library.exporting import exported
+
+        return exported(self.config, format, log, progress, **options)
 
     @in_words
     def state_space(self) -> control.StateSpace:

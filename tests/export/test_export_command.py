@@ -13,7 +13,7 @@ import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
-from observer import app as parts
+import observer
 from observer.cli import app
 from observer.errors import ConfigError, UserError
 from observer.files.writer import write_log
@@ -91,9 +91,8 @@ def test_what_the_service_has_learnt_is_not_left_out_in_silence(tmp_path: Path, 
     installed = load(config)
     assert installed.checkpoint_file is not None
     installed.checkpoint_file.write_text("of another program")
-    parts.export(installed, "json", tmp_path / "made", None, lambda _done, _total: None)
-    assert (tmp_path / "made" / "plant.json").exists(), "what fits no service in force is nothing learnt"
+    files = observer.load(config).export("json").files
+    assert set(files) == {"plant.json"}, "what fits no service in force is nothing learnt"
     monkeypatch.setattr("observer.estimate.checkpoint.load", lambda _file, _fit: object())
     with pytest.raises(ConfigError, match="observer learned"):
-        parts.export(installed, "json", tmp_path / "other", None, lambda _done, _total: None)
-    assert not (tmp_path / "other").exists()
+        observer.load(config).export("json")

@@ -224,3 +224,20 @@ def test_what_a_service_has_learnt(config: Path, log: Path, tmp_path: Path) -> N
     assert said.startswith(repr(learned))
     assert set(learned.values) == set(learned.document["parameters"])
     assert learned.machine.config.tolerance != machine.config.tolerance
+
+
+@pytest.mark.parametrize(
+    ("format", "options"),
+    [("c99", {}), ("st", {"single": True}), ("json", {}), ("table", {"control": "klipper", "axis": "Z"})],
+)
+def test_an_export(
+    format: str, options: dict[str, Any], config: Path, can_recording: Path, tmp_path: Path
+) -> None:
+    given = [part for key, value in options.items() for part in (f"--{key}", value) if part is not True]
+    output = ["--config", config, "--output", tmp_path / "command", "--log", can_recording]
+    said = command("export", "--format", format, *given, *output)
+    exported = observer.load(config).export(format, log=can_recording, **options)
+    exported.write(tmp_path / "python")
+    assert contents(tmp_path / "command") == contents(tmp_path / "python")
+    assert all(line in said for line in exported.facts)
+    assert ("reference.csv" in exported.files) == (format in ("c99", "st"))
