@@ -19,12 +19,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if TYPE_CHECKING:  # `import observer` alone loads nothing, since it also starts the service
     from observer.errors import ConfigError, LogError, UserError
     from observer.files.logs import Log
+    from observer.intake.importing import ImportedLog
     from observer.library.client import ServiceClient, ServiceStream, connect
     from observer.library.comparing import Comparison
     from observer.library.exporting import ExportedFiles
     from observer.library.findings import CheckFindings, FoundEffect, FoundValue
     from observer.library.given import read_log
     from observer.library.heats import IdentifiedHeats
+    from observer.library.importing import extract_log, import_log
     from observer.library.machine import (
         CalibrationResult,
         DiscoveryResult,
@@ -63,6 +65,7 @@ __all__ = [
     "FoundEffect",
     "FoundValue",
     "IdentifiedHeats",
+    "ImportedLog",
     "LearnedParameters",
     "Log",
     "LogError",
@@ -86,6 +89,8 @@ __all__ = [
     "__version__",
     "connect",
     "discover",
+    "extract_log",
+    "import_log",
     "load",
     "read_log",
 ]
@@ -93,12 +98,14 @@ __all__ = [
 _MODULES = {
     "errors": ("ConfigError", "LogError", "UserError"),
     "files.logs": ("Log",),
+    "intake.importing": ("ImportedLog",),
     "library.client": ("ServiceClient", "ServiceStream", "connect"),
     "library.comparing": ("Comparison",),
     "library.exporting": ("ExportedFiles",),
     "library.findings": ("CheckFindings", "FoundEffect", "FoundValue"),
     "library.given": ("read_log",),
     "library.heats": ("IdentifiedHeats",),
+    "library.importing": ("extract_log", "import_log"),
     "library.machine": (
         "CalibrationResult",
         "DiscoveryResult",

@@ -1,4 +1,4 @@
-"""The command line; the work of its verbs is in `app`, `demo` and `report`."""
+"""The command line; the work of its verbs is in `library`, `demo` and `report`."""
 
 from __future__ import annotations
 

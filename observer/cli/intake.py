@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from observer.cli.output import warn
 from observer.errors import UserError
 from observer.terminal import echo
+
+if TYPE_CHECKING:
+    from observer.intake.importing import ImportedLog
 
 verbs = typer.Typer()
 
@@ -49,40 +52,53 @@ def import_(
     ] = False,
 ) -> None:
     """Make a log of files from other recorders, and print the table that reads them directly."""
-    from observer import app as parts
-    from observer.installation import load
-    from observer.intake.importing import Proposal
+    from observer.files.logs import suffix_of
+    from observer.library.importing import extract_log, import_log
+    from observer.library.machine import load
 
     if extract is not None:
-        written = parts.extract_log(file, None if config is None else load(config), extract)
-        echo(f"{written} bytes written to {extract}; read them before you send them")
+        size = extract_log(file, extract, config)
+        echo(f"{size} bytes written to {extract}; read them before you send them")
         if output is None:
             return
     if config is None or output is None:
         raise UserError("import: give --config and --output, or --extract alone")
-
-    def show(found: Proposal) -> None:
-        lines = [("channel", "column", "unit", "first values"), *found.shown]
-        widths = [max(len(line[i]) for line in lines) for i in range(3)]
-        for line in lines:
-            cells = [cell.ljust(width) for cell, width in zip(line[:3], widths, strict=True)]
-            echo("  ".join([*cells, *line[3:]]).rstrip())
-
-    def agree(found: Proposal) -> bool:
-        show(found)
-        for key, doubt in found.asked.items():
+    suffix_of(output)
+    columns = dict(map(_channel_and_column, column or ()))
+    machine = load(config)
+    imported = import_log(
+        file, machine, columns=columns, time=time, time_format=time_format, timezone=timezone
+    )
+    agreed = False
+    if imported.asked and not yes and sys.stdin.isatty():
+        _show(imported)
+        for key, doubt in imported.asked.items():
             echo(f"doubtful: {key}: {doubt}")
-        return typer.confirm("Is that right?", default=False)
-
-    asks = not yes and sys.stdin.isatty()
-    options = parts.ImportOptions(column or (), time, time_format, timezone)
-    found = parts.import_log(file, load(config), output, agree if asks else None, options)
-    if not (asks and found.asked):
-        show(found)
-    warn([*found.log.doubts, *(words.text for words in found.log.words)])
-    log = found.log
+        agreed = typer.confirm("Is that right?", default=False)
+    imported.write(output, agreed=agreed)
+    if not agreed:
+        _show(imported)
+    log = imported.log
+    warn([*log.doubts, *(words.text for words in log.words)])
     span_s = float(log.time_s[-1] - log.time_s[0])
     echo(f"{len(log)} rows over {span_s:.6g} s written to {output}")
-    if found.zoneless:
+    if imported.zoneless:
         echo("the times have no zone and were taken as they are; --timezone converts them to UTC")
-    echo(f"such files are read directly with this in the configuration:\n{found.table}")
+    echo(f"such files are read directly with this in the configuration:\n{imported.table}")
+
+
+def _channel_and_column(text: str) -> tuple[str, str]:
+    """Return the channel and the column of `CHANNEL=COLUMN`. Raises `UserError`."""
+    channel, mark, column = text.partition("=")
+    if not mark or not channel.strip() or not column.strip():
+        raise UserError(f"--column: {text!r} is no CHANNEL=COLUMN, as t1_degC=Temp1 or t1_degC=Temp1@degF")
+    return channel.strip(), column
+
+
+def _show(imported: ImportedLog) -> None:
+    """Print the channels with their columns, units and first values."""
+    lines = [("channel", "column", "unit", "first values"), *imported.shown]
+    widths = [max(len(line[i]) for line in lines) for i in range(3)]
+    for line in lines:
+        cells = [cell.ljust(width) for cell, width in zip(line[:3], widths, strict=True)]
+        echo("  ".join([*cells, *line[3:]]).rstrip())

@@ -15,6 +15,7 @@ from observer.config import Config
 from observer.errors import LogError
 from observer.files.log_checks import several
 from observer.files.logs import Log
+from observer.files.writer import write_log
 from observer.intake.guess import Guess, columns_of_numbers, guessed
 from observer.intake.mapped import Placed, logged, mapped, misunderstood, no_clock, placed_columns
 from observer.intake.sheets import full_name
@@ -28,8 +29,12 @@ MOST_APART_S = 20.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Proposal:
-    """A log as it would be written, the table that reads it, and the doubts: sentences by key of `[log]`."""
+class ImportedLog:
+    """A log of files from other recorders; `table` is the `[log]` that reads such files directly.
+
+    `asked` are doubts about guesses, sentences by the key of `[log]` that settles them. Compare `log` with
+    `shown` before you use it while there are any.
+    """
 
     log: Log
     how: Logs
@@ -49,8 +54,20 @@ class Proposal:
         """The `[log]` table that reads such files, as TOML."""
         return table_of(self.how)
 
+    def write(self, path: str | Path, *, agreed: bool = False) -> None:
+        """Write the log as CSV or Parquet, by the suffix.
 
-def proposed(paths: Sequence[Path], config: Config, how: Logs) -> Proposal:
+        Raises `LogError` where it cannot be written, or where something is doubtful and not `agreed`.
+        """
+        if self.asked and not agreed:
+            doubts = [f"  {key}: {doubt}" for key, doubt in self.asked.items()]
+            first = f"{path}: not written, because this is doubtful; clarify it in the configuration:"
+            raise LogError("\n".join([first, *doubts, "the guess was", self.table]))
+        columns = {name: self.log[name] for name in self.log.channels}
+        write_log(Path(path), self.log.time_s, columns, self.doubts)
+
+
+def proposed(paths: Sequence[Path], config: Config, how: Logs) -> ImportedLog:
     """Read files by given and guessed keys. Raises `LogError` with all that cannot be guessed."""
     sources = sources_of(paths, how)
     name = " + ".join(map(str, paths))
@@ -67,7 +84,7 @@ def proposed(paths: Sequence[Path], config: Config, how: Logs) -> Proposal:
     asked = {f"[log.columns] {channel}": said for channel, said in guess.doubts.items()}
     asked |= _of_time(sources, how)
     zoneless = any(s.clock.on_wall for s in sources.timed)
-    return Proposal(log, found, asked, tuple(_rows(sources, config, found)), zoneless)
+    return ImportedLog(log, found, asked, tuple(_rows(sources, config, found)), zoneless)
 
 
 def _unplaced(channel: str, sources: Sources, guess: Guess, how: Logs) -> str:
@@ -170,12 +187,3 @@ def _toml(value: Any) -> str:
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_toml, value)) + "]"
     return json.dumps(value, ensure_ascii=False)
-
-
-def column_option(text: str) -> tuple[str, LogColumn]:
-    """The channel and the column of `CHANNEL=COLUMN` or `CHANNEL=COLUMN@UNIT`. Raises `LogError`."""
-    channel, mark, column = text.partition("=")
-    if not mark or not channel.strip() or not column.strip():
-        raise LogError(f"--column: {text!r} is no CHANNEL=COLUMN, as t1_degC=Temp1 or t1_degC=Temp1@degF")
-    name, mark, unit = column.strip().rpartition("@")
-    return channel.strip(), LogColumn(column=name, unit=unit) if mark else LogColumn(column=column.strip())

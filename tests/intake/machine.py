@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from observer.config import Config
 from observer.files.logs import Log
-from observer.installation import load
+from observer.installation import Installation, load
 from observer.intake.reading import read_channels
 
 START = datetime(2026, 11, 25, 8, 0, 0, tzinfo=UTC)
@@ -83,7 +82,7 @@ def truth(rows: int = 240, step_s: float = 1.5) -> Truth:
     )
 
 
-def configured(folder: Path, more: str = "") -> Config:
+def configured(folder: Path, more: str = "") -> Installation:
     """The configuration in a folder, with a `[log]` table of its own."""
     path = folder / "machine.toml"
     path.write_text(CONFIG + more, encoding="utf-8")

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import observer
 from observer.installation import Installation, load
 
 _ROD = """
@@ -41,6 +42,11 @@ def rod(folder: Path, log: Mapping[str, Any], columns: Mapping[str, str], sensor
     path = folder / "rod.toml"
     path.write_text(rod_text(log, columns, sensors), encoding="utf-8")
     return load(path)
+
+
+def import_file(path: Path, config: Installation, **options: Any) -> observer.ImportedLog:
+    """Import one file by a configuration."""
+    return observer.import_log(path, observer.Machine(config, b""), **options)
 
 
 def rod_text(log: Mapping[str, Any], columns: Mapping[str, str], sensors: int = 1) -> str:

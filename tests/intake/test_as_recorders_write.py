@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 import observer
-from observer import app
 from observer.errors import LogError
 from observer.files.logs import read_log
 from observer.intake.reading import read_channels
 from observer.library.given import recorded
-from tests.intake.rod import rod
+from tests.intake.rod import import_file, rod
 
 START = datetime(2026, 3, 2, 8, 0, tzinfo=UTC)
 START_S = START.timestamp()
@@ -77,14 +76,13 @@ def test_a_column_that_only_rises_is_no_clock_and_yes_does_not_make_it_one(
     for read in (
         lambda: observer.read_log(path),
         lambda: recorded(path, rod(tmp_path, {}, T1)),
-        lambda: app.import_log([path], rod(tmp_path, {}, T1), tmp_path / "out.csv", lambda _: True),
+        lambda: import_file(path, rod(tmp_path, {}, T1)),
     ):
         with pytest.raises(LogError) as caught:
             read()
         assert names in str(caught.value)
         assert "[log] time" in str(caught.value)
         assert "every_s" in str(caught.value)
-    assert not (tmp_path / "out.csv").exists()
 
 
 @pytest.mark.parametrize("unit", ["kWh", "°C", "mm"])
@@ -105,7 +103,7 @@ def test_a_unit_that_is_not_understood_is_asked_about_and_settled_by_the_key(tmp
         recorded(path, rod(tmp_path, {}, columns))
     assert "[log.columns]" in str(caught.value)
     with pytest.raises(LogError, match="is not understood"):
-        app.import_log([path], rod(tmp_path, {}, columns), tmp_path / "out.csv", lambda _: True)
+        import_file(path, rod(tmp_path, {}, columns))
     settled = rod(tmp_path, {}, {})
     settled = settled.model_copy(
         update={"log": settled.log.model_validate({"columns": {"t1_degC": {"column": name, "unit": "degF"}}})}
@@ -139,7 +137,7 @@ def test_what_was_doubtful_at_an_import_is_said_by_every_command_that_reads_the_
     rows[20] = "20;21;22"
     path, out = written(tmp_path / "log.txt", ["t;T1", *rows]), tmp_path / f"out{suffix}"
     config = rod(tmp_path, {}, T1)
-    app.import_log([path], config, out, None)
+    import_file(path, config).write(out)
     doubts = read_log(out).doubts
     for words in ("t has no unit and was taken for seconds", "line 22 has 3 cells", "1 cell says OVLD"):
         assert any(words in doubt for doubt in doubts), doubts
@@ -167,17 +165,17 @@ def test_a_log_that_begins_in_the_hour_that_comes_twice_is_asked_about(tmp_path)
     rows = [f"25.10.2026 02:{i:02d}:00;21,5" for i in range(40)]
     path = written(tmp_path / "log.csv", ["Zeit;T1", *rows])
     with pytest.raises(LogError, match="came twice in Europe/Berlin"):
-        app.import_log([path], rod(tmp_path, {"timezone": "Europe/Berlin"}, T1), tmp_path / "out.csv", None)
+        import_file(path, rod(tmp_path, {"timezone": "Europe/Berlin"}, T1)).write(tmp_path / "out.csv")
 
 
 def test_a_channel_without_a_column_is_not_offered_the_one_that_was_named(tmp_path):
     path = written(tmp_path / "log.csv", ["t [s],T1 [V],T2 [°C]", *(f"{i},1.2,21.5" for i in range(9))])
     with pytest.raises(LogError) as caught:
-        app.import_log([path], rod(tmp_path, {}, T1), tmp_path / "out.csv", None)
+        import_file(path, rod(tmp_path, {}, T1))
     assert "is in V, which cannot be °C" in str(caught.value)
     assert "one of" not in str(caught.value)
     with pytest.raises(LogError) as caught:
-        app.import_log([path], rod(tmp_path, {}, {"t1_degC": "Lager"}), tmp_path / "out.csv", None)
+        import_file(path, rod(tmp_path, {}, {"t1_degC": "Lager"}))
     assert 'there is no column "Lager"' in str(caught.value)
     assert '"t [s]"' not in str(caught.value).partition("one of")[2]
 

@@ -11,11 +11,11 @@ from zoneinfo import ZoneInfo
 import pytest
 
 import observer
-from observer import app
 from observer.errors import LogError
 from observer.files.logs import read_log
 from observer.intake.reading import read_channels
 from tests.intake.machine import START, Truth, assert_is, configured, truth
+from tests.intake.rod import import_file
 
 BERLIN = ZoneInfo("Europe/Berlin")
 AUTUMN, SPRING = datetime(2026, 10, 25, 0, 30, tzinfo=UTC), datetime(2026, 3, 29, 0, 30, tzinfo=UTC)
@@ -43,16 +43,14 @@ def written(path: Path, was: Truth, time: Callable[[datetime], str], name: str =
 def questions(path: Path, **given: str) -> str:
     """What `observer import` asks where nobody can answer."""
     with pytest.raises(LogError) as caught:
-        app.import_log(
-            [path], configured(path.parent), path.with_suffix(".parquet"), None, app.ImportOptions(**given)
-        )
+        import_file(path, configured(path.parent), **given).write(path.with_suffix(".parquet"))
     return str(caught.value)
 
 
 def imported(path: Path, **given: str):
     """The log of a file about which nothing is left to ask."""
     out = path.with_suffix(".parquet")
-    app.import_log([path], configured(path.parent), out, None, app.ImportOptions(**given))
+    import_file(path, configured(path.parent), **given).write(out)
     return read_log(out)
 
 
@@ -95,7 +93,7 @@ def test_what_a_clock_was_taken_for_is_shown(tmp_path):
     was = truth()
     begin_s = was.time_s[0]
     path = written(tmp_path / "log.csv", was, lambda at: f"{at.timestamp() - begin_s:.1f}", "t")
-    found = app.import_log([path], configured(tmp_path), tmp_path / "log.parquet", None)
+    found = import_file(path, configured(tmp_path))
     assert found.shown[0] == ("time", "t", "s, assumed", "0.000", "1.500", "3.000", "4.500")
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from observer import app
+import observer
 from observer.errors import LogError
 from tests.intake.machine import truth
 from tests.intake.test_formats import of_parquet, workbook
@@ -20,7 +20,7 @@ CASES = Path(__file__).parents[1] / "data" / "log-cases"
 
 def extract(folder: Path, *paths: Path) -> str:
     out = folder / "extract.txt"
-    assert app.extract_log(paths, None, out) == out.stat().st_size < 20_000
+    assert observer.extract_log(paths, out) == out.stat().st_size < 20_000
     return out.read_text(encoding="utf-8")
 
 
@@ -80,7 +80,7 @@ def test_compressed_text_is_shown_as_text_and_several_files_share_the_size(tmp_p
 
 def test_a_file_that_does_not_exist_is_named(tmp_path):
     with pytest.raises(LogError, match=r"missing\.csv: cannot be read"):
-        app.extract_log([tmp_path / "missing.csv"], None, tmp_path / "extract.txt")
+        observer.extract_log(tmp_path / "missing.csv", tmp_path / "extract.txt")
 
 
 @pytest.mark.system

@@ -7,11 +7,11 @@ import tomllib
 import numpy as np
 import pytest
 
-from observer import app
 from observer.errors import LogError
 from observer.files.logs import read_log
 from observer.intake.reading import read_channels
 from tests.intake.machine import CONFIG, assert_is, configured, truth
+from tests.intake.rod import import_file
 from tests.intake.test_formats import measurement, waveforms, workbook
 from tests.intake.test_long_and_joined import mtconnect
 from tests.intake.test_text import german
@@ -29,15 +29,9 @@ WRITERS = {
 def test_a_strangers_file_becomes_a_log_after_one_answer(tmp_path, name):
     was, path, out = truth(), tmp_path / name, tmp_path / "log.parquet"
     WRITERS[name](path, was)
-    asked = []
-
-    def agree(found) -> bool:
-        asked.append(found.asked)
-        return True
-
     zone = "Europe/Berlin" if name == "lauf.csv" else "UTC"
-    found = app.import_log([path], configured(tmp_path), out, agree, app.ImportOptions(timezone=zone))
-    assert len(asked) <= 1
+    found = import_file(path, configured(tmp_path), timezone=zone)
+    found.write(out, agreed=True)
     log = read_log(out)
     assert set(log.channels) == set(configured(tmp_path).channels)
     if name != "agent.csv":
@@ -52,14 +46,14 @@ def test_a_doubtful_log_is_rejected_where_nobody_can_answer(tmp_path):
     path, out = tmp_path / "lauf.csv", tmp_path / "log.parquet"
     path.write_bytes(german(truth()).encode("cp1252"))
     with pytest.raises(LogError) as caught:
-        app.import_log([path], configured(tmp_path), out, None)
+        import_file(path, configured(tmp_path)).write(out)
     message = str(caught.value)
     assert "[log.columns] t1_degC" in message
     assert "Temp. Lager" in message
     assert "screw_speed_rpm:" not in message  # its name and unit leave no doubt
     assert not out.exists()
-    said = ("t1_degC=Temp. Lager", "t2_degC=Temp. Mutter")
-    app.import_log([path], configured(tmp_path), out, None, app.ImportOptions(said, timezone="Europe/Berlin"))
+    columns = {"t1_degC": "Temp. Lager", "t2_degC": "Temp. Mutter"}
+    import_file(path, configured(tmp_path), columns=columns, timezone="Europe/Berlin").write(out)
     assert_is(read_log(out), truth(), apart=6e-6)
 
 
@@ -73,7 +67,7 @@ def test_fahrenheit_that_nobody_names_is_suspected(tmp_path):
         rows.append(f"{s},{1.8 * a + 32},{1.8 * b + 32},{1000 * x},{n},{1.8 * c + 32}")
     path.write_text("\n".join(rows))
     with pytest.raises(LogError) as caught:
-        app.import_log([path], configured(tmp_path), tmp_path / "log.parquet", None)
+        import_file(path, configured(tmp_path)).write(tmp_path / "log.parquet")
     message = str(caught.value)
     assert '"ambient" looks like °F' in message
     assert '"t1" may be in °F' in message
@@ -85,7 +79,7 @@ def test_a_channel_without_a_column_is_named_with_what_there_is(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("time,t1 [degC],t2 [degC]\n" + "".join(f"{i},22,{22 + i / 9}\n" for i in range(20)))
     with pytest.raises(LogError, match="3 problems") as caught:
-        app.import_log([path], configured(tmp_path), tmp_path / "log.parquet", None)
+        import_file(path, configured(tmp_path)).write(tmp_path / "log.parquet")
     assert "[log.columns] screw_speed_rpm" in str(caught.value)
 
 

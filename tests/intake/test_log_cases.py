@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer import app
 from observer.errors import LogError
 from observer.library.given import recorded
-from tests.intake.rod import rod
+from tests.intake.rod import import_file, rod
 
 FOLDER = Path(__file__).parents[1] / "data" / "log-cases"
 CASES: list[dict[str, Any]] = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
@@ -61,7 +60,7 @@ def test_a_file_that_is_not_understood_is_refused_with_the_key_that_settles_it(t
 def test_import_writes_nothing_where_a_file_is_not_understood(tmp_path, case):
     out = tmp_path / "log.parquet"
     with pytest.raises(LogError) as caught:
-        app.import_log([FOLDER / case["file"]], configured(tmp_path, case), out, None)
+        import_file(FOLDER / case["file"], configured(tmp_path, case)).write(out)
     for words in case.get("refused") or case["asked"]:
         assert words in str(caught.value)
     assert not out.exists()

@@ -241,3 +241,26 @@ def test_an_export(
     assert contents(tmp_path / "command") == contents(tmp_path / "python")
     assert all(line in said for line in exported.facts)
     assert ("reference.csv" in exported.files) == (format in ("c99", "st"))
+
+
+def test_an_import_of_a_file_of_another_recorder_and_its_extract(config: Path, tmp_path: Path) -> None:
+    """Channels are named, since the guess by the bare names of the columns is doubtful."""
+    foreign = tmp_path / "lauf.csv"
+    rows = "".join(f"{10 * i};{20 + i % 7},5;{68 + i % 5};1500\n" for i in range(60))
+    foreign.write_text(f"Zeit [s];Lager;Mutter;n [rpm]\n{rows}")
+    options = ["import", foreign, "--config", config, "--output"]
+    with pytest.raises(observer.LogError, match="not written, because this is doubtful"):
+        command(*options, tmp_path / "doubtful.csv")
+    with pytest.raises(observer.LogError, match="not written, because this is doubtful"):
+        observer.import_log(foreign, config).write(tmp_path / "doubtful.csv")
+    assert not (tmp_path / "doubtful.csv").exists()
+    columns = {"t1_degC": "Lager@degC", "t2_degC": "Mutter@degF", "speed_rpm": "n [rpm]"}
+    named = [part for channel, column in columns.items() for part in ("--column", f"{channel}={column}")]
+    said = command(*options, tmp_path / "command.csv", *named, "--extract", tmp_path / "command.txt")
+    imported = observer.import_log([foreign], observer.load(config), columns=columns)
+    imported.write(tmp_path / "python.csv")
+    assert (tmp_path / "command.csv").read_bytes() == (tmp_path / "python.csv").read_bytes()
+    assert imported.table in said
+    assert imported.log["t2_degC"][0] == pytest.approx(20.0)
+    assert observer.extract_log(foreign, tmp_path / "python.txt", config) < 20_000
+    assert (tmp_path / "command.txt").read_bytes() == (tmp_path / "python.txt").read_bytes()
