@@ -109,10 +109,10 @@ class Comparison:
                 draw_cases(figure, self.cases, self._title, self._words)
 
 
-def compare_given(
+def compared(
     config: Installation,
     source: bytes,
-    variants: GivenVariants,
+    given: GivenVariants,
     log: GivenLog | None,
     *,
     steady: bool = False,
@@ -121,36 +121,21 @@ def compare_given(
 ) -> Comparison:
     """Compare variants of a configuration with its text `source`: those of a file, or of the table of one.
 
-    Raises `ConfigError` or `LogError`.
-    """
-    of_file = isinstance(variants, str | Path)
-    table = read_toml(Path(variants), "variants") if isinstance(variants, str | Path) else variants
-    found = variants_of(table, str(variants) if of_file else "variants", tomllib.loads(source.decode()))
-    spare = {channel for variant in found for channel in variant.inputs}
-    program = None if log is None else as_program(log, config, "log", spare)
-    return compare_variants(found, program, steady=steady, minimise=minimise, progress=progress)
-
-
-def compare_variants(
-    variants: Sequence[Variant],
-    log: Log | None,
-    *,
-    steady: bool,
-    minimise: Aim | None,
-    progress: Callable[[str, float], None] = lambda _text, _done: None,
-) -> Comparison:
-    """Compare variants: in their steady states, or over a log's cycle.
-
-    Raises `ConfigError` or `LogError`.
+    They are compared in their steady states, or over a log's cycle. Raises `ConfigError` or `LogError`.
     """
     if minimise is not None:
         check_choice("minimise", minimise, get_args(Aim))
     if log is None and not steady:
         raise ConfigError("compare: ask for the steady state, or give a log of a cycle")
+    of_file = isinstance(given, str | Path)
+    table = read_toml(Path(given), "variants") if isinstance(given, str | Path) else given
+    variants = variants_of(table, str(given) if of_file else "variants", tomllib.loads(source.decode()))
+    spare = {channel for variant in variants for channel in variant.inputs}
+    program = None if log is None else as_program(log, config, "log", spare)
     found, mounted, sentences = [], {}, dict[str, None]()
     for i, variant in enumerate(variants):
         progress(variant.name, i / len(variants))
-        case = _case(variant, log, steady=steady)
+        case = _case(variant, program, steady=steady)
         found.append(case.figures)
         if minimise is not None:
             mounted[variant.name] = _mounted(variant, case)
@@ -160,7 +145,7 @@ def compare_variants(
     machine = variants[0].config.machine
     document = {
         "steady": steady,
-        "log": None if log is None else log.path.name,
+        "log": None if program is None else program.path.name,
         "variants": [_document(v, case, unknown) for v, case in zip(variants, found, strict=True)],
         "minimised": {name: [_as_row(m) for m in best] for name, best in mounted.items()},
         "sentences": list(sentences),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -13,7 +12,6 @@ from typing import Any, NamedTuple
 from observer.align.aligner import AlignPlan, doubts, frames_of_log, read_in, refuse_implausible
 from observer.align.unit_errors import Misread, read_rightly
 from observer.errors import LogError
-from observer.files.documents import write_json
 from observer.files.logs import Log
 from observer.fit.parameters import lawless
 from observer.frames import FrameBlock
@@ -92,26 +90,13 @@ def about(source: bytes, names: Sequence[str]) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True, slots=True)
-class FittedLogs:
-    """The result of a calibration: the content of `calibration.json`, and the text of `config.toml`, None
-    where no fitted value is better than the configured ones.
-    """
-
-    document: dict[str, Any]
-    text: str | None
-
-    def write(self, folder: Path) -> None:
-        """Write `calibration.json` into a folder, and `config.toml` if there is one."""
-        if self.text is not None:
-            (folder / "config.toml").write_text(self.text, encoding="utf-8")
-        write_json(folder / "calibration.json", self.document)
-
-
 def fitted(
     config: Installation, source: bytes, logs: Sequence[Log], progress: Callable[[str], None]
-) -> FittedLogs:
+) -> tuple[dict[str, Any], str | None]:
     """Fit the free parameters and, where fitted values are better than configured ones, the process noise.
+
+    Returns the content of `calibration.json` and the text of `config.toml`, None where no fitted value is
+    better than the configured one.
 
     `progress(stage)` is called about every second. Raises `ConfigError` or `LogError`.
     """
@@ -139,5 +124,4 @@ def fitted(
     result["left_out"] = left_out
     result["nut_path"] = {log.path.name: nut_paths(config, log) for log in logs}
     result = about(source, [log.path.name for log in logs]) | result
-    text = write_back(text_of(source), calibration.written | noise) if better else None
-    return FittedLogs(result, text)
+    return result, write_back(text_of(source), calibration.written | noise) if better else None

@@ -39,28 +39,16 @@ def read_log(path: str | Path, *, accept_truncated: bool = False, accept_damaged
     return cleaned(log, Logs())
 
 
-def channels_of(path: Path, config: Installation, **accept: bool) -> Log:
-    """A log of channels, each input of which has a value somewhere."""
-    log = read_channels(path, config, spare=(), **accept)
-    refuse_empty(log, config, sensors=True)
-    return log
-
-
 def recorded(path: Path, config: Installation, **accept: bool) -> Log:
-    """A log of channels, or a recording of a CAN bus."""
+    """Return a log of channels, each input of which has a value somewhere, or a recording of a CAN bus."""
     from observer.intake.readers import holds_signals, is_text_log
     from observer.record.recent import is_can_recording, read_can_log
 
     if is_can_recording(path) and not holds_signals(path) and not is_text_log(path):
         return read_can_log(path, config)
-    return channels_of(path, config, **accept)
-
-
-def read_program(path: Path, config: Installation, spare: Iterable[str] = ()) -> Log:
-    """A program: a log of the channels of a machine's inputs; those of sensors, and optional
-    ones, may be missing.
-    """
-    return read_channels(path, config, spare=config.sensor_channels | set(spare))
+    log = read_channels(path, config, spare=(), **accept)
+    refuse_empty(log, config, sensors=True)
+    return log
 
 
 def as_log(
@@ -81,9 +69,12 @@ def as_log(
 
 
 def as_program(given: GivenLog, config: Installation, name: str = "log", spare: Iterable[str] = ()) -> Log:
-    """Return the given log of inputs, as `read_program` does. Raises `LogError`."""
+    """Return the given log of a machine's inputs; sensors and `spare` channels may be missing in a file.
+
+    Raises `LogError`.
+    """
     if isinstance(given, str | Path):
-        return read_program(Path(given), config, spare)
+        return read_channels(Path(given), config, spare=config.sensor_channels | set(spare))
     return _in_memory(given, name)
 
 

@@ -26,7 +26,7 @@ from observer.library.findings import (
     effects_in,
     values_in,
 )
-from observer.library.fitting import FittedLogs, fitted, recent_runs, runs_of
+from observer.library.fitting import fitted, recent_runs, runs_of
 from observer.library.given import GivenLog, as_log, as_program, as_several
 from observer.library.heats import IdentifiedHeats, identified_heats
 from observer.library.packages import in_words
@@ -169,8 +169,8 @@ class Machine:
         configured values do leaves the machine as it is. Raises `UserError`.
         """
         progress("reading logs")
-        found = fitted(self.config, self.source, as_several(logs, self.config), progress)
-        return CalibrationResult(self if found.text is None else self.of_text(found.text, self.file), found)
+        document, text = fitted(self.config, self.source, as_several(logs, self.config), progress)
+        return CalibrationResult(self if text is None else self.of_text(text, self.file), document, text)
 
     @in_words
     def discover(
@@ -228,9 +228,9 @@ class Machine:
 
         `minimise="error"` also finds mounting, preload and gap. Raises `UserError`.
         """
-        from observer.library.comparing import compare_given
+        from observer.library.comparing import compared
 
-        return compare_given(self.config, self.source, variants, log, **how)
+        return compared(self.config, self.source, variants, log, **how)
 
     @in_words
     def place(
@@ -309,11 +309,12 @@ class Machine:
 @dataclass(frozen=True, eq=False, repr=False)
 class CalibrationResult:
     """The result of a calibration: `machine` has the fitted values, or the configured ones where the fitted
-    ones are no better.
+    ones are no better. `document` is the content of `calibration.json`.
     """
 
     machine: Machine
-    _found: FittedLogs
+    document: Mapping[str, Any]
+    _text: str | None
 
     @property
     def values(self) -> dict[str, FoundValue]:
@@ -326,18 +327,15 @@ class CalibrationResult:
         reason: str | None = self.document["kept"]
         return reason
 
-    @property
-    def document(self) -> Mapping[str, Any]:
-        """The content of `calibration.json`."""
-        return self._found.document
-
     @in_words
     def write(self, folder: str | Path) -> None:
         """Write `calibration.json` into a folder, and `config.toml` where a fitted value is better than the
         configured one. Raises `UserError`.
         """
         with results_in(Path(folder)) as part:
-            self._found.write(part)
+            if self._text is not None:
+                (part / "config.toml").write_text(self._text, encoding="utf-8")
+            write_json(part / "calibration.json", self.document)
 
     def __repr__(self) -> str:
         lines = [f"{key} = {value}" for key, value in self.values.items()]

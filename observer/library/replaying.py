@@ -1,4 +1,4 @@
-"""A log through the live path, into memory or into files."""
+"""A log through the live path."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from observer.estimate.replay import Progress, nut_paths, speeds, start_of, writ
 from observer.files.documents import write_json
 from observer.files.folders import results_in
 from observer.files.logs import Log
-from observer.files.writer import TableSink, TemporaryTable
+from observer.files.writer import TemporaryTable
 from observer.frames import EstimateBlock, FrameBlock, NutPath
 from observer.installation import Installation
 from observer.library.packages import in_words
@@ -29,40 +29,6 @@ if TYPE_CHECKING:
 
 def quietly(_done: int, _total: int) -> None:
     """Show no progress."""
-
-
-def replayed(
-    log: Log, config: Installation, sink: TableSink, progress: Progress, machine: MachineModel
-) -> tuple[dict[str, Any], ReplaySamples]:
-    """Write the estimates of a log into a table; return the summary, and the samples that its picture shows.
-
-    Raises `LogError`.
-    """
-    pipeline = machine.pipeline()
-    start, kind_of_start = start_of(log, CheckpointFit.of(machine))
-    samples = ReplaySamples(config, pipeline.layout)
-    open_loop, paths = OpenLoopGap(machine.plant, machine.drive), list[Mapping[str, NutPath]]()
-    read = set[str]()
-
-    def follow(frames: FrameBlock, block: EstimateBlock) -> None:
-        open_loop.take(frames)
-        paths.append(frames.path)
-        read.update(read_in(frames))
-        samples.take(pipeline.inputs, block)
-
-    numbers = write_estimates(sink, log, machine.plan, pipeline, progress, start, follow)
-    return {
-        "log": log.path.name,
-        "config": config.digest,
-        **numbers,
-        "nut_path": nut_paths(config, log),
-        "speed_mean_rpm": speeds(config, log),
-        "open_loop_rms_K": open_loop.rms_K,
-        **({"open_loop_rms_um": moved} if (moved := open_loop.rms_um) else {}),
-        "doubts": [*doubts(log, paths, config, read), *_opposed(open_loop.opposed)],
-        "start": kind_of_start,
-        "commands": commands_of(log),
-    }, samples
 
 
 def _opposed(found: Mapping[str, float]) -> Iterator[str]:
@@ -112,6 +78,30 @@ def estimates_of_log(
     log: Log, config: Installation, machine: MachineModel, progress: Progress = quietly
 ) -> Estimates:
     """Return the estimates of a log. Raises `LogError`."""
+    pipeline = machine.pipeline()
+    start, kind_of_start = start_of(log, CheckpointFit.of(machine))
+    samples = ReplaySamples(config, pipeline.layout)
+    open_loop, paths = OpenLoopGap(machine.plant, machine.drive), list[Mapping[str, NutPath]]()
+    read = set[str]()
+
+    def follow(frames: FrameBlock, block: EstimateBlock) -> None:
+        open_loop.take(frames)
+        paths.append(frames.path)
+        read.update(read_in(frames))
+        samples.take(pipeline.inputs, block)
+
     with TemporaryTable() as sink:
-        summary, samples = replayed(log, config, sink, progress, machine)
+        numbers = write_estimates(sink, log, machine.plan, pipeline, progress, start, follow)
+    summary = {
+        "log": log.path.name,
+        "config": config.digest,
+        **numbers,
+        "nut_path": nut_paths(config, log),
+        "speed_mean_rpm": speeds(config, log),
+        "open_loop_rms_K": open_loop.rms_K,
+        **({"open_loop_rms_um": moved} if (moved := open_loop.rms_um) else {}),
+        "doubts": [*doubts(log, paths, config, read), *_opposed(open_loop.opposed)],
+        "start": kind_of_start,
+        "commands": commands_of(log),
+    }
     return Estimates(sink.table, f"replay of {log.path.name}", summary, config, samples, sink)

@@ -20,6 +20,7 @@ from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
 from observer.estimate.pipeline import MachineModel
 from observer.library.profiles import ReportGrid
 from tests.logs.recordings import recorded
+from tests.record.test_can_log import DBC
 
 CONFIG = """
 [screw]
@@ -59,14 +60,6 @@ period_s = 1.0
 t1_degC = { message = "Temperatures", signal = "T1" }
 t2_degC = { message = "Temperatures", signal = "T2" }
 speed_rpm = { message = "Temperatures", signal = "Speed" }
-"""
-DBC = """VERSION ""
-BS_:
-BU_: Rig
-BO_ 256 Temperatures: 6 Rig
- SG_ T1 : 0|16@1- (0.01,0) [-50|150] "degC" Rig
- SG_ T2 : 16|16@1- (0.01,0) [-50|150] "degC" Rig
- SG_ Speed : 32|16@1+ (1,0) [0|6000] "rpm" Rig
 """
 
 
