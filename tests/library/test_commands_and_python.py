@@ -19,6 +19,7 @@ from observer.cli import app as commands
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
 from observer.estimate.pipeline import MachineModel
 from observer.library.profiles import ReportGrid
+from observer.record.recorder import Part
 from tests.logs.recordings import recorded
 from tests.record.test_can_log import DBC
 
@@ -257,3 +258,24 @@ def test_an_import_of_a_file_of_another_recorder_and_its_extract(config: Path, t
     assert imported.log["t2_degC"][0] == pytest.approx(20.0)
     assert observer.extract_log(foreign, tmp_path / "python.txt", config) < 20_000
     assert (tmp_path / "command.txt").read_bytes() == (tmp_path / "python.txt").read_bytes()
+
+
+def test_a_damaged_recording_gives_the_same_estimates(recording_config: Path, tmp_path: Path) -> None:
+    (recording,) = recording_config.parent.glob("recordings/*.csv")
+    head, *rows = recording.read_bytes().splitlines(keepends=True)
+    part = Part()
+    part.open(tmp_path, "damaged", head, {})
+    for i in range(0, len(rows), 500):
+        part.write(b"".join(rows[i : i + 500]))
+    damaged = part.path
+    part.close()
+    damaged.write_bytes(damaged.read_bytes().replace(b",20.", b",21.", 1))
+    options = ("replay", damaged, "--config", recording_config, "--output", tmp_path / "command")
+    machine = observer.load(recording_config)
+    with pytest.raises(observer.LogError, match="checksum"):
+        command(*options)
+    with pytest.raises(observer.LogError, match="checksum"):
+        machine.replay(damaged)
+    command(*options, "--accept-damaged")
+    machine.replay(damaged, accept_damaged=True).write(tmp_path / "python")
+    assert contents(tmp_path / "command") == contents(tmp_path / "python")
