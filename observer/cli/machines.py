@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from inspect import Parameter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -26,7 +26,7 @@ from observer.process import shutdown
 from observer.terminal import echo
 
 if TYPE_CHECKING:
-    from observer.installation import Installation
+    pass
 
 verbs = typer.Typer()
 
@@ -219,35 +219,14 @@ def check(
 
     settings = examine(config)
     if wires:
-        found = _wires(settings)
+        from observer.live.wire_doubts import wires_of
+
+        found = wires_of(settings)
         show(found, as_json, wires_as_text)
         shutdown.leave(0 if found["good"] else 1)
     from observer.report.check import findings
 
     show(findings(settings), as_json, as_text)
-
-
-def _wires(config: Installation) -> dict[str, Any]:
-    """The values that every device delivers within a few seconds. Raises `UserError` for an unusable file."""
-    from observer.align.plausibility import Limits
-    from observer.live.one_look import look
-    from observer.live.wire_doubts import doubt_values
-
-    limits, column = Limits.of(config), {name: j for j, name in enumerate(config.channels)}
-
-    def doubt(channel: str, value: float) -> str | None:
-        return limits.doubt(column[channel], value) if channel in column else None
-
-    found = look(config.open_drivers(), doubt)
-    doubt_values(config, found)
-    for name, heartbeat_s in config.heartbeats_s.items():
-        for driver in found["drivers"].values():
-            if (one := driver["channels"].get(name)) is not None and one["fault"] == "silent":
-                one["remedy"] = (
-                    f"it sends only on change, at the latest every {heartbeat_s:g} s, and sent nothing now: "
-                    "look again while its value changes"
-                )
-    return found
 
 
 @verbs.command()

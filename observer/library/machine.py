@@ -17,7 +17,7 @@ from observer.estimate.replay import Progress
 from observer.files.documents import write_json
 from observer.files.folders import results_in
 from observer.history.history import Method, MethodOptions
-from observer.installation import Installation, load_candidates, parse, parse_candidates
+from observer.installation import Installation, parse
 from observer.installation import load as load_file
 from observer.library.findings import (
     CheckFindings,
@@ -39,10 +39,9 @@ if TYPE_CHECKING:
 
     from observer.library.comparing import Comparison, GivenVariants
     from observer.library.exporting import ExportedFiles, ExportFormat
-    from observer.library.placing import PlacedSensors, Quantity
+    from observer.library.placing import GivenCandidates, PlacedSensors, Quantity
     from observer.library.searching import SearchedLogs
     from observer.library.steady import SteadyScrew
-    from observer.tables.candidates import SensorCandidate
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -238,7 +237,7 @@ class Machine:
         count: int | None = None,
         *,
         budget: float | None = None,
-        candidates: str | Path | Sequence[Mapping[str, Any]] | None = None,
+        candidates: GivenCandidates = None,
         by: Quantity = "all",
         keep: bool = False,
         spacing_m: float | None = None,
@@ -255,13 +254,8 @@ class Machine:
         """
         from observer.library.placing import Choice, candidates_of, placed
 
-        given: Sequence[SensorCandidate] = self.config.candidate
-        if isinstance(candidates, str | Path):
-            given = load_candidates(Path(candidates), self.config)
-        elif candidates is not None:
-            given = parse_candidates({"candidate": list(candidates)}, "candidates", self.config)
-        found = candidates_of(self.config, given, spacing_m)
-        return placed(self.config, found, Choice(count, budget, by, keep), progress)
+        mountable = candidates_of(self.config, candidates, spacing_m)
+        return placed(self.config, mountable, Choice(count, budget, by, keep), progress)
 
     @in_words
     def check(self) -> CheckFindings:
@@ -272,6 +266,13 @@ class Machine:
         from observer.report.check import findings
 
         return CheckFindings(findings(self.config))
+
+    @in_words
+    def check_wires(self) -> dict[str, Any]:
+        """Read each device once; return what `observer check --wires --json` prints. Raises `UserError`."""
+        from observer.live.wire_doubts import wires_of
+
+        return wires_of(self.config)
 
     @in_words
     def export(

@@ -17,15 +17,17 @@ from observer.estimators.design.placing import SetLimits, best_sets
 from observer.estimators.design.sensor_sets import SensorSet, SetSigmas, set_sigmas
 from observer.forecast.document import travel_of
 from observer.frames import BoolArray, FloatArray
+from observer.installation import Installation, load_candidates, parse_candidates
 from observer.library.packages import in_words
 from observer.model.build import build_plant
 from observer.model.cycle import Stage, standard_shift
 from observer.model.plant import Plant
 from observer.report.sensitivity import few_modes
-from observer.tables.candidates import SensorCandidate
 from observer.tables.sections import AMBIENT
 from observer.tables.sensors import Sensor
 
+GivenCandidates = str | Path | Sequence[Mapping[str, Any]] | None
+"""A file of candidates, their tables, or None for those of the configuration."""
 Quantity = Literal["all", "heat", "field", "error"]
 """The criterion for a set of sensors."""
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
@@ -231,22 +233,26 @@ class _Bench:
         )
 
 
-def candidates_of(
-    config: Config, given: Sequence[SensorCandidate], spacing_m: float | None
-) -> list[Mountable]:
-    """Return the sensors that could be mounted: those `given`; without any the nodes that the air touches,
-    and places along the screw, `spacing_m` apart.
+def candidates_of(config: Installation, given: GivenCandidates, spacing_m: float | None) -> list[Mountable]:
+    """Return the sensors that could be mounted: those `given`, else those of the configuration; without any
+    the nodes that the air touches, and places along the screw, `spacing_m` apart.
 
     Positions on the screw are left out if the configuration has nodes and all its sensors are on these,
     unless a spacing is given. Raises `UserError` for one together with candidates that are given.
     """
-    if given:
+    if given is None:
+        tables = config.candidate
+    elif isinstance(given, str | Path):
+        tables = load_candidates(Path(given), config)
+    else:
+        tables = parse_candidates({"candidate": list(given)}, "candidates", config)
+    if tables:
         if spacing_m is not None:
             raise UserError(
                 "place: --spacing-m is for use without candidates; give spacing_m "
                 "to the [[candidate]] instead"
             )
-        return [Mountable(sensor, one.cost, one.probing_s) for one in given for sensor in one.sensors]
+        return [Mountable(sensor, one.cost, one.probing_s) for one in tables for sensor in one.sensors]
     thermocouples = [s for s in config.sensor if s.kind == "temperature"]
     like = thermocouples[0]
     found = []

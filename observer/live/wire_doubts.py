@@ -15,7 +15,9 @@ from typing import Any, get_args
 from drivers.decode import bytes_of, raw_of, words_of
 from drivers.modbus import ModbusTable
 from drivers.places import ByteOrder, ModbusChannel, Place
+from observer.align.plausibility import Limits
 from observer.installation import Installation
+from observer.live.one_look import look
 from observer.physics.constants import ZERO_DEGC_K
 
 WORKSHOP_DEGC, MACHINE_DEGC = (3.0, 45.0), (3.0, 95.0)
@@ -49,6 +51,28 @@ class _Module:
     preset: str | None
     places: Mapping[str, Place]
     values_degC: Mapping[str, float]
+
+
+def wires_of(config: Installation) -> dict[str, Any]:
+    """Return what every device delivers within a few seconds, the content of `observer check --wires --json`.
+
+    Raises `UserError` for a file that a driver cannot use.
+    """
+    limits, column = Limits.of(config), {name: j for j, name in enumerate(config.channels)}
+
+    def doubt(channel: str, value: float) -> str | None:
+        return limits.doubt(column[channel], value) if channel in column else None
+
+    wires = look(config.open_drivers(), doubt)
+    doubt_values(config, wires)
+    for name, heartbeat_s in config.heartbeats_s.items():
+        for driver in wires["drivers"].values():
+            if (entry := driver["channels"].get(name)) is not None and entry["fault"] == "silent":
+                entry["remedy"] = (
+                    f"it sends only on change, at the latest every {heartbeat_s:g} s, and sent nothing now: "
+                    "look again while its value changes"
+                )
+    return wires
 
 
 def doubt_values(config: Installation, found: dict[str, Any]) -> None:

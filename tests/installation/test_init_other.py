@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from observer.cli.machines import _wires
 from observer.errors import UserError
 from observer.installation import Installation, parse
 from observer.installation.catalogue import SCREWS, screw_of
 from observer.installation.first_configuration import answers, compose
+from observer.live.wire_doubts import wires_of
 from tests.drivers.harness import device
 
 GIVEN = {"length_m": "1100 mm", "stroke_m": "150 850 mm", "sensors_m": "300 700 mm", "module_at": "127.0.0.1"}
@@ -44,7 +44,7 @@ def test_a_module_that_is_not_in_the_list_delivers_its_temperatures_and_its_open
             at = f"127.0.0.1:{peer.port}"
             described = {"first_register": "30101", "type": "float32", "word_order": "little"}
             config = written(module="other", **described | {"module_at": at, "fault_code": "-9999"})
-            return await asyncio.to_thread(_wires, config)
+            return await asyncio.to_thread(wires_of, config)
 
     channels = asyncio.run(ask())["drivers"]["thermocouples"]["channels"]
     assert {name: (one["value"], one["fault"]) for name, one in channels.items()} == {

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -279,3 +281,15 @@ def test_a_damaged_recording_gives_the_same_estimates(recording_config: Path, tm
     command(*options, "--accept-damaged")
     machine.replay(damaged, accept_damaged=True).write(tmp_path / "python")
     assert contents(tmp_path / "command") == contents(tmp_path / "python")
+
+
+@pytest.mark.system
+def test_silent_wires_are_reported_alike(config: Path) -> None:
+    arguments = [sys.executable, "-m", "observer", "check", "--wires", "--json", "--config", config]
+    done = subprocess.run(arguments, capture_output=True, text=True)
+    assert done.returncode == 1, done.stderr
+    by_command, by_python = json.loads(done.stdout), observer.load(config).check_wires()
+    assert by_command["good"] is by_python["good"] is False
+    channels = by_python["drivers"]["axis"]["channels"]
+    assert set(by_command["drivers"]["axis"]["channels"]) == set(channels)
+    assert {"t1_degC", "t2_degC", "speed_rpm"} == {name for name, one in channels.items() if one["fault"]}

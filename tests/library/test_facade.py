@@ -15,9 +15,10 @@ import pytest
 import observer
 
 ROOT = Path(__file__).parents[2]
-PROMISED = {"load", "read_log", "discover", "connect", "__version__"}
+PROMISED = {"load", "read_log", "import_log", "extract_log", "discover", "connect", "__version__"}
 METHODS = {
     "replay", "simulate", "calibrate", "discover", "identify", "forecast", "place", "check", "state_space",
+    "learned", "export", "check_wires", "settle", "compare",
 }  # fmt: skip
 SCRIPT = """\
 import observer

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import Aligner, AlignPlan, frames_of_log
-from observer.cli.machines import _wires
 from observer.errors import ConfigError
 from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import estimates_of
 from observer.files.logs import Log, read_log
 from observer.frames import EstimateBlock, FrameBlock, Quality, Reading
 from observer.installation import parse
+from observer.live.wire_doubts import wires_of
 from observer.record.recorder import header, row_of_reading
 from observer.report.check import findings
 from tests.drivers.harness import running
@@ -206,6 +206,6 @@ def test_the_check_explains_it(monkeypatch):
     monkeypatch.setattr("observer.live.one_look.LOOK_S", 0.5)
     config = parse(table(channels=("t1_degC",)))
     assert findings(config)["heartbeat_s"] == {"t1_degC": HEARTBEAT_S}
-    found = _wires(config)["drivers"]["thermocouples"]["channels"]
+    found = wires_of(config)["drivers"]["thermocouples"]["channels"]
     assert "sends only on change, at the latest every 2 s" in found["t1_degC"]["remedy"]
     assert "bit rate" in found["t2_degC"]["remedy"]

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from observer.cli.machines import _wires
 from observer.installation import parse
+from observer.live.wire_doubts import wires_of
 from tests.drivers.harness import device
 from tests.system.bad_inputs import TABLE
 
@@ -43,7 +43,7 @@ def look(
                 "source": [{k: v for k, v in source.items() if k not in ("speed_channel", "torque_Nm")}],
                 "drivers": {"module": driver},
             }
-            return await asyncio.to_thread(_wires, parse(table))
+            return await asyncio.to_thread(wires_of, parse(table))
 
     found = asyncio.run(ask())
     channels: dict[str, Any] = found["drivers"]["module"]["channels"]
