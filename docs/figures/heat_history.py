@@ -34,7 +34,7 @@ from observer.history.tikhonov import (  # noqa: E402
     trials,
 )
 from observer.library.heats import identified_heats  # noqa: E402
-from observer.library.profiles import Report, profiles  # noqa: E402
+from observer.library.profiles import ReportGrid, profiles  # noqa: E402
 from observer.model.build import build_plant  # noqa: E402
 from observer.report.panels import (  # noqa: E402
     CATEGORIES,
@@ -205,7 +205,7 @@ def draw_report() -> None:
     heats = identified_heats(log, settings, MethodOptions(), lambda _text: None)
     figure = Figure(figsize=(9.8, 7.0))
     FigureCanvasAgg(figure)
-    draw_profiles(figure, profiles(log, settings, heats, Report(0.042)))
+    draw_profiles(figure, profiles(log, settings, heats, ReportGrid(0.042)))
     _save(figure, "heat-history-report.png")
 
 
