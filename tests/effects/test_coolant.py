@@ -14,7 +14,7 @@ from observer.config import Config
 from observer.discovery.candidates import library
 from observer.effects.film import Coolant
 from observer.errors import ConfigError, UserError
-from observer.estimate.open_loop import OpenLoop, gap_K
+from observer.estimate.open_loop import OpenLoop
 from observer.estimate.pipeline import MachineModel
 from observer.export.exportable import refuse_unexportable
 from observer.fit.hypothesis import fit_effects
@@ -115,8 +115,12 @@ def open_loop_K(inlet: str) -> FloatArray:
     config = config_of(CONFIG, EFFECT + inlet)
     plant, drive = MachineModel.of(config).plant, MachineModel.of(config).drive
     loop = OpenLoop(plant, drive, float(one.day.air_degC[0]))
-    found = [loop.run(frames) for frames in frames_of_log(one.log, AlignPlan.of(config))]
-    return np.concatenate([gap_K(plant, *part) for part in found if part is not None])
+    predicted = [loop.run(frames) for frames in frames_of_log(one.log, AlignPlan.of(config))]
+    residuals_K = [
+        np.where(inputs.usable, inputs.y_degC - rows[:, plant.rows.sensor_slice], np.nan)
+        for inputs, rows in filter(None, predicted)
+    ]
+    return np.concatenate(residuals_K)
 
 
 def test_a_measured_inlet_is_followed_as_the_machine_does() -> None:
