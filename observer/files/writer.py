@@ -31,19 +31,20 @@ class TableSink(Protocol):
 class TemporaryTable:
     """Stores the blocks of a table in a temporary file: the estimates of a long log may not fit into memory.
 
-    After the `with` block `table` is the `pyarrow.Table`, mapped from the file, which has no name any more
-    and vanishes with it. Raises `LogError` where the folder for temporary files has no room.
+    The file has no name and vanishes with this object. After the `with` block `table` is the `pyarrow.Table`,
+    mapped from it. Raises `LogError` where the folder for temporary files has no room.
     """
 
     def __enter__(self) -> TemporaryTable:
         import pyarrow as pa  # noqa: PLC0415
 
         try:
-            file, self._name = tempfile.mkstemp(prefix="observer-", suffix=".arrow")
+            self._descriptor, name = tempfile.mkstemp(prefix="observer-")
         except OSError as error:
             raise _no_room(error) from None
-        os.close(file)
-        self._sink: Any = pa.OSFile(self._name, "wb")
+        os.unlink(name)  # a process that is killed leaves nothing behind
+        self._path = f"/proc/self/fd/{self._descriptor}"
+        self._sink: Any = pa.OSFile(self._path, "wb")
         self._writer: Any = None
         return self
 
@@ -65,12 +66,12 @@ class TemporaryTable:
             if kind is None:
                 self._writer.close()
                 self._sink.close()
-                self._file = pa.ipc.open_file(pa.OSFile(self._name))
-                self.table = pa.ipc.open_file(pa.memory_map(self._name)).read_all()
+                self._file = pa.ipc.open_file(pa.OSFile(self._path))
+                self.table = pa.ipc.open_file(pa.memory_map(self._path)).read_all()
         except OSError as error:
             raise _no_room(error) from None
         finally:
-            os.unlink(self._name)
+            os.close(self._descriptor)
 
     def blocks(self) -> Iterator[Any]:
         """Read the blocks from the file, one `pyarrow.Table` at a time."""

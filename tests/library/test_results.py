@@ -176,3 +176,13 @@ def test_an_invalid_log_is_a_sentence(given, sentence, machine):
 def test_the_same_log_twice_is_not_a_second_run(machine, short):
     with pytest.raises(observer.LogError, match="holds the same as"):
         machine.calibrate([short, pd.DataFrame(short)])
+
+
+def test_a_replay_that_is_killed_leaves_no_temporary_file(machine, short, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    names = []
+    machine.replay(short, progress=lambda _done, _total: names.extend(tmp_path.iterdir()))
+    assert names == []
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
+    with pytest.raises(observer.LogError, match="or set TMPDIR to another folder"):
+        machine.replay(short)
