@@ -68,7 +68,7 @@ def test_what_needs_an_extra_says_so(arguments, tmp_path):
     assert done.returncode == 2, done.stderr
     said = done.stderr.strip().splitlines()
     assert said[-1] == (
-        f"observer: observer {arguments[0]} needs the packages of analysis (pyarrow is missing): "
+        f"observer: {arguments[0]} needs the packages of analysis (pyarrow is missing): "
         'pip install "ballscrew-observer[analysis]"'
     )
     assert "Traceback" not in done.stderr

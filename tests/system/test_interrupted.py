@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -74,8 +75,9 @@ def test_a_search_ends_without_a_word_of_its_second_process(after_s, often, tmp_
         os.killpg(process.pid, signal.SIGINT)
         while often and _lasts(process):
             os.killpg(process.pid, signal.SIGINT)
-        said, _ = process.communicate(timeout=PATIENCE_S)
-    assert (process.returncode, said) == (130, "")
+        printed, _ = process.communicate(timeout=PATIENCE_S)
+    progress = re.compile(r"discover: .+ \(\d+ s\)")  # of a computer so busy that it takes long
+    assert (process.returncode, [x for x in printed.splitlines() if not progress.fullmatch(x)]) == (130, [])
     assert not list(tmp_path.iterdir())
     until(lambda: not Path(f"/proc/{second}").exists())
 
