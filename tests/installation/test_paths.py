@@ -42,7 +42,7 @@ def test_an_unreadable_file_is_reported(tmp_path, monkeypatch):
 
 def test_folders_are_made_and_need_not_be_there(tmp_path):
     config = tmp_path / "observer.toml"
-    config.write_text(DEMO.read_text() + f'[page]\nreports = "{tmp_path}/reports"\n')
+    config.write_text(DEMO.read_text() + f'[record]\ndirectory = "{tmp_path}/not-there"\n')
     examine(config)
 
 
