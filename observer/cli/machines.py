@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from inspect import Parameter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -24,9 +24,6 @@ from observer.errors import UserError
 from observer.files.folders import results_in
 from observer.process import shutdown
 from observer.terminal import echo
-
-if TYPE_CHECKING:
-    pass
 
 verbs = typer.Typer()
 

@@ -220,7 +220,6 @@ def _refuse_learnt(config: Installation) -> None:
     except UnfitError:
         return  # of another configuration, so nothing in force was learnt
     raise ConfigError(
-        f"the service has learnt parameters of this machine that the configuration lacks ({file}), and "
-        "an export "
-        "would omit them; write them into a configuration with `observer learned`, and export that"
+        f"the service has learnt parameters of this machine that the configuration lacks ({file}), and an "
+        "export would omit them; write them into a configuration with `observer learned`, and export that"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -29,6 +30,19 @@ def recorded(tmp_path_factory):
     config = config.model_copy(update={"machine": named})
     estimates, _, _ = lived(config, 400, rotate_bytes=20_000)
     return config, estimates
+
+
+@asynccontextmanager
+async def connected(recorded):
+    """A client of a gateway that has the recordings and the newest estimate; and what feeds the gateway."""
+    config, messages = recorded
+    url = f"opc.tcp://127.0.0.1:{free_port()}"
+    with fed_gateway(opcua=Opcua(listen=url), recordings=config.record.directory) as feed:
+        until(lambda: feed.said()["reason"] is None)
+        feed.send("config", config_json(config, "00000001").encode())
+        feed.send("estimate", messages[-1])
+        async with Client(url, timeout=60, watchdog_intervall=60.0) as client:
+            yield client, feed
 
 
 def _at(since_s: float) -> datetime:
@@ -107,27 +121,21 @@ FORGED = [bytes(3), bytes(9), bytes(8), b"\xff" * 8, b"\x00\x01" * 4, b"x" * 400
 
 
 async def test_a_hostile_history_read_gets_an_error_and_ends_no_process(recorded):
-    config, messages = recorded
-    url = f"opc.tcp://127.0.0.1:{free_port()}"
-    with fed_gateway(opcua=Opcua(listen=url), recordings=config.record.directory) as feed:
-        until(lambda: feed.said()["reason"] is None)
-        feed.send("config", config_json(config, "00000001").encode())
-        feed.send("estimate", messages[-1])
-        async with Client(url, timeout=60, watchdog_intervall=60.0) as client:
-            node = await _node(client, *HEAT)
-            assert len(await node.read_raw_history(_at(0), _at(9))) == 19
-            archive = _children(feed.process.pid)
-            raw = ua.ReadRawModifiedDetails(StartTime=_at(10), EndTime=_at(60), NumValuesPerNode=7)
-            for point in FORGED:
-                answer = await _read(client, node, raw, point)
-                assert answer.StatusCode.value == ua.StatusCodes.BadContinuationPointInvalid, point
-            assert _children(feed.process.pid) == archive
-            asked = ua.HistoryReadParameters(
-                HistoryReadDetails=raw, NodesToRead=[ua.HistoryReadValueId(NodeId=node.nodeid)] * 3000
-            )
-            with pytest.raises(ua.uaerrors.BadTooManyOperations):
-                await client.uaclient.history_read(asked)
-            assert len(await node.read_raw_history(_at(0), _at(9))) == 19
+    async with connected(recorded) as (client, feed):
+        node = await _node(client, *HEAT)
+        assert len(await node.read_raw_history(_at(0), _at(9))) == 19
+        archive = _children(feed.process.pid)
+        raw = ua.ReadRawModifiedDetails(StartTime=_at(10), EndTime=_at(60), NumValuesPerNode=7)
+        for point in FORGED:
+            answer = await _read(client, node, raw, point)
+            assert answer.StatusCode.value == ua.StatusCodes.BadContinuationPointInvalid, point
+        assert _children(feed.process.pid) == archive
+        asked = ua.HistoryReadParameters(
+            HistoryReadDetails=raw, NodesToRead=[ua.HistoryReadValueId(NodeId=node.nodeid)] * 3000
+        )
+        with pytest.raises(ua.uaerrors.BadTooManyOperations):
+            await client.uaclient.history_read(asked)
+        assert len(await node.read_raw_history(_at(0), _at(9))) == 19
 
 
 def _children(pid: int) -> list[str]:
@@ -137,25 +145,19 @@ def _children(pid: int) -> list[str]:
 
 
 async def test_aggregates_are_refused_and_an_unknown_node_spoils_no_other(recorded):
-    config, messages = recorded
-    url = f"opc.tcp://127.0.0.1:{free_port()}"
-    with fed_gateway(opcua=Opcua(listen=url), recordings=config.record.directory) as feed:
-        until(lambda: feed.said()["reason"] is None)
-        feed.send("config", config_json(config, "00000001").encode())
-        feed.send("estimate", messages[-1])
-        async with Client(url, timeout=60, watchdog_intervall=60.0) as client:
-            node = await _node(client, *HEAT)
-            processed = ua.ReadProcessedDetails(
-                StartTime=_at(0), EndTime=_at(90), ProcessingInterval=30_000.0,
-                AggregateType=[ua.NodeId(ua.ObjectIds.AggregateFunction_Average)],
-            )  # fmt: skip
-            answer = await _read(client, node, processed)
-            assert answer.StatusCode.value == ua.StatusCodes.BadNotImplemented
-            raw = ua.ReadRawModifiedDetails(StartTime=_at(0), EndTime=_at(9))
-            nodes = [ua.NodeId(ua.ObjectIds.Server), node.nodeid]
-            both = ua.HistoryReadParameters(
-                HistoryReadDetails=raw, NodesToRead=[ua.HistoryReadValueId(NodeId=one) for one in nodes]
-            )
-            unknown, heat = await client.uaclient.history_read(both)
-            assert unknown.StatusCode.value == ua.StatusCodes.BadHistoryOperationUnsupported
-            assert len(heat.HistoryData.DataValues) == 19
+    async with connected(recorded) as (client, _feed):
+        node = await _node(client, *HEAT)
+        processed = ua.ReadProcessedDetails(
+            StartTime=_at(0), EndTime=_at(90), ProcessingInterval=30_000.0,
+            AggregateType=[ua.NodeId(ua.ObjectIds.AggregateFunction_Average)],
+        )  # fmt: skip
+        answer = await _read(client, node, processed)
+        assert answer.StatusCode.value == ua.StatusCodes.BadNotImplemented
+        raw = ua.ReadRawModifiedDetails(StartTime=_at(0), EndTime=_at(9))
+        nodes = [ua.NodeId(ua.ObjectIds.Server), node.nodeid]
+        both = ua.HistoryReadParameters(
+            HistoryReadDetails=raw, NodesToRead=[ua.HistoryReadValueId(NodeId=one) for one in nodes]
+        )
+        unknown, heat = await client.uaclient.history_read(both)
+        assert unknown.StatusCode.value == ua.StatusCodes.BadHistoryOperationUnsupported
+        assert len(heat.HistoryData.DataValues) == 19
