@@ -65,8 +65,14 @@ def test_a_running_service_serves_its_past_from_several_files(tmp_path):
             for one in published:
                 for key, value in one.items():
                     np.testing.assert_array_equal(found[one["sequence"]][key], value, err_msg=key)
-            live = {d["sequence"]: d for d in seen.documents["readings"]}
-            assert all(live[d["sequence"]] == d for d in readings["readings"][2:])
+            answered = readings["readings"][2:]
+
+            def live() -> dict[int, object]:
+                return {d["sequence"]: d for d in seen.documents["readings"]}
+
+            # the bus may be slower than the answer
+            until(lambda: {d["sequence"] for d in answered} <= live().keys())
+            assert all(live()[d["sequence"]] == d for d in answered)
             daemon.stop()
 
 
