@@ -121,11 +121,22 @@ def test_the_readme_says_where_make_puts_the_command() -> None:
     assert text.index(f"`{venv}/bin/observer`") < text.index("$ observer ")
 
 
-def test_decisions_are_numbered_without_gaps_and_have_their_parts() -> None:
+def test_the_list_of_decisions_gives_title_date_and_status_of_each_record() -> None:
+    listed = re.findall(
+        r"^\| \[(.+)\]\((.+\.md)\) \| ([\d-]+) \| (.+) \|$",
+        (DOCS / "decisions" / "README.md").read_text(encoding="utf-8"),
+        flags=re.M,
+    )
     records = sorted((DOCS / "decisions").glob("[0-9]*.md"))
-    assert [int(p.name[:4]) for p in records] == list(range(1, len(records) + 1))
-    for record in records:
-        text = record.read_text(encoding="utf-8")
-        assert text.startswith(f"# {record.name[:4]} "), record.name
-        for part in ("**Context.**", "**Decision.**", "**Consequences.**"):
-            assert part in text, f"{record.name} lacks {part}"
+    assert sorted(name for _, name, _, _ in listed) == [record.name for record in records]
+    for title, name, date, status in listed:
+        head, dated, *parts = (DOCS / "decisions" / name).read_text(encoding="utf-8").split("\n\n")
+        assert head == f"# {title}"
+        assert title.startswith(f"{name[:4]} ")
+        assert dated == f"{date} · {status}"
+        assert status == "accepted" or re.match(r"superseded by \[\d{4}\]", status)
+        assert [re.match(r"\*\*(\w+)\.\*\*", part)[1] for part in parts] == [  # type: ignore[index]
+            "Context",
+            "Decision",
+            "Consequences",
+        ]
