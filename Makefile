@@ -39,7 +39,7 @@ BUILD := $(UV) build --python $(PYTHON) --no-create-gitignore --build-constraint
 .DELETE_ON_ERROR:
 # `make -j demo test` would make the environment for both at once.
 .NOTPARALLEL:
-.PHONY: help env runtime demo test unit system processors slow nightly coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign releases-campaign alarms-observed forecast-campaign integrity first-day fleet-scaling config-mutants mutants reference figures docs container-check operations-check lock dist wheels sbom clean
+.PHONY: help env runtime demo test unit system processors slow nightly coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign releases-campaign alarms-observed forecast-campaign integrity first-day fleet-scaling config-mutants mutants reference evidence figures docs container-check operations-check lock dist wheels sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -131,6 +131,9 @@ fleet-scaling: $(READY)  ## logs a second by one worker and by two, in pairs; AR
 
 config-mutants: $(READY)  ## 2000 wrong configurations, each to be answered in words; ARGS="--count 600 --seed 2"
 	$(BIN)/python -m campaigns.config_mutants --count 2000 $(ARGS)
+
+evidence: $(READY)  ## date, version and commit of each campaign on its page, and whether its code has changed since
+	$(BIN)/python -m campaigns.runs
 
 mutants: $(READY)  ## change the code in small ways: do the nearest tests notice? ARGS="--count 10 --only align"
 	$(BIN)/python -m campaigns.mutants $(ARGS)

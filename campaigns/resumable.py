@@ -12,6 +12,8 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from campaigns.runs import note_run
+
 Task = TypeVar("Task")
 Cells = Mapping[str, str]
 Rows = Sequence[Cells]
@@ -26,7 +28,7 @@ def read_rows(table: Path) -> list[dict[str, str]]:
 
 
 def append_rows(table: Path, rows: Rows) -> None:
-    """Add lines to a table, with the header before the first."""
+    """Add lines to a table, with the header before the first; note the run of a new one."""
     table.parent.mkdir(parents=True, exist_ok=True)
     fresh = not table.exists()
     with table.open("a", newline="", encoding="utf-8") as file:
@@ -34,6 +36,8 @@ def append_rows(table: Path, rows: Rows) -> None:
         if fresh:
             writer.writeheader()
         writer.writerows(rows)
+    if fresh:
+        note_run(table)
 
 
 def go_on(

@@ -45,7 +45,7 @@ LOOK_ROWS = 60
 LIMITS = "\n[limits]\n" + "".join(f"t{n}_degC = {{ above_ambient_K = 90 }}\n" for n in range(1, 6))
 """Some of these machines get hotter than 45 K above the air, which their user has to say."""
 DOCS = Path(__file__).parents[2] / "docs"
-RESULTS, PAGE = DOCS / "alarms" / "observed.csv", DOCS / "explanation" / "alarms.md"
+RESULTS, PAGE = DOCS / "alarms" / "observed.csv", DOCS / "evidence" / "alarms.md"
 MARKS = ("<!-- by the real observer, written by make alarms-observed -->", "<!-- its end -->")
 NOTHING = "nothing"
 

@@ -8,14 +8,12 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 from campaigns.alarms.months import Story, months
 from observer.alarms import bands
 from observer.tables.publishing import AlarmSettings
 
-PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "alarms.md"
 SEED, MACHINES = 12_000, 64
 STORIES = {
     "nothing happens": Story(),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -78,10 +77,6 @@ def _between(low: float, high: float) -> Callable[[Cells], bool]:
     return lambda row: row["group"] == "ladder" and low <= _sigma(row) < high
 
 
-def _rung(rung: str) -> Callable[[Cells], bool]:
-    return lambda row: row["group"] == "ladder" and row["rung"] == rung
-
-
 def _is(*outcomes: str) -> Callable[[Cells], bool]:
     return lambda row: row["outcome"] in outcomes
 
@@ -103,16 +98,6 @@ GOALS: tuple[Goal, ...] = (
     Goal("null: wrongly named", "≤ 1 %", _at_most(0.01), _of("null"), _is(*_CLAIMS)),
     Goal("null: “unknown”", "≤ 3 %", _at_most(0.03), _of("null"), _is("unknown")),
     Goal("in the library: wrongly named", "≤ 1 %", _at_most(0.01), _of("ladder"), _is(*WRONG)),
-    *(
-        Goal(
-            f"… at strength {rung}",
-            "≤ 1 %",
-            _at_most(0.01),
-            _rung(rung),
-            _is(*WRONG),
-        )
-        for rung in "12345"
-    ),
     Goal("named rightly, ≥ 4 σ", "≥ 98 %", _at_least(0.98), _between(STRONG_SIGMA, np.inf), _is("right")),
     Goal(
         "named rightly, 2–4 σ", "≥ 90 %", _at_least(0.9), _between(FAIR_SIGMA, STRONG_SIGMA), _is("right")
@@ -200,21 +185,14 @@ HOUSED_GOALS: tuple[Goal, ...] = (
 
 
 def housed_summary(rows: Sequence[Cells]) -> str:
-    """The table of machines with sensors on nut and housings only, and which effects came out how."""
+    """The table of machines with sensors on nut and housings only."""
     lines = ["| figure | share | 95 % bounds | goal | met |", "|---|---|---|---|---|"]
     lines += [goal.line(rows) for goal in HOUSED_GOALS]
-    lines += ["", "| hidden | shows | what it came out as | named |", "|---|---|---|---|"]
-    lines += [
-        f"| `{row['label']}` {row['strength']} | {float(row['shows_K']):.2f} K | {row['outcome']} | "
-        f"{row['named'] or row['alternatives'] or '–'} |"
-        for row in rows
-        if row["label"] != "null"
-    ]
     return "\n".join(lines) + "\n"
 
 
 def rough_summary(rows: Sequence[Cells]) -> str:
-    """The table of real nuts and rough logs, how well the bodies' parameters were found, and each sort."""
+    """The table of real nuts and rough logs, and how well the parameters of bodies were found."""
     lines = ["| figure | share | 95 % bounds | goal | met |", "|---|---|---|---|---|"]
     lines += [goal.line(rows) for goal in ROUGH_GOALS]
     named = [row for row in rows if row["group"] == "nut" and row["outcome"] == "right"]
@@ -226,26 +204,13 @@ def rough_summary(rows: Sequence[Cells]) -> str:
         ]
         if error:
             lines.append(f"| `{key}` | {len(error)} | {np.median(error):.0f} % / {max(error):.0f} % |")
-    lines += ["", "| hidden | what it came out as |", "|---|---|"]
-    for group, label in dict.fromkeys((row["group"], row["label"]) for row in rows):
-        count = Counter(r["outcome"] for r in rows if (r["group"], r["label"]) == (group, label))
-        lines.append(f"| {group}: {label} | {', '.join(f'{o} {n}' for o, n in count.most_common())} |")
     return "\n".join(lines) + "\n"
 
 
 def typical_summary(rows: Sequence[Cells]) -> str:
-    """The table of the machines of typical users, and which effects came out how."""
+    """The table of the machines of typical users."""
     lines = ["| figure | share | 95 % bounds | goal | met |", "|---|---|---|---|---|"]
     lines += [goal.line(rows) for goal in TYPICAL_GOALS]
-    hidden = [row for row in rows if row["label"] != "null"]
-    lines += ["", "| hidden | strength, and what it came out as |", "|---|---|"]
-    for label in dict.fromkeys(row["label"] for row in hidden):
-        each = [
-            f"{row['strength']}{' (one log)' if row['group'] == 'one log' else ''}: {row['outcome']}"
-            for row in hidden
-            if row["label"] == label
-        ]
-        lines.append(f"| `{label}` | {', '.join(each)} |")
     return "\n".join(lines) + "\n"
 
 
@@ -268,7 +233,7 @@ def summary(rows: Sequence[Cells]) -> str:
         "|---|---|---|",
         *limit_lines(rows),
     ]
-    return "\n\n".join("\n".join(part) for part in (figures, others, limits, confusion_lines(rows))) + "\n"
+    return "\n\n".join("\n".join(part) for part in (figures, others, limits)) + "\n"
 
 
 def parameter_lines(rows: Sequence[Cells]) -> list[str]:
@@ -335,10 +300,9 @@ def limit_lines(rows: Sequence[Cells]) -> list[str]:
         if not any(share.of for share in shares):
             continue
         limit = detection_limit(ladder.strengths, shares)
-        at = "–" if limit is None else f"{shares[ladder.strengths.index(limit)]}".replace(" |", ",")
         least = "not named" if limit is None else f"{limit:g}"
         counts = ", ".join(f"{share.hits}/{share.of}" for share in shares)
-        lines.append(f"| `{ladder.label}`, {ladder.key} | {least} | {at} | {counts} |")
+        lines.append(f"| `{ladder.label}`, {ladder.key} | {least} | {counts} |")
     return lines
 
 
@@ -355,17 +319,3 @@ def detection_limit(strengths: Sequence[float], shares: Sequence[Share]) -> floa
             break
         limit = strength
     return limit
-
-
-def confusion_lines(rows: Sequence[Cells]) -> list[str]:
-    """What was answered to what was hidden, by group and label."""
-    shown = ("right", "in_set", "partly", "none", "unknown", "not_identifiable", *WRONG)
-    lines = ["| hidden | " + " | ".join(shown) + " | wrong names |", "|---" * (len(shown) + 2) + "|"]
-    for group, label in dict.fromkeys((r["group"], r["label"]) for r in rows):
-        own = [r for r in rows if (r["group"], r["label"]) == (group, label)]
-        count = Counter(r["outcome"] for r in own)
-        wrong = Counter(r["named"] or r["alternatives"] for r in own if r["outcome"] in WRONG)
-        names = ", ".join(f"{name} ({n})" for name, n in wrong.most_common(3))
-        cells = " | ".join(str(count[o] or "") for o in shown)
-        lines.append(f"| {group}: {label} | {cells} | {names} |")
-    return lines

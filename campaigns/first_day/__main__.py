@@ -16,11 +16,10 @@ from rich.console import Console
 from campaigns.first_day.judge import row_of, write_machine
 from campaigns.first_day.promise import DAY_HOURS, HOURS, JUDGED, LONG
 from campaigns.first_day.report import MARKS, machines_table, promises_table
-from campaigns.integrity.rates import caption, note_run
 from campaigns.resumable import go_on, read_rows, show
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGE = DOCS / "explanation" / "integrity.md"
+PAGE = DOCS / "evidence" / "integrity.md"
 
 
 def numbers(text: str) -> list[int]:
@@ -59,15 +58,14 @@ def main() -> None:
             write_machine(folder / f"machine-{number}", number, hours)
         return
     results = (folder or DOCS / "first-day") / "results.csv"
-    if options.anew or not results.exists():
+    if options.anew:
         results.unlink(missing_ok=True)
-        note_run(results.with_name("run.json"))
     finished = {(int(row["machine"]), float(row["shift_h"])) for row in read_rows(results)}
     missing = [shift for shift in shifts if shift not in finished]
     go_on(missing, partial(row_of, folder=folder), results, Console(stderr=True), options.jobs)
     rows = read_rows(results)
     if folder is None:
-        show(PAGE, f"{caption(results.with_name('run.json'))}\n\n{promises_table(rows)}", MARKS)
+        show(PAGE, promises_table(rows), MARKS)
     print(machines_table(rows), "", promises_table(rows), sep="\n")
 
 

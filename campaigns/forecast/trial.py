@@ -38,7 +38,7 @@ COLUMNS = (
 )
 SETTLING = ("machine", "work", "start", "said_s", "from_s", "to_s", "true_s")
 DOCS = Path(__file__).parents[2] / "docs"
-RESULTS, PAGE = DOCS / "forecast" / "results.csv", DOCS / "explanation" / "forecast.md"
+RESULTS, PAGE = DOCS / "forecast" / "results.csv", DOCS / "evidence" / "forecast.md"
 TIMES = DOCS / "forecast" / "settling.csv"
 WARMING = DOCS / "forecast" / "warming.csv"
 """28 minutes of a warm-up."""

@@ -22,7 +22,7 @@ LOOKED = 3
 NOTHING = "nothing"
 COLUMNS = ("group", "machine", "appears", "days", "most", "after_h", "sensor", "phase")
 DOCS = Path(__file__).parents[2] / "docs"
-RESULTS, PAGE = DOCS / "gap" / "results.csv", DOCS / "explanation" / "gap.md"
+RESULTS, PAGE = DOCS / "gap" / "results.csv", DOCS / "evidence" / "alarms.md"
 MARKS = ("<!-- the campaign's table, written by make gap-campaign -->", "<!-- its end -->")
 
 

@@ -1,12 +1,6 @@
-"""How often the bound failed: an hour and by runs, with upper limits, and which version was measured."""
+"""How often the bound failed: an hour and by runs, with upper limits."""
 
 from __future__ import annotations
-
-import datetime
-import json
-import subprocess
-from importlib.metadata import version
-from pathlib import Path
 
 from scipy.stats import beta, chi2
 
@@ -15,9 +9,9 @@ from campaigns.integrity.promise import Row, total
 
 CONFIDENCE = 0.95
 HEAD = (
-    "| class | runs | good hours | good steps beyond the bound | excursions | an hour (upper limit) "
-    "| runs with any (upper limit) |",
-    "|---|---|---|---|---|---|---|",
+    "| class | runs | good hours | steps that are good | good steps beyond 3 σ | good steps beyond the bound "
+    "| excursions | an hour (upper limit) | runs with any (upper limit) |",
+    "|---|---|---|---|---|---|---|---|---|",
 )
 
 
@@ -48,24 +42,6 @@ def _line(name: str, members: list[Row]) -> str:
     an_hour = f"{excursions / hours:.2g} ({most_expected(excursions) / hours:.2g})" if hours else "–"
     share = f"{having} ({100.0 * most_share(having, runs):.2g} %)"
     beyond = f"{total(members, 'beyond'):.0f}"
-    return f"| {name} | {runs} | {hours:.0f} | {beyond} | {excursions} | {an_hour} | {share} |"
-
-
-def note_run(file: Path) -> None:
-    """Write down what is being measured: version, date and commit."""
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short=8", "HEAD"],
-        cwd=Path(__file__).parent, check=True, capture_output=True, text=True,
-    ).stdout.strip()  # fmt: skip
-    today = datetime.datetime.now(datetime.UTC).date().isoformat()
-    facts = {"version": version("ballscrew-observer"), "date": today, "commit": commit}
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
-
-
-def caption(file: Path) -> str:
-    """Return the sentence that says what was measured, empty where that was not written down."""
-    if not file.exists():
-        return ""
-    facts = json.loads(file.read_text(encoding="utf-8"))
-    return f"Measured on {facts['date']} with version {facts['version']}, commit `{facts['commit']}`."
+    good, steps, wrong = (total(members, column) for column in ("good", "steps", "wrong"))
+    shares = f"{100.0 * good / steps:.0f} % | {f'{100.0 * wrong / good:.2g} %' if good else '–'}"
+    return f"| {name} | {runs} | {hours:.0f} | {shares} | {beyond} | {excursions} | {an_hour} | {share} |"

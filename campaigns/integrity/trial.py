@@ -18,7 +18,7 @@ from rich.console import Console
 from campaigns.integrity.catalogue import GROUP_OF, GROUPS, HOUSINGS, NEW_PROGRAM, NONE, catalogue
 from campaigns.integrity.judge import Verdict, judged
 from campaigns.integrity.promise import MONTH_H, Row, short_of, total
-from campaigns.integrity.rates import caption, note_run, rates
+from campaigns.integrity.rates import rates
 from campaigns.resumable import go_on, read_rows, show
 
 MACHINES, CALM, NEW_PROGRAMS, HOUSED = 12, 300, 48, 4
@@ -27,9 +27,8 @@ sensors on housings have each of theirs.
 """
 COLUMNS = ("fault", "machine", *Verdict._fields)
 DOCS = Path(__file__).parents[2] / "docs"
-RESULTS, PAGE = DOCS / "integrity" / "results.csv", DOCS / "explanation" / "integrity.md"
-RATE_MARKS = ("<!-- how often the bound failed, written by make integrity -->", "<!-- end of the rates -->")
-MARKS = ("<!-- the campaign's table, written by make integrity -->", "<!-- its end -->")
+RESULTS, PAGE = DOCS / "integrity" / "results.csv", DOCS / "evidence" / "integrity.md"
+MARKS = ("<!-- how often the bound failed, written by make integrity -->", "<!-- end of the rates -->")
 
 
 def tried(what: tuple[str, int]) -> list[Row]:
@@ -151,7 +150,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--faults", default="", help="names, or parts of names or of groups, by ';'; all")
     parser.add_argument("--machines", type=int, help="on so many machines each; as the campaign has them")
     parser.add_argument("--try", dest="only_try", action="store_true", help="print the table, keep nothing")
-    parser.add_argument("--folder", type=Path, help="where results and table go instead of docs/")
+    parser.add_argument("--folder", type=Path, help="where results go instead of docs/")
     parser.add_argument("--anew", action="store_true", help="forget what has been run, for another estimator")
     parser.add_argument("--list", action="store_true", help="the faults' names")
     parser.add_argument("--workers", type=int, default=2)
@@ -197,19 +196,16 @@ def main() -> None:
         _print_tried(names, options.machines)
         return
     folder: Path | None = options.folder
-    results, page = (folder / "results.csv", folder / "table.md") if folder else (RESULTS, PAGE)
-    measured = results.with_name("run.json")
-    if options.anew or not results.exists():
+    results = folder / "results.csv" if folder else RESULTS
+    if options.anew:
         results.unlink(missing_ok=True)
-        note_run(measured)
     done = {(r["fault"], int(r["machine"])) for r in read_rows(results)}
     wanted = [(name, n) for name in names for n in machines_of(name)[: options.machines]]
     wanted.sort(key=lambda what: what[1])  # a machine's day is made once for all of its faults
     go_on([w for w in wanted if w not in done], tried, results, Console(stderr=True), options.workers)
     rows = read_rows(results)
-    show(page, f"{caption(measured)}\n\n{table(rows)}", MARKS)
-    if page == PAGE:
-        show(page, f"{caption(measured)}\n\n{rates(rows)}", RATE_MARKS)
+    if folder is None:
+        show(PAGE, rates(rows), MARKS)
     print(table(rows), rates(rows), *short_of(rows), sep="\n")
 
 

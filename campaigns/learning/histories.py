@@ -27,7 +27,7 @@ from tests.learning.machines import CONFIG, Day, Rough, config_of, day, draw
 FIRST_SEED = 13000
 MACHINES = 16
 COLUMNS = ("machine", "start", "quantity", "tolerances", "rms", "covered", "sigma")
-RESULTS, PAGE = DOCS / "learning" / "identify.csv", DOCS / "explanation" / "heat-history.md"
+RESULTS, PAGE = DOCS / "learning" / "identify.csv", DOCS / "evidence" / "learning.md"
 MARKS = ("<!-- the campaign's table, written by make identify-campaign -->", "<!-- its end -->")
 
 

@@ -41,7 +41,7 @@ MACHINES = {"rough": 64, "as configured": 64, CALIBRATED: 48} | dict(
 )
 COLUMNS = ("group", "machine", "start", "quantity", "learns", "rms", "covered", "sigma")
 DOCS = Path(__file__).parents[2] / "docs"
-RESULTS, PAGE = DOCS / "learning" / "results.csv", DOCS / "explanation" / "learning.md"
+RESULTS, PAGE = DOCS / "learning" / "results.csv", DOCS / "evidence" / "learning.md"
 MARKS = ("<!-- the campaign's table, written by make learning-campaign -->", "<!-- its end -->")
 
 

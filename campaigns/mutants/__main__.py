@@ -12,6 +12,7 @@ from campaigns.mutants import record
 from campaigns.mutants.mutate import Mutant, change, mutants_of, mutated, sample
 from campaigns.mutants.nearest import NEAREST, ROOT
 from campaigns.mutants.trial import Tree
+from campaigns.runs import note_run
 
 BUILD = ROOT / "build" / "mutants"
 FIRST_LIMIT_S = 900.0
@@ -68,6 +69,7 @@ def main() -> int:
     if not options.no_write:
         others = [c for c in record.counts() if c.module not in tried]
         record.write(merged, sorted(others + counted, key=lambda c: c.module))
+        note_run(record.SUMMARY)
     without = [s for s in merged if s.reason == record.WITHOUT_REASON and s.module in tried]
     for s in without:
         print(f"{s.module}:{s.line}: {s.diff}")

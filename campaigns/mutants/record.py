@@ -83,25 +83,21 @@ def merged(found: Sequence[Survivor], before: Sequence[Survivor], tried: set[str
 
 
 def write(found: Sequence[Survivor], counted: Sequence[Count]) -> None:
-    """Write the tables and the end of the page."""
+    """Write the survivors with their reasons, the counts, and the end of the page."""
     FOLDER.mkdir(exist_ok=True)
     _table(SURVIVORS, found)
     _table(SUMMARY, counted)
     head = PAGE.read_text(encoding="utf-8").split(MARK)[0]
-    PAGE.write_text(head + MARK + page_end(found, counted), encoding="utf-8")
+    PAGE.write_text(head + MARK + page_end(counted), encoding="utf-8")
 
 
-def page_end(found: Sequence[Survivor], counted: Sequence[Count]) -> str:
-    """What the page says of the last run."""
+def page_end(counted: Sequence[Count]) -> str:
+    """Return the table of the last run."""
     tried, alive = sum(c.tried for c in counted), sum(c.survived for c in counted)
     share = 100 * alive / max(tried, 1)
-    lines = ["\n## Counts\n", "| module | mutants | tried | survived |", "|---|---|---|---|"]
+    lines = ["", "| module | mutants | tried | survived |", "|---|---|---|---|"]
     lines += [f"| `{c.module}` | {c.mutants} | {c.tried} | {c.survived} |" for c in counted]
     lines += [f"| together | {sum(c.mutants for c in counted)} | {tried} | {alive}, {share:.1f} % |"]
-    lines += ["\n## Survivors\n", "| place | change | reason |", "|---|---|---|"]
-    for s in found:
-        change = s.diff.replace("|", "\\|").replace("`", "'")
-        lines.append(f"| `{s.module}`, {s.line} | `{change}` | {s.reason} |")
     return "\n".join(lines) + "\n"
 
 

@@ -1,7 +1,7 @@
 """`python -m campaigns.releases`: a thousand drawn faults over a day of an armed compensation.
 
 The thresholds are the promises of `campaigns.releases.axis`, which every step asserts: the first broken one
-ends the campaign with its fault. Prints the table of docs/explanation/alarms.md.
+ends the campaign with its fault. Prints the table of docs/evidence/alarms.md.
 """
 
 from __future__ import annotations

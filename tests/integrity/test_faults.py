@@ -12,6 +12,7 @@ from campaigns.integrity.days import FAULT_S, RUN_OF, day_of, with_new_stroke
 from campaigns.integrity.faults import Readings
 from campaigns.integrity.judge import OUT, faulty, verdict
 from campaigns.integrity.promise import short_of
+from campaigns.integrity.rates import rates
 from campaigns.integrity.trial import COLUMNS, chosen, row_of, table
 from campaigns.resumable import read_rows
 from observer.frames import EstimateBlock, EstimateQuality
@@ -216,7 +217,7 @@ def test_what_falls_short_of_the_promise_is_said(name, cells, words):
 
 
 def test_the_page_has_the_table_of_the_rows_that_are_kept():
-    assert table(read_rows(trial.RESULTS)) in trial.PAGE.read_text(encoding="utf-8")
+    assert rates(read_rows(trial.RESULTS)) in trial.PAGE.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

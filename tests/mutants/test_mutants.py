@@ -47,7 +47,7 @@ def test_few_survive_and_the_tables_agree() -> None:
 
 def test_the_page_shows_the_tables() -> None:
     shown = record.PAGE.read_text(encoding="utf-8").split(record.MARK)[1]
-    assert shown == record.page_end(record.survivors(), record.counts())
+    assert shown == record.page_end(record.counts())
 
 
 def test_a_stopped_run_continues(tmp_path: Path) -> None:
@@ -75,12 +75,8 @@ def test_reasons_outlive_a_run_and_other_modules_are_left() -> None:
 
 
 def test_the_page_counts_together() -> None:
-    end = record.page_end(
-        [Survivor("a.py", 3, "AddNot", "x | y → x", "it is the same")],
-        [Count("a.py", 50, 30, 1), Count("b.py", 20, 10, 0)],
-    )
+    end = record.page_end([Count("a.py", 50, 30, 1), Count("b.py", 20, 10, 0)])
     assert "| together | 70 | 40 | 1, 2.5 % |" in end
-    assert "| `a.py`, 3 | `x \\| y → x` | it is the same |" in end
 
 
 SOURCE = '''
