@@ -1,4 +1,4 @@
-"""Draw what is learnt of links in a day, beside the truth, for explanation/learning.md: `make figures`."""
+"""Draw what is learnt of links in a day, beside the truth, for docs/evidence/learning.md: `make figures`."""
 
 from __future__ import annotations
 
