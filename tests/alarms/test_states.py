@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from observer.alarms.states import KINDS, AlarmCause, acknowledged, advance
 
-OPERATIONS = Path(__file__).parents[2] / "docs" / "operations.md"
+TROUBLESHOOT = Path(__file__).parents[2] / "docs" / "how-to" / "troubleshoot.md"
 PLUG = AlarmCause("sensor_fault", "t3", "channel t3_degC is missing (open_circuit)", "open_circuit")
 STUCK = AlarmCause("sensor_stuck", "t3", "channel t3_degC is rejected (stuck)", "stuck")
 
@@ -71,8 +71,8 @@ def test_nothing_that_was_raised_and_is_latched_goes_unseen(steps):
 
 
 def test_every_kind_says_what_to_do():
-    rows = set(re.findall(r"^\| `(\w+)` \| \S", OPERATIONS.read_text(encoding="utf-8"), re.MULTILINE))
-    assert rows >= set(KINDS), "docs/operations.md says what to do at each alarm"
+    rows = set(re.findall(r"^\| `(\w+)` \| \S", TROUBLESHOOT.read_text(encoding="utf-8"), re.MULTILINE))
+    assert rows >= set(KINDS), "docs/how-to/troubleshoot.md says what to do at each alarm"
     assert all(kind.remedy and kind.severity in ("minor", "major", "invalid") for kind in KINDS.values())
 
 

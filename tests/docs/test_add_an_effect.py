@@ -30,10 +30,10 @@ from tests.truth.machine.effects import Ladder
 from tests.truth.machine.machine import Machine as Machine2D
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "how-to" / "add-an-effect.md"
+PAGES = [ROOT / "docs" / "how-to" / name for name in ("add-an-effect.md", "add-an-effect-to-the-library.md")]
 RIG = ROOT / "tests" / "data" / "rig"
 COVER = {"kind": "telescopic:Cover", "target": "nut", "heated": 0.4}
-OUTSIDE, IN_LIBRARY = (body for _, language, body in blocks(PAGE) if language == "python")
+OUTSIDE, IN_LIBRARY = (body for page in PAGES for _, language, body in blocks(page) if language == "python")
 FOLLOWED = '''
 """A search over three logs of a bar for an effect of one of its bearings."""
 import sys

@@ -16,11 +16,10 @@ from observer.files.logs import read_log
 from observer.frames import EstimateQuality, Inputs
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
-from tests.docs.console import blocks
 from tests.reference.service_path import inputs_of
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "how-to" / "add-an-estimator.md"
+EXAMPLE = ROOT / "docs" / "examples" / "snapshot.py"
 RIG = ROOT / "tests" / "data" / "rig"
 KIND = "snapshot:SnapshotEstimator"
 
@@ -28,8 +27,7 @@ KIND = "snapshot:SnapshotEstimator"
 @pytest.fixture
 def rig(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[Plant, Estimator, Inputs]:
     """A real machine's plant, the page's estimator of it, and ten minutes of a log."""
-    (code,) = (body for _, language, body in blocks(PAGE) if language == "python")
-    (tmp_path / "snapshot.py").write_text(code, encoding="utf-8")
+    (tmp_path / "snapshot.py").write_text(EXAMPLE.read_text(encoding="utf-8"), encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "snapshot", raising=False)
     config = installation.load(RIG / "config.toml")

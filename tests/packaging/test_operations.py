@@ -24,6 +24,7 @@ pytestmark = [pytest.mark.system, pytest.mark.slow]
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "operations.md"
 SYSTEMD = ROOT / "docs" / "how-to" / "systemd.md"
+ACCESS = ROOT / "docs" / "how-to" / "control-access.md"
 # A package that a daemon does not need is more than 8 MB as a rule.
 DAEMON_MB, SMALL_MB = 305, 215
 CONFIG = "/etc/ballscrew-observer/observer.toml"
@@ -193,7 +194,7 @@ def _certify(computer: Box) -> None:
         "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 30 -subj /CN=lathe-7 "
         "-keyout service.key -out service.pem && cp service.pem plant.pem"
     )
-    install, ends = _lines("Certificates")
+    install, ends = _lines("Certificates of a service", ACCESS)
     computer.does(install)
     assert "notAfter=" in computer.does(ends)
     computer.does("sudo -u ballscrew cat /etc/ballscrew-observer/service.key")

@@ -1,4 +1,4 @@
-"""`observer demo` as a newcomer runs it, and the README's subscriber beside it."""
+"""`observer demo` as a newcomer runs it, and the page's subscriber beside it."""
 
 from __future__ import annotations
 
@@ -29,11 +29,10 @@ MOST = 0.8
 DEFAULT = "tcp/127.0.0.1:7447"
 
 
-def _readme_subscriber() -> str:
-    """The plain Zenoh subscriber that the README shows."""
-    blocks = re.findall(
-        r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), re.M | re.S
-    )
+def _page_subscriber() -> str:
+    """The plain Zenoh subscriber that the page of the keys shows."""
+    page = ROOT / "docs" / "reference" / "zenoh.md"
+    blocks = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
     (code,) = [block for block in blocks if "ballscrew/demo/x/heat" in block]
     return str(code)
 
@@ -56,7 +55,7 @@ def _off_sigma(heat: dict[str, Any], truths: list[dict[str, Any]]) -> dict[str, 
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """What a whole demo published and printed, with the README's subscriber beside it."""
+    """What a whole demo published and printed, with the page's subscriber beside it."""
     folder: Path = tmp_path_factory.mktemp("demo")
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     command = ["demo", "--seconds", str(SECONDS), "--plain", "--listen", endpoint]
@@ -69,7 +68,7 @@ def demo(tmp_path_factory):
         with Subscriber(endpoint) as seen:
             until(lambda: "heat" in seen.documents)
             readme = subprocess.run(
-                [sys.executable, "-c", _readme_subscriber().replace(DEFAULT, endpoint)],
+                [sys.executable, "-c", _page_subscriber().replace(DEFAULT, endpoint)],
                 cwd=ROOT,
                 capture_output=True,
                 text=True,
