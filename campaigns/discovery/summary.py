@@ -159,6 +159,13 @@ ROUGH_GOALS: tuple[Goal, ...] = (
     Goal("a nut's body with heat of its own: named", "≥ 90 %", _at_least(0.9), _body("heated"), _is("right")),
     Goal("a nut's body without: named", "≥ 90 %", _at_least(0.9), _body("plain"), _is("right")),
     Goal("a nut's body: wrongly named", "≤ 1 %", _at_most(0.01), _of("nut"), _is(*WRONG)),
+    Goal(
+        "rough logs: wrongly named",
+        "≤ 1 %",
+        _at_most(0.01),
+        _of("minutes", "gain", "torque", "air"),
+        lambda row: row["outcome"] in WRONG or row["label"] == "null" and row["outcome"] in _CLAIMS,
+    ),
     *(
         goal
         for group, what in (
@@ -168,6 +175,7 @@ ROUGH_GOALS: tuple[Goal, ...] = (
             ("air", "air ±6 K in some hours"),
         )
         for goal in _goals(group, what, "a loss", ("≥ 90 %", _at_least(0.9)))
+        if "wrongly" not in goal.figure
     ),
 )
 

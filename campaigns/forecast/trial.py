@@ -130,7 +130,7 @@ def table(rows: list[dict[str, str]]) -> str:
     ]
     for minutes, kinds in (
         *((f"{a / 60:.0f}", KINDS) for a in AT_S),
-        *((m, (k,)) for m in ("30", "60") for k in KINDS),
+        *(("60", (kind,)) for kind in KINDS),
     ):
         here = [r for r in rows if r["ahead_min"] == minutes and r["work"] in kinds]
         if not here:
