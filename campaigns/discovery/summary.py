@@ -164,7 +164,7 @@ ROUGH_GOALS: tuple[Goal, ...] = (
         "≤ 1 %",
         _at_most(0.01),
         _of("minutes", "gain", "torque", "air"),
-        lambda row: row["outcome"] in WRONG or row["label"] == "null" and row["outcome"] in _CLAIMS,
+        lambda row: row["outcome"] in WRONG or (row["label"] == "null" and row["outcome"] in _CLAIMS),
     ),
     *(
         goal
