@@ -237,8 +237,8 @@ def summary(rows: Sequence[Cells]) -> str:
         *time_lines(rows),
     ]
     limits = [
-        "| effect | detection limit | named rightly at strengths 1 … 5 |",
-        "|---|---|---|",
+        "| effect | least strength named rightly in 90 % of the cases |",
+        "|---|---|",
         *limit_lines(rows),
     ]
     return "\n\n".join("\n".join(part) for part in (figures, others, limits)) + "\n"
@@ -309,8 +309,7 @@ def limit_lines(rows: Sequence[Cells]) -> list[str]:
             continue
         limit = detection_limit(ladder.strengths, shares)
         least = "not named" if limit is None else f"{limit:g}"
-        counts = ", ".join(f"{share.hits}/{share.of}" for share in shares)
-        lines.append(f"| `{ladder.label}`, {ladder.key} | {least} | {counts} |")
+        lines.append(f"| `{ladder.label}`, {ladder.key} | {least} |")
     return lines
 
 
