@@ -44,9 +44,8 @@ class ModbusTable(PolledTable):
     unit_id: Annotated[Count, Field(ge=0, le=255)] = 1
     period_s: PollPeriod = 0.5
     timeout_s: Timeout = 1.0
-    #: RTU: least silence after a missing reply; it grows with the latest reply seen
-    quiet_s: Annotated[Number, Field(ge=0.05, le=60)] = 0.5
-    #: most registers in one request; a device that refuses long requests is asked in shorter ones anyway
+    quiet_s: Annotated[Number, Field(ge=0.05, le=60)] = 0.5  #: RTU: shortest silence after a missing reply
+    #: most registers in one request
     max_registers: Annotated[Count, Field(ge=1, le=MAX_REGISTERS)] = MAX_REGISTERS
     channels: dict[ChannelName, InputOr[ModbusChannel]] = Field(min_length=1)
 

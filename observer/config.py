@@ -42,7 +42,7 @@ class MachineName(Section):
 class Model(Section):
     """Which modes are kept."""
 
-    #: β: the share of every source's steady field that the kept modes represent
+    #: β: share of every source's steady field in the kept modes
     truncation: Annotated[quantities.Number, Field(gt=0, le=1 - 1e-9)] = 0.9995
     #: `"tail"`: compared with all modes. `"kim"`: the ratio of two sums, as printed in the paper
     criterion: Literal["tail", "kim"] = "tail"
@@ -50,7 +50,7 @@ class Model(Section):
     modes: Annotated[quantities.Count, Field(ge=1, le=400)] | None = None
     #: with `"tail"`: the first dropped mode settles in this time or faster
     settle_s: quantities.Duration = 10.0
-    #: whether the dropped modes' steady field is added, through one lag per source
+    #: adds the steady field of the dropped modes, through one lag per source
     static_correction: quantities.Flag = True
 
 
@@ -65,8 +65,7 @@ class Calibrate(Section):
 class Discover(Section):
     """What a search for missing effects considers."""
 
-    #: kinds of [effects](effects.md) that a search for missing ones leaves out, because the machine cannot
-    #: have them
+    #: kinds of [effects](effects.md) that the machine cannot have
     without: Annotated[tuple[Annotated[str, Field(max_length=256)], ...], Field(max_length=100)] = ()
     #: [effects of your own](../how-to/add-an-effect.md) that a search tries as well, each `"module:Class"`
     also: Annotated[tuple[Annotated[str, Field(max_length=256)], ...], Field(max_length=100)] = ()
@@ -109,11 +108,8 @@ class ChannelLimits(Section):
     above_ambient_K: quantities.Positive | None = None
     #: how far below; – is 25 K, none where a source has a `power_channel`
     below_ambient_K: quantities.Positive | None = None
-    #: whether the channel sends only when its value changes, and at heartbeats; the value counts as unchanged
-    #: in between
-    on_change: quantities.Flag = False
-    #: with `on_change`: the longest silence, after which the value is stale; give half as much again as the
-    #: time between two heartbeats
+    on_change: quantities.Flag = False  #: the channel sends only changes and heartbeats
+    #: `on_change`: longest silence, after which the value is stale; 1.5 times the longest pause
     heartbeat_s: Annotated[quantities.Positive, Field(ge=0.1, le=86_400)] | None = None
 
     @model_validator(mode="after")

@@ -52,8 +52,7 @@ class AttachedMass(EffectTable):
     target: Target  #: `left`, `right`, or a source’s name: with a nut the body moves along
     capacity_J_K: Annotated[Finite, Field(ge=1, le=1e6)]  #: heat capacity of the body, J/K
     conductance_W_K: Annotated[Finite, Field(ge=1e-3, le=1000)]  #: between body and the screw’s surface, W/K
-    #: of the friction's heat that does not enter the screw at once, the part that enters the body, 0 to 1
-    heat_share: Share = 0.0
+    heat_share: Share = 0.0  #: share of the remaining friction heat that enters the body, 0 to 1
     loss_W_K: Annotated[NonNegative, Field(le=1000)] = 0.0  #: between body and air, W/K
 
     parameters = {

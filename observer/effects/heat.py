@@ -133,8 +133,7 @@ class FrictionSpeed(EffectTable):
 
     kind: Literal["friction_speed"]
     target: Target  #: a source’s name
-    #: power of the speed with which the heat goes; 1 is the law
-    exponent: Annotated[Finite, Field(ge=0, le=4)]
+    exponent: Annotated[Finite, Field(ge=0, le=4)]  #: exponent of the speed; 1 is the law
     reference_rpm: Positive = REFERENCE_RPM  #: speed at which the law holds
 
     parameters = {"exponent": Fitted("1", 0.2, neutral=1.0, starts=(1.1,))}
@@ -167,8 +166,7 @@ class RunIn(EffectTable):
 
     kind: Literal["run_in"]
     target: Target  #: a source’s name
-    #: what the friction has more at the start, as a share of its law
-    fraction: Annotated[Finite, Field(ge=-1, le=10)]
+    fraction: Annotated[Finite, Field(ge=-1, le=10)]  #: extra friction at the start, relative to its law
     time_s: Annotated[Finite, Field(ge=30, le=100_000)]  #: time constant of the decay, s of running
 
     parameters = {

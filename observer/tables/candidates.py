@@ -19,8 +19,7 @@ MOST_PLACES = 200
 class SensorCandidate(Measuring):
     """A sensor that could be mounted, or one anywhere along a stretch of the screw; or a probing cycle."""
 
-    #: what it is called; of a stretch, the name to which each place is added, as `_250mm`
-    name: quantities.Name
+    name: quantities.Name  #: its name; places of a stretch get `_250mm` added
     #: `"temperature"`, or `"displacement"`: a [probe, a laser, a dial gauge](../how-to/probe.md)
     kind: SensorKind = "temperature"
     position_m: quantities.Position | None = None  #: its position on the screw
@@ -29,8 +28,7 @@ class SensorCandidate(Measuring):
     to_m: quantities.Position | None = None  #: where it ends
     #: how far apart the places of a stretch are tried
     spacing_m: Annotated[quantities.Length, Field(ge=1e-4)] | None = None
-    #: displacement: it comes only now and then, one reading each `every_s`
-    occasional: quantities.Flag = False
+    occasional: quantities.Flag = False  #: displacement: one reading each `every_s`
     #: occasional displacement: how far apart its readings are; – is an hour
     every_s: Annotated[quantities.Positive, Field(ge=1, le=86_400)] | None = None
     cost: quantities.NonNegative = 1.0  #: what it costs, mounting included, in any unit

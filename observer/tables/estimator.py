@@ -30,21 +30,17 @@ class Tolerance(Section):
     heat_capacity: Relative = 0.03  #: density times specific heat, relative
     convection: Relative = 0.30  #: of the base film, relative
     ambient_K: Annotated[NonNegative, Field(le=50)] = 0.5  #: of the ambient temperature, measured or stated
-    #: of the heat loss of each end to the air beyond that of its boundary
+    #: of the heat loss of each end beyond its boundary
     end_W_K: Annotated[NonNegative, Field(le=1000)] = 0.05
     position_m: Annotated[NonNegative, Field(le=1)] = 0.002  #: of each sensor's position on the screw
     offset_K: Annotated[NonNegative, Field(le=50)] = 0.3  #: of each sensor's offset
     lag_s: Annotated[NonNegative, Field(le=1000)] = 4.0  #: of each sensor's lag
     link: Relative = 0.2  #: of each link's conductance, relative
     capacity: Relative = 0.1  #: of each node's heat capacity, relative
-    #: of what part of a source's heat goes into its `nodes`, of the whole heat; a bolted joint beside a node
-    #: moves heat as another division does
-    division: Relative = 0.1
-    #: of the gain error on its rise above the air of each sensor without a `shows_tolerance`; in `calibrate`,
-    #: `discover` and `identify`
+    division: Relative = 0.1  #: of the share of a source's heat that enters its `nodes`
+    #: of each sensor's gain on its rise above the air; in `calibrate`, `discover`, `identify`
     gain: Relative = 0.02
-    #: of each source's heat from one of several logs to the next, relative; in `discover`
-    heat_per_log: Relative = 0.03
+    heat_per_log: Relative = 0.03  #: of each source's heat between logs, relative; in `discover`
 
     def of_link(self, own: float | None) -> float:
         """Return the relative tolerance of a link: its own where it says one."""
@@ -70,8 +66,8 @@ def _known(kind: str) -> str:
 class EstimatorSettings(Section):
     """How heats and field are estimated."""
 
-    #: `"kalman"`, `"luenberger"`, or a [class of your own](../how-to/add-an-estimator.md): `"module:Class"`,
-    #: or a name of the entry-point group `ballscrew_observer.estimators`
+    #: `"kalman"`, `"luenberger"`, or a [class of your own](../how-to/add-an-estimator.md): `"module:Class"`
+    #: or an entry point
     kind: Annotated[str, AfterValidator(_known)] = "kalman"
     #: step of the live estimator; a replay steps with the rows of its log
     period_s: Annotated[Number, Field(ge=0.001, le=3600)] = 0.5
@@ -81,8 +77,7 @@ class EstimatorSettings(Section):
     #: a measurement further than this from its prediction is rejected
     gate_sigma: Annotated[Positive, Field(ge=0.1)] = 5.0
     initial_sigma_K: Rise = 2.0  #: standard deviation of the unknown field at the start
-    #: random walk of the field that no source explains: K after 1 s, growing with √t; 0 takes the model as
-    #: exact
+    #: random walk of the field beyond the sources: K after 1 s, grows with √t; 0 takes the model as exact
     field_noise_K_sqrt_s: Annotated[NonNegative, Field(le=1000)] = 0.002
     #: compiled kalman and `identify`: what of `[tolerance]` is [learnt](../explanation/learning.md), the
     #: rest is considered; `"law"` is the scale of each heat law; – is `["convection", "offset_K", "link",
@@ -92,7 +87,7 @@ class EstimatorSettings(Section):
     # Luenberger
     #: luenberger: `"bandwidth"` moves the slow poles only; `"kim"` is the paper's rule
     pole_rule: Literal["bandwidth", "kim"] = "bandwidth"
-    #: luenberger: rate at which errors decay; – is the rate with the smallest steady σ of the heats
+    #: luenberger: rate at which errors decay; – is the rate with the smallest σ of the heats
     bandwidth_1_s: Annotated[Positive, Field(ge=1e-9, le=1e4)] | None = None
 
     @property
@@ -120,7 +115,7 @@ class ForecastSettings(Section):
 
     enabled: Flag | None = None  #: forecast in the service; by default where every estimated heat has a law
     hours: Annotated[Positive, Field(ge=AHEAD_H[0], le=AHEAD_H[1])] = 1.0  #: how far ahead, up to 24
-    #: distance from the settled state within which every point of the travel counts as settled
+    #: distance from the steady state that counts as settled
     within_um: Annotated[Positive, Field(ge=0.01, le=1000)] = 2.0
     period_s: Annotated[Positive, Field(ge=5, le=3600)] = 60.0  #: how often, in seconds
 
@@ -128,8 +123,7 @@ class ForecastSettings(Section):
 class Probing(Section):
     """When to [probe now](../how-to/probe.md#probe-now)."""
 
-    #: how well the part needs the thermal error to be known; – is `integrity.limit_um`
-    needs_um: Positive | None = None
+    needs_um: Positive | None = None  #: accuracy that the part needs; – is `integrity.limit_um`
 
 
 class Integrity(Section):
@@ -139,15 +133,12 @@ class Integrity(Section):
     """
 
     enabled: Flag = True  #: whether readings are screened before they correct
-    #: probability that a sensor fails unnoticed in an hour, for the bounds: 0 to 0.1
+    #: assumed rate of unnoticed faults of a sensor, for the bounds: 0 to 0.1
     fault_per_hour: Annotated[NonNegative, Field(le=0.1)] = 1e-4
-    #: probability that the common reference of all readings fails in an hour: 0 to 0.1; beyond the default,
-    #: bounds rest on laws and air alone
+    #: the same of the common reference; above the default, bounds rest on laws and air alone
     common_fault_per_hour: Annotated[NonNegative, Field(le=0.1)] = 1e-5
-    #: random walk of each reading's offset and of their common reference: K after 1 h, growing with √t
+    #: random walk of each offset and of the common reference: K after 1 h, grows with √t
     drift_K_sqrt_h: Annotated[NonNegative, Field(le=100.0)] = 0.3
-    #: an estimate is good only if no bound of the field exceeds it; – is no limit
-    limit_K: Positive | None = None
-    #: an estimate is good only if no bound of the thermal error exceeds it, or 4.6 σ where there is
-    #: no bound; – is no limit
+    limit_K: Positive | None = None  #: largest bound of the field in a good estimate; – is no limit
+    #: the same of the thermal error; without a bound 4.6 σ count; – is no limit
     limit_um: Positive | None = None

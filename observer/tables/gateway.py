@@ -95,8 +95,7 @@ class Page(Section):
 class Metrics(Section):
     """Figures for Prometheus: where they can be scraped."""
 
-    #: where they are scraped, `host:port`; read-only, and open to whoever reaches the port
-    listen: Address = "127.0.0.1:9187"
+    listen: Address = "127.0.0.1:9187"  #: `host:port`; open to whoever reaches the port
 
 
 class Mqtt(Section):
@@ -106,13 +105,11 @@ class Mqtt(Section):
     prefix: Topic | None = None  #: prefix of every topic
     user: Name | None = None  #: user name of the service
     password_file: File | None = None  #: a file whose first line is the password
-    #: PEM file of the authority that signed the broker's certificate; the connection is then encrypted
-    ca: File | None = None
-    late: Flag = True  #: whether what the broker missed is sent once it is back, if there are recordings
-    #: of what it missed, one step in so many seconds, 0.001 to 3600; 0 is every step
+    ca: File | None = None  #: PEM file of the authority of the broker; the connection is then encrypted
+    late: Flag = True  #: sends missed messages from the recordings later
+    #: one missed step per so many seconds; 0 is every step
     late_every_s: Annotated[Number, Field(ge=0, le=3600), AfterValidator(_checked_interval)] = 60.0
-    #: so many late steps a second at most, 0.1 to 1000
-    late_rate_Hz: Annotated[Number, Field(ge=0.1, le=1000)] = 20.0
+    late_rate_Hz: Annotated[Number, Field(ge=0.1, le=1000)] = 20.0  #: largest rate of late steps, 0.1 to 1000
 
     _pair = together("user", "password_file")
 
@@ -120,15 +117,12 @@ class Mqtt(Section):
 class Opcua(Section):
     """A server of OPC UA: where it listens, who may look, and what the connection is encrypted with."""
 
-    #: where it is served; any address but this computer's requires `users_file`, `certificate` and `key`, or
-    #: `anonymous`
+    #: address; beyond this computer it requires `users_file`, `certificate` and `key`, or `anonymous`
     listen: OpcuaAddress = "opc.tcp://127.0.0.1:4840"
     #: a file of lines `name:password`: whoever connects must log in, encrypted
     users_file: File | None = None
-    #: PEM or DER file, RSA; connections are then signed and encrypted, and no others are served
-    certificate: File | None = None
-    #: its key, of 2048 bits or more, without a passphrase; nobody else on the computer may be able to read
-    #: the file
+    certificate: File | None = None  #: PEM or DER file, RSA; all connections are then encrypted
+    #: its key, 2048 bits or more, without a passphrase; no other user may read the file
     key: File | None = None
     anonymous: bool = False  #: whoever reaches the port may read, from other computers too
 

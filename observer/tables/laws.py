@@ -30,7 +30,7 @@ class BearingFriction(Section):
     f1: Annotated[quantities.NonNegative, Field(le=1)] | None = None
     static_load_N: Load | None = None  #: equivalent static load P₀ from the catalogue
     static_rating_N: Annotated[quantities.Positive, Field(ge=1e-3, le=1e9)] | None = None  #: static rating C₀
-    #: viscosity of oil, or of the grease's base oil, as the bearing runs; or the three keys below
+    #: viscosity of oil or base oil in the running bearing; or the three keys below
     viscosity_mm2_s: Viscosity | None = None
     viscosity_40_mm2_s: Viscosity | None = None  #: viscosity at 40 °C
     viscosity_100_mm2_s: Viscosity | None = None  #: viscosity at 100 °C
@@ -76,32 +76,30 @@ DIVIDED_LAWS = LAWS[:3]
 class HeatLaw(Section):
     """How much heat a source delivers: one law, and what multiplies it."""
 
-    #: the channel of the screw's speed in rpm, for `torque_Nm`, `bearing`, `nut_friction` and `heat_W_rpm`
+    #: channel of the screw's speed in rpm, for laws of friction
     speed_channel: quantities.Channel | None = None
     torque_Nm: quantities.Torque | None = None  #: law: heat = scale · share · duty · torque · ω
     #: law: the same, with a bearing's torque by Palmgren: the table `[source.bearing]`
     bearing: BearingFriction | None = None
     #: law: the same, with a nut's torque by preload and efficiency: the table `[source.nut_friction]`
     nut_friction: NutFriction | None = None
-    #: torque and nut friction: the channel of the nut's own speed in rpm, if it is driven too; the law then
-    #: uses the relative speed
+    #: torque, nut friction: channel of a driven nut's speed in rpm; the law uses the relative speed
     nut_speed_channel: quantities.Channel | None = None
-    #: torque: the nut's drive has a torque of its own; heat = torque · ω of the screw + this · ω of the nut
+    #: torque: of the nut's own drive; heat = torque · ω of the screw + this · ω of the nut
     nut_torque_Nm: quantities.Torque | None = None
     heat_W_rpm: quantities.HeatPerSpeed | None = None  #: law: heat = scale · duty · this · speed
     power_channel: quantities.Channel | None = None  #: law: heat = scale · a measured power in W
     heat_W: quantities.Heat | None = None  #: law: heat = scale · this, constant
     drive_channel: quantities.Channel | None = None  #: `heat_W` flows only while this channel is not 0
-    #: law: heat = scale · the heat by the law of the source of this name / `heat_ratio`
+    #: law: heat = scale · law of the source of this name / `heat_ratio`
     heat_of: quantities.Name | None = None
     heat_ratio: Annotated[quantities.Factor, Field(gt=0)] | None = None  #: for `heat_of`
-    #: `heat_of`: no unknown of its own: as the other source's heat is estimated, this is its part of that.
-    #: Not with `[[node]]` or `covers_film`, nor for a nut whose position is measured
+    #: `heat_of`: follows the other source's estimated heat, without an unknown of its own. Not with
+    #: `[[node]]`, `covers_film` or a measured nut position
     follows: quantities.Flag = False
     share: quantities.Share = 1.0  #: share of the friction heat that enters the screw, 0 to 1
-    #: fraction of time the drive runs, 0 to 1, where the speed channel only holds a set speed
-    duty: quantities.Share = 1.0
-    #: also multiply a nut's law by the share of the screw that its stroke covers, as Kim et al. do
+    duty: quantities.Share = 1.0  #: duty cycle, 0 to 1, where the speed channel only holds a set speed
+    #: multiplies a nut's law by stroke over length of the screw, as Kim et al. do
     stroke_share: quantities.Flag = False
     scale: quantities.Factor = 1.0  #: multiplies the law, whichever it is
 
@@ -152,25 +150,23 @@ class Surface(Section):
 
     #: film coefficient of the whole surface; 0 means that no loss is modelled
     convection_W_m2K: quantities.Film = 0.0
-    law: FilmLaw | None = None  #: in place of a number, computes the film from geometry and air; see below
+    law: FilmLaw | None = None  #: computes the film from geometry and air, in place of a number; see below
     #: law: practice factor on convection; Yu et al. take 10 and call 3 to 10 usual
     factor: Annotated[quantities.Factor, Field(gt=0)] = 1.0
-    rise_K: quantities.Rise = 10.0  #: law: how much warmer than the air the surface is assumed to be
-    #: law: temperature of that air; its properties are taken halfway to the surface
-    air_degC: quantities.Air = 20.0
+    rise_K: quantities.Rise = 10.0  #: law: assumed temperature of the surface above the air
+    air_degC: quantities.Air = 20.0  #: law: temperature of that air
     #: law: adds radiation, linearised at `rise_K`; 0.2 for bright steel, 0 leaves it out
     emissivity: quantities.Share = 0.0
     #: law: adds the effect of rotation at this speed; 0 is the film at standstill
     speed_rpm: quantities.Speed = 0.0
-    #: law: the channel of the screw's speed in rpm; the effect of rotation then follows it, in place of
-    #: `speed_rpm`
+    #: law: channel of the screw's speed in rpm, in place of `speed_rpm`
     speed_channel: quantities.Channel | None = None
     #: wall: `"vertical"`, or horizontal and facing `"up"` or `"down"`
     facing: Literal["vertical", "up", "down"] | None = None
     #: wall: its height, or the length of its short side if it is horizontal
     height_m: quantities.Length | None = None
     gap_m: quantities.Length | None = None  #: taylor-gap: distance between screw and tube
-    #: law: with the two keys below, the film is raised by the surface of the thread
+    #: law: lead of the thread, whose surface raises the film; with the two keys below
     thread_lead_m: quantities.Lead | None = None
     ball_radius_m: quantities.Length | None = None  #: law: radius of the balls' groove
     land_m: quantities.Position | None = None  #: law: width of the land between two grooves

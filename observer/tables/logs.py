@@ -20,10 +20,8 @@ since 1904, `filetime` tenths of a microsecond since 1601."""
 class LogColumn(Section):
     """Where a channel's values are."""
 
-    #: name of the column, as the file writes it; `"group/name"` where several groups or sheets have one
-    column: Text
-    #: unit in which the file has it, as `"degF"`, `"mm"`, `"1/s"`; – is the unit that the file names, else
-    #: the channel's own
+    column: Text  #: its column; `"group/name"` with several groups or sheets
+    #: its unit, as `"degF"`, `"mm"`, `"1/s"`; – is that of the file, else of the channel
     unit: Text | None = None
 
 
@@ -39,10 +37,9 @@ class LongForm(Section):
 class Logs(Section):
     """How to read logs that others wrote. What is not given is found by itself where it is plain."""
 
-    #: what parts the columns of a text file: `";"`, `","`, `"\t"`, `" "`
+    #: separator of columns: `";"`, `","`, `"\t"`, `" "`
     separator: Annotated[str, Field(min_length=1, max_length=1)] | None = None
-    #: what parts the decimals of a text file: `"."` or `","`
-    decimal: Literal[".", ","] | None = None
+    decimal: Literal[".", ","] | None = None  #: decimal separator: `"."` or `","`
     #: of a text file, as `"cp1252"`
     encoding: Text | None = None
     #: lines above the header
@@ -54,24 +51,23 @@ class Logs(Section):
     #: how the time is written: `"%d.%m.%Y %H:%M:%S"` and the like, or what a number counts: `"s"`, `"ms"`,
     #: `"us"`, `"ns"`, `"min"`, `"h"`, `"d"`, `"excel"`, `"labview"` (seconds since 1904), `"filetime"`
     time_format: Text | None = None
-    #: how far the rows are apart, for a log without a clock: `60.0`; it then has no column of the time
+    #: interval of the rows of a log without a clock: `60.0`
     every_s: Annotated[quantities.Positive, Field(le=86_400.0)] | None = None
-    #: what stands for a missing value besides the usual: words and numbers, `["OVLD", "-9.9E+37"]`
+    #: further words and numbers for a missing value: `["OVLD", "-9.9E+37"]`
     missing: tuple[Text, ...] = Field(default=(), max_length=64)
     #: of times that name no zone, as `"Europe/Berlin"`
     timezone: Text | None = None
     #: whether inputs keep their value until the next row (`true`), or ramp to it
     hold: quantities.Flag = False
-    #: a [log](log.md#a-log) whose rows are mostly further apart is refused, because its times look like
-    #: milliseconds; recorders write a row a minute, some one in five minutes
+    #: a [log](log.md#a-log) with rows mostly further apart is rejected: its times look like milliseconds
     rows_apart_s: quantities.Positive = 600.0
-    #: how often sensors have a value, where they are slower than the rows: of all, `4.0`, or by name, `{ t1
-    #: = 4.0, t2 = 20.0 }`; learnt from the log where not given
+    #: interval of sensors that are slower than the rows: `4.0`, or `{ t1 = 4.0, t2 = 20.0 }`; – is learnt
+    #: from the log
     sensor_period_s: quantities.Duration | dict[quantities.Name, quantities.Duration] | None = None
     #: where each row holds one signal: `{ name = "dataItemId", value = "value" }`
     long: LongForm | None = None
-    #: where a channel's values are, if not in a column of its name: `t1_degC = { column = "Temp1 [F]", unit
-    #: = "degF" }`, or the name of the column alone
+    #: columns of channels under other names: `t1_degC = { column = "Temp1 [F]", unit = "degF" }`, or the name
+    #: alone
     columns: dict[quantities.Channel, LogColumn] = Field(default_factory=dict, max_length=256)
 
     @field_validator("columns", mode="before")

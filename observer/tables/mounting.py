@@ -22,12 +22,11 @@ class Supports(Section):
     stiffness_first_N_m: Stiffness | None = None
     stiffness_second_N_m: Stiffness | None = None  #: L-III: that of the second
     preload_N: NonNegative = 0.0  #: L-III: pre-tension of the cold screw
-    #: L-III: once the pre-tension is lost, how far the screw grows before the second support pushes; for a
-    #: support that only pulls, give more than the screw ever grows
+    #: L-III: growth after the pre-tension is lost until the second support pushes; large for a support that
+    #: only pulls
     gap_m: Position = 0.0
     elastic_modulus_Pa: Annotated[Positive, Field(ge=1e6, le=1e13)] = 2.06e11  #: of the screw
-    #: the largest axial force that screw and bearings may carry, for `compare --minimise error`; – is any
-    permitted_load_N: Positive | None = None
+    permitted_load_N: Positive | None = None  #: largest axial force, for `compare --minimise error`; – is any
 
     @model_validator(mode="after")
     def _only_where_two_supports_hold(self) -> Supports:
@@ -49,10 +48,8 @@ class ModbusControl(Section):
     port: Annotated[Count, Field(ge=1, le=65535)] = 502  #: its port
     unit_id: Annotated[Count, Field(ge=0, le=255)] = 1  #: its unit
     first_register: Annotated[Count, Field(ge=0, le=0xFF00)] = 0  #: where its registers begin
-    #: how long an answer is waited for, in a thread of its own
-    timeout_s: Annotated[Positive, Field(ge=0.01, le=5.0)] = 0.2
-    #: how long the control may take to report that it follows what was written
-    follow_s: Annotated[NonNegative, Field(le=4.0)] = 1.0
+    timeout_s: Annotated[Positive, Field(ge=0.01, le=5.0)] = 0.2  #: time to wait for an answer
+    follow_s: Annotated[NonNegative, Field(le=4.0)] = 1.0  #: time for the control to report that it follows
 
 
 MOST_POINTS = 50
@@ -65,9 +62,9 @@ class Compensation(Section):
     enabled: Flag = False  #: publish `compensation`; it still has to be armed
     #: must be `false`: nothing else compensates the growth of this screw
     controller_compensates: Flag | None = None
-    #: must be `"motor"`: the axis is positioned by the motor's encoder, not by a `"scale"`
+    #: must be `"motor"`: the axis is positioned by the motor's encoder
     position_feedback: Literal["motor", "scale"] | None = None
-    #: the stretch of the screw that the nut travels; – is the first source's stroke, else the whole screw
+    #: travel of the nut; – is the first source's stroke, else the whole screw
     travel_m: tuple[Position, Position] | None = None
     reference_m: Position | None = None  #: the line's reference on the screw; – is the middle of the travel
     zero_m: Finite = 0.0  #: where on the screw the machine's zero is
@@ -75,21 +72,18 @@ class Compensation(Section):
     points: Annotated[Count, Field(ge=2, le=200)] = 21  #: points of the table
     rate_limit_um_s: Positive = 1.0  #: largest rate of change of the compensation, anywhere in the travel
     gradient_limit_um_m: Positive = 100.0  #: largest slope of table and line
-    #: the compensation is released if the error, or its [bound](../how-to/compensate.md#arm-it), exceeds
-    #: this anywhere in the travel for longer than `hold_s`
+    #: largest error, and largest [bound](../how-to/compensate.md#arm-it), in the travel; beyond it for
+    #: `hold_s`, the compensation is released
     limit_um: Positive = 200.0
-    #: how long the last values are held while the estimate may not be used, before they go to zero
+    #: how long values are held in doubt before they go to zero
     hold_s: Annotated[NonNegative, Field(le=600.0)] = 10.0
-    #: a channel whose rise from 0 to 1 says that the [machine was set to
-    #: zero](../how-to/compensate.md#a-new-zero); – is by command only
+    #: channel that rises from 0 to 1 at [a new zero](../how-to/compensate.md#a-new-zero); – is by command
+    #: only
     zero_channel: Channel | None = None
-    #: where on the screw the machine is set to zero, as the switch for homing; – is where the nut stands then
-    zero_at_m: Position | None = None
-    #: `"homing"`: a zero absorbs the whole error there; `"probing"`: what the compensation in force leaves of
-    #: it
+    zero_at_m: Position | None = None  #: place of the zero on the screw; – is where the nut stands then
+    #: `"homing"`: a zero absorbs the whole error; `"probing"`: the error that the compensation leaves
     zero_after: Literal["homing", "probing"] = "homing"
-    #: `[compensation.control]`: the control that it is written to while it is armed; – is none
-    control: ModbusControl | None = None
+    control: ModbusControl | None = None  #: `[compensation.control]`: the control to write to; – is none
 
     @model_validator(mode="after")
     def _fits_into_one_request(self) -> Compensation:

@@ -43,8 +43,7 @@ class Tls(Section):
 
     ca: File | None = None  #: the authority whose certificates are accepted
     certificate: File | None = None  #: the own certificate; needed to listen
-    #: its key, without a password; nobody else on the computer may be able to read the file
-    key: File | None = None
+    key: File | None = None  #: its key, without a password; no other user may read the file
     client_certificates: Flag = False  #: whoever connects must show a certificate of `ca`
 
     _pair = together("certificate", "key")
@@ -59,8 +58,7 @@ class Tls(Section):
 class Login(Section):
     """Names and passwords: who may connect here, and who this side is elsewhere. Passwords stand in files."""
 
-    #: whoever connects must give a name and password of this file, of lines `name:password`
-    users_file: File | None = None
+    users_file: File | None = None  #: file of lines `name:password`; clients must log in
     user: Name | None = None  #: name by which this side logs in where it connects
     password_file: File | None = None  #: file that holds the password and nothing else
 
@@ -80,10 +78,9 @@ class Login(Section):
 class Access(Section):
     """Who may do what, as `user:NAME` or `certificate:COMMON-NAME`; whoever is not named may do nothing."""
 
-    #: who may look: `"user:NAME"` of `users_file`, or `"certificate:NAME"`, the common name of a certificate
-    viewer: tuple[Subject, ...] = ()
-    operator: tuple[Subject, ...] = ()  #: who may look and give commands
-    service: tuple[Subject, ...] = ()  #: who may do that, publish and answer
+    viewer: tuple[Subject, ...] = ()  #: who may read: `"user:NAME"` or `"certificate:NAME"` (common name)
+    operator: tuple[Subject, ...] = ()  #: who may also command
+    service: tuple[Subject, ...] = ()  #: who may also publish and answer
 
     @property
     def subjects(self) -> tuple[str, ...]:
@@ -193,13 +190,9 @@ class RecordSettings(Section):
     directory: File | None = None  #: where the recordings go; – records nothing
     rotate_MB: Positive = 64.0  #: a new file begins at this size
     sync_s: Positive = 5.0  #: the file is forced to disk this often
-    #: complete files whose last row is older than this are removed; – is no limit
-    keep_days: Positive | None = None
-    #: the oldest complete files are removed beyond this total size; – is no limit
-    keep_GB: Positive | None = None
-    #: the oldest complete files are removed so that this much of the disk, but at most a tenth of it, stays
-    #: free; 0 removes none for that
-    keep_free_GB: NonNegative = 1.0
+    keep_days: Positive | None = None  #: older files are removed; – is no limit
+    keep_GB: Positive | None = None  #: largest total size; – is no limit
+    keep_free_GB: NonNegative = 1.0  #: space that stays free, at most a tenth of the disk; 0 is no limit
 
 
 class Checkpoint(Section):
@@ -231,9 +224,9 @@ class AlarmSettings(Section):
     """Which alarms there are, and when a heat is more than usual."""
 
     enabled: Flag = True  #: whether alarms are raised
-    #: hours of running in which the usual heat of each source is learnt, 1 to 1000
+    #: hours of running to learn the usual heats, 1 to 1000
     learn_h: Annotated[Number, Field(ge=1.0, le=1000.0)] = 30.0
-    #: relative deviation of a heat from usual that raises an alarm, 0.05 to 3
+    #: relative deviation of a heat that raises an alarm, 0.05 to 3
     deadband: Annotated[Number, Field(ge=0.05, le=3.0)] = 0.25
     #: change of a sensor's learnt offset that raises an alarm, 0.05 to 20
     sensor_K: Annotated[Number, Field(ge=0.05, le=20.0)] = 0.5

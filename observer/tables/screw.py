@@ -42,8 +42,7 @@ class Piece(NamedTuple):
 class Screw(Section):
     """Geometry and material of the screw."""
 
-    #: length of the rod, between the bearings; all positions count from its left end
-    length_m: quantities.ScrewLength
+    length_m: quantities.ScrewLength  #: length between the bearings; positions count from its left end
     diameter_m: quantities.Diameter  #: effective (root) diameter
     bore_m: quantities.Bore = 0.0  #: diameter of a bore through the whole screw
     conductivity_W_mK: quantities.Conductivity  #: heat conductivity; 45 to 60 for bearing steels

@@ -177,40 +177,37 @@ class Source(HeatLaw):
     shape: Literal["nut", "point", "band", "node"]
     # where
     length_m: quantities.Length | None = None  #: nut: its length
-    #: nut: range of its centre's travel, `[from, to]`; without `position_channel` its heat is uniform there
+    #: nut: travel of its centre, `[from, to]`; without `position_channel` its heat is uniform there
     stroke_m: tuple[quantities.Position, quantities.Position] | None = None
     position_channel: quantities.Channel | None = None  #: nut: the channel of its centre's position in m
-    #: nut: lead of the screw; with the speed it shows how well the samples resolve the path
+    #: nut: lead of the screw; shows with the speed whether the samples resolve the path
     lead_m: quantities.Lead | None = None
-    #: nut: the screw loses nothing to the air where the nut is, for as long as it is there; `stroke_m`, if
-    #: given, keeps the whole nut on the screw
-    covers_film: quantities.Flag = False
+    covers_film: quantities.Flag = False  #: nut: the screw loses no heat to the air under it
     position_m: quantities.Position | None = None  #: point: its position
     from_m: quantities.Position | None = None  #: band: where it begins
     to_m: quantities.Position | None = None  #: band: where it ends
-    #: the share of the heat that enters each [node](#node), as `{ ring = 0.3, housing = 0.2 }`; the rest
-    #: enters the screw
+    #: shares of the heat that enter [nodes](#node): `{ ring = 0.3, housing = 0.2 }`; the rest enters the
+    #: screw
     nodes: dict[quantities.Name, quantities.Share] = Field(default_factory=dict)
     # how it is estimated
     estimate: quantities.Flag = True  #: `false`: the law is the heat; at least one source must be estimated
-    #: random walk of the heat about its law: W after 1 s, growing with √t
+    #: random walk of the heat about its law: W after 1 s, grows with √t
     random_walk_W_sqrt_s: quantities.HeatSigma = 0.1
-    #: time constant with which that deviation decays (first-order Markov); – is a pure random walk
+    #: time constant with which that deviation decays; – is a pure random walk
     time_constant_s: quantities.Duration | None = None
-    #: standard deviation of the law's scale, relative; when the law jumps, this fraction of the jump is
-    #: added to the uncertainty of the heat; – is 0.2, and 0.3 where [no thermocouple sits on the
+    #: relative standard deviation of the law's scale; a jump of the law adds this part of it to σ; – is 0.2,
+    #: and 0.3 where [no thermocouple sits on the
     #: screw](../explanation/learning.md#without-a-sensor-on-the-screw)
     law_uncertainty: quantities.Factor | None = None
-    #: one standard deviation of the law's scale once it has run in, relative, as `calibrate` leaves it; – is
-    #: `law_uncertainty`; in the `forecast` from a log
+    #: `forecast` from a log: relative standard deviation of the scale after run-in, from `calibrate`; – is
+    #: `law_uncertainty`
     scale_tolerance: quantities.Factor | None = None
-    #: what friction has more than its law when work begins, in parts of the law, as `calibrate` finds it; the
-    #: three belong together, in the `forecast` from a log
+    #: `forecast` from a log: extra friction when work begins, relative to the law, from `calibrate`; with the
+    #: two keys below
     run_in: Annotated[quantities.Finite, Field(ge=-1, le=10)] | None = None
     #: time constant with which that fades
     run_in_s: quantities.Duration | None = None
-    #: one standard deviation of `run_in` at the next start, in parts of the law
-    run_in_tolerance: quantities.Factor | None = None
+    run_in_tolerance: quantities.Factor | None = None  #: standard deviation of `run_in`
     #: standard deviation of the heat at the start
     initial_sigma_W: Annotated[quantities.HeatSigma, Field(gt=0)] = 30.0
 

@@ -45,7 +45,7 @@ class Measuring(Section):
     shows_tolerance: quantities.Share | None = None
     #: displacement: standard deviation of its noise
     noise_um: Annotated[quantities.Positive, Field(ge=1e-4, le=1000)] = 1.0
-    #: displacement: standard deviation of its zero, from where the screw has its reference temperature
+    #: displacement: standard deviation of its zero
     zero_um: Annotated[quantities.NonNegative, Field(le=10_000)] = 5.0
 
 
@@ -55,18 +55,14 @@ class Sensor(Measuring):
     """
 
     name: quantities.Name  #: names the columns of its innovation and quality
-    #: `"temperature"`, or `"displacement"`: the thermal error at its position, positive away from x = 0,
-    #: [as a probe measures it](../how-to/probe.md)
+    #: `"temperature"`, or `"displacement"`: [the thermal error](../how-to/probe.md), positive away from x = 0
     kind: SensorKind = "temperature"
-    #: the channel that measures it; of a displacement its name ends in its unit: `_um`, `_mm` or `_m`
-    channel: quantities.Channel
+    channel: quantities.Channel  #: its channel; the name of a displacement ends in `_um`, `_mm` or `_m`
     position_m: quantities.Position | None = None  #: its position on the screw
     on: quantities.Name | None = None  #: the node it sits on
-    #: displacement: it comes only now and then, as when a probing cycle runs, and nothing is missing between
-    occasional: quantities.Flag = False
-    #: displacement: instead of `position_m`, the nut at which it measures, wherever that is: a scale
-    #: compared with the motor's encoder; it counts as [five sensors along its
-    #: stroke](../how-to/probe.md#a-scale-beside-the-axis)
+    occasional: quantities.Flag = False  #: displacement: comes only now and then, as in a probing cycle
+    #: displacement: the nut at which it measures, in place of `position_m`: [a
+    #: scale](../how-to/probe.md#a-scale-beside-the-axis)
     along: quantities.Name | None = None
 
     @model_validator(mode="after")

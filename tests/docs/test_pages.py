@@ -32,17 +32,39 @@ SECTIONS: dict[str, type[BaseModel]] = {
 }
 
 
+def _targets(page: Path) -> list[str]:
+    """Targets of the page's links to other files and to its own headings."""
+    text = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.S)
+    return [t for t in re.findall(r"\]\(([^)\s]+)\)", text) if not t.startswith(("http", "mailto"))]
+
+
 def _links(page: Path) -> list[str]:
     """Targets of the page's relative links, without their anchors."""
-    text = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.S)
-    targets = re.findall(r"\]\(([^)\s]+)\)", text)
-    return [t.split("#")[0] for t in targets if not t.startswith(("http", "mailto", "#"))]
+    return [target.split("#")[0] for target in _targets(page) if not target.startswith("#")]
+
+
+def _anchors(page: Path) -> set[str]:
+    """The anchors of the page's headings, as the site and the platform that hosts the source make them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    headings = re.findall(r"^#+ (.*)$", text, flags=re.M)
+    plain = (re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower() for heading in headings)
+    return {re.sub(r"[^\w\- ]", "", heading).strip().replace(" ", "-") for heading in plain}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_links_lead_to_files(page: Path) -> None:
     broken = [link for link in _links(page) if not (page.parent / link).exists()]
     assert not broken
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "SECURITY.md"], ids=lambda p: str(p.relative_to(ROOT)))
+def test_anchors_lead_to_headings(page: Path) -> None:
+    split = [(target, *target.partition("#")) for target in _targets(page)]
+    wanted = [
+        (target, page.parent / file if file else page, anchor) for target, file, _, anchor in split if anchor
+    ]
+    lost = [target for target, to, anchor in wanted if to.suffix == ".md" and anchor not in _anchors(to)]
+    assert not lost
 
 
 def test_every_page_is_reached_from_the_index() -> None:
