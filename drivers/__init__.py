@@ -1,8 +1,8 @@
 """Drivers: from registers, frames and recordings to readings with a time and a fault for every channel.
 
-A driver is one file, with its table of the configuration in it, and one name in `DriverSettings`; an external
-one is named by its table: `kind = "module:Class"`, or a name of the entry-point group
-`ballscrew_observer.drivers`. None imports its bus library before it is opened.
+Each driver is one file. It holds the driver's table of the configuration, and `DriverSettings` lists its
+class. An external driver is selected by `kind = "module:Class"` or by a name of the entry-point group
+`ballscrew_observer.drivers`. A bus library is imported only when its driver is opened.
 """
 
 from __future__ import annotations
@@ -21,13 +21,17 @@ from drivers.protocol import DriverTable
 from observer.tables.outside import is_outside, outside
 
 
-def _from_outside(value: Any, known: ValidatorFunctionWrapHandler) -> DriverTable:
-    """Validate a driver's table by the class that its `kind` names, or by one of those known here."""
+def _from_outside(value: Any, validate_builtin: ValidatorFunctionWrapHandler) -> DriverTable:
+    """Validate a driver's table by the external class that its `kind` names, or by one of the built-in
+    classes.
+
+    Raises `ValueError` if the external class is not a `DriverTable`.
+    """
     kind = value.get("kind") if isinstance(value, dict) else None
     if kind == "modbus_rtu" and value.get("transport", "serial") != "serial":
         value = value | {"kind": "modbus_tcp"}  # RTU frames over TCP have a host and a port
     if kind in DRIVER_KINDS or not is_outside(kind, "drivers"):
-        settings: DriverTable = known(value)
+        settings: DriverTable = validate_builtin(value)
         return settings
     table = outside(kind, "drivers")
     if not (isinstance(table, type) and issubclass(table, DriverTable)):

@@ -1,6 +1,6 @@
 """Dates in the header of an `.asc` recording, which its recorder writes in the language of its computer.
 
-python-can reads English and a few German dates, and takes any other for 1970 without a word.
+python-can reads English and a few German dates, and silently takes any other for 1970.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def is_dated(line: str) -> bool:
 
 
 def in_english(line: str) -> str | None:
-    """The line with its date as python-can reads it; None where the date is not understood."""
+    """Return the line with its date in the form that python-can reads; None if the date is not understood."""
     if (dated := _DATED.match(line)) is None:
         return None
     moment = _moment(dated["date"])
@@ -45,6 +45,7 @@ def in_english(line: str) -> str | None:
 
 
 def _moment(text: str) -> datetime | None:
+    """Return date and time of day from the text of a header line; None if either is missing or invalid."""
     clock = _CLOCK.search(text)
     if clock is None:
         return None
@@ -62,7 +63,7 @@ def _moment(text: str) -> datetime | None:
 
 
 def _day(text: str) -> tuple[int, int, int] | None:
-    """Year, month and day; None where these are not certain, as of 3/4/2026."""
+    """Return year, month and day; None where their order is not certain, as in 3/4/2026."""
     if numbers := _ISO.search(text) or _NUMBERS.search(text):
         if numbers.re is _NUMBERS and numbers["sep"] != ".":
             return None

@@ -39,7 +39,9 @@ class CanSettings(CanTable):
         return self
 
     def signals(self, name: str) -> Signals:
-        """The signals that it reads, with inputs of a ready device map resolved."""
+        """Return the channels with the signal of each; an input number of a ready device map becomes its
+        signal.
+        """
         dbc = DBC_OF[self.device] if self.device else dbc_file(self.dbc or Path())
         channels = {
             channel: can_input(self.device or "", place) if isinstance(place, int) else place
@@ -48,20 +50,23 @@ class CanSettings(CanTable):
         return Signals(name, dbc, channels)
 
     def open(self, name: str) -> Driver:
-        """Make the driver of the signals that the DBC file describes."""
+        """Make the driver that decodes frames by the DBC file.
+
+        Raises `UserError` if the file cannot be used or lacks a message or signal.
+        """
         from drivers.can_bus import BusDriver  # noqa: PLC0415  (the bus library is imported only when it is used)
         from drivers.dbc import load_decoder  # noqa: PLC0415
 
         return BusDriver(name, self, load_decoder(self.signals(name)))
 
     def file_problems(self, name: str) -> list[str]:
-        """Problems of the DBC file."""
+        """Return the problems of the DBC file, each as “dbc: a sentence”."""
         from drivers.dbc import dbc_problems  # noqa: PLC0415
 
         return [f"dbc: {problem}" for problem in dbc_problems(self.signals(name))]
 
     def decodes(self, recording: Path, name: str) -> Iterable[Reading]:
-        """The readings in a recording of the bus, decoded as on the live bus."""
+        """Return the readings in a recording of the bus, decoded as on the live bus."""
         from drivers.dbc import load_decoder  # noqa: PLC0415
         from drivers.recording import CanRecording  # noqa: PLC0415
 

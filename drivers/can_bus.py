@@ -46,9 +46,12 @@ Stamps = Callable[[float, float], float]  # stamp and arrival to the time on the
 
 
 def stamps_of(wire: CanTable) -> Stamps:
-    """The interpretation of the frames' own stamps on a bus, to be recreated at each opening."""
-    kept = bool(wire.options.get("preserve_timestamps"))  # of `virtual`: they are of whoever sent
-    if wire.interface in WALL_CLOCKED and not kept:
+    """Return a function from a frame's stamp and arrival to its time, all in s.
+
+    It keeps the state of the adapter's clock, so a new one is made each time the bus is opened.
+    """
+    sender_stamped = bool(wire.options.get("preserve_timestamps"))  # of `virtual`: they are of whoever sent
+    if wire.interface in WALL_CLOCKED and not sender_stamped:
         return lambda stamp_s, arrival_s: wall_time(stamp_s, arrival_s, time.time())
     return DeviceClock(TURNS_S.get(wire.interface)).time_s
 
@@ -62,9 +65,9 @@ def receive(reader: BusReader, stop: threading.Event) -> None:
 class BusDriver:
     """Channels that arrive on a CAN bus.
 
-    python-can blocks, so a thread receives, finds the time of each frame, and hands it to the event loop.
-    `decode` turns a frame into values and faults, `pump` moves frames from the bus. Channels that are overdue
-    become faulty readings each period.
+    python-can blocks. So a thread receives the frames, determines their times, and hands them to the event
+    loop. The function `decode` turns a frame into values and faults, and `pump` moves frames from the bus.
+    Each period, a channel that is overdue gets a faulty reading.
     """
 
     def __init__(self, name: str, wire: CanTable, decode: Decode, pump: Pump = receive) -> None:
@@ -81,7 +84,9 @@ class BusDriver:
         self._error_s = self._frame_s = 0.0
 
     async def run(self, deliver: Deliver, now: Clock) -> None:
-        """Deliver a reading for every frame of interest, and faults for what is overdue, until cancelled."""
+        """Deliver a reading for every frame that holds a channel, and a fault for every overdue channel,
+        until cancelled.
+        """
         loop = asyncio.get_running_loop()
         stop, ended = threading.Event(), asyncio.Event()
         start_s = loop.time()
@@ -93,7 +98,7 @@ class BusDriver:
             except RuntimeError:  # the event loop is gone, and with it everyone who would listen
                 stop.set()
 
-        def take(frame: can.Message | None) -> None:
+        def on_frame(frame: can.Message | None) -> None:
             arrival_s = now()
             if frame is None:
                 post(self._garbled, "a garbled frame")
@@ -101,15 +106,15 @@ class BusDriver:
                 post(self._dropped)
             else:
                 self._pending += 1
-                post(self._arrived, frame, self._stamps(frame.timestamp, arrival_s), deliver)
+                post(self._on_frame, frame, self._stamps(frame.timestamp, arrival_s), deliver)
 
-        def live() -> None:
+        def run_thread() -> None:
             try:
-                self._keep_open(take, post, stop)
+                self._keep_open(on_frame, post, stop)
             finally:
                 post(ended.set)
 
-        threading.Thread(target=live, name=f"can {self.name}", daemon=True).start()
+        threading.Thread(target=run_thread, name=f"can {self.name}", daemon=True).start()
         try:
             await self._watch(deliver, now, ended)
         finally:
@@ -119,7 +124,7 @@ class BusDriver:
                 await asyncio.wait_for(ended.wait(), timeout=0.25)
 
     def _keep_open(self, take: Take, post: Callable[..., None], stop: threading.Event) -> None:
-        """Open the bus, pump it, and start again when it is lost or silent; runs in the driver's thread."""
+        """Open the bus and pump it; open it again when it is lost or silent. Runs in the driver's thread."""
         delay_s = RETRY_S
         while not stop.is_set():
             reader = None
@@ -152,7 +157,8 @@ class BusDriver:
                 self.status = dataclasses.replace(self.status, bus_error=None)
         raise RuntimeError(f"driver {self.name}: its thread ended unexpectedly; see the error above")
 
-    def _arrived(self, frame: can.Message, time_s: float, deliver: Deliver) -> None:
+    def _on_frame(self, frame: can.Message, time_s: float, deliver: Deliver) -> None:
+        """Decode a received frame on the event loop, deliver its reading, and update the status."""
         self._pending -= 1
         heard_s = asyncio.get_running_loop().time()
         if frame.is_error_frame:
@@ -190,7 +196,7 @@ class BusDriver:
 
 
 def open_bus(wire: CanTable) -> can.BusABC:
-    """Open the bus, listening only where the interface knows how; raises whatever the interface raises."""
+    """Open the bus, in listen-only mode where the interface has one. Raises whatever the interface raises."""
     options: dict[str, Any] = {}
     if wire.interface == "slcan":
         # No two seconds of sleep, whose frames would then pass for new, and a read that waits, not spins.
@@ -210,8 +216,8 @@ def open_bus(wire: CanTable) -> can.BusABC:
 class StampedSlcanBus(slcanBus):
     """A serial CAN adapter of the Lawicel kind, with the time stamps that it appends to its lines.
 
-    python-can skips such a stamp and gives every frame the time of its reading; here `timestamp` is the
-    adapter's own, in seconds, or NaN where none came.
+    python-can skips these stamps and gives every frame the time at which it was read. Here `timestamp` is the
+    adapter's stamp in s, or NaN if the line has no stamp.
     """
 
     _line: str | None = None
@@ -228,7 +234,9 @@ class StampedSlcanBus(slcanBus):
 
 
 def stamp_of(line: str, message: can.Message) -> float:
-    """The stamp at the end of a frame's line, in seconds of the adapter's minute; NaN where there is none."""
+    """Return the stamp at the end of a frame's line, in s of the adapter's minute; NaN if the line has no
+    stamp.
+    """
     data = 0 if message.is_remote_frame else 2 * message.dlc
     digits = line.rstrip("\r")[(10 if message.is_extended_id else 5) + data :]
     try:

@@ -1,7 +1,8 @@
 """Frames from an open bus, and the signs that it has ended: an interface that no longer waits, or silence.
 
-python-can has no end of a stream. An interface whose peer is gone may raise, return at once without a frame
-for ever, or stay silent; each ends the reading here, so that the bus is opened again.
+python-can does not report the end of a stream. An interface whose peer is gone may raise, stay silent, or
+return at once without a frame, for ever. Each of these ends the reading here, and the driver opens the bus
+again.
 """
 
 from __future__ import annotations
@@ -24,15 +25,18 @@ BusError = Literal["error frames", "error-passive", "bus-off"]
 
 
 class EndedBusError(can.CanError):
-    """An interface that gives no more frames."""
+    """The interface gives no more frames."""
 
 
 class SilentBusError(can.CanError):
-    """A bus on which no frame has come for long."""
+    """No frame has come for longer than the allowed silence."""
 
 
 class BusReader:
-    """Takes frames off an open bus; `silence_s` is how long none may come."""
+    """Takes frames off an open bus, which may be silent for at most `silence_s`.
+
+    `take` receives each frame, or None for bytes that are not a frame.
+    """
 
     def __init__(self, bus: can.BusABC, take: Take, silence_s: float) -> None:
         self.bus = bus
@@ -43,7 +47,7 @@ class BusReader:
         self._hasty = 0
 
     def read(self, timeout_s: float) -> None:
-        """Wait for a frame and take it.
+        """Wait at most `timeout_s` for a frame and hand it to `take`.
 
         Raises `EndedBusError`, `SilentBusError`, or whatever the interface raises.
         """
@@ -63,7 +67,10 @@ class BusReader:
             raise SilentBusError(f"no frame has come for {self._silence_s:g} s")
 
     def _received(self, timeout_s: float) -> can.Message | None:
-        """A frame, or None where none came; `recv` would call an interface that has ended without pause."""
+        """Return a frame, or None if none came.
+
+        This calls `_recv_internal`, because `recv` would call an interface that has ended without pause.
+        """
         try:
             frame, _ = self.bus._recv_internal(timeout_s)
         except (ValueError, IndexError):  # a garbled line of a serial adapter; the next one is independent
@@ -73,7 +80,9 @@ class BusReader:
 
 
 def bus_error(frame: can.Message, interface: str) -> BusError | None:
-    """What an error frame reports; None where the controller says that it takes part again."""
+    """Return the state that an error frame reports; None if the controller reports that it takes part
+    again.
+    """
     if interface not in _LINUX_ERRORS:
         return "error frames"
     if frame.arbitration_id & _BUS_OFF:

@@ -1,7 +1,8 @@
-"""The nut's position from a CANopen DS-402 drive: object 0x6064, listened to or asked for.
+"""The nut's position from a CANopen DS-402 drive: object 0x6064, received or requested.
 
-Two ways: the drive's own transmit process data (nothing is sent), or an SDO upload each period. An upload is
-a read; no download, no network management and no SYNC is ever sent.
+There are two modes. The drive sends its process data on its own, and this computer sends nothing; or this
+computer requests an SDO upload, which is a read, each period. Downloads, network management and SYNC are
+never sent.
 """
 
 from __future__ import annotations
@@ -37,10 +38,9 @@ _ABORTED = 0x80
 class CanopenSettings(CanTable):
     """The actual position (object 0x6064) of a CANopen DS-402 drive.
 
-    metres = counts / counts_per_m + offset_m.
-    `mode = "tpdo"` listens to the drive's own process data (identifier `cob_id`, position at byte
-    `position_byte`); `mode = "sdo"` asks for the object each period, which is the only way here that sends,
-    and only upload (read) requests.
+    metres = counts / counts_per_m + offset_m. With `mode = "tpdo"` the driver listens to the drive's own
+    process data: identifier `cob_id`, position at byte `position_byte`. With `mode = "sdo"` it requests the
+    object each period. Only this mode sends, and it sends upload (read) requests only.
     """
 
     kind: Literal["canopen"]
@@ -60,12 +60,12 @@ class CanopenSettings(CanTable):
 
     @property
     def delivered(self) -> tuple[str, ...]:
-        """The channel it delivers."""
+        """The channel of the position."""
         return (self.position_channel,)
 
     @property
     def listens(self) -> bool:
-        """Whether nothing is ever sent."""
+        """Whether the driver only listens and never sends."""
         return self.mode == "tpdo"
 
     def open(self, name: str) -> Driver:
@@ -78,12 +78,15 @@ class CanopenSettings(CanTable):
 
 
 def position_m(counts: int, settings: CanopenSettings) -> float:
-    """Position in metres from drive units."""
+    """Return the position in m from drive units."""
     return counts / settings.counts_per_m + settings.offset_m
 
 
 def tpdo_decoder(settings: CanopenSettings) -> Decode:
-    """A decoder of the process data message that carries the position."""
+    """Return a decoder of the process data message that carries the position.
+
+    It gives the fault `short_frame` for a message that ends before the position.
+    """
     identifier = settings.cob_id if settings.cob_id is not None else TPDO_1 + settings.node_id
     first = settings.position_byte
 
@@ -99,7 +102,10 @@ def tpdo_decoder(settings: CanopenSettings) -> Decode:
 
 
 def sdo_decoder(settings: CanopenSettings) -> Decode:
-    """A decoder of the drive's answers to our uploads."""
+    """Return a decoder of the drive's replies to SDO uploads.
+
+    Its faults are `short_frame`, `bad_reply`, and `sdo_abort_…` with the drive's abort code.
+    """
 
     def decode(frame: can.Message) -> Decoded | None:
         if frame.arbitration_id != SDO_REPLY + settings.node_id or not _is_data(frame):
@@ -119,7 +125,7 @@ def sdo_decoder(settings: CanopenSettings) -> Decode:
 
 
 def sdo_pump(settings: CanopenSettings) -> Pump:
-    """A pump that asks for the position each period and hands on every frame in between."""
+    """Return a pump that requests the position each period and hands on every frame in between."""
     import can  # noqa: PLC0415
 
     from drivers.can_bus import RECEIVE_TIMEOUT_S  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""Why a device cannot be reached, in words, with what to do about it."""
+"""Why a device cannot be reached: one sentence with the remedy."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _SENTENCES = {
 
 
 def why_not_opened(error: BaseException, place: str) -> str:
-    """Say why a connection to `place`, a host with its port or a serial port, was not opened.
+    """Return why a connection to `place`, a host with its port or a serial port, was not opened.
 
-    An error that is none of the usual ones is repeated as it is.
+    An error without an entry in the table is quoted in its own words.
     """
     at: BaseException | None = error
     while at is not None:  # a library may wrap the socket's error

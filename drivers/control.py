@@ -1,7 +1,7 @@
-"""The interface for writing to a control, in four functions; not a driver, since nothing here reads a
-machine.
+"""The interface for writing to a control, in four functions.
 
-A correction is in whole numbers, so that what a control reads back either is what was written or is not.
+It is not a driver, since nothing here reads a machine. A correction consists of whole numbers, so what a
+control reads back can be compared exactly with what was written.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ from typing import Protocol
 
 
 class ControlError(Exception):
-    """The control cannot be reached, refuses, or does not obey; the text says which."""
+    """The control cannot be reached, rejects a request, or does not obey; the text gives the reason."""
 
 
 class ControlUnreachableError(ControlError):
-    """The control does not answer, or cannot be reached; it may again."""
+    """The control does not answer or cannot be reached. A later attempt may succeed."""
 
 
 @dataclass(frozen=True, slots=True)
 class AxisCorrection:
-    """The thermal error that a control takes out, in the machine's coordinates; it subtracts it.
+    """The thermal error that a control subtracts, in the machine's coordinates.
 
-    A line, error(x) = offset + slope · (x − reference), and a table over equidistant places from `first_um`
-    to `last_um`; a control takes the one or the other.
+    It holds both forms, and a control uses one of them. The line is error(x) = offset + slope · (x −
+    reference). The table has equidistant places from `first_um` to `last_um`.
     """
 
     reference_um: int
@@ -36,7 +36,9 @@ class AxisCorrection:
 
 @dataclass(frozen=True, slots=True)
 class ReadBack:
-    """The correction that the control holds, whether it follows it, and if not, the reason in words."""
+    """The correction that the control holds, whether the control follows it, and if not, the reason as a
+    sentence.
+    """
 
     correction: AxisCorrection
     following: bool
@@ -46,18 +48,18 @@ class ReadBack:
 class ControlLink(Protocol):
     """A control that takes out an error, at its own rate, and ramps to zero when the sign of life stops.
 
-    Each function waits for an answer at most for a time of its own and raises `ControlError`. After a
+    Each function waits for an answer for a limited time and raises `ControlError`. After a
     `ControlUnreachableError` the next function connects again, without switching the control off.
     """
 
     def open(self) -> None:
-        """Connect, and switch the control off, whatever it was before."""
+        """Connect, and switch the control off, whatever its state was."""
 
     def write(self, correction: AxisCorrection, valid_s: float) -> None:
         """Make the control follow a correction for `valid_s`, and advance the sign of life."""
 
     def read_back(self) -> ReadBack:
-        """The control's state after the last write."""
+        """Return the control's state after the last write."""
 
     def release(self) -> None:
         """Make the control go to zero by its own ramp, and disconnect."""

@@ -32,7 +32,10 @@ _REASONS = {
 
 
 class ModbusControlLink:
-    """A control over Modbus TCP; to be used from one thread."""
+    """A control over Modbus TCP; to be used from one thread only.
+
+    `first_register` is where the control's block of registers begins.
+    """
 
     def __init__(self, host: str, port: int, unit_id: int, first_register: int, timeout_s: float) -> None:
         self._where = f"{host}:{port}"
@@ -43,7 +46,7 @@ class ModbusControlLink:
         self._words = 0
 
     def open(self) -> None:
-        """Connect, and switch the control off, whatever it was before. Raises `ControlError`."""
+        """Connect, and switch the control off, whatever its state was. Raises `ControlError`."""
         self._client.close()  # type: ignore[no-untyped-call]
         self._write([LAYOUT, OFF])
 
@@ -63,7 +66,7 @@ class ModbusControlLink:
         self._write(words)
 
     def read_back(self) -> ReadBack:
-        """The control's state after the last write. Raises `ControlError`."""
+        """Return the control's state after the last write. Raises `ControlError`."""
         words = self._read(0, self._words)
         layout, state, reason, beat = self._read(_STATE_AT, _STATE_WORDS)
         if layout != LAYOUT:
@@ -92,14 +95,14 @@ class ModbusControlLink:
     def _write(self, words: list[int]) -> None:
         with self._reached():
             answer = self._client.write_registers(self._first, words, device_id=self._unit_id)
-        self._refuse_error(answer, "writing")
+        self._check_answer(answer, "writing")
 
     def _read(self, offset: int, count: int) -> list[int]:
         with self._reached():
             answer = self._client.read_holding_registers(
                 self._first + offset, count=count, device_id=self._unit_id
             )
-        self._refuse_error(answer, "reading")
+        self._check_answer(answer, "reading")
         if len(answer.registers) != count:
             raise ControlError(
                 f"{self._where} was asked for {count} registers and gave {len(answer.registers)}"
@@ -108,7 +111,10 @@ class ModbusControlLink:
 
     @contextmanager
     def _reached(self) -> Iterator[None]:
-        """A connection for one request; raises `ControlUnreachableError` where there is none or no answer."""
+        """Hold a connection for one request.
+
+        Raises `ControlUnreachableError` if there is no connection or no answer.
+        """
         try:
             if not self._client.connected and not self._client.connect():  # type: ignore[no-untyped-call]
                 raise ControlUnreachableError(f"{self._where} cannot be reached; is the control on?")
@@ -117,6 +123,9 @@ class ModbusControlLink:
             self._client.close()  # type: ignore[no-untyped-call]
             raise ControlUnreachableError(f"{self._where} does not answer: {error}") from None
 
-    def _refuse_error(self, answer: ModbusPDU, what: str) -> None:
+    def _check_answer(self, answer: ModbusPDU, action: str) -> None:
+        """Raise `ControlError` if the control answers with a Modbus exception; `action` is “reading” or
+        “writing”.
+        """
         if answer.isError():
-            raise ControlError(f"{self._where} refuses {what}: Modbus exception {answer.exception_code}")
+            raise ControlError(f"{self._where} refuses {action}: Modbus exception {answer.exception_code}")

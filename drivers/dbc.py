@@ -1,7 +1,7 @@
 """CAN frames to channel values by a DBC file; pure once the file is loaded.
 
-cantools decodes bits but lets every number pass; here the file's own minimum and maximum hold, and a status
-signal can declare a value bad.
+cantools decodes bits and accepts every number. Here the minimum and maximum of the file apply too, and a
+status signal can declare a value bad.
 """
 
 from __future__ import annotations
@@ -40,18 +40,22 @@ _NO_VALUE = (CantoolsError, ValueError, LookupError, TypeError, ArithmeticError)
 
 @dataclass(frozen=True, slots=True)
 class DbcDecoder:
-    """The channels of each message, by CAN identifier and whether it is an extended one."""
+    """The channels of each message, by CAN identifier and whether the identifier is extended."""
 
     messages: dict[tuple[int, bool], tuple[Any, tuple[tuple[str, CanChannel], ...]]]
 
     def __call__(self, frame: can.Message) -> Decoded | None:
-        """Values and faults of the channels in a frame; None when it holds none."""
+        """Return values and faults of the channels in a frame; None if it holds no channel.
+
+        The faults are `short_frame`, `bad_frame`, `not_a_number`, `out_of_range`, or those of the status
+        signal.
+        """
         if frame.is_error_frame or frame.is_remote_frame:
             return None
-        found = self.messages.get((frame.arbitration_id, frame.is_extended_id))
-        if found is None or found[0].is_fd != frame.is_fd:
+        entry = self.messages.get((frame.arbitration_id, frame.is_extended_id))
+        if entry is None or entry[0].is_fd != frame.is_fd:
             return None
-        message, channels = found
+        message, channels = entry
         values = {name: math.nan for name, _ in channels}
         if len(frame.data) < message.length:
             return values, dict.fromkeys(values, "short_frame")
@@ -75,7 +79,9 @@ def _decoded(message: Any, channels: tuple[tuple[str, CanChannel], ...], data: b
 
 
 def _judge(raw: dict[str, float], channel: CanChannel, signal: Any) -> tuple[float, str | None]:
-    """The value of one channel and its fault: the status signal first, then the file's own limits."""
+    """Return the value of one channel and its fault: the status signal is judged first, then the file's
+    limits.
+    """
     if channel.fault_signal is not None:
         status = int(raw.get(channel.fault_signal, 0))
         fault = channel.fault_values.get(status)
@@ -94,9 +100,9 @@ def _judge(raw: dict[str, float], channel: CanChannel, signal: Any) -> tuple[flo
 
 
 def load_decoder(signals: Signals) -> DbcDecoder:
-    """Read a DBC file and look every channel up in it.
+    """Read a DBC file and look up every channel in it.
 
-    Raises `UserError` when the file cannot be used or does not have a message or signal.
+    Raises `UserError` if the file cannot be used or lacks a message or signal.
     """
     file = _load(signals)
     if problems := _missing(file, signals):
@@ -112,7 +118,7 @@ def load_decoder(signals: Signals) -> DbcDecoder:
 
 
 def dbc_problems(signals: Signals) -> list[str]:
-    """Return the problems that prevent a driver from decoding by its DBC file, a sentence each."""
+    """Return a sentence for each problem that prevents a driver from decoding by its DBC file."""
     try:
         return _missing(_load(signals), signals)
     except UserError as error:
@@ -121,14 +127,14 @@ def dbc_problems(signals: Signals) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class _DbcFile:
-    """The parsed messages of a DBC file, all or those that are used, and the names of all."""
+    """The parsed messages of a DBC file, all or only the used ones, and the names of all its messages."""
 
     database: Any
     names: list[str]
 
 
 def _load(signals: Signals) -> _DbcFile:
-    """Parse a DBC file; faults in messages that are not used do not matter. Raises `UserError`."""
+    """Parse a DBC file; errors in unused messages do not matter. Raises `UserError`."""
     path = signals.dbc
     try:
         text = read_regular(path, MOST_BYTES, "a DBC file").decode("cp1252", errors="replace")
@@ -153,7 +159,7 @@ def _parsed(text: str) -> Any:
 
 
 def _problem_of(text: str) -> str | None:
-    """Why a text is not a DBC file that can be used; None if it can."""
+    """Return why a text is not a usable DBC file; None if it is one."""
     sizes = [int(size[:12]) for size in _MESSAGE.findall(text)]
     bits = [int(number[:12]) for place in _SIGNAL.findall(text) for number in place]
     if max(sizes, default=0) > MOST_MESSAGE_BYTES or max(bits, default=0) > 8 * MOST_MESSAGE_BYTES:
@@ -167,25 +173,25 @@ def _problem_of(text: str) -> str | None:
 
 
 def _missing(file: _DbcFile, signals: Signals) -> list[str]:
-    """Messages and signals that the file does not have, a sentence each."""
+    """Return a sentence for each message and signal that the file lacks."""
     problems = []
     for name, channel in signals.channels.items():
         place = f"{signals.dbc}: channel {name} of drivers.{signals.driver}"
         if channel.message not in file.names:
-            problems.append(f'{place}: no message "{channel.message}"; the file has {_some(file.names)}')
+            problems.append(f'{place}: no message "{channel.message}"; the file has {_listed(file.names)}')
             continue
         if file.names.count(channel.message) > 1:
             problems.append(f'{place}: the file has message "{channel.message}" twice; remove one')
             continue
         signal_names = [s.name for s in file.database.get_message_by_name(channel.message).signals]
         problems += [
-            f'{place}: no signal "{signal}"; the message has {_some(signal_names)}'
+            f'{place}: no signal "{signal}"; the message has {_listed(signal_names)}'
             for signal in (channel.signal, channel.fault_signal)
             if signal is not None and signal not in signal_names
         ]
     return problems
 
 
-def _some(names: list[str]) -> str:
-    """The names a file has, no more than can be read."""
+def _listed(names: list[str]) -> str:
+    """Return the first names of a list, separated by commas, for an error message."""
     return ", ".join(names[:_MOST_LISTED]) + (" …" if len(names) > _MOST_LISTED else "") or "none"

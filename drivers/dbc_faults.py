@@ -1,6 +1,6 @@
-"""What a DBC file says about the messages that are used, where the file as a whole cannot be read.
+"""The used messages of a DBC file that cannot be read as a whole.
 
-Lines that describe other messages are made empty, so that line numbers stay those of the file.
+Lines that describe other messages are made empty, so line numbers stay those of the file.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ _OTHER = re.compile(
     r"BA_DEF_SGTYPE_|BA_SGTYPE_|BO_TX_BU_|EV_|ENVVAR_DATA_|EV_DATA_|SGTYPE_|SGTYPE_VAL_|SIG_GROUP_|SIG_TYPE_REF_|"
     r"SIGTYPE_VALTYPE_|CAT_DEF_|CAT_|FILTER|BU_EV_REL_|BU_SG_REL_|BU_BO_REL_)\b(?!\s+\d+\s+\w+\s*:)"
 )
-_NEEDED = ("VFrameFormat", "SystemMessageLongSymbol", "SystemSignalLongSymbol")
+_DECODING_ATTRIBUTES = ("VFrameFormat", "SystemMessageLongSymbol", "SystemSignalLongSymbol")
 """The attributes that change how a frame is decoded or named."""
 
 
 def message_names(text: str) -> list[str]:
-    """The names of the messages in a DBC file, long ones as such."""
+    """Return the names of the messages in a DBC file; a long name replaces the short one."""
     long_names = {m["id"]: m["name"] for m in map(_LONG_NAME.match, text.splitlines()) if m}
     messages = [m for m in map(_MESSAGE.match, text.splitlines()) if m]
     return [long_names.get(m["id"], m["name"]) for m in messages]
 
 
 def lines_of_messages(text: str, names: Collection[str]) -> str:
-    """The file with only the lines that decode these messages, all others empty."""
+    """Return the text of the file with only the lines that decode these messages; all others are empty."""
     lines = text.splitlines()
     used = {
         match["id"]
@@ -40,13 +40,13 @@ def lines_of_messages(text: str, names: Collection[str]) -> str:
         if match and match["name"] in names
     }
     defined = {match["name"] for match in map(_DEFINITION.match, lines) if match}
-    return 'VERSION "" ' + "\n".join(_kept(lines, used, defined & set(_NEEDED))) + "\n"
+    return 'VERSION "" ' + "\n".join(_retained_lines(lines, used, defined & set(_DECODING_ATTRIBUTES))) + "\n"
 
 
-def _kept(lines: list[str], used: set[str], attributes: set[str]) -> Iterator[str]:
-    """Each line as it is, or empty.
+def _retained_lines(lines: list[str], used: set[str], attributes: set[str]) -> Iterator[str]:
+    """Yield each line unchanged if it is needed to decode a message in `used`, else an empty line.
 
-    A line of no known kind stays if it may concern a message that is used: what it says could change a value.
+    A line of an unknown kind stays if it may concern such a message, because it could change a value.
     """
     in_message = False
     for line in lines:
@@ -68,9 +68,10 @@ def _kept(lines: list[str], used: set[str], attributes: set[str]) -> Iterator[st
 
 
 def faulty_line(text: str, problem_of: Callable[[str], str | None]) -> tuple[int, str] | None:
-    """The number of the first line with which the file cannot be read, and the problem; None if it can be.
+    """Return the number of the first line that makes the file unreadable, and the problem; None if it can be
+    read.
 
-    `problem_of` says why a text cannot be read. A signal is tried together with its message, so that the
+    `problem_of` returns why a text cannot be read. A signal is tried together with its message. So the
     message alone is read if the signal is at fault.
     """
     lines = text.splitlines()

@@ -35,15 +35,15 @@ class RegisterBlock:
 
 
 def bytes_of(words: Sequence[int], order: ByteOrder = "ABCD") -> bytes:
-    """The words of one value, the most significant byte first."""
+    """Return the bytes of one value's words, the most significant byte first."""
     ordered = words if order in ("ABCD", "BADC") else words[::-1]
     return struct.pack(f"{'>' if order in ('ABCD', 'CDAB') else '<'}{len(words)}H", *ordered)
 
 
 def words_of(raw: float, kind: str, order: ByteOrder) -> list[int]:
-    """The words in which a number came, by its type and order: the reverse of `bytes_of` and `raw_of`.
+    """Return the words of a number by its type and order: the inverse of `bytes_of` and `raw_of`.
 
-    Raises `struct.error` or `OverflowError` where the type does not hold the number.
+    Raises `struct.error` or `OverflowError` if the type cannot hold the number.
     """
     number = raw if kind.startswith("float") else round(raw)
     data = struct.pack(_FORMAT[kind], number)
@@ -52,7 +52,7 @@ def words_of(raw: float, kind: str, order: ByteOrder) -> list[int]:
 
 
 def raw_of(data: bytes, kind: str) -> float:
-    """The number encoded in the bytes of a value, before scaling."""
+    """Return the number encoded in the bytes of a value, before scaling."""
     number: float = struct.unpack(_FORMAT[kind], data)[0]
     return number
 
@@ -60,11 +60,12 @@ def raw_of(data: bytes, kind: str) -> float:
 def decode(
     words: Mapping[int, int], channel: ModbusChannel, is_temperature: bool = False
 ) -> tuple[float, str | None]:
-    """The value of a channel and its fault, from the registers by address.
+    """Return the value of a channel and its fault, from the registers by address.
 
-    value = scale · raw + offset. The status word is judged first, because a module may clamp a value that
-    is out of its range to one that looks right; then codes that stand for faults; then the limits. A number
-    that is denormal, or a temperature closer to 0 than any sensor resolves, is one of another byte order.
+    value = scale · raw + offset. The status word is judged first, because a module may clamp a value beyond
+    its range to one that looks right. Fault codes come next, then the limits. A denormal number, or a
+    temperature closer to 0 than any sensor resolves, belongs to another byte order and gives the fault
+    `tiny_number`.
     """
     if channel.status_register is not None:
         status = words[channel.status_register]
@@ -89,25 +90,30 @@ def decode(
 
 
 def order_hint(words: Mapping[int, int], channel: ModbusChannel, is_temperature: bool) -> str | None:
-    """Say which other byte orders would give an everyday value where this one does not; else None."""
-    own = _words_of(words, channel)
-    raw = raw_of(bytes_of(own, channel.order), channel.type)
+    """Return which other byte orders would give an everyday value where this one does not; None if it
+    does.
+    """
+    channel_words = _words_of(words, channel)
+    raw = raw_of(bytes_of(channel_words, channel.order), channel.type)
     if not channel.is_float or _is_sensible(raw, channel, is_temperature):
         return None
     fitting = [
         f"{order} would give {value:.6g}"
         for order in get_args(ByteOrder)
-        if _is_everyday(value := channel.value(raw_of(bytes_of(own, order), channel.type)), is_temperature)
+        if _is_everyday(
+            value := channel.value(raw_of(bytes_of(channel_words, order), channel.type)), is_temperature
+        )
     ]
     return f"{raw:.3g} in byte_order {channel.order}; {', '.join(fitting)}" if fitting else None
 
 
 def _words_of(words: Mapping[int, int], channel: ModbusChannel) -> list[int]:
+    """Return the words of a channel's value, in the order of their addresses."""
     return [words[channel.register_ + i] for i in range(WORDS[channel.type])]
 
 
 def _is_tiny(raw: float, channel: ModbusChannel, is_temperature: bool) -> bool:
-    """Whether a floating-point number is not 0 and yet smaller than any that is measured."""
+    """Whether a floating-point number is not 0 and yet smaller than any measured one."""
     least = max(_SMALLEST.get(channel.type, 0.0), _TINY_DEGC if is_temperature and channel.is_float else 0.0)
     return 0.0 < abs(raw) < least
 
@@ -125,26 +131,29 @@ def _is_everyday(value: float, is_temperature: bool) -> bool:
 
 
 def spans(channel: ModbusChannel) -> list[RegisterBlock]:
-    """The registers a channel needs; each span is read in one request, so no value is torn."""
-    needed = [RegisterBlock(channel.function, channel.register_, WORDS[channel.type])]
+    """Return the registers that a channel needs. One request reads each of them, so that no value is torn."""
+    blocks = [RegisterBlock(channel.function, channel.register_, WORDS[channel.type])]
     if channel.status_register is not None:
-        needed.append(RegisterBlock(channel.function, channel.status_register, 1))
-    return needed
+        blocks.append(RegisterBlock(channel.function, channel.status_register, 1))
+    return blocks
 
 
 def read_plan(
     channels: Sequence[ModbusChannel], max_registers: int = MAX_REGISTERS
 ) -> tuple[RegisterBlock, ...]:
-    """The fewest requests that read these channels without touching a register nobody asked for."""
+    """Return the fewest requests that read these channels without reading a register between them."""
     return plan_of({span for channel in channels for span in spans(channel)}, max_registers)
 
 
 def plan_of(
-    needed: Collection[RegisterBlock], max_registers: int = MAX_REGISTERS
+    blocks: Collection[RegisterBlock], max_registers: int = MAX_REGISTERS
 ) -> tuple[RegisterBlock, ...]:
-    """The fewest requests that read these spans, none of which is torn."""
+    """Return the fewest requests that read these blocks, none of which is torn.
+
+    `max_registers` limits one request.
+    """
     plan: list[RegisterBlock] = []
-    for span in sorted(needed, key=lambda b: (b.function, b.first, b.count)):
+    for span in sorted(blocks, key=lambda b: (b.function, b.first, b.count)):
         end = span.first + span.count
         if plan and plan[-1].function == span.function and span.first <= plan[-1].first + plan[-1].count:
             first = plan[-1].first

@@ -28,7 +28,7 @@ class ModbusAddress:
 
     @property
     def place(self) -> tuple[object, ...]:
-        """The identity of the wire."""
+        """The key of the physical connection: the real path of the serial port, or host and port."""
         if self.transport == "serial":
             return "serial", os.path.realpath(self.host) if os.path.exists(self.host) else self.host
         return "tcp", self.host.lower(), self.port
@@ -70,7 +70,7 @@ class ModbusTable(PolledTable):
         """Where the connection leads."""
 
     def wire(self) -> SharedWire:
-        """The wire, which several drivers may share if they agree on its settings."""
+        """Return the connection, which several drivers may share if they agree on its settings."""
         address = self.address
         if address.transport == "serial":
             settings = ", ".join(f"{key} = {value!r}" for key, value in address.line.items())
@@ -80,7 +80,9 @@ class ModbusTable(PolledTable):
         )
 
     def map(self) -> dict[str, ModbusChannel]:
-        """The register of every channel, with inputs of a ready device map resolved."""
+        """Return the register of every channel; an input number of a ready device map becomes its
+        register.
+        """
         return {
             name: modbus_input(self.device or "", place, self.first_register)
             if isinstance(place, int)
@@ -89,17 +91,19 @@ class ModbusTable(PolledTable):
         }
 
     def occupied(self) -> dict[str, frozenset[tuple[object, ...]]]:
-        """The addresses that each channel reads, the register last."""
-        found: dict[str, frozenset[tuple[object, ...]]] = {}
+        """Return the addresses that each channel reads: connection, unit, function and register."""
+        addresses: dict[str, frozenset[tuple[object, ...]]] = {}
         device = *self.address.place, self.unit_id
         for channel, place in self.map().items():
-            own = spans(place)[0]
-            words = range(own.first, own.first + own.count)
-            found[channel] = frozenset((*device, own.function, word) for word in words)
-        return found
+            block = spans(place)[0]
+            words = range(block.first, block.first + block.count)
+            addresses[channel] = frozenset((*device, block.function, word) for word in words)
+        return addresses
 
     def steps(self) -> dict[str, float]:
-        """The step between two neighbouring values of each channel that comes as a whole number."""
+        """Return the step between two neighbouring values of each channel that is transmitted as an
+        integer.
+        """
         return {c: abs(place.scale) for c, place in self.map().items() if not place.is_float}
 
 

@@ -34,7 +34,9 @@ class Request:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """All that an RTU reply tells of its request, beside the unit: function and number of registers."""
+        """Function and number of registers: with the unit, all that identifies the request of an RTU
+        reply.
+        """
         return self.function, self.count
 
     def __str__(self) -> str:
@@ -42,7 +44,7 @@ class Request:
 
 
 class ModbusFrame(NamedTuple):
-    """A reply: `transaction` is 0 in an RTU frame; `data` is what follows the function."""
+    """A reply: `transaction` is 0 in an RTU frame; `data` are the bytes after the function."""
 
     transaction: int
     unit: int
@@ -68,12 +70,12 @@ class ModbusFrame(NamedTuple):
         return self.shape == request.shape and len(self.data) == 1 + 2 * request.count
 
     def words(self) -> list[int]:
-        """The registers in a reply that is not an exception."""
+        """Return the registers in a reply that is not an exception."""
         return list(struct.unpack(f">{(len(self.data) - 1) // 2}H", self.data[1:]))
 
 
 class RtuFrames:
-    """Finds RTU replies in a stream of bytes, whatever surrounds them."""
+    """Extracts RTU replies from a stream of bytes that may contain other bytes too."""
 
     numbered = False
 
@@ -106,7 +108,7 @@ class RtuFrames:
         return frames
 
     def _frame_length(self, start: int) -> int:
-        """The length of a complete reply with a right checksum that begins here, else 0."""
+        """Return the length of a complete reply with a valid checksum that begins at `start`, else 0."""
         part = self._buffer[start : start + _LONGEST_RTU]
         if len(part) < 5:
             return 0
@@ -136,7 +138,7 @@ class TcpFrames:
         return self._framer.encode(_body(request), request.unit, transaction)
 
     def reset(self) -> None:
-        """Keep the bytes so far: they begin a frame that its transaction identifies."""
+        """Do nothing: the bytes so far begin a frame that its transaction identifies."""
 
     def feed(self, data: bytes) -> list[ModbusFrame]:
         """Return the frames that are complete with these bytes. Raises `NotModbusError`."""

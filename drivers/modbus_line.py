@@ -67,7 +67,7 @@ class _Unit:
     settled: asyncio.Event = field(default_factory=asyncio.Event)
 
     def sent(self, shape: tuple[int, int], sent_s: float, now_s: float) -> None:
-        """Note a request without a reply."""
+        """Record a request without a reply."""
         self.unanswered[shape] = sent_s
         self.timed_out_s = now_s
         self.settled.clear()
@@ -85,7 +85,9 @@ class _Unit:
 
 
 class _Heard(NamedTuple):
-    """A reply on a line without numbers, and whether a request took it; time of the event loop."""
+    """A reply on a line without transaction numbers, and whether a request took it; time of the event
+    loop.
+    """
 
     heard_s: float
     frame: ModbusFrame
@@ -103,7 +105,7 @@ class _Pending:
 
 
 class _Wire(asyncio.Protocol):
-    """Hands what arrives on to its line, as long as that uses it."""
+    """Hands received bytes on to its line, as long as the line uses this connection."""
 
     def __init__(self, line: Line) -> None:
         self.line: Line | None = line
@@ -167,9 +169,10 @@ class Line:
         return len(self._users) > 1
 
     def reserve(self, request: Request, most: int) -> Request:
-        """Return a request that its reply tells from the others of the unit: longer where that is needed.
+        """Return the request, made longer where another of the unit has the same length.
 
-        `most` limits the number of registers. On Modbus TCP, and where no length is free, nothing changes.
+        So each reply identifies its request. `most` limits the number of registers. On Modbus TCP, and where
+        no length is free, the request is unchanged.
         """
         counts = range(request.count, min(most, 0x10000 - request.first) + 1)
         taken = {c for c in counts if self._shapes[request.unit, (request.function, c)]}
@@ -192,8 +195,8 @@ class Line:
     async def read(self, request: Request, timeout_s: float, quiet_s: float) -> ModbusReply:
         """Read registers. Raises `LostError` or `DeviceExceptionError`.
 
-        Requests wait for their turn. After a missing RTU reply the unit is left alone for `quiet_s`, or for
-        as long as its latest reply has taken.
+        Requests wait for their turn. After a missing RTU reply no request goes to the unit for `quiet_s`, or
+        for as long as its latest reply has taken.
         """
         unit = self._units.setdefault(request.unit, _Unit())
         if not self.has_numbers:
@@ -205,7 +208,9 @@ class Line:
             return await self._exchange(request, unit, timeout_s)
 
     async def last_replies(self, requests: Iterable[Request], period_s: float) -> None:
-        """Wait until a reply for which another was taken would have come; on Modbus TCP none can be."""
+        """Wait until a reply for which another was taken would have come. On Modbus TCP there are no such
+        replies.
+        """
         if self.has_numbers:
             return
         if self._is_disturbed() or any(self._has_twin(request) for request in requests):
@@ -214,9 +219,10 @@ class Line:
             await asyncio.sleep(min(_GAP_S, 0.1 * period_s))
 
     def is_ambiguous(self, request: Request, since_s: float) -> bool:
-        """Whether the reply taken since then may have been meant for another request.
+        """Whether the reply taken since `since_s` may have been meant for another request.
 
-        Others that fit have come and differ; or two requests look alike and replies have come unasked.
+        This is so if other replies that fit have come and differ, or if two requests look alike and
+        unrequested replies have come.
         """
         if self._has_twin(request) and self._is_disturbed():
             return True
@@ -227,11 +233,13 @@ class Line:
         return any(stray.data != taken.data for stray in frames[False] for taken in frames[True])
 
     def _has_twin(self, request: Request) -> bool:
-        """Whether the device has registers that can only be asked for by requests of the same shape."""
+        """Whether another request of the unit has the same shape, so that their replies cannot be
+        distinguished.
+        """
         return not self.has_numbers and self._shapes[request.unit, request.shape] > 1
 
     def _is_disturbed(self) -> bool:
-        """Whether replies that nothing asked for have come lately."""
+        """Whether an unrequested reply has come within the last `_DISTURBED_S`."""
         return self._heard_at_s - self._disturbed_s < _DISTURBED_S
 
     def received(self, data: bytes) -> None:
@@ -298,7 +306,11 @@ class Line:
             await asyncio.sleep(_GAP_S)
 
     async def _tell_apart(self, request: Request, unit: _Unit, timeout_s: float) -> None:
-        """Make sure that no reply to an earlier request can be taken for the reply to this one."""
+        """Make sure that no reply to an earlier request can be taken for the reply to this one.
+
+        If one could, a request of another length is exchanged first. Raises `LostError` if that does not
+        help.
+        """
         loop = asyncio.get_running_loop()
         unit.forget(loop.time() - max(FORGET_S, 2.0 * unit.latest_s))
         if request.shape in unit.unanswered:
@@ -336,7 +348,10 @@ class Line:
         raise LostError("timeout", f"no answer within {timeout_s:g} s ({request})")
 
     async def _nothing_heard(self, request: Request, timeout_s: float) -> None:
-        """Close a TCP connection on which nothing comes, after a trial whether the device speaks RTU."""
+        """Close a silent TCP connection, after testing with one RTU frame whether the device uses RTU.
+
+        Raises `LostError` with the fault `rtu_frames` if the device answers that frame.
+        """
         self._silent += 1
         if self._address.transport == "serial" or (self.has_other_units and self._silent < 2):
             return
@@ -354,7 +369,7 @@ class Line:
         self.drop("nothing heard")
 
     def _take(self, frame: ModbusFrame) -> None:
-        """Give a frame to the request that it answers; note one that answers none."""
+        """Give a frame to the request that it answers, or record it as unrequested."""
         pending = self._pending
         unit = self._units.setdefault(frame.unit, _Unit())
         if pending is None or pending.reply.done() or not frame.answers(pending.request, pending.transaction):
@@ -370,7 +385,9 @@ class Line:
         self._fail(DeviceExceptionError(frame.exception))
 
     def _stray(self, frame: ModbusFrame, unit: _Unit) -> None:
-        """A frame that answers no request that waits: late, twice, or another's."""
+        """Record a frame that does not answer the pending request: a late one, a duplicate, or another
+        master's.
+        """
         shape: tuple[int, int] | None = frame.shape
         if frame.exception is not None:  # to the oldest of its function
             shape = next((s for s in unit.unanswered if s[0] == frame.function ^ EXCEPTION_BIT), None)

@@ -1,7 +1,8 @@
-"""One driver's use of a Modbus line: the requests that read its registers, and what each failure costs.
+"""One driver's use of a Modbus line: the requests that read its registers, and the effect of each failure.
 
-A request that fails takes its own channels only. One that the device refuses is split until the registers it
-refuses are alone. One without an answer is asked last, and ever more rarely where that keeps others waiting.
+A request that fails affects its own channels only. A request that the device rejects is split until the
+rejected registers are alone. A request without an answer is sent last, and less and less often where it
+delays others.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _SPLIT_AGAIN_S = 10.0  # after a device has refused every part
 
 @dataclass(eq=False)
 class _RegisterRange:
-    """Registers that one request reads, and how that went the last times."""
+    """Registers that one request reads, with the outcome of its last attempts."""
 
     registers: RegisterBlock
     parts: tuple[RegisterBlock, ...]  # the values in it, none of which may be torn
@@ -41,7 +42,7 @@ class _RegisterRange:
 
 @dataclass
 class _Poll:
-    """What a poll has brought so far."""
+    """The registers, faults and counts of one poll so far."""
 
     words: dict[str, dict[int, int]] = field(default_factory=lambda: {name: {} for name in FUNCTIONS})
     faults: dict[str, dict[int, str]] = field(default_factory=lambda: {name: {} for name in FUNCTIONS})
@@ -52,19 +53,19 @@ class _Poll:
     problem: LostError | DeviceExceptionError | None = None
 
     def take(self, registers: RegisterBlock, words: list[int], heard_s: float) -> None:
-        """Take the registers of a reply."""
+        """Store the registers of a reply."""
         self.answers += 1
         self.heard_s = heard_s
         self.words[registers.function] |= {registers.first + i: word for i, word in enumerate(words)}
 
     def drop(self, registers: RegisterBlock, fault: str) -> None:
-        """Forget registers that were read."""
+        """Discard registers that were read, and record their fault."""
         for number in range(registers.first, registers.first + registers.count):
             self.words[registers.function].pop(number, None)
         self.fail(registers, fault)
 
     def fail(self, registers: RegisterBlock, fault: str) -> None:
-        """Note registers that were not read."""
+        """Record the fault of registers that were not read."""
         numbers = range(registers.first, registers.first + registers.count)
         self.faults[registers.function] |= dict.fromkeys(numbers, fault)
 
@@ -90,23 +91,26 @@ class ModbusSession:
         self._places = table.map()
         self._line: Line | None = shared_line(table.address, now)
         self._line.join(table.unit_id)
-        self._blocks = self._planned(self._needed())
+        self._blocks = self._planned(self._required_blocks())
         self._split_from_s = 0.0
         self._doubt: str | None = None  # a value that seems to have another byte order
         self._silent_polls = 0  # in a row, without any answer
         self._retry_s = 0.0  # the unit is not to be asked before, by the event loop's clock
         self._silence = LostError("timeout", "no answer yet")
 
-    def _needed(self) -> set[RegisterBlock]:
+    def _required_blocks(self) -> set[RegisterBlock]:
         return {span for channel in self._places.values() for span in spans(channel)}
 
-    def _planned(self, needed: set[RegisterBlock]) -> list[_RegisterRange]:
-        """The blocks that read these values, each with a length of its own where replies are told by it."""
+    def _planned(self, required: set[RegisterBlock]) -> list[_RegisterRange]:
+        """Return the requests that read these blocks.
+
+        On RTU their lengths differ, since a reply identifies its request only by the length.
+        """
         blocks = []
-        for registers in plan_of(needed, self._table.max_registers):
+        for registers in plan_of(required, self._table.max_registers):
             parts = tuple(
                 span
-                for span in sorted(needed, key=lambda s: s.first)
+                for span in sorted(required, key=lambda s: s.first)
                 if span.function == registers.function
                 and registers.first <= span.first <= registers.first + registers.count - span.count
             )
@@ -138,10 +142,12 @@ class ModbusSession:
             self._line = None
 
     async def ask(self) -> list[Reading]:
-        """One reading of every channel; one with a register that was not read has that request's fault.
+        """Return one reading of every channel; a channel with an unread register has the fault of its
+        request.
 
-        Its time is when the last reply came. The module sampled before; but the middle of request and reply
-        is nearer by milliseconds only, and may lie before the fault that a reply after its period has left.
+        The reading's time is the arrival of the last reply. The module sampled before that, but the middle
+        between request and reply is nearer by milliseconds only. That middle may also lie before a fault
+        already delivered for this period.
 
         Raises `LostError`, with a reading unless the connection is gone.
         """
@@ -160,7 +166,7 @@ class ModbusSession:
         return self._ended(poll)
 
     async def _refuse_ambiguous(self, poll: _Poll, since_s: float) -> None:
-        """Give up what was read by a reply for which another may have been meant."""
+        """Discard registers whose reply may have been meant for another request."""
         if self._line is None or not poll.answers:
             return
         await self._line.last_replies((block.request for block in self._blocks), self._table.period_s)
@@ -172,7 +178,7 @@ class ModbusSession:
                 )
 
     def _silent_unit(self, poll: _Poll) -> LostError:
-        """The error of a poll without any answer."""
+        """Return the error of a poll without any answer, with its faulty reading."""
         if isinstance(poll.problem, LostError):
             self._silence = poll.problem
         for block in self._blocks:
@@ -183,11 +189,11 @@ class ModbusSession:
         return error
 
     def _ended(self, poll: _Poll) -> list[Reading]:
-        """The reading of a poll. Raises `LostError` if nothing has answered."""
+        """Return the reading of a poll. Raises `LostError` if nothing has answered."""
         readings = [self._reading(poll)]
         if not poll.answers and poll.refusals:
             self._release(self._blocks)
-            self._blocks = self._planned(self._needed())
+            self._blocks = self._planned(self._required_blocks())
             self._split_from_s = asyncio.get_running_loop().time() + _SPLIT_AGAIN_S
         if not poll.answers and not poll.refusals:
             self._silent_polls += 1
@@ -202,7 +208,9 @@ class ModbusSession:
         return readings
 
     async def _read(self, block: _RegisterRange, poll: _Poll) -> list[_RegisterRange]:
-        """Read a block; returns what to ask at once in its place. Raises `LostError` if disconnected."""
+        """Read a block; return the blocks to request at once in its place. Raises `LostError` if
+        disconnected.
+        """
         if block.failures and not poll.answers and len(block.parts) > 1:
             part = block.parts[block.trials % len(block.parts)]
             block.trials += 1
@@ -211,7 +219,7 @@ class ModbusSession:
                 poll.fail(block.registers, block.fault)
                 return []
         try:
-            words, heard_s = await self._asked(block.request)
+            words, heard_s = await self._reply_to(block.request)
         except DeviceExceptionError as error:
             return self._refused(block, error, poll)
         except LostError as error:
@@ -224,9 +232,9 @@ class ModbusSession:
         return []
 
     async def _answers(self, part: RegisterBlock, poll: _Poll) -> bool:
-        """Whether the unit answers a request for a single value. Raises `LostError` when it is gone."""
+        """Whether the unit answers a request for a single value. Raises `LostError` if disconnected."""
         try:
-            words, heard_s = await self._asked(self._exact(part))
+            words, heard_s = await self._reply_to(self._exact(part))
             poll.take(part, words, heard_s)
         except DeviceExceptionError as error:
             poll.refusals += 1
@@ -239,7 +247,10 @@ class ModbusSession:
             return False
         return True
 
-    async def _asked(self, request: Request) -> tuple[list[int], float]:
+    async def _reply_to(self, request: Request) -> tuple[list[int], float]:
+        """Return the registers of a reply and its arrival in s. Raises `LostError` or
+        `DeviceExceptionError`.
+        """
         if self._line is None:
             raise LostError("disconnected", "the connection is closed")
         return await self._line.read(request, self._table.timeout_s, self._table.quiet_s)
@@ -247,7 +258,7 @@ class ModbusSession:
     def _refused(
         self, block: _RegisterRange, error: DeviceExceptionError, poll: _Poll
     ) -> list[_RegisterRange]:
-        """The blocks to ask in place of one that the device refuses."""
+        """Return the blocks to request in place of one that the device rejects."""
         if error.code in _NO_ANSWER:
             self._silent(block, LostError(f"exception_{error.code}", str(error)), poll)
             return []
@@ -264,7 +275,7 @@ class ModbusSession:
         return []
 
     def _silent(self, block: _RegisterRange, error: LostError, poll: _Poll) -> None:
-        """Note a request without a usable answer, and split it if the unit answers others."""
+        """Record a request without a usable answer, and split it if the unit answers others."""
         poll.timeouts += 1
         poll.problem = error
         block.failures += 1
@@ -279,21 +290,21 @@ class ModbusSession:
             block.retry_s = asyncio.get_running_loop().time() + self._pause_s(block.failures)
 
     def _pause_s(self, failures: int) -> float:
-        """How long to leave alone what did not answer so often."""
+        """Return how long, in s, not to request registers after so many time-outs in a row."""
         return float(min(_PAUSE * 2.0 ** min(failures - 1, 10) * self._table.timeout_s, _LONGEST_PAUSE_S))
 
     def _is_widened(self, block: _RegisterRange) -> bool:
         return block.request.count != block.registers.count
 
     def _narrow(self, block: _RegisterRange) -> None:
-        """Read no register beyond those of the block: the device does not have them."""
+        """Request only the registers of the block: the device does not have those beyond."""
         self._release([block])
         block.request = self._exact(block.registers)
         if self._line is not None:
             self._line.reserve(block.request, block.request.count)
 
     def _split(self, block: _RegisterRange) -> list[_RegisterRange]:
-        """Put two halves in the place of a block."""
+        """Replace a block by its two halves, and return these."""
         self._release([block])
         self._blocks.remove(block)
         middle = len(block.parts) // 2
@@ -302,6 +313,9 @@ class ModbusSession:
         return halves
 
     def _reading(self, poll: _Poll) -> Reading:
+        """Return the reading of all channels from the registers of a poll, and note a suspicious byte
+        order.
+        """
         values: dict[str, float] = {}
         faults: dict[str, str] = {}
         self._doubt = None
@@ -320,7 +334,7 @@ class ModbusSession:
 
 
 def _fault_of(channel: ModbusChannel, poll: _Poll) -> str | None:
-    """The fault of the registers that a channel needs; None where all of them were read."""
+    """Return the fault of the registers that a channel needs; None if all of them were read."""
     for span in spans(channel):
         for number in range(span.first, span.first + span.count):
             if number not in poll.words[span.function]:

@@ -1,7 +1,7 @@
 """An MTConnect agent, as found on many controls: data items by their id, requested each period over HTTP.
 
-Channels are numbers, so an event that is a word becomes 1 where it `equals` the word that is given, else 0:
-EXECUTION is 1 while it is ACTIVE, and PROGRAM can be 1 while one program is loaded.
+Channels are numbers. So an event whose value is a word becomes 1 where the word is the one in `equals`, else
+0. EXECUTION is 1 while it is ACTIVE, and PROGRAM can be 1 while one program is loaded.
 """
 
 from __future__ import annotations
@@ -34,5 +34,5 @@ class MtConnectSettings(PolledTable):
 
     @property
     def address(self) -> str:
-        """Where its documents are, the device included."""
+        """The URL below which the agent's documents are, with the device if one is given."""
         return self.url.rstrip("/") + ("" if self.device is None else f"/{self.device}")

@@ -51,7 +51,7 @@ class _Item:
 
 
 async def connect(agent: MtConnectSettings, now: Clock) -> MtConnectSession:
-    """Ask the agent once what it has. Raises `LostError`."""
+    """Connect, and read the agent's list of data items once. Raises `LostError`."""
     client = httpx.AsyncClient(
         timeout=agent.timeout_s,
         follow_redirects=False,
@@ -68,7 +68,7 @@ async def connect(agent: MtConnectSettings, now: Clock) -> MtConnectSession:
 
 
 class MtConnectSession:
-    """An agent whose data items are known."""
+    """A connection to an agent, with the description of its data items."""
 
     def __init__(self, client: httpx.AsyncClient, agent: MtConnectSettings, now: Clock) -> None:
         self.problem: str | None = None
@@ -83,33 +83,33 @@ class MtConnectSession:
         self._fresh_s = 0.0
 
     async def probe(self) -> None:
-        """Look for every channel's item. Raises `LostError`."""
+        """Look up the data item of every channel. Raises `LostError`."""
         root = await self._get("probe", "Devices")
         self._instance = _header(root).get("instanceId")
-        known: dict[str, list[Element]] = {}
+        elements_by_id: dict[str, list[Element]] = {}
         for element in root.iter():
             if _name(element) == "DataItem":
-                known.setdefault(element.get("id", ""), []).append(element)
+                elements_by_id.setdefault(element.get("id", ""), []).append(element)
         for channel, place in self._agent.channels.items():
-            self._items[channel] = _item(place, known.get(place.item, []))
+            self._items[channel] = _item(place, elements_by_id.get(place.item, []))
         wrong = {channel: item for channel, item in self._items.items() if isinstance(item, str)}
         problems = [f"channel {channel}: {item}" for channel, item in wrong.items()]
         self.problem = problems[0] if problems else None
 
     async def ask(self) -> list[Reading]:
-        """What each item is now. Raises `LostError`."""
+        """Return the current value of every channel, one reading for each source time. Raises `LostError`."""
         root = await self._get("current", "Streams")
         header = _header(root)
         if header.get("instanceId") != self._instance:
             raise LostError("restarted", f"{self._url}: the agent has restarted; its items are read again")
         self._refuse_old(_seconds(header.get("creationTime")))
-        wanted = {place.item for place in self._agent.channels.values()}
-        said: dict[str, list[Element]] = {}
+        item_ids = {place.item for place in self._agent.channels.values()}
+        elements_by_id: dict[str, list[Element]] = {}
         for element in root.iter():
-            if (key := element.get("dataItemId")) in wanted:
-                said.setdefault(str(key), []).append(element)
+            if (key := element.get("dataItemId")) in item_ids:
+                elements_by_id.setdefault(str(key), []).append(element)
         answers = {
-            channel: _answer(self._items[channel], place, said.get(place.item, []))
+            channel: _answer(self._items[channel], place, elements_by_id.get(place.item, []))
             for channel, place in self._agent.channels.items()
         }
         return self._times.readings(answers, self._now())
@@ -119,7 +119,7 @@ class MtConnectSession:
         await self._client.aclose()
 
     def _refuse_old(self, made_s: float) -> None:
-        """Reject documents from a cache: their creation time does not advance."""
+        """Raise `LostError` for a document from a cache, whose creation time does not advance."""
         now_s = asyncio.get_running_loop().time()
         if made_s != self._made_s:
             if made_s < self._made_s - _CLOCK_STEP_S:
@@ -128,9 +128,9 @@ class MtConnectSession:
         elif now_s - self._fresh_s > self._agent.timeout_s + _CLOCK_STEP_S:
             raise LostError("stale", f"{self._url}: the same answer as before comes again, as from a cache")
 
-    async def _get(self, what: str, kind: str) -> Element:
-        """Fetch a document of a kind of the standard. Raises `LostError`."""
-        url = f"{self._url}/{what}"
+    async def _get(self, request: str, kind: str) -> Element:
+        """Fetch a document and return its root; `request` is “probe” or “current”. Raises `LostError`."""
+        url = f"{self._url}/{request}"
         try:
             async with asyncio.timeout(
                 self._agent.timeout_s
@@ -147,6 +147,9 @@ class MtConnectSession:
         return document(data, kind, url)
 
     async def _body(self, url: str) -> bytes:
+        """Return the bytes of a document. Raises `LostError` for an HTTP error or more than
+        `LARGEST_BYTES`.
+        """
         data = bytearray()
         async with self._client.stream("GET", url) as response:
             if response.status_code >= 500 or response.status_code in {301, 302, 303, 307, 308}:
@@ -161,17 +164,17 @@ class MtConnectSession:
 
 
 def document(data: bytes, kind: str, url: str) -> Element:
-    """The root of a document of a kind. Raises `LostError` for anything else."""
+    """Return the root of a document of a kind. Raises `LostError` for anything else."""
     try:
         root: Element = fromstring(data, forbid_dtd=True)
     except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
         reason = re.sub(r"\s+", " ", str(error))[:120]
         raise LostError("bad_reply", f"{url} is no XML that can be trusted: {reason}") from None
-    found = _ROOT.fullmatch(root.tag)
-    if found is not None and found[1] == "Error":
+    root_match = _ROOT.fullmatch(root.tag)
+    if root_match is not None and root_match[1] == "Error":
         text = next((" ".join((e.text or "").split())[:120] for e in root.iter() if _name(e) == "Error"), "")
         raise LostError("bad_reply", f"{url}: the agent refuses: {text}")
-    if found is None or found[1] != kind:
+    if root_match is None or root_match[1] != kind:
         raise LostError(
             "bad_reply", f"{url} is no MTConnect{kind} document of version 1 or 2, but {root.tag[:80]}"
         )
@@ -179,7 +182,7 @@ def document(data: bytes, kind: str, url: str) -> Element:
 
 
 def _item(place: MtConnectChannel, elements: list[Element]) -> _Item | str:
-    """A channel's item as described by the probe, or a sentence why it is not available."""
+    """Return a channel's item as described by the probe, or a sentence why it is not available."""
     if not elements:
         return f"the agent has no data item {place.item}; fix its item"
     if len(elements) > 1:
@@ -196,7 +199,7 @@ def _item(place: MtConnectChannel, elements: list[Element]) -> _Item | str:
 
 
 def _answer(item: _Item | str, place: MtConnectChannel, elements: list[Element]) -> PolledValue:
-    """What an item says now."""
+    """Return the current value of an item, or its fault, with the item's own time."""
     if isinstance(item, str):
         return PolledValue(fault="unknown_item")
     if len(elements) != 1:
@@ -221,7 +224,7 @@ def _name(element: Element) -> str:
 
 
 def _seconds(text: str | None) -> float:
-    """A time of the standard (ISO 8601, UTC) as seconds since the epoch; NaN where it is none."""
+    """Return a time of the standard (ISO 8601, UTC) in s since 1970; NaN for any other text."""
     try:
         stamp = datetime.fromisoformat((text or "")[:40])
     except ValueError:

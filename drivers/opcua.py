@@ -47,12 +47,12 @@ class OpcUaSettings(PolledTable):
 
     @property
     def files(self) -> dict[str, Path]:
-        """The files that it names, by key."""
+        """The files that the table names, by key."""
         keys = ("certificate", "private_key", "server_certificate", "password_file")
         return {key: file for key in keys if (file := getattr(self, key)) is not None}
 
     def file_problems(self, _name: str) -> list[str]:
-        """Say which files are not there."""
+        """Return a sentence for each named file that does not exist."""
         return [
             f"{key}: {file} is not a file; fix the path"
             for key, file in self.files.items()

@@ -1,4 +1,4 @@
-"""The one file that knows asyncua: one session with one OPC UA server, reads only."""
+"""The only file that uses asyncua: one session with one OPC UA server, reads only."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ from observer.frames import Reading
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)
 
 _GOOD_BYE_S = 0.2
-_FILES, _WANTED = (
+_FILES, _FILES_REMEDY = (
     "certificate, private_key and server_certificate",
     "name RSA, PEM or DER, without a passphrase",
 )
-_WHO = (BadUserAccessDenied, BadIdentityTokenRejected, BadIdentityTokenInvalid)
+_USER_REJECTED = (BadUserAccessDenied, BadIdentityTokenRejected, BadIdentityTokenInvalid)
 _CERTIFICATE = (
     BadCertificateUntrusted, BadCertificateUriInvalid, BadCertificateUseNotAllowed,
     BadCertificateTimeInvalid, BadCertificateInvalid, BadSecurityChecksFailed,
@@ -76,15 +76,15 @@ async def connect(server: OpcUaSettings, now: Clock) -> OpcUaSession:
 
 
 def _unless(server: OpcUaSettings) -> str:
-    """Other reasons for silence: servers close or ignore a connection that they cannot decrypt."""
+    """Return other reasons for silence: servers close or ignore a connection that they cannot decrypt."""
     if server.certificate is None:
         return ""
     return f"; if it is up, check server_certificate and whether it accepts {server.policy}"
 
 
 def _why_not(error: Exception, server: OpcUaSettings) -> str:
-    """Why a server rejects the connection, to follow its address."""
-    if isinstance(error, _WHO):
+    """Return why a server rejects the connection, as the end of a sentence that begins with its address."""
+    if isinstance(error, _USER_REJECTED):
         if server.user is None:
             return " requires a user name; give user and password_file"
         return f" refuses the user {server.user}; check user and password_file"
@@ -96,37 +96,42 @@ def _why_not(error: Exception, server: OpcUaSettings) -> str:
 
 
 async def _secure(client: Client, server: OpcUaSettings) -> None:
-    """Give the client its files. Raises `OSError` or `ValueError` where they cannot be used."""
+    """Give the client its certificates, key and password. Raises `OSError` or `ValueError` for an unusable
+    file.
+    """
     files = (server.certificate, server.private_key, server.server_certificate)
-    own, key, theirs = (None if file is None else _file(file) for file in files)
-    if own is not None and key is not None and theirs is not None:
+    client_file, key_file, server_file = (None if file is None else _file(file) for file in files)
+    if client_file is not None and key_file is not None and server_file is not None:
         try:
-            certificate = await load_certificate(own.path_or_content, own.extension)
-            private = await load_private_key(key.path_or_content, None, key.extension)
-            public = (await load_certificate(theirs.path_or_content, theirs.extension)).public_key()
+            certificate = await load_certificate(client_file.path_or_content, client_file.extension)
+            private = await load_private_key(key_file.path_or_content, None, key_file.extension)
+            public = (await load_certificate(server_file.path_or_content, server_file.extension)).public_key()
         except (ValueError, TypeError) as error:  # TypeError: the key has a passphrase
-            raise ValueError(f"{_FILES} cannot be used ({error}); {_WANTED}") from None
+            raise ValueError(f"{_FILES} cannot be used ({error}); {_FILES_REMEDY}") from None
         if not isinstance(private, RSAPrivateKey) or not isinstance(public, RSAPublicKey):
-            raise ValueError(f"{_FILES} cannot be used (they are not of RSA); {_WANTED}")
+            raise ValueError(f"{_FILES} cannot be used (they are not of RSA); {_FILES_REMEDY}")
         if private.public_key() != certificate.public_key():
             raise ValueError(f"{server.private_key} is not the key of {server.certificate}; fix private_key")
         if name := _name_in(certificate):
             client.application_uri = name  # servers compare it with the certificate (part 4, 6.1.3)
         policy = getattr(security_policies, f"SecurityPolicy{server.policy}")
-        await client.set_security(policy, own, key, server_certificate=theirs)
+        await client.set_security(policy, client_file, key_file, server_certificate=server_file)
     if server.user is not None and server.password_file is not None:
         client.set_user(server.user)
         client.set_password(server.password_file.read_text(encoding="utf-8").strip())
 
 
 def _file(path: Path) -> CertProperties:
-    """A file with its format by content: asyncua goes by the name, and takes PEM in x.key for DER."""
+    """Return a file with its format determined from its content.
+
+    asyncua determines it from the name, and takes a PEM file named `x.key` for DER.
+    """
     data = path.read_bytes()
     return CertProperties(data, "pem" if b"-----BEGIN" in data else "der")
 
 
 def _name_in(certificate: x509.Certificate) -> str | None:
-    """The name of an application in its certificate, None where it has none."""
+    """Return the URI of the application in a certificate; None if it has no URI."""
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except (x509.ExtensionNotFound, ValueError):
@@ -135,7 +140,7 @@ def _name_in(certificate: x509.Certificate) -> str | None:
 
 
 class OpcUaSession:
-    """A session that is open."""
+    """An open session with the server."""
 
     def __init__(self, client: Client, server: OpcUaSettings, now: Clock) -> None:
         self.problem: str | None = None
@@ -146,21 +151,21 @@ class OpcUaSession:
         self._nodes = [client.get_node(place.node) for place in server.channels.values()]
 
     async def ask(self) -> list[Reading]:
-        """Read every node in one request. Raises `LostError`."""
+        """Read every node in one request; return one reading for each source time. Raises `LostError`."""
         url = self._server.url
         try:
             async with asyncio.timeout(self._server.timeout_s):
-                found = await self._client.read_attributes(self._nodes, AttributeIds.Value)
+                values = await self._client.read_attributes(self._nodes, AttributeIds.Value)
         except TimeoutError:
             raise LostError("timeout", f"{url} does not answer in time") from None
         except (OSError, ValueError, UaError) as error:
             raise LostError("disconnected", f"{url}: {_reason(error)}") from None
-        if len(found) != len(self._nodes):
-            raise LostError("bad_reply", f"{url}: asked for {len(self._nodes)} values, got {len(found)}")
+        if len(values) != len(self._nodes):
+            raise LostError("bad_reply", f"{url}: asked for {len(self._nodes)} values, got {len(values)}")
         self.problem = None
         answers = {
             channel: self._answer(channel, place, data)
-            for (channel, place), data in zip(self._server.channels.items(), found, strict=True)
+            for (channel, place), data in zip(self._server.channels.items(), values, strict=True)
         }
         return self._times.readings(answers, self._now())
 
@@ -169,6 +174,7 @@ class OpcUaSession:
         await _end(self._client)
 
     def _answer(self, channel: str, place: OpcUaChannel, data: ua.DataValue) -> PolledValue:
+        """Return the value or fault of one node, and describe a wrong node in `problem`."""
         stamp_s = _seconds(data.SourceTimestamp)
         if data.StatusCode is not None and (fault := _fault(data.StatusCode)) is not None:
             if fault.startswith("bad_node"):
@@ -184,14 +190,14 @@ class OpcUaSession:
 
 
 def _fault(status: ua.StatusCode) -> str | None:
-    """The name of a status that is not plainly good, as a fault: BadSensorFailure is bad_sensor_failure."""
+    """Return the name of a status that is not plainly good: BadSensorFailure becomes bad_sensor_failure."""
     if status.value & 0xFFFF0000 == 0:
         return _LIMITS.get(status.value & 0x0F00)
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", status.name).lower()[:64]
 
 
 def _seconds(stamp: datetime | None) -> float:
-    """A time as seconds since the epoch, NaN where it is none."""
+    """Return a time in s since 1970; NaN for a missing one or one of a clock that was never set."""
     if stamp is None:
         return nan
     stamp = stamp if stamp.tzinfo is not None else stamp.replace(tzinfo=UTC)

@@ -1,7 +1,7 @@
 """Sources of values: a register, a signal of a CAN message, a node, a data item, or an input of a ready map.
 
-A ready map of a thermocouple module says where the value of an input is and what its fault codes mean. It
-holds for the factory settings that its docstring names; anything else is written out in the configuration.
+A ready map of a thermocouple module gives the register and the fault codes of each input. It holds for the
+factory settings that its docstring names. Any other module is written out in the configuration.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ WORDS = {
 
 
 class Place(Settings):
-    """Where one value is: value = scale · number + offset."""
+    """The source of one value: value = scale · number + offset."""
 
     scale: Scale = 1.0
     offset: Finite = 0.0
 
     @property
     @abstractmethod
-    def where(self) -> object:
-        """The identity of a source, which two channels of a driver must not share."""
+    def identity(self) -> object:
+        """A key of the source; two channels of a driver must not have the same one."""
 
     def value(self, number: float) -> float:
-        """The value for a number on the wire."""
+        """Return the value for a transmitted number."""
         return self.scale * number + self.offset
 
 
@@ -91,8 +91,8 @@ class ModbusChannel(Place):
         return self
 
     @property
-    def where(self) -> tuple[object, ...]:
-        """The identity of a source, which two channels of a driver must not share."""
+    def identity(self) -> tuple[object, ...]:
+        """Function, register and type."""
         return self.function, self.register_, self.type
 
     @property
@@ -125,8 +125,8 @@ class CanChannel(Place):
         return self
 
     @property
-    def where(self) -> tuple[object, ...]:
-        """The identity of a source, which two channels of a driver must not share."""
+    def identity(self) -> tuple[object, ...]:
+        """Message and signal."""
         return self.message, self.signal
 
 
@@ -136,8 +136,8 @@ class OpcUaChannel(Place):
     node: Annotated[Text, Field(pattern=r"^(ns=\d{1,5};)?(i=\d{1,10}|[sgb]=.+)$")]
 
     @property
-    def where(self) -> str:
-        """The identity of a source, which two channels of a driver must not share."""
+    def identity(self) -> str:
+        """The node."""
         return self.node
 
 
@@ -148,17 +148,17 @@ class MtConnectChannel(Place):
     equals: Text | None = None
 
     @property
-    def where(self) -> tuple[object, ...]:
-        """The identity of a source, which two channels of a driver must not share."""
+    def identity(self) -> tuple[object, ...]:
+        """The item and the word that it is compared with."""
         return self.item, self.equals
 
 
 def check_channels(
     channels: Mapping[str, int | Place], device: str | None = None, inputs: Mapping[str, int] | None = None
 ) -> None:
-    """Refuse input numbers that no ready map has, and two channels that take the very same value.
+    """Reject input numbers that a ready map does not have, and two channels with the same source.
 
-    `inputs` is how many each map has.
+    `inputs` is the number of inputs of each map. Raises `ValueError` with all problems.
     """
     problems = []
     for channel, place in channels.items():
@@ -174,7 +174,7 @@ def check_channels(
     raise_all(problems)
     places: dict[object, list[str]] = {}
     for channel, place in channels.items():
-        places.setdefault(place if isinstance(place, int) else place.where, []).append(channel)
+        places.setdefault(place if isinstance(place, int) else place.identity, []).append(channel)
     raise_all(
         [
             f"channels {', '.join(same)} all read the same place; give each its own"
@@ -197,7 +197,7 @@ SILENCE_S = 5.0
 
 
 class CanTable(DriverTable):
-    """How python-can reaches a bus; `options` go to the interface as they are."""
+    """How python-can reaches a bus; `options` are passed to the interface unchanged."""
 
     interface: Text
     channel: Text
@@ -209,17 +209,17 @@ class CanTable(DriverTable):
 
     @property
     def longest_silence_s(self) -> float:
-        """How long the bus may carry no frame at all before it is opened again, `reopen_s`."""
+        """The silence, in s, after which the bus is opened again: `reopen_s`, or a default."""
         return max(SILENCE_S, 5.0 * self.silence_s) if self.reopen_s is None else self.reopen_s
 
     @property
     def listens(self) -> bool:
-        """Whether nothing is ever sent."""
+        """Whether the driver only listens and never sends."""
         return True
 
     @property
     def silence_s(self) -> float:
-        """What says nothing for longer is faulty; without a time-out, two silent periods are none yet."""
+        """The silence, in s, after which a channel is faulty: `timeout_s`, or two periods."""
         return self.timeout_s if self.timeout_s is not None else 2.0 * self.period_s
 
 
@@ -234,18 +234,18 @@ DBC_OF = {
 
 
 def modbus_input(device: str, number: int, first_register: int = 0) -> ModbusChannel:
-    """Where a ready map has an input; `first_register` is where the module's block begins."""
+    """Return the register of an input of a ready map; `first_register` is where the module's block begins."""
     return _MODBUS[device](number, first_register)
 
 
 def dbc_file(path: Path) -> Path:
-    """A DBC file as given, or, where that does not exist, one that comes with the drivers."""
+    """Return the path of a DBC file; a path that does not exist may name one that comes with the drivers."""
     bundled = Path(__file__).parent.parent / path
     return bundled if not os.path.exists(path) and os.path.exists(bundled) else path
 
 
 def can_input(device: str, number: int) -> CanChannel:
-    """Which signal of the device's DBC file an input is."""
+    """Return the signal of an input in the device's DBC file."""
     return {"css_canmod_temp": _canmod_temp, "peak_mu_thermocouple1": _mu_thermocouple1}[device](number)
 
 
@@ -259,8 +259,9 @@ def _m7018(number: int, first: int) -> ModbusChannel:
 def _wago_750_458(number: int, first: int) -> ModbusChannel:
     """WAGO 750-458, 0.1 °C, word-aligned process image: status byte in the word before each data word.
 
-    The module clamps a value beyond its range to the end of the range and says so in the status byte only:
-    0x41 under, 0x42 over, 0x60 wire break; 0x80 marks register communication, whose data is no temperature.
+    The module clamps a value to the end of its range, and only the status byte shows it. The codes are 0x41
+    under range, 0x42 over range, 0x60 wire break. With 0x80, register communication, the data word is not a
+    temperature.
     """
     return ModbusChannel(
         register=first + 2 * number + 1,

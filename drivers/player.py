@@ -20,7 +20,7 @@ SHORTEST_S = 0.005  # between the faults after the log's end
 
 
 class PlayerSettings(DriverTable):
-    """A recorded log played as if it were live, in its own rhythm; `channels` defaults to all of it."""
+    """A recorded log played at its original speed as if it were live; `channels` defaults to all of it."""
 
     kind: Literal["player"]
     path: File
@@ -37,11 +37,13 @@ class PlayerSettings(DriverTable):
         return self
 
     def open(self, name: str) -> Driver:
-        """Read the log and make its player."""
+        """Read the log and make its player. Raises `LogError` if the log cannot be read or lacks a
+        channel.
+        """
         return Player(name, self)
 
     def file_problems(self, _name: str) -> list[str]:
-        """What is wrong with the log."""
+        """Return the problem that prevents the log from being read, as a list of at most one sentence."""
         try:
             read_log(self.path, self.channels or ())
         except LogError as error:
@@ -50,9 +52,9 @@ class PlayerSettings(DriverTable):
 
 
 class Player:
-    """Plays the rows of a log in the rhythm of their own times; after the last row every channel is faulty.
+    """Plays the rows of a log at the intervals of their times; after the last row every channel is faulty.
 
-    Rows are due by the injected clock, and have the times at which they were due.
+    Rows are due by the injected clock, and get the times at which they were due.
     """
 
     def __init__(self, name: str, settings: PlayerSettings) -> None:

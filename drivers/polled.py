@@ -1,7 +1,7 @@
 """Polls a device or server for every channel each period, for ever: shared by Modbus, OPC UA and MTConnect.
 
-The one task that polls also connects, so a peer that returns is reconnected within `RETRY_S` of an attempt;
-channels without an answer by the end of a period are delivered as faulty.
+The task that polls also connects, so it reconnects to a peer within `RETRY_S` of the peer's return. Channels
+without an answer by the end of a period are delivered as faulty.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ _AFTER_S = 1e-6
 
 
 class LostError(Exception):
-    """A failed poll; `fault` is the channels' fault meanwhile.
+    """A failed poll; `fault` is the fault of the channels until the next poll.
 
-    `readings` is what it found before; the connection must not be used again unless it `lasts`.
+    `readings` are those obtained before the failure. The connection can be used again only if `lasts` is
+    true.
     """
 
     def __init__(self, fault: str, text: str) -> None:
@@ -50,18 +51,18 @@ class Session(Protocol):
     problem: str | None
 
     async def ask(self) -> list[Reading]:
-        """Ask for every channel: a reading for each time, oldest first. Raises `LostError`."""
+        """Request every channel and return a reading for each time, oldest first. Raises `LostError`."""
 
     async def close(self) -> None:
         """End the connection."""
 
 
 class SourceTimes:
-    """When values were true, in the service's time, by the stamps that their sources gave them.
+    """The times of values in the service's clock, from the stamps of their sources.
 
-    A server repeats the stamp of a value that has not changed; such a value is true when it arrives. The
-    stamp of one that has changed is of a clock of its own, which `DeviceClock` follows; but no value is older
-    than the answer that did not have it yet, so that no channel's time runs back.
+    A server repeats the stamp of an unchanged value; such a value gets the time of its arrival. The stamp of
+    a changed value comes from the source's clock, whose offset `DeviceClock` estimates. No value is older
+    than the previous answer, which did not have it yet. So the time of a channel never runs back.
     """
 
     def __init__(self) -> None:
@@ -70,7 +71,7 @@ class SourceTimes:
         self._before_s = nan
 
     def readings(self, answers: Mapping[str, PolledValue], arrival_s: float) -> list[Reading]:
-        """The answers as readings, one for each time, oldest first."""
+        """Return the answers as readings, one for each time, oldest first."""
         at: dict[float, dict[str, PolledValue]] = {}
         for channel, answer in answers.items():
             at.setdefault(self._time_s(channel, answer.stamp_s, arrival_s), {})[channel] = answer
@@ -85,6 +86,7 @@ class SourceTimes:
         ]
 
     def _time_s(self, channel: str, stamp_s: float, arrival_s: float) -> float:
+        """Return the time of one channel's answer, in s of the service's clock."""
         before_s, self._stamps_s[channel] = self._stamps_s.get(channel, nan), stamp_s
         if isnan(before_s) or isnan(stamp_s) or stamp_s == before_s:
             return arrival_s
@@ -93,22 +95,22 @@ class SourceTimes:
 
 
 class PolledTable(DriverTable):
-    """A table of a device or server that is asked each period.
+    """A table of a device or server that is polled each period.
 
-    `session` is the module whose `connect(table, now)` makes a session; it is imported by `open`, and with
-    it the bus library.
+    `session` is the module whose `connect(table, now)` makes a session. `open` imports it, and with it the
+    bus library.
     """
 
     session: ClassVar[str]
 
     def open(self, name: str) -> Polled:
-        """Make the driver that asks."""
+        """Make the driver that polls; its bus library is imported here."""
         connect = import_module(self.session).connect
         return Polled(name, self.delivered or (), self.sample_s or 1.0, lambda now: connect(self, now))
 
 
 class Polled:
-    """A device or server that is asked each period; `connect` makes a session or raises `LostError`."""
+    """A device or server that is polled each period; `connect` makes a session or raises `LostError`."""
 
     def __init__(
         self,
@@ -128,7 +130,7 @@ class Polled:
         self._unfinished = "timeout"  # the fault of channels while a poll goes on beyond its period
 
     async def run(self, deliver: Deliver, now: Clock) -> None:
-        """Deliver what each channel is once a period until cancelled."""
+        """Deliver the current value or fault of each channel once a period, until cancelled."""
         loop = asyncio.get_running_loop()
         poll: asyncio.Task[list[Reading]] | None = None
         next_s = loop.time()
@@ -152,7 +154,7 @@ class Polled:
             await self._close()
 
     async def _poll(self, now: Clock) -> list[Reading]:
-        """Ask until there is an answer, on a new connection after each failure."""
+        """Poll until there is an answer, on a new connection after each failure; return its readings."""
         loop = asyncio.get_running_loop()
         while True:
             try:
@@ -175,7 +177,9 @@ class Polled:
                 await asyncio.sleep(RETRY_S)
 
     def _answered(self, session: Session, poll_s: float) -> None:
-        """Note an answered poll, what it lacks, and whether it took longer than its period."""
+        """Update the status after an answered poll: the session's problem, or that it took longer than its
+        period.
+        """
         self.status = self.status.opened()
         problem = session.problem
         self._unfinished = "timeout"

@@ -1,6 +1,6 @@
 """The interface of every driver: a table of the configuration, and a source of readings, whatever its bus.
 
-A driver is a table `[drivers.<name>]` whose `kind` selects it. Every kind names the channels it delivers; a
+A driver is a table `[drivers.<name>]` whose `kind` selects it. Every kind names the channels it delivers. A
 channel either takes an input of a ready device map (`device = "wago_750_458"`, `channels = { t1_degC = 0 }`)
 or spells its source out (`channels.t1_degC = { register = 0, scale = 0.1 }`). All of it is checked without
 importing any bus library.
@@ -37,10 +37,13 @@ Decoded = tuple[dict[str, float], dict[str, str]]  # values and faults by channe
 class DriverStatus:
     """The state of a driver at one moment.
 
-    `reconnects` counts connections after the first, `errors` polls or frames that failed, `drops` samples
-    that arrived and could not be handed on. `is_silent`: the connection is open, and nothing comes. A CAN bus
-    counts its `error_frames`, those that report `error_passive` or `bus_off` too; `bus_error` is what it
-    reports now.
+    Attributes:
+        reconnects: connections after the first
+        errors: failed polls or frames
+        drops: received samples that could not be handed on
+        is_silent: whether the connection is open and nothing comes
+        error_frames: of a CAN bus; those with `error_passive` or `bus_off` are counted there too
+        bus_error: the present state of a CAN bus, None if it is not disturbed
     """
 
     connected: bool = False
@@ -63,17 +66,19 @@ class DriverStatus:
         return "silent" if self.is_silent else "disconnected"
 
     def opened(self) -> DriverStatus:
-        """The status of a connected driver."""
-        again = self.connected_before and not self.connected
-        reconnects = self.reconnects + again
+        """Return the status after a successful connection or poll."""
+        is_reconnect = self.connected_before and not self.connected
+        reconnects = self.reconnects + is_reconnect
         return replace(self, connected=True, is_silent=False, reconnects=reconnects, connected_before=True)
 
     def silenced(self, reason: str) -> DriverStatus:
-        """The status of a driver with an open connection on which nothing has come for long."""
+        """Return the status of a driver with an open connection on which nothing has come for long."""
         return replace(self, connected=False, is_silent=True, last_error=reason)
 
     def with_bus_error(self, error: str | None) -> DriverStatus:
-        """The status after an error frame of a CAN bus; None where it says that the controller is back."""
+        """Return the status after an error frame of a CAN bus; None if the frame reports that the controller
+        is back.
+        """
         return replace(
             self,
             error_frames=self.error_frames + 1,
@@ -83,15 +88,17 @@ class DriverStatus:
         )
 
     def failed(self, error: str, *, connected: bool = False) -> DriverStatus:
-        """The status after a poll or frame that failed; `connected` says whether the connection lasts."""
+        """Return the status after a failed poll or frame; `connected` is whether the connection can still be
+        used.
+        """
         return replace(self, connected=connected, is_silent=False, errors=self.errors + 1, last_error=error)
 
 
 class Driver(Protocol):
     """A source of readings.
 
-    `run` delivers readings stamped with `now()` until it is cancelled, reconnects for ever, and delivers
-    every channel each `period_s`: what cannot be read comes as NaN with its fault. It calls `deliver` on the
+    `run` delivers readings stamped with `now()` until it is cancelled, and reconnects for ever. It delivers
+    every channel each `period_s`; a value that cannot be read is NaN with a fault. It calls `deliver` on the
     event loop's own thread.
     """
 
@@ -105,13 +112,15 @@ class Driver(Protocol):
 
 
 def faulty(channels: Iterable[str], fault: str, time_s: float) -> Reading:
-    """A reading with the fault of each of these channels."""
+    """Return a reading in which each of these channels is NaN with the fault."""
     faults = dict.fromkeys(channels, fault)
     return Reading(time_s, dict.fromkeys(faults, nan), faults)
 
 
 def _any_base(code: object) -> object:
-    """Let codes be written as in device manuals; keys of TOML tables are strings, `0x7FFF` among them."""
+    """Convert a code such as `"0x7FFF"` to an integer; keys of TOML tables are strings. Others stay as
+    given.
+    """
     try:
         return int(code, 0) if isinstance(code, str) and len(code) <= 20 else code
     except ValueError:
@@ -119,14 +128,16 @@ def _any_base(code: object) -> object:
 
 
 def not_zero(scale: float) -> float:
-    """Return a factor as it is; raises `ValueError` for 0."""
+    """Return a factor unchanged. Raises `ValueError` for 0."""
     if scale == 0:
         raise ValueError("0 makes every value the same; give the unit's factor, or the device's resolution")
     return scale
 
 
 def register_of_manual(number: int) -> tuple[str, int] | None:
-    """Return function and register on the wire of a manual's number, such as 40001; None for any other."""
+    """Return function and transmitted register of a manual's number, such as 40001; None for any other
+    number.
+    """
     for digits in (10_000, 100_000):
         kind, register = divmod(number - 1, digits)
         if kind in (3, 4) and 0 <= register < min(digits, 0x10000):
@@ -135,18 +146,20 @@ def register_of_manual(number: int) -> tuple[str, int] | None:
 
 
 def modicon(number: int) -> str:
-    """Say what to write for a register's number as manuals give it; empty for any other."""
-    found = register_of_manual(number)
-    if found is None:
+    """Return what to write for a register's number from a manual; empty for any other number."""
+    register = register_of_manual(number)
+    if register is None:
         return ""
     return (
         "looks like a number of a manual, which counts from 1 and puts the kind of register first: "
-        f'write register = {found[1]} and function = "{found[0]}"'
+        f'write register = {register[1]} and function = "{register[0]}"'
     )
 
 
 def _on_the_wire(number: object) -> object:
-    """Raise `ValueError` for a register beyond those of the wire that a manual's number explains."""
+    """Raise `ValueError` for a register beyond 65535 that is a manual's number; return any other
+    unchanged.
+    """
     if type(number) is int and number > 0xFFFF and (words := modicon(number)):
         raise ValueError(f"{number} {words}")
     return number
@@ -169,7 +182,8 @@ FaultName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=64)]
 Place = TypeVar("Place")
 
 
-def _which(value: object) -> str:
+def _union_tag(value: object) -> str:
+    """Return the tag of an input number or of a place that is written out."""
     return UNION_TAGS[0] if isinstance(value, int) else UNION_TAGS[1]
 
 
@@ -177,18 +191,18 @@ def _which(value: object) -> str:
 # about the one that was meant. The tags appear in the location of such an error.
 UNION_TAGS = ("input", "place")
 InputOr = Annotated[
-    Annotated[Input, Tag(UNION_TAGS[0])] | Annotated[Place, Tag(UNION_TAGS[1])], Discriminator(_which)
+    Annotated[Input, Tag(UNION_TAGS[0])] | Annotated[Place, Tag(UNION_TAGS[1])], Discriminator(_union_tag)
 ]
 
 
 class Settings(BaseModel):
-    """A table under `[drivers.…]`: frozen, and unknown keys are refused."""
+    """A table under `[drivers.…]`: frozen, and unknown keys are rejected."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class SharedWire(NamedTuple):
-    """A wire that several drivers may use at once, with the settings on which they have to agree."""
+    """A connection that several drivers may use at once, with the settings on which they have to agree."""
 
     place: tuple[object, ...]
     settings: str
@@ -196,17 +210,17 @@ class SharedWire(NamedTuple):
 
 
 class DriverTable(Settings):
-    """A table `[drivers.<name>]`: a kind of driver describes itself and how it is opened."""
+    """A table `[drivers.<name>]`: its keys, and how its driver is opened."""
 
     @property
     def delivered(self) -> tuple[str, ...] | None:
-        """The channels it delivers, those of its key `channels`; None where only opening it shows them."""
+        """The channels of the key `channels`; None if only opening the driver shows them."""
         channels = getattr(self, "channels", None)
         return None if channels is None else tuple(channels)
 
     @property
     def sample_s(self) -> float | None:
-        """How often each channel comes, its key `period_s`; None where that is not known."""
+        """The interval, in s, at which each channel comes: the key `period_s`; None if unknown."""
         return getattr(self, "period_s", None)
 
     @abstractmethod
@@ -217,24 +231,28 @@ class DriverTable(Settings):
         """
 
     def file_problems(self, _name: str) -> list[str]:
-        """Problems of the files that the table names, as “key: a sentence”."""
+        """Return the problems of the files that the table names, as “key: a sentence”."""
         return []
 
     def wire(self) -> SharedWire | None:
-        """The wire, where several drivers may name the same one; None where each has its own."""
+        """Return the connection if several drivers may name the same one; None if each has its own."""
         return None
 
     def occupied(self) -> dict[str, frozenset[tuple[object, ...]]]:
-        """The addresses that each channel reads, the register last, where two channels could share some."""
+        """Return the addresses that each channel reads, the register last, if two channels could share
+        some.
+        """
         return {}
 
     def steps(self) -> dict[str, float]:
-        """The step between two neighbouring values of each channel that comes as a whole number."""
+        """Return the step between two neighbouring values of each channel that is transmitted as an
+        integer.
+        """
         return {}
 
     def decodes(self, _recording: Path, _name: str) -> Iterable[Reading] | None:
-        """The readings in a recording of the bus; None where this kind of driver has no recordings.
+        """Return the readings in a recording of the bus; None if this kind of driver has no recordings.
 
-        The iterable may have `doubts`, sentences about what of the recording is lost or uncertain.
+        The iterable may have `doubts`: sentences about parts of the recording that are lost or uncertain.
         """
         return None

@@ -1,8 +1,8 @@
 """CAN recordings: every whole frame of a file, and a sentence about each part that is damaged or cut off.
 
-python-can reads a truncated file without an error. Vector's formats mark their end: an `.asc` with its
-last trigger block closed, a `.blf` with its own length in the header. In formats of lines the last one has
-no end. A line that cannot be read is left out, and the frames after it are read.
+python-can reads a truncated file without an error. Vector's formats mark their end: an `.asc` closes its last
+trigger block, and a `.blf` has its own length in the header. Formats of lines have no mark at the end. A line
+that cannot be read is left out, and the frames after it are read.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ _LINE_READERS: dict[str, Any] = {
 class CanRecording:
     """A recording of a bus, decoded as on the live bus, with the recording's own times.
 
-    Iterating raises `LogError` where the file cannot be read at all. `doubts` are sentences about the frames
-    that were lost and the times that are not certain, complete after the last reading.
+    Iterating yields readings and raises `LogError` if the file cannot be read at all. `doubts` are sentences
+    about lost frames and uncertain times. They are complete after the last reading.
     """
 
     def __init__(self, path: Path, decode: Decode) -> None:
@@ -61,7 +61,7 @@ class CanRecording:
                 yield Reading(frame.timestamp, *decoded)
 
     def _messages(self) -> Iterator[can.Message]:
-        """The whole frames in order."""
+        """Yield the whole frames in order. Raises `LogError`."""
         _check_head(self._path)
         suffix = _suffix(self._path)
         try:
@@ -74,7 +74,7 @@ class CanRecording:
             raise LogError(f"{self._path}: cannot be read ({reason}); give a readable file") from None
 
     def _of_blocks(self, suffix: str) -> Iterator[can.Message]:
-        """The frames of a binary recording up to its end, or to the first damage."""
+        """Yield the frames of a binary recording up to its end, or to the first damage."""
         if suffix == ".mf4":
             import_mf4()
         count = 0
@@ -90,7 +90,7 @@ class CanRecording:
             self._damaged(count, f"cut off after frame {count} ({cut})")
 
     def _of_lines(self, reader: Any, options: dict[str, Any]) -> Iterator[can.Message]:
-        """The frames of a recording in lines; the lines that cannot be read are left out."""
+        """Yield the frames of a recording in lines; lines that cannot be read are left out."""
         left_out: list[int] = []
         count = 0
         while True:
@@ -116,7 +116,7 @@ class CanRecording:
             self.doubts.append('the closing line "End TriggerBlock" is missing: the recording was cut off')
 
     def _damaged(self, count: int, problem: str) -> None:
-        """Note a problem; raises `LogError` where no frame was read."""
+        """Add a problem to the doubts. Raises `LogError` if no frame was read."""
         if not count:
             raise LogError(f"{self._path}: not a CAN recording that can be read: {problem}; check its kind")
         self.doubts.append(f"{problem}; {_REMEDY}")
@@ -125,7 +125,7 @@ class CanRecording:
 class _Lines:
     """The whole lines of a recording as python-can reads them, with dates that it understands.
 
-    `number` is that of the line read last, from 1. `doubts` say what is lost at the end.
+    `number` is the number of the line read last, from 1. `doubts` describe lines that are lost at the end.
     """
 
     def __init__(self, file: IO[str], left_out: list[int]) -> None:
@@ -163,6 +163,9 @@ class _Lines:
             raise StopIteration from None
 
     def _with_date(self, line: str) -> str:
+        """Return a line with its date in English, or a comment line and a doubt if the date is not
+        understood.
+        """
         understood = in_english(line)
         if understood is not None:
             return understood
@@ -173,21 +176,21 @@ class _Lines:
         return "//\n"
 
     def read(self, *_: Any) -> str:
-        """Marks this as a file; python-can reads the lines."""
+        """Marks this as a file for python-can, which reads it line by line."""
         return ""
 
     def close(self) -> None:
-        """Nothing: the file is closed by its owner."""
+        """Do nothing: the owner closes the file."""
 
 
 def _suffix(path: Path) -> str:
-    """The suffix that tells the format, below `.gz`."""
+    """Return the suffix that names the format, ignoring a final `.gz`."""
     suffixes = [suffix.lower() for suffix in path.suffixes]
     return suffixes[-2] if suffixes[-1:] == [".gz"] and len(suffixes) > 1 else "".join(suffixes[-1:])
 
 
 def _options(suffix: str) -> dict[str, Any]:
-    """Absolute times, so that recordings of two buses can be laid side by side."""
+    """Return the reader's options for absolute times, so that recordings of two buses have a common clock."""
     return {"relative_timestamp": False} if suffix == ".asc" else {}
 
 
@@ -201,7 +204,7 @@ def _cause(error: Exception) -> str:
 
 
 def _check_head(path: Path) -> None:
-    """Reject a file that is not a recording at all before a reader opens it."""
+    """Reject a file that is not a recording at all before a reader opens it. Raises `LogError`."""
     try:
         with path.open("rb") as file:
             head = file.read(_BLF_HEADER)
@@ -214,7 +217,7 @@ def _check_head(path: Path) -> None:
 
 
 def _cut_blf(path: Path) -> str | None:
-    """Compare the length that the header of a `.blf` gives with the file's own."""
+    """Return how a `.blf` is shorter than the length in its header; None if it is complete."""
     with path.open("rb") as file:
         recorded: int = struct.unpack_from("<Q", file.read(_BLF_HEADER), 16)[0]
     length = path.stat().st_size

@@ -1,7 +1,7 @@
 """A bus that a socketcand server shares on TCP.
 
-python-can's own client takes the end of the connection for silence, waits for an answer without a limit, and
-calls a server that is not there without pause for 10 s.
+It replaces python-can's client for three reasons. That client takes the end of a connection for silence, and
+waits for an answer without a limit. It also calls a missing server without pause for 10 s.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ _IDENTIFIER = 0x1FFFFFFF
 
 
 class SocketcandBus(can.BusABC):
-    """The raw frames of one bus of a server; raises `OSError` or `CanError` once the connection has ended."""
+    """The raw frames of one bus of a server; raises `OSError` or `CanError` after the connection has
+    ended.
+    """
 
     def __init__(self, channel: str, host: str, port: int, tcp_tune: bool = False, **options: Any) -> None:
         self._is_shutdown = True  # until it is open
@@ -44,6 +46,7 @@ class SocketcandBus(can.BusABC):
         self._is_shutdown = False
 
     def _expect(self, word: str) -> None:
+        """Wait for a message that consists of `word`. Raises `CanInitializationError` for any other."""
         while not self._messages:
             if not self._receive(_CONNECT_S):
                 raise can.CanInitializationError(f'the socketcand server does not say "{word}"')
@@ -52,7 +55,7 @@ class SocketcandBus(can.BusABC):
             raise can.CanInitializationError(f'the socketcand server answers "{message}" instead of "{word}"')
 
     def _receive(self, timeout_s: float | None) -> bool:
-        """Wait for bytes and cut them into messages; returns whether any came."""
+        """Wait for bytes and cut them into messages; return whether any came."""
         self._socket.settimeout(timeout_s)
         try:
             data = self._socket.recv(_LONGEST)
@@ -67,7 +70,7 @@ class SocketcandBus(can.BusABC):
         return True
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        """The next frame; raises `ValueError` for a message that is none."""
+        """Return the next frame, None if none came. Raises `ValueError` for a message that is not a frame."""
         if not self._messages:
             self._receive(timeout)
         return (self._frame(self._messages.popleft()) if self._messages else None), False

@@ -1,7 +1,7 @@
-"""When a frame was on the wire: the stamp its adapter or kernel gave it, in the service's time.
+"""The time at which a frame was sent, from the stamp of its adapter or kernel, in the service's clock.
 
-A stamp comes from another clock than the service's. If that is this computer's own, its difference to now is
-the age of the frame. If it is an adapter's, only differences mean anything: the recent frame with the
+A stamp comes from another clock than the service's. If that is this computer's clock, the age of the frame is
+the difference to the present time. If it is an adapter's, only differences count: the recent frame with the
 shortest delay gives the offset between the two clocks. No time is later than the arrival.
 """
 
@@ -20,9 +20,10 @@ _SHIFT_S = 0.05  # if every frame of a block is later by this much, it is not a 
 
 
 def wall_time(stamp_s: float, arrival_s: float, wall_s: float) -> float:
-    """The time of a stamp of this computer's clock, which now says `wall_s`; the arrival for any other.
+    """Return the time of a stamp of this computer's clock, which now shows `wall_s`; the arrival for any
+    other.
 
-    The computer's clock may be set at any time: only its difference to a stamp just taken is used.
+    The computer's clock may be set at any time, so only its difference to a recent stamp is used.
     """
     delay_s = wall_s - stamp_s
     return arrival_s - delay_s if 0.0 <= delay_s <= FURTHEST_S else arrival_s
@@ -30,7 +31,9 @@ def wall_time(stamp_s: float, arrival_s: float, wall_s: float) -> float:
 
 @dataclass(slots=True)
 class _Block:
-    """Arrival − stamp over some seconds of frames; the least alone might be a wrong stamp."""
+    """The two smallest values of arrival − stamp over some seconds of frames; the smallest may be a wrong
+    stamp.
+    """
 
     begin_s: float
     least_s: float = math.inf
@@ -43,8 +46,9 @@ class _Block:
 class DeviceClock:
     """Maps the stamps of one adapter, from its opening on; `wrap_s` is where its counter starts again.
 
-    time = stamp + min (arrival − stamp) over the last 30 s, each 5 s with their least but one. A stamp is
-    ignored, and the arrival used, if it did not advance with time, or while the clocks shift.
+    time = stamp + min (arrival − stamp) over the last 30 s, where each block of 5 s contributes its second
+    smallest value. If a stamp did not advance, or while the clocks shift, the stamp is ignored and the
+    arrival is used.
     """
 
     def __init__(self, wrap_s: float | None = None) -> None:
@@ -55,7 +59,7 @@ class DeviceClock:
         self._trusted = True
 
     def time_s(self, stamp_s: float, arrival_s: float) -> float:
-        """The time of a frame that was stamped and arrived like this; never later than its arrival."""
+        """Return the time, in s, of a frame with this stamp and arrival; never later than the arrival."""
         if not abs(stamp_s) < _LARGEST_S:  # nor NaN
             return arrival_s
         stamp_s = self._unwrapped(stamp_s, arrival_s)
@@ -74,14 +78,14 @@ class DeviceClock:
         return arrival_s - max(delay_s, 0.0)
 
     def _unwrapped(self, stamp_s: float, arrival_s: float) -> float:
-        """The stamp with as many turns of its counter as fit best to the frame before."""
+        """Return the stamp plus the number of counter periods that fits best to the frame before."""
         if self._wrap_s is None or math.isnan(self._stamp_s):
             return stamp_s
         expected_s = self._stamp_s + (arrival_s - self._arrival_s)
         return stamp_s + self._wrap_s * round((expected_s - stamp_s) / self._wrap_s)
 
     def _note(self, offset_s: float, arrival_s: float) -> None:
-        """Take an offset into the newest block, after old ones have been forgotten."""
+        """Add an offset to the newest block; blocks older than 30 s are removed."""
         while self._blocks and arrival_s - self._blocks[0].begin_s > _BLOCKS * _BLOCK_S:
             self._blocks.popleft()
         if not self._blocks:
@@ -92,7 +96,7 @@ class DeviceClock:
         self._blocks[-1].take(offset_s)
 
     def _finish(self) -> None:
-        """Judge the block that has just ended against those before."""
+        """Compare the block that has just ended with those before, and stop trusting stamps after a shift."""
         ended = self._blocks[-1]
         least_s = min(block.second_s for block in self._blocks)
         self._trusted = not _SHIFT_S < ended.second_s - least_s < math.inf

@@ -11,7 +11,7 @@ from pathlib import Path
 from campaigns.discovery.summary import Share
 from campaigns.resumable import Cells
 from observer.align.aligner import AlignPlan, frames_of_log
-from observer.align.unit_errors import read_rightly
+from observer.align.unit_errors import in_configured_units
 from observer.discovery.candidates import library, signatures
 from observer.discovery.search import tried
 from observer.discovery.suspects import Suspect, suspects
@@ -58,7 +58,9 @@ def suspects_of(entry: Entry, trouble: Trouble) -> tuple[Suspect, ...]:
     config = parse(tomllib.loads(configuration(case.unmodelled, entry.without, known=not case.typical)))
     plan, prepared, corrected = AlignPlan.of(config), [], dict[Suspect, None]()
     for i, run in enumerate(trouble.runs):
-        log, misread = read_rightly(Log(Path(f"log {i + 1}"), run.time_s, run.channels, run.values), config)
+        log, misread = in_configured_units(
+            Log(Path(f"log {i + 1}"), run.time_s, run.channels, run.values), config
+        )
         corrected |= {Suspect("units", m.channel, m.unit, m.text): None for m in misread}
         prepared.append(prepare(config, list(frames_of_log(log, plan)), f"log {i + 1}"))
     problem = Problem.of(config, free_keys(config), prepared)

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from observer.fleet.jobs import jobs_of, read_table
-from observer.fleet.journal import RunOptions, done
+from observer.fleet.journal import RunOptions, finished_row
 from observer.fleet.report import conclude
 from observer.fleet.run import batches
 from observer.fleet.work import work
@@ -69,7 +69,7 @@ def alone(table: Path) -> tuple[float, float, float]:
         rows = work(orders, how)
         done_s = time.process_time()
         assert not any(row["problem"] for row in rows)
-        assert all(done(order, how) for order in orders)
+        assert all(finished_row(order, how) for order in orders)
         batches(orders, 2)
         conclude(how.output, rows)
         return done_s - warm_s, warm_s - begun_s, time.process_time() - done_s

@@ -1,6 +1,7 @@
 """`python -m drivers.simulated`: prints the addresses of its wires in one JSON line, then runs in real time.
 
-It ends on SIGTERM, SIGINT, or when its standard input is closed, so it never outlives who started it.
+It ends on SIGTERM, SIGINT, or when its standard input is closed, so it never outlives the process that
+started it.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ MAPS = {"wago_750_458": wago_750_458, "icpdas_m7018": icpdas_m7018}
 
 
 def arguments() -> argparse.Namespace:
-    """The command line."""
+    """Return the parsed command line."""
     parser = argparse.ArgumentParser(prog="python -m drivers.simulated", description="A simulated machine.")
     parser.add_argument("--port", type=int, default=0, help="Modbus TCP port on loopback; 0 takes a free one")
     parser.add_argument("--map", choices=sorted(MAPS), default="wago_750_458", help="thermocouple module")
@@ -119,7 +120,7 @@ class MachineProcess:
                 self._sample()
                 if self._truth:
                     self._sequence += 1
-                    self._truth.put(self._machine.heats(), self._sequence)
+                    self._truth.publish(self._machine.heats(), self._sequence)
 
     def _sample(self) -> None:
         """Read the thermocouples into the registers."""
@@ -148,11 +149,14 @@ class MachineProcess:
             print(json.dumps({"faults": self._faults.model_dump(exclude_defaults=True)}), flush=True)
 
     def _read_stdin(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Hand lines to the event loop; from the bare descriptor, as `sys.stdin` would hold up the exit."""
-        rest = b""
+        """Hand lines to the event loop.
+
+        It reads the bare descriptor, because a read of `sys.stdin` would delay the exit.
+        """
+        partial = b""
         while True:
             data = os.read(0, 4096)
-            *lines, rest = (rest + data).split(b"\n")
+            *lines, partial = (partial + data).split(b"\n")
             for line in [*lines, None] if not data else lines:
                 try:
                     loop.call_soon_threadsafe(self._commands.put_nowait, line)

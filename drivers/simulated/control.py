@@ -1,10 +1,12 @@
 """`python -m drivers.simulated.control`: a control with a compensation of its own, behind Modbus TCP.
 
-It trusts nobody: it moves towards the commanded table at its own rate, rejects values beyond its limit, and
-ramps to zero when the sign of life stops, until it has been switched off once. It prints its port in one JSON
-line, obeys lines on standard input (`{"alter": true}` makes it hold something other than was written,
-`{"off": true}` is the operator's switch, `{}` only queries), answers each with its status, and ends when the
-input is closed. It shares only the page that describes the registers with the client.
+It moves towards the commanded table at its own rate and rejects values beyond its limit. When the sign of
+life stops it ramps to zero, until it has been switched off once.
+
+It prints its port in one JSON line and ends when standard input is closed. It obeys lines on standard input
+and answers each with its status. `{"alter": true}` makes it hold something other than was written, `{"off":
+true}` is the operator's switch, and `{}` only queries. It shares only the page that describes the registers
+with the client.
 """
 
 from __future__ import annotations
@@ -25,12 +27,12 @@ STEP_S = 0.01
 REGISTERS = 256
 STATE = 128
 OFF, FOLLOWING, TO_ZERO = 0, 1, 2
-NOTHING, DEAD_MAN, BEYOND, STRANGE, SWITCHED_OFF = range(5)
+NO_REASON, DEAD_MAN, BEYOND_LIMIT, NOT_UNDERSTOOD, SWITCHED_OFF = range(5)
 WRITES = (6, 16)
 
 
 def signed(high: int, low: int) -> int:
-    """The signed number in two registers."""
+    """Return the signed number in two registers."""
     number = high << 16 | low
     return number - (1 << 32) if number >> 31 else number
 
@@ -40,56 +42,56 @@ class RateLimitedTable:
 
     def __init__(self, rate_um_s: float, limit_um: float, longest_s: float) -> None:
         self.rate_um_s, self.limit_um, self.longest_s = rate_um_s, limit_um, longest_s
-        self.state, self.reason, self.beat, self.writes = OFF, NOTHING, 0, 0
+        self.state, self.reason, self.beat, self.writes = OFF, NO_REASON, 0, 0
         self.now_um: list[float] = []
-        self.wanted_um: list[float] = []
+        self.target_um: list[float] = []
         self.fastest_um_s = 0.0
         self._left_s = 0.0
 
     def write(self, words: list[int]) -> ExcCodes | None:
-        """Take a write from the first register on; None where it is accepted."""
+        """Process a write from the first register on; return None if it is accepted."""
         self.writes += 1
         if len(words) >= 2 and words[:2] == [1, 0]:
-            self.stop(NOTHING)
+            self.stop(NO_REASON)
             return None
         count = words[3] if len(words) > 3 else 0
         if words[:2] != [1, 1] or count < 2 or len(words) != 16 + 2 * count:
-            self.stop(STRANGE)
+            self.stop(NOT_UNDERSTOOD)
             return ExcCodes.ILLEGAL_VALUE
-        if self.reason != NOTHING:  # it must be switched off first
+        if self.reason != NO_REASON:  # it must be switched off first
             return ExcCodes.DEVICE_BUSY
         table_um = [signed(*words[16 + 2 * i : 18 + 2 * i]) * 1e-3 for i in range(count)]
         if max(abs(um) for um in table_um) > self.limit_um:
-            self.stop(BEYOND)
+            self.stop(BEYOND_LIMIT)
             return ExcCodes.ILLEGAL_VALUE
         if self.state != FOLLOWING or words[2] != self.beat:
             self._left_s = min(signed(words[4], words[5]) * 1e-3, self.longest_s)
-        self.state, self.beat, self.wanted_um = FOLLOWING, words[2], table_um
+        self.state, self.beat, self.target_um = FOLLOWING, words[2], table_um
         self.now_um = self.now_um if len(self.now_um) == count else [0.0] * count
         return None
 
     def stop(self, reason: int) -> None:
         """Go to zero."""
         self.state, self.reason = TO_ZERO, reason
-        self.wanted_um = [0.0] * len(self.now_um)
+        self.target_um = [0.0] * len(self.now_um)
 
     def advance(self, elapsed_s: float) -> None:
-        """Go on."""
+        """Move towards the target for `elapsed_s`, and ramp to zero if the sign of life has stopped."""
         self._left_s -= elapsed_s
         if self.state == FOLLOWING and self._left_s < 0.0:
             self.stop(DEAD_MAN)
         most = self.rate_um_s * elapsed_s
-        steps = [min(most, max(-most, b - a)) for a, b in zip(self.now_um, self.wanted_um, strict=True)]
+        steps = [min(most, max(-most, b - a)) for a, b in zip(self.now_um, self.target_um, strict=True)]
         self.now_um = [a + step for a, step in zip(self.now_um, steps, strict=True)]
         self.fastest_um_s = max([self.fastest_um_s, *(abs(s) / elapsed_s for s in steps)])
         if self.state == TO_ZERO and not any(self.now_um):
             self.state = OFF
 
     def document(self) -> dict[str, Any]:
-        """What it is doing."""
+        """Return the state as a JSON object: state, reason, tables in µm, and the largest rate in µm/s."""
         return {
             "state": self.state, "reason": self.reason, "writes": self.writes, "now_um": self.now_um,
-            "wanted_um": self.wanted_um, "fastest_um_s": self.fastest_um_s,
+            "wanted_um": self.target_um, "fastest_um_s": self.fastest_um_s,
         }  # fmt: skip
 
 

@@ -20,12 +20,13 @@ Names = Annotated[tuple[str, ...], BeforeValidator(_one_or_many)]
 
 
 class Faults(BaseModel):
-    """The faults in force: thermocouples by name, the rest of the wires as a whole.
+    """The active faults: thermocouples by name, the other wires as a whole.
 
-    A faulty value looks like any other: thermocouples read `offset_K` too much, two have `exchanged` their
-    plugs, and the axis has been homed `homed_off_m` from where it was.
-    CAN frames are held up for `hold_can_s` and then delivered at once: now, or at random, on average every
-    `hold_can_every_s`. `drop_can`, `double_can` and `swap_can` are shares of frames to which that happens.
+    A faulty value looks like any other. Thermocouples read `offset_K` too much, two have `exchanged` their
+    plugs, and the axis has been homed `homed_off_m` from its former zero. CAN frames are held up for
+    `hold_can_s` and then delivered at once. This happens now, or at random, on average every
+    `hold_can_every_s`. `drop_can`, `double_can` and `swap_can` are the fractions of frames that are lost,
+    doubled or swapped.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -46,11 +47,14 @@ class Faults(BaseModel):
     swap_can: Share = 0.0
 
     def read_degC(self, true_degC: Mapping[str, float], last_degC: Mapping[str, float]) -> dict[str, float]:
-        """What the thermocouples show: exchanged plugs, then offsets; a stuck one shows its last value."""
+        """Return the readings of the thermocouples in °C, from the true and the last ones.
+
+        Plugs are exchanged first, then offsets added; a stuck thermocouple repeats its last value.
+        """
         shown = dict(true_degC)
         if self.exchanged is not None and shown.keys() >= set(self.exchanged):
-            one, other = self.exchanged
-            shown[one], shown[other] = shown[other], shown[one]
+            first, second = self.exchanged
+            shown[first], shown[second] = shown[second], shown[first]
         for name in shown:
             shown[name] += self.offset_K.get(name, 0.0)
             if name in self.stuck:
@@ -71,9 +75,9 @@ class MachineCommand(BaseModel):
 
 
 class Mishaps:
-    """Hands lines on to `write`, or holds them up, drops, doubles or swaps them, as the faults say.
+    """Hands lines on to `write`, or holds them up, drops, doubles or swaps them, according to the faults.
 
-    Needs a running event loop, which delivers what was held up.
+    Needs a running event loop, which delivers held-up lines.
     """
 
     def __init__(self, write: Callable[[bytes], None], seed: int) -> None:
@@ -84,13 +88,13 @@ class Mishaps:
         self._behind = b""
 
     def set(self, faults: Faults) -> None:
-        """Put faults in force; a hold-up without `hold_can_every_s` happens once, now."""
+        """Replace the active faults; a hold-up without `hold_can_every_s` happens once, now."""
         self._faults = faults
         if faults.hold_can_s and faults.hold_can_every_s is None:
             self._hold_up(faults.hold_can_s)
 
-    def put(self, line: bytes, period_s: float) -> None:
-        """Send one of the lines that come each period."""
+    def send(self, line: bytes, period_s: float) -> None:
+        """Send one of the lines that come each `period_s`."""
         faults = self._faults
         every_s = faults.hold_can_every_s
         if faults.hold_can_s and every_s and self._random.random() < period_s / every_s:
@@ -115,5 +119,5 @@ class Mishaps:
             asyncio.get_running_loop().call_later(for_s, self._release)
 
     def _release(self) -> None:
-        held, self._held = self._held or [], None
-        self._write(b"".join(held))
+        held_lines, self._held = self._held or [], None
+        self._write(b"".join(held_lines))

@@ -2,7 +2,7 @@
 
 Each is a body of one temperature on the screw's seat: C dT/dt = q + G (T_screw − T) + G_air (T_air − T). Half
 of the nut's friction heats its body. The nut passes heat to each place under it separately. Seats and losses
-are a tenth or two off what the demo's configuration says, as dimensions are.
+differ by a tenth or two from the demo's configuration, as real dimensions do.
 """
 
 from __future__ import annotations
@@ -31,23 +31,25 @@ class HousedMachine(SimulatedMachine):
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
-        own = Bodies()
-        self._capacity_J_K, self._seat_W_K = np.array(own.capacity_J_K), np.array(own.seat_W_K)
-        self._air_W_K, self._air_degC = np.array(own.air_W_K), ScrewData().ambient_degC
+        bodies = Bodies()
+        self._capacity_J_K, self._seat_W_K = np.array(bodies.capacity_J_K), np.array(bodies.seat_W_K)
+        self._air_W_K, self._air_degC = np.array(bodies.air_W_K), ScrewData().ambient_degC
         self._body_degC = np.full(3, self._air_degC)
 
     def heats(self) -> TrueHeats:
-        """The true heats of this moment, the nut's with what its body takes."""
+        """Return the present true heats; the nut's includes the heat into its body."""
         true = super().heats()
         return replace(true, nut_W=true.nut_W / (1.0 - SHARE_OF_BODY))
 
     def thermocouples_degC(self) -> dict[str, float]:
-        """What the thermocouples say now, each reading with its own noise."""
+        """Return the present readings of the thermocouples in °C, each with its own noise."""
         noisy = self._body_degC + NOISE_K * self._random.standard_normal(len(SENSORS))
         return dict(zip(SENSORS, noisy.tolist(), strict=True))
 
     def _entering_W(self, true: TrueHeats, under: FloatArray, dt_s: float) -> FloatArray:
-        """What enters each cell (cells,), with what the bodies pass; the bodies are a step on then."""
+        """Return the heat into each cell (cells,) in W, with that from the bodies, and advance the bodies by
+        `dt_s`.
+        """
         q_W = super()._entering_W(replace(true, nut_W=(1.0 - SHARE_OF_BODY) * true.nut_W), under, dt_s)
         screw_degC, (nut_degC, *housings_degC) = self._screw.temperature_degC, self._body_degC
         passed_W = self._seat_W_K[0] * under * (nut_degC - screw_degC)

@@ -1,11 +1,12 @@
 """The axis that the simulated machine runs: speed programme, nut, friction, screw and thermocouples.
 
-Its friction deviates from the nominal heat law: every source is about a tenth off, and the nut's drifts
-slowly, so that an estimator has something to find. The screw conducts by finite volumes, implicit in time:
+Its friction deviates from the nominal heat law, so that an estimator has something to find. Every source is
+about a tenth off, and the nut's drifts slowly. The screw conducts by finite volumes, implicit in time:
 
-C_i dT_i/dt = G (T_{i-1} − 2 T_i + T_{i+1}) + H (T_amb − T_i) + q_i, with insulated ends, C = ρ c A Δx,
-G = k A / Δx, H = h P Δx. Backward Euler gives a symmetric positive definite tridiagonal system (Patankar
-1980, chapter 4).
+C_i dT_i/dt = G (T_{i-1} − 2 T_i + T_{i+1}) + H (T_amb − T_i) + q_i.
+
+The ends are insulated. C = ρ c A Δx, G = k A / Δx, H = h P Δx. Backward Euler gives a symmetric positive
+definite tridiagonal system (Patankar 1980, chapter 4).
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class ScrewData:
 
 
 class FiniteVolumeScrew:
-    """The temperature of every cell, advanced in steps."""
+    """The temperature of every cell (cells,) in °C, advanced in steps."""
 
     def __init__(self, rod: ScrewData) -> None:
         self.rod = rod
@@ -65,24 +66,24 @@ class FiniteVolumeScrew:
         self.temperature_degC = np.full(rod.cells, rod.ambient_degC)
 
     def step(self, dt_s: float, heat_W: FloatArray) -> None:
-        """Advance by one implicit step under the heat of each cell (cells,)."""
+        """Advance by one implicit step of `dt_s` under the heat of each cell (cells,) in W."""
         stored_W_K = self._capacity_J_K / dt_s
         right = stored_W_K * self.temperature_degC + self._film_W_K * self.rod.ambient_degC + heat_W
         _, _, self.temperature_degC, _ = lapack.dptsv(stored_W_K + self._steady_W_K, self._off_W_K, right)
 
     def spread(self, from_m: float, to_m: float) -> FloatArray:
-        """The share of each cell (cells,) in a heat that is uniform over a stretch; it sums to 1."""
+        """Return the share of each cell (cells,) in a heat that is uniform over a stretch; it sums to 1."""
         overlap_m = np.minimum(self._edges_m[1:], to_m) - np.maximum(self._edges_m[:-1], from_m)
         share: FloatArray = np.clip(overlap_m, 0.0, None) / (to_m - from_m)
         return share
 
     def at(self, position_m: FloatArray) -> FloatArray:
-        """Temperatures at positions, interpolated between cell centres."""
-        found: FloatArray = np.interp(position_m, self._centres_m, self.temperature_degC)
-        return found
+        """Return temperatures in °C at positions (k,) in m, interpolated between cell centres."""
+        temperature_degC: FloatArray = np.interp(position_m, self._centres_m, self.temperature_degC)
+        return temperature_degC
 
     def rise_K_m(self, to_m: float) -> float:
-        """The integral from 0 of how much warmer than the air it is."""
+        """Return the integral of the temperature above ambient from 0 to `to_m`, in K m."""
         inside_m = np.clip(to_m - self._edges_m[:-1], 0.0, self._dx_m)
         return float(inside_m @ (self.temperature_degC - self.rod.ambient_degC))
 
@@ -97,7 +98,7 @@ class TrueHeats:
 
 
 def speed_rpm(time_s: float) -> float:
-    """The speed that the programme, repeated for ever, commands."""
+    """Return the speed that the programme, repeated for ever, commands."""
     remaining_s = time_s % sum(duration_s for duration_s, _ in PROGRAMME)
     for duration_s, speed in PROGRAMME:
         if remaining_s < duration_s:
@@ -107,7 +108,9 @@ def speed_rpm(time_s: float) -> float:
 
 
 def heats(time_s: float) -> TrueHeats:
-    """The true heats: torque · share · ω in the nut, watts per rpm in the bearings, each off its nominal."""
+    """Return the true heats: torque · share · ω in the nut, W per rpm in the bearings, each off its
+    nominal.
+    """
     speed = speed_rpm(time_s)
     torque_Nm = NOMINAL_TORQUE_NM * (1.10 + 0.04 * math.sin(2 * math.pi * time_s / 900.0))
     return TrueHeats(
@@ -128,11 +131,14 @@ class SimulatedMachine:
         self._positions_m = np.array(list(SENSORS.values()))
 
     def heats(self) -> TrueHeats:
-        """The true heats of this moment."""
+        """Return the present true heats."""
         return heats(self.time_s)
 
     def advance(self, dt_s: float) -> None:
-        """Move and heat for one step; the nut's heat goes where the nut was at its start and its end."""
+        """Move and heat for one step of `dt_s`.
+
+        Half of the nut's heat goes to the nut's position at the start of the step, half to that at its end.
+        """
         true, under = self.heats(), 0.5 * self._under_nut()
         self._travel_m += LEAD_M * speed_rpm(self.time_s) / 60 * dt_s
         under += 0.5 * self._under_nut()
@@ -140,7 +146,9 @@ class SimulatedMachine:
         self.time_s += dt_s
 
     def nut_position_m(self, ahead_s: float = 0.0) -> float:
-        """Where the centre of the nut, which goes back and forth over the stroke, is or soon will be."""
+        """Return the position of the nut's centre in m, now or `ahead_s` later; it goes back and forth over
+        the stroke.
+        """
         low_m = STROKE_M[0] + NUT_LENGTH_M / 2
         reach_m = STROKE_M[1] - STROKE_M[0] - NUT_LENGTH_M
         travel_m = self._travel_m + LEAD_M * speed_rpm(self.time_s) / 60 * ahead_s
@@ -148,17 +156,21 @@ class SimulatedMachine:
         return low_m + (phase_m if phase_m <= reach_m else 2 * reach_m - phase_m)
 
     def thermocouples_degC(self) -> dict[str, float]:
-        """What the thermocouples say now, each reading with its own noise."""
+        """Return the present readings of the thermocouples in °C, each with its own noise."""
         noisy = self._screw.at(self._positions_m) + NOISE_K * self._random.standard_normal(len(SENSORS))
         return dict(zip(SENSORS, noisy.tolist(), strict=True))
 
     def probed_um(self, position_m: float) -> float:
-        """What a probe says of how far the screw has grown there, from where it is as warm as the air."""
+        """Return a probe's reading of the screw's growth at a position in µm, relative to a screw as warm as
+        the air.
+        """
         grown_um = 1e6 * EXPANSION_1_K * self._screw.rise_K_m(position_m)
         return grown_um + PROBE_NOISE_UM * float(self._random.standard_normal())
 
     def _entering_W(self, true: TrueHeats, under: FloatArray, _dt_s: float) -> FloatArray:
-        """What enters each cell (cells,) in a step in which the nut stood over the shares `under` of them."""
+        """Return the heat into each cell (cells,) in W; `under` (cells,) is each cell's share in the nut's
+        heat.
+        """
         q_W = true.nut_W * under
         q_W[0] += true.left_bearing_W
         q_W[-1] += true.right_bearing_W

@@ -28,7 +28,7 @@ WAGO_OPEN, WAGO_OVER = 0x60, 0x42
 
 
 def wago_750_458(temperature_degC: Mapping[str, float], faults: Faults) -> list[int]:
-    """The module's registers: for each input a status word, then tenths of a degree."""
+    """Return the module's registers: for each input a status word, then tenths of a degree."""
     registers: list[int] = []
     for name, value in temperature_degC.items():
         status, tenths = 0, round(10 * value)
@@ -41,7 +41,7 @@ def wago_750_458(temperature_degC: Mapping[str, float], faults: Faults) -> list[
 
 
 def icpdas_m7018(temperature_degC: Mapping[str, float], faults: Faults) -> list[int]:
-    """The module's registers: tenths of a degree; it knows the broken wire only."""
+    """Return the module's registers: tenths of a degree; a broken wire is the only fault it reports."""
     return [
         0x7FFF if name in faults.open else round(10 * value) & 0xFFFF
         for name, value in temperature_degC.items()
@@ -95,7 +95,7 @@ class ThermocoupleServer:
 
 
 def _hung_up(master: int) -> bool:
-    """Whether nobody has the device of this master open."""
+    """Whether no process has the device of this master open."""
     poll = select.poll()
     poll.register(master, 0)
     return any(event & select.POLLHUP for _, event in poll.poll(0))
@@ -104,8 +104,8 @@ def _hung_up(master: int) -> bool:
 class AxisBus:
     """The axis controller's cyclic frame, described by `axis.dbc`, on the `device` of a serial CAN adapter.
 
-    With `stamps`, each line ends with the adapter's milliseconds. While nobody has the device open, lines are
-    dropped, as on a wire: whoever opens it later must not be handed the past.
+    With `stamps`, each line ends with the adapter's milliseconds. While no process has the device open, lines
+    are dropped, as on a wire. So a process that opens it later receives no old frames.
     """
 
     def __init__(self, stamps: bool, seed: int) -> None:
@@ -130,7 +130,7 @@ class AxisBus:
             "AxisState": 2 if screw_speed_rpm else 1,
             "AliveCounter": self._alive,
         }
-        self.mishaps.put(self._line(self._message, signals), period_s)
+        self.mishaps.send(self._line(self._message, signals), period_s)
 
     def send_probed(self, growth_um: float) -> None:
         """Send the frame that follows a probing cycle."""
@@ -154,9 +154,9 @@ class AxisBus:
 
 
 class TruthPublisher:
-    """A publisher with a session of its own, opened as soon as there is a router; only the newest goes out.
+    """A Zenoh publisher with its own session, opened when there is a router; only the newest message is sent.
 
-    Everything that can block is in a daemon thread, so the machine neither waits for a router nor for the
+    Everything that can block runs in a daemon thread. So the machine never waits for a router, nor for the
     end of a session with a router that no longer answers.
     """
 
@@ -169,8 +169,8 @@ class TruthPublisher:
         self._thread = threading.Thread(target=self._live, name="truth", daemon=True)
         self._thread.start()
 
-    def put(self, true: TrueHeats, sequence: int) -> None:
-        """Publish these heats, with the time of now."""
+    def publish(self, true: TrueHeats, sequence: int) -> None:
+        """Publish these heats with the present time."""
         self._next = json.dumps(
             {
                 "time_s": time.time(),

@@ -1,1 +1,3 @@
-"""Readings to frames: each channel's latest value at every tick, plausibility, times and units of logs."""
+"""Readings to frames: each channel's latest value at every tick, plausibility, and times and units of
+logs.
+"""

@@ -1,10 +1,9 @@
 """From readings to frames: every channel's latest value, age and quality at each tick.
 
-Readings and ticks are rows in the order in which they were used, live as in a recording, and one compiled
-function (`walk.py`) walks over them. The live service hands it the rows since the last tick, a replay
-thousands at once; the frames are the same to the last bit. Nothing here knows a clock: times come with the
-readings and ticks. A reading that was held up on its way keeps the time of its source: its row says how late
-it is.
+Readings and ticks are rows in the order in which they were used, live as in a recording. One compiled
+function (`walk.py`) processes them. The live service hands it the rows since the last tick, a replay
+thousands at once; the frames are the same to the last bit. Nothing here reads a clock: times come with the
+readings and ticks. A delayed reading keeps the time of its source, and its row holds the delay.
 """
 
 from __future__ import annotations
@@ -36,9 +35,9 @@ LATE_S = 1e-6  # a reading later than its row by less is in time: rows are a bit
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """A channel whose path is kept: its column, and that of the speed that drives it times `lead_m`.
+    """A nut's position channel: its column, and the column of the speed that drives the nut times `lead_m`.
 
-    `speed` is −1 where speed or lead is not known, or the nut is driven as well as the screw.
+    `speed` is −1 if speed or lead is not known, or if the nut is driven as well as the screw.
     """
 
     column: int
@@ -48,16 +47,20 @@ class Position:
 
 @dataclass(frozen=True, slots=True)
 class AlignPlan:
-    """What is expected of the channels.
+    """How each of c channels is expected to deliver its values.
 
-    `period_s` is the tick's; `expected_s` (c,) each channel's own, NaN where it is learned from what comes,
-    infinite where it is occasional; `noise_K` (c,) that of thermocouples, NaN elsewhere; `positions` those
-    whose path is kept; `limits` the plausible values. `log_s` (c,) the channels' own periods in logs that
-    others wrote, NaN where learnt. `passings` are the displacements that are read where the nut passes.
+    Attributes:
+        positions: channels with a nut's position
+        expected_s: (c,) interval between values: NaN if learnt from the readings, infinite if occasional
+        noise_K: (c,) noise of thermocouples, NaN elsewhere
+        period_s: interval between ticks
+        limits: plausible values
+        log_s: (c,) intervals in logs from other recorders, NaN where learnt
+        passings: displacements that are read where the nut passes
+        heartbeat_s: (c,) age beyond which the value of a channel that sends only on change is stale, else NaN
 
-    `heartbeat_s` (c,) is the age beyond which the value of a channel that sends only on change is stale, NaN
-    of any other channel. Such a channel has no `expected_s`, as no two of its values are a period apart, and
-    no `noise_K`, as equal values are heartbeats and no sign of a stuck sensor.
+    A channel with a heartbeat has no `expected_s`, since its values have no common interval. It has no
+    `noise_K` either, since equal values are heartbeats and not the sign of a stuck sensor.
     """
 
     channels: tuple[str, ...]
@@ -72,7 +75,7 @@ class AlignPlan:
 
     @classmethod
     def of(cls, config: Config) -> AlignPlan:
-        """The plan of a configuration."""
+        """Return the plan of a configuration."""
         channels = config.channels
         never = {s.channel: math.inf for s in config.sensor if s.occasional}
         periods = config.sample_s | never
@@ -92,17 +95,20 @@ class AlignPlan:
         )
 
     def of_log(self, log: Log) -> AlignPlan:
-        """The plan with the sampling intervals found in a log from another recorder."""
+        """Return the plan with the sampling intervals found in a log from another recorder.
+
+        A recording of the service leaves the plan unchanged.
+        """
         if log.step is not None:
             return self
         unknown_s = np.full(len(self.channels), np.nan)
-        own_s = intervals_s(log, self.channels, unknown_s if self.log_s is None else self.log_s)
-        unchanged = np.isnan(own_s) | self.on_change
-        return replace(self, expected_s=np.where(unchanged, self.expected_s, own_s), log_s=own_s)
+        log_s = intervals_s(log, self.channels, unknown_s if self.log_s is None else self.log_s)
+        unchanged = np.isnan(log_s) | self.on_change
+        return replace(self, expected_s=np.where(unchanged, self.expected_s, log_s), log_s=log_s)
 
     @property
     def occasional(self) -> BoolArray:
-        """Which channels (c,) come only now and then, and are never overdue."""
+        """Which channels (c,) deliver values only now and then, and are never overdue."""
         return np.isinf(self.expected_s)
 
     @property
@@ -113,13 +119,13 @@ class AlignPlan:
         return ~np.isnan(self.heartbeat_s)
 
     def expected(self) -> Expected:
-        """The plan as the compiled walk takes it."""
-        own = self.limits
+        """Return the plan in the form that the compiled walk takes."""
+        limits = self.limits
         none_s = np.full(len(self.channels), math.nan)
         return Expected(
             self.expected_s, none_s if self.heartbeat_s is None else self.heartbeat_s, self.noise_K,
-            self.period_s, own.low, own.high, own.rate_per_s, own.above_K, own.below_K, own.slack,
-            own.ambient, own.ambient_degC,
+            self.period_s, limits.low, limits.high, limits.rate_per_s, limits.above_K, limits.below_K,
+            limits.slack, limits.ambient, limits.ambient_degC,
             np.array([p.column for p in self.positions], np.int64),
             np.array([p.speed for p in self.positions], np.int64),
             np.array([p.lead_m for p in self.positions], float),
@@ -127,28 +133,30 @@ class AlignPlan:
 
 
 def _positions(config: Config) -> dict[str, Position]:
-    """The position channels, each once."""
-    found: dict[str, Position] = {}
+    """Return the position channels by name, each once."""
+    positions: dict[str, Position] = {}
     for source in config.source:
         if source.position_channel is None:
             continue
         column = config.channels.index(source.position_channel)
         lead_m = source.lead_m or (source.nut_friction.lead_m if source.nut_friction else None)
         if source.speed_channel is None or source.nut_speed_channel is not None or lead_m is None:
-            found.setdefault(source.position_channel, Position(column))
+            positions.setdefault(source.position_channel, Position(column))
         else:
             speed = config.channels.index(source.speed_channel)
-            found[source.position_channel] = Position(column, speed, lead_m)
-    return found
+            positions[source.position_channel] = Position(column, speed, lead_m)
+    return positions
 
 
 class Aligner:
     """Takes readings as they come and gives a frame at each tick.
 
-    A channel is good while its newest reading is a usable value no older than twice the time it is expected
-    in (or the tick's period, if that is longer), and stale beyond; missing while it has never been seen or
-    its newest reading holds no value; rejected while its newest reading carries a fault or it is stuck. One
-    that sends only on change is good until its heartbeat has passed; its silence before says nothing.
+    The quality of a channel follows from its newest reading. It is good while that is a usable value no older
+    than twice its expected interval, or twice the tick's period if that is longer. Beyond that age it is
+    stale. It is missing before the first reading and after one without a value. It is rejected after a
+    reading with a fault, and while the channel is stuck. A channel that sends only on change is good until
+    its heartbeat is overdue.
+
     After a warm start the first step begins at `last_tick_s`, the last tick before it.
     """
 
@@ -163,32 +171,35 @@ class Aligner:
 
     @property
     def memory(self) -> Memory:
-        """The state of the channels, as a copy."""
+        """A copy of the state of all channels."""
         return self._walk.memory.copy()
 
     @property
     def faults(self) -> dict[str, str]:
-        """The fault each channel shows now, by its name."""
-        memory, found = self._walk.memory, {}
+        """The present fault of each faulty channel, by name."""
+        memory, faults = self._walk.memory, {}
         ambient = self._plan.limits.ambient
         ambient_degC = self._plan.limits.ambient_degC if ambient < 0 else float(memory.value[ambient])
         for j, name in enumerate(self._plan.channels):
             if memory.stuck[j]:
-                found[name] = "stuck"
+                faults[name] = "stuck"
             if breach := int(memory.breach[j]):
                 value = float(memory.refused[j])
-                found[name] = self._plan.limits.sentence(j, Breach(breach), value, ambient_degC)
-        return found | self._faults
+                faults[name] = self._plan.limits.sentence(j, Breach(breach), value, ambient_degC)
+        return faults | self._faults
 
     def news_of(self, reading: Reading) -> list[Reading]:
-        """Return what of a reading is news, none where nothing is: of an occasional channel no absence, and
-        no value that it still has, as a register keeps it, but a new one; of one that sends only on change no
-        silence. What follows from it where the nut has passed comes first.
+        """Return the readings with news that follow from one: first those at places that the nut has passed.
+
+        Values without news are left out. For an occasional channel these are a missing value and an unchanged
+        one, as a register repeats it. For a channel that sends only on change it is silence. A reading
+        without news gives an empty list.
         """
-        given = [*self._passings.take(reading), reading]
-        return [news for each in given if (news := self._new_in(each)) is not None]
+        readings = [*self._passings.take(reading), reading]
+        return [news for candidate in readings if (news := self._new_in(candidate)) is not None]
 
     def _new_in(self, reading: Reading) -> Reading | None:
+        """Return a reading without the channels that bring no news; None if none is left."""
         occasional = self._occasional.keys() & reading.values.keys()
         old = [name for name in occasional if self._is_old(name, reading)]
         if reading.faults:
@@ -200,13 +211,13 @@ class Aligner:
         return replace(reading, values=values, faults=faults) if values else None
 
     def _is_old(self, name: str, reading: Reading) -> bool:
-        """Whether a reading says of an occasional channel nothing, or what is known."""
+        """Whether the value of an occasional channel in a reading is missing or equal to its last value."""
         value, fault = float(reading.values[name]), reading.faults.get(name)
-        known = self._walk.memory.value[self._occasional[name]]
-        return fault in _ABSENT or (fault is None and (math.isnan(value) or value == known))
+        last_value = self._walk.memory.value[self._occasional[name]]
+        return fault in _ABSENT or (fault is None and (math.isnan(value) or value == last_value))
 
     def ingest(self, reading: Reading) -> Reading:
-        """Take a reading; returns it as used and to be recorded, in a row later than all before."""
+        """Take a reading; return it as used and to be recorded, in a row later than all before."""
         row_s = time_s = reading.time_s
         if time_s <= self._last_s:
             row_s = math.nextafter(self._last_s, math.inf)
@@ -222,7 +233,7 @@ class Aligner:
         return Reading(row_s, values, faults, late_s)
 
     def _with_faults(self, reading: Reading) -> tuple[Mapping[str, float], dict[str, str]]:
-        """The values and faults of a reading, the faults that channels show now being noted."""
+        """Return the values and faults of a reading, and store the present faults of its channels."""
         values, faults = {}, {}
         for name in self._plan.channels:
             if name not in reading.values and name not in reading.faults:
@@ -237,7 +248,7 @@ class Aligner:
         return values, faults
 
     def tick(self, time_s: float) -> FrameBlock:
-        """The frame of all readings up to now; a block of one."""
+        """Return the frame of all readings up to `time_s`, as a block of one."""
         if time_s <= self._last_s:
             time_s = math.nextafter(self._last_s, math.inf)
         self._last_s = time_s
@@ -247,11 +258,11 @@ class Aligner:
 def frames_of_log(
     log: Log, plan: AlignPlan, block: int = BLOCK, last_tick_s: float = math.nan
 ) -> Iterator[FrameBlock]:
-    """The frames of a log in blocks: the ticks of a recording, or every row of any other log.
+    """Yield the frames of a log in blocks: the ticks of a recording, or every row of any other log.
 
-    In a plain log each row is a tick at which every channel was read, so an empty cell is a missing value. Of
-    a channel that is regularly rarer than the rows one is missing that is overdue.
-    `last_tick_s` is the last tick before a recording that goes on from a warm start.
+    In a plain log each row is a tick at which every channel was read, so an empty cell is a missing value. In
+    a channel that is regularly rarer than the rows, an empty cell is a missing value only when the channel is
+    overdue. `last_tick_s` is the last tick before a recording that continues from a warm start.
     """
     return (frames for frames, _ in blocks_of_log(log, plan, block, last_tick_s))
 
@@ -263,9 +274,9 @@ def blocks_of_log(
     last_tick_s: float = math.nan,
     walk: Walk | None = None,
 ) -> Iterator[tuple[FrameBlock, bool]]:
-    """The frames of a log in blocks, each with whether the estimator was reset before its first frame.
+    """Yield the frames of a log in blocks, each with whether the estimator was reset before its first frame.
 
-    `walk` is that of the part before, for a part of a recording.
+    For a part of a recording, `walk` is the one that has processed the part before.
     """
     log = log if log.step is not None else with_passings(log, plan.passings)
     plan = plan.of_log(log)
@@ -273,31 +284,31 @@ def blocks_of_log(
     rows = _rows_of_log(log, plan)
     ends = np.flatnonzero(rows.step) + 1
     resets = [row for row, flags in enumerate(log.flags or ()) if flags and flags.startswith(RESET)]
-    afresh = set(np.searchsorted(ends, resets, side="right").tolist())
+    reset_ticks = set(np.searchsorted(ends, resets, side="right").tolist())
     start = first = 0
     while first < len(ends):
-        last = min([first + block, len(ends), *(k for k in afresh if k > first)])
+        last = min([first + block, len(ends), *(k for k in reset_ticks if k > first)])
         end = int(ends[last - 1])
-        yield walk.on(rows.part(start, end)), first in afresh
+        yield walk.on(rows.part(start, end)), first in reset_ticks
         start, first = end, last
 
 
 def _rows_of_log(log: Log, plan: AlignPlan) -> Rows:
-    """A log as rows, `plan` being that of the log; a channel that the log does not have is never present."""
+    """Return a log as rows; `plan` is the log's. A channel that the log lacks is never present."""
     channels = plan.channels
-    known = [j for j, name in enumerate(channels) if name in log.channels]
+    columns = [j for j, name in enumerate(channels) if name in log.channels]
     time_s = contiguous(log.time_s)
     values = np.full((len(log), len(channels)), np.nan)
-    values[:, known] = log.values[:, [log.channels.index(channels[j]) for j in known]]
+    values[:, columns] = log.values[:, [log.channels.index(channels[j]) for j in columns]]
     faulted = np.zeros(values.shape, np.bool_)
     present = np.zeros(values.shape, np.bool_)
     if log.step is None or log.flags is None:
-        for j in known:
-            own_s = math.nan if plan.log_s is None else float(plan.log_s[j])
-            there = np.isfinite(values[:, j])
+        for j in columns:
+            interval_s = math.nan if plan.log_s is None else float(plan.log_s[j])
+            has_value = np.isfinite(values[:, j])
             if plan.occasional[j]:  # a value that the row before has too is held, and no new one
-                there[1:] &= values[1:, j] != values[:-1, j]
-            present[:, j] = expected_cells(time_s, there, own_s)
+                has_value[1:] &= values[1:, j] != values[:-1, j]
+            present[:, j] = expected_cells(time_s, has_value, interval_s)
         none_late = np.zeros(len(log))
         return Rows(time_s, none_late, np.ones(len(log), np.bool_), values, present, faulted)
     present[:] = ~np.isnan(values)
@@ -312,39 +323,48 @@ def _rows_of_log(log: Log, plan: AlignPlan) -> Rows:
 
 
 def faults_of(flags: str | None) -> dict[str, str]:
-    """The faults written in a recording's `flags` cell: `channel=fault;channel=fault`; commands are none."""
+    """Return the fault of each channel in a recording's `flags` cell: `channel=fault;channel=fault`.
+
+    Commands in the cell are left out.
+    """
     items = flags.split(";") if flags else ()
     pairs = (item.split("=", 1) for item in items if not item.startswith(COMMAND_MARK))
     return {unquote(pair[0]): unquote(pair[-1]) for pair in pairs}
 
 
 def commands_of(log: Log) -> list[dict[str, Any]]:
-    """The commands in a recording: of each `time_s`, `command`, and `outcome`, as `done by anna@desk`."""
-    found = []
+    """Return the commands in a recording, each with `time_s`, `command` and `outcome`, such as `done by
+    anna@desk`.
+    """
+    commands = []
     for row, flags in enumerate(log.flags or ()):
         for item in (flags or "").split(";"):
             if item.startswith(COMMAND_MARK):
                 name, _, outcome = item.removeprefix(COMMAND_MARK).partition("=")
-                found.append({"time_s": float(log.time_s[row]), "command": name, "outcome": unquote(outcome)})
-    return found
+                commands.append(
+                    {"time_s": float(log.time_s[row]), "command": name, "outcome": unquote(outcome)}
+                )
+    return commands
 
 
 def read_in(frames: FrameBlock) -> set[str]:
-    """The channels that had a usable value in frames."""
+    """Return the channels that had a usable value in frames."""
     return {frames.channels[j] for j in np.flatnonzero(frames.fresh.any(axis=0)).tolist()}
 
 
 def doubts(
     log: Log, paths: Sequence[Mapping[str, NutPath]], config: Config, read: Set[str] | None = None
 ) -> list[str]:
-    """List doubts about a log: channels that do not fit the configuration, with their likely unit,
-    words that were read as missing values, sensors without any value, and places along a nut's way that are
-    never read.
+    """Return the doubts about a log, a sentence each.
 
-    `paths` are the nuts' paths in the log's frames, block by block, `read` the channels with a value in these
-    (see `read_in`), None where that is not known.
+    They concern channels that do not fit the configuration, with their likely unit, and words that were read
+    as missing values. They also name sensors without any value and places along a nut's way that are never
+    read.
+
+    The `paths` are the nuts' paths in the log's frames, block by block. The channels with a value in these
+    frames are `read` (see `read_in`), None if that is not known.
     """
-    words = [each.text for each in log.words if each.column in config.channels]
+    words = [unread.text for unread in log.words if unread.column in config.channels]
     dead = [
         f"channel {name} has no value in any row, so its sensor counts as missing throughout"
         for name in _without_value(log, {sensor.channel for sensor in config.sensor})
@@ -362,8 +382,10 @@ def doubts(
 
 
 def refuse_empty(log: Log, config: Config, *, sensors: bool) -> None:
-    """Raise `LogError` where an input has no value in any row, or, if asked, no sensor has one: the wrong
-    column, or one never written. In a recording of the service any may have been away, and is not refused.
+    """Raise `LogError` if an input has no value in any row, or, with `sensors`, if no sensor has one.
+
+    The cause is a wrong column or one that was never written. A recording of the service is accepted, since
+    any channel may have been disconnected.
     """
     if log.step is not None:
         return
@@ -383,22 +405,26 @@ def refuse_empty(log: Log, config: Config, *, sensors: bool) -> None:
 
 
 def refuse_implausible(log: Log, config: Config, *, laws: bool = False) -> None:
-    """Raise `LogError` where a temperature that the screw is in, or, if asked, an input of a heat law, is
-    beyond its limits in every row: it counts as missing, and nothing follows from the log.
+    """Raise `LogError` if a temperature around the screw is beyond its limits in every row.
+
+    With `laws` this also applies to the inputs of heat laws. Such a channel counts as missing, so the log
+    cannot be used.
     """
-    needed = {config.boundary.left.channel, config.boundary.right.channel, config.ambient.channel}
+    required = {config.boundary.left.channel, config.boundary.right.channel, config.ambient.channel}
     if config.bed is not None:
-        needed.add(config.bed.channel)
+        required.add(config.bed.channel)
     if laws:
-        needed |= {c for s in config.source for c in (s.speed_channel, s.nut_speed_channel, s.power_channel)}
+        required |= {
+            c for s in config.source for c in (s.speed_channel, s.nut_speed_channel, s.power_channel)
+        }
     for name, part, sentence in implausible(config, log.values, log.channels):
-        if name in needed and part == 1.0:
+        if name in required and part == 1.0:
             raise LogError(
                 f"{log.path}: channel {name} is {sentence}; convert it, or give its unit in [log.columns]"
             )
 
 
 def _without_value(log: Log, among: Set[str]) -> list[str]:
-    """The channels of a log without a value in any row."""
+    """Return the channels among those named that have no value in any row of a log."""
     columns = ((name, log.values[:, j]) for j, name in enumerate(log.channels) if name in among)
     return [name for name, values in columns if not np.isfinite(values).any()]

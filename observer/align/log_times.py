@@ -1,6 +1,6 @@
 """The times of a log from another recorder: how often each channel has a value, and the unit of the times.
 
-A recorder that asks slow or scanned sensors in turn writes a row for each question, most cells of which are
+A recorder that reads slow or scanned sensors in turn writes a row for each reading, in which most cells are
 empty. Such a cell is not a missing value; one that stays empty beyond the sensor's own interval is.
 """
 
@@ -35,25 +35,26 @@ MOVED = 10.0
 
 
 def intervals_s(log: Log, channels: tuple[str, ...], given_s: FloatArray) -> FloatArray:
-    """The time between the values of each channel (c,) of a log; NaN for one that every row has.
+    """Return the time between the values of each channel (c,) of a log in s; NaN for one with a value in
+    every row.
 
-    `given_s` (c,) are those that the configuration gives, NaN where it is to be learnt.
+    `given_s` (c,) are the configured intervals in s, NaN where the interval is to be learnt.
     """
-    found_s = given_s.copy()
+    interval_s = given_s.copy()
     for j in np.flatnonzero(np.isnan(given_s)):
         if channels[j] in log.channels:
-            there = np.isfinite(log.values[:, log.channels.index(channels[j])])
-            found_s[j] = _learnt_s(log.time_s, there, joined=log.joined)
-    return found_s
+            has_value = np.isfinite(log.values[:, log.channels.index(channels[j])])
+            interval_s[j] = _learnt_s(log.time_s, has_value, joined=log.joined)
+    return interval_s
 
 
-def _learnt_s(time_s: FloatArray, there: BoolArray, *, joined: bool) -> float:
-    """The usual time between values that are regularly rarer than the rows; NaN where they are not.
+def _learnt_s(time_s: FloatArray, has_value: BoolArray, *, joined: bool) -> float:
+    """Return the usual time in s between values that are regularly rarer than the rows; NaN if they are not.
 
-    Where rows of several clocks were joined it is any channel's own, and that of irregular values the time
-    within which most of them come.
+    Where rows of several clocks were joined, every channel has its own interval. For irregular values it is
+    the time within which most of them come.
     """
-    rows = np.flatnonzero(there)
+    rows = np.flatnonzero(has_value)
     if len(rows) <= LEAST_VALUES or (not joined and np.median(np.diff(rows)) < 2):
         return np.nan
     apart_s = np.diff(time_s[rows])
@@ -64,79 +65,85 @@ def _learnt_s(time_s: FloatArray, there: BoolArray, *, joined: bool) -> float:
     return usual_s if regular else np.nan
 
 
-def expected_cells(time_s: FloatArray, there: BoolArray, interval_s: float) -> BoolArray:
-    """Which cells (n,) of a channel carry information: its values, and overdue ones.
+def expected_cells(time_s: FloatArray, has_value: BoolArray, interval_s: float) -> BoolArray:
+    """Return which cells (n,) of a channel carry information: its values, and overdue ones.
 
-    `there` (n,): which hold a value.
+    `has_value` (n,) marks the cells with a value.
     """
     if np.isnan(interval_s):
         return np.ones(len(time_s), np.bool_)
-    last = np.maximum.accumulate(np.where(there, np.arange(len(time_s)), -1))
+    last = np.maximum.accumulate(np.where(has_value, np.arange(len(time_s)), -1))
     since_s = np.where(last >= 0, time_s - time_s[last], time_s - time_s[0])
-    return np.asarray(there | (since_s > OVERDUE * interval_s))
+    return np.asarray(has_value | (since_s > OVERDUE * interval_s))
 
 
 def given_intervals_s(config: Config) -> FloatArray:
-    """Return what `[log] sensor_period_s` says of each channel (c,) in s, NaN where it says nothing; infinite
-    of an occasional one, or one that sends only on change: no cell of theirs is overdue.
+    """Return the interval that `[log] sensor_period_s` gives for each channel (c,) in s, NaN where it gives
+    none.
+
+    It is infinite for an occasional channel and for one that sends only on change, whose cells are never
+    overdue.
     """
-    given, of_channel = config.log.sensor_period_s, {s.channel: s for s in config.sensor}
-    found_s = np.full(len(config.channels), np.nan)
+    period_s, of_channel = config.log.sensor_period_s, {s.channel: s for s in config.sensor}
+    interval_s = np.full(len(config.channels), np.nan)
     for j, name in enumerate(config.channels):
         sensor = of_channel.get(name)
         if name in config.heartbeats_s or (sensor is not None and sensor.occasional):
-            found_s[j] = np.inf
-        elif sensor is not None and given is not None:
-            found_s[j] = given if isinstance(given, float) else given.get(sensor.name, np.nan)
-    return found_s
+            interval_s[j] = np.inf
+        elif sensor is not None and period_s is not None:
+            interval_s[j] = period_s if isinstance(period_s, float) else period_s.get(sensor.name, np.nan)
+    return interval_s
 
 
 def doubt_of_times(log: Log, config: Config) -> str | None:
-    """Report times that look like milliseconds: rows that are far apart, and temperatures that nevertheless
-    take days for what screws do within hours.
+    """Return a sentence if the times look like milliseconds read as seconds; else None.
+
+    The rows are then far apart, and temperatures seem to take days for changes that take hours in a screw.
     """
     apart_s = float(np.median(np.diff(log.time_s))) if len(log) > 1 else 0.0
     if log.step is not None or apart_s < ROWS_FROM_S:
         return None
-    taken = [
+    scales_s = [
         _scale_s(log, log.values[:, log.channels.index(s.channel)], MOVED * s.noise_K)
         for s in config.sensor
         if s.channel in log.channels and s.kind == "temperature"
     ]
-    known = [each for each in taken if np.isfinite(each)]
-    if not known or min(known) < SLOWEST_S:
+    finite_s = [scale_s for scale_s in scales_s if np.isfinite(scale_s)]
+    if not finite_s or min(finite_s) < SLOWEST_S:
         return None
     return (
-        f"by time_s the rows are {apart_s:.3g} s apart and the temperatures take {min(known) / 86_400:.2g} "
-        "days for what a screw does within hours, which looks like milliseconds where seconds are expected; "
-        "divide the column by 1000"
+        f"by time_s the rows are {apart_s:.3g} s apart and the temperatures take "
+        f"{min(finite_s) / 86_400:.2g} days for what a screw does within hours, which looks "
+        "like milliseconds where seconds are expected; divide the column by 1000"
     )
 
 
 def gaps_of(log: Log) -> Iterator[str]:
-    """Yield a sentence where rows are missing for so long that the screw has changed meanwhile."""
+    """Yield a sentence if rows are missing for so long that the screw has changed meanwhile."""
     apart_s = np.diff(log.time_s)
     long = apart_s > max(GAP_S, GAP_ROWS * float(np.median(apart_s))) if len(apart_s) else np.zeros(0)
     if long.any():
         at = int(np.argmax(apart_s))
-        one = f"there is no row for {_duration(apart_s[at])} after {log.time_s[at]:.6g} s"
-        many = f", the longest of {int(long.sum())} such gaps" if long.sum() > 1 else ""
+        sentence = f"there is no row for {_duration(apart_s[at])} after {log.time_s[at]:.6g} s"
+        others = f", the longest of {int(long.sum())} such gaps" if long.sum() > 1 else ""
         yield (
-            f"{one}{many}: what the machine did there is unknown, and what is found just after it is "
+            f"{sentence}{others}: what the machine did there is unknown, and what is found just after it is "
             "doubtful; give the parts as logs of their own"
         )
 
 
 def _duration(time_s: float) -> str:
-    """A length of time for people."""
+    """Return a length of time as text, in hours or minutes."""
     unit, size_s = ("h", 3600.0) if time_s >= 3600.0 else ("min", 60.0)
     return f"{time_s / size_s:.3g} {unit}"
 
 
 def _scale_s(log: Log, reading_degC: FloatArray, least_K: float) -> float:
-    """The time in which a reading changes by its own standard deviation, rms; NaN where it hardly varies."""
-    there = np.isfinite(reading_degC)
-    value, time_s = reading_degC[there], log.time_s[there]
+    """Return the time in s in which a reading changes by its own standard deviation, rms; NaN if it hardly
+    varies.
+    """
+    is_finite = np.isfinite(reading_degC)
+    value, time_s = reading_degC[is_finite], log.time_s[is_finite]
     if len(value) < LEAST_VALUES or (sigma := float(np.std(value))) < least_K:
         return np.nan
     lag = 1

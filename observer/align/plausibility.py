@@ -1,7 +1,7 @@
 """Plausible values: limits by kind of channel, and the likely unit of a value beyond them.
 
-A wrong unit or a device's code for a fault is a number like any other. These are the limits of what a ball
-screw beside a machine tool can show; `[limits]` overrides them for single channels.
+A wrong unit or a device's fault code is a number like any other. The limits here are those of a ball screw in
+a machine tool; `[limits]` overrides them for single channels.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ DN_MM_RPM = 250_000.0
 
 
 class ChannelKind(Enum):
-    """What a channel measures."""
+    """The quantity that a channel measures."""
 
     SCREW = "temperature of the screw"
     NODE = "temperature of a node"
@@ -52,9 +52,9 @@ TEMPERATURES = (
 
 
 class Breach(Enum):
-    """How a value is beyond its limits; the numbers are those of the compiled walk over the rows."""
+    """Which limit a value violates; the numbers are those of the compiled walk over the rows."""
 
-    NONE = 0
+    WITHIN_LIMITS = 0
     LOW = 1
     HIGH = 2
     RATE = 3
@@ -64,12 +64,16 @@ class Breach(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits of c channels, infinite where there are none.
+    """The limits of c channels; infinite means no limit.
 
-    `low`, `high`, `rate_per_s` (c,) in the channels' own units, `above_K`, `below_K` (c,) from ambient;
-    `usual` (c, 2) where values lie on this machine, from which the unit of one beyond the limits is guessed;
-    `slack` (c,) the change that noise alone may make between two samples. The ambient is channel number
-    `ambient`, or `ambient_degC` where that is −1 (NaN: not known).
+    Attributes:
+        low, high: (c,) in the channel's own unit
+        rate_per_s: (c,) largest change in a second
+        above_K, below_K: (c,) largest difference from ambient
+        slack: (c,) change between two samples that noise alone may make
+        usual: (c, 2) range of values on this machine, from which the unit of others is guessed
+        ambient: number of the ambient's channel, or −1
+        ambient_degC: constant ambient where `ambient` is −1; NaN if not known
     """
 
     kinds: tuple[ChannelKind, ...]
@@ -85,7 +89,7 @@ class Limits:
 
     @classmethod
     def of(cls, config: Config) -> Limits:
-        """The limits of a configuration's channels, in their order."""
+        """Return the limits of a configuration's channels, in their order."""
         kinds = kinds_of(config)
         rows = [_limits(config, channel, kinds[channel]) for channel in config.channels]
         noise = {s.channel: s.noise / s.channel_scale for s in config.sensor}
@@ -102,7 +106,7 @@ class Limits:
         )  # fmt: skip
 
     def sentence(self, channel: int, breach: Breach, value: float, ambient_degC: float) -> str:
-        """Describe how a value is beyond its limits and, if recognisable, which unit it looks like."""
+        """Return how a value violates its limits and, if recognisable, which unit it looks like."""
         air = f"the ambient {ambient_degC:.4g} °C"
         limit = {
             Breach.LOW: f"below {self.low[channel]:g}",
@@ -116,23 +120,25 @@ class Limits:
         )
         return f"implausible: {value:.6g} is {limit}" + (f"; {hint}" if hint else "")
 
-    def beyond(self, channel: int, value: Any, ambient_degC: float) -> Iterator[tuple[Breach, Any]]:
-        """Whether a value is beyond each of the limits for single values; of an array, which are."""
+    def breaches(self, channel: int, value: Any, ambient_degC: float) -> Iterator[tuple[Breach, Any]]:
+        """Yield each limit for single values with whether a value violates it; for an array, which values
+        do.
+        """
         yield Breach.LOW, value < self.low[channel]
         yield Breach.HIGH, value > self.high[channel]
         yield Breach.ABOVE_AMBIENT, value - ambient_degC > self.above_K[channel]
         yield Breach.BELOW_AMBIENT, ambient_degC - value > self.below_K[channel]
 
     def doubt(self, channel: int, value: float) -> str | None:
-        """Describe how a single value is beyond its limits; None where it may be right."""
-        for breach, beyond in self.beyond(channel, value, self.ambient_degC):
-            if beyond:
+        """Return how a single value violates its limits; None if it is plausible."""
+        for breach, is_beyond in self.breaches(channel, value, self.ambient_degC):
+            if is_beyond:
                 return self.sentence(channel, breach, value, self.ambient_degC)
         return None
 
 
 def kinds_of(config: Config) -> Mapping[str, ChannelKind]:
-    """What each channel of a configuration measures."""
+    """Return the kind of each channel of a configuration."""
     kinds = dict.fromkeys(config.channels, ChannelKind.OTHER)
     inlets = (getattr(effect, "inlet_channel", None) for effect in config.effect)
     kinds |= {name: ChannelKind.COOLANT for name in inlets if name is not None}
@@ -156,7 +162,7 @@ def kinds_of(config: Config) -> Mapping[str, ChannelKind]:
 
 
 def _limits(config: Config, channel: str, kind: ChannelKind) -> tuple[float, ...]:
-    """Low, high, rate, and how far above and below ambient, of one channel."""
+    """Return low, high, rate, and the largest rise above and drop below ambient, of one channel."""
     length_m, most_rpm = config.screw.length_m, DN_MM_RPM / (1000.0 * config.screw.diameter_m)
     low, high = {
         ChannelKind.AMBIENT: AMBIENT_RANGE_DEGC,
@@ -169,19 +175,29 @@ def _limits(config: Config, channel: str, kind: ChannelKind) -> tuple[float, ...
     # A heater on a test bench warms a rod as no friction does.
     near = kind is ChannelKind.SCREW and all(source.power_channel is None for source in config.source)
     above_K, below_K = (ABOVE_AMBIENT_K, BELOW_AMBIENT_K) if near else (math.inf, math.inf)
-    default, own = (low, high, rate, above_K, below_K), config.limits.get(channel)
-    if own is None:
+    default, configured = (low, high, rate, above_K, below_K), config.limits.get(channel)
+    if configured is None:
         return default
-    stated = (own.low, own.high, own.rate_per_s, own.above_ambient_K, own.below_ambient_K)
+    stated = (
+        configured.low,
+        configured.high,
+        configured.rate_per_s,
+        configured.above_ambient_K,
+        configured.below_ambient_K,
+    )
     return tuple(d if s is None else s for s, d in zip(stated, default, strict=True))
 
 
 def _grown(config: Config, channel: str) -> tuple[float, float]:
-    """How far a screw grows or shrinks between the limits of its temperature, in a displacement's unit."""
-    own = [1e-6 * s.channel_scale for s in config.sensor if s.channel == channel and s.kind == "displacement"]
+    """Return the growth of the screw at the limits of its temperature, in the unit of a displacement's
+    channel.
+    """
+    units_m = [
+        1e-6 * s.channel_scale for s in config.sensor if s.channel == channel and s.kind == "displacement"
+    ]
     least_degC, most_degC = SCREW_RANGE_DEGC
     most_m = (config.screw.expansion_1_K or 0.0) * config.screw.length_m * (most_degC - least_degC)
-    return (-most_m / own[0], most_m / own[0]) if own else (-math.inf, math.inf)
+    return (-most_m / units_m[0], most_m / units_m[0]) if units_m else (-math.inf, math.inf)
 
 
 Unit = tuple[str, Callable[[float], float]]
@@ -203,7 +219,9 @@ _UNITS: Mapping[ChannelKind, tuple[Unit, ...]] = {
 
 
 def units_of(kind: ChannelKind) -> tuple[Unit, ...]:
-    """The units in which a device may report a quantity, each with its conversion to ours."""
+    """Return the units in which a device may report a quantity, each with its conversion to the configured
+    unit.
+    """
     return _TEMPERATURES if kind in TEMPERATURES else _UNITS.get(kind, ())
 
 
@@ -216,7 +234,10 @@ _LIKELY_BELOW_K = 15.0
 
 
 def unit_hint(kind: ChannelKind, value: float, low: float, high: float, ambient_degC: float) -> str | None:
-    """Name every cause that would explain a value outside `low` … `high`: units, signs and fault codes."""
+    """Return a sentence with every cause that explains a value outside `low` … `high`; None if none does.
+
+    The causes are units, signs and fault codes.
+    """
     if kind in TEMPERATURES:
         centre = 22.0 if math.isnan(ambient_degC) or not -20.0 < ambient_degC < 60.0 else ambient_degC
         candidates = list(_temperature_candidates(value, centre))
@@ -251,14 +272,18 @@ _RATIOS = (
 
 
 def motion_sentence(position: str, speed: str, ratio: float) -> str:
-    """Describe a nut that moves `ratio` times as far as speed and lead allow, and the likely unit."""
+    """Return a sentence about a nut that moves `ratio` times as far as speed and lead allow, with the likely
+    unit.
+    """
     likely = next((text for factor, text in _RATIOS if abs(ratio / factor - 1.0) < 0.25), None)
-    what = f"{position} moves {ratio:.2g} times as far as {speed} and lead_m say"
-    return f"{what}; {likely or 'check lead_m, any gear between them, and both units'}"
+    finding = f"{position} moves {ratio:.2g} times as far as {speed} and lead_m say"
+    return f"{finding}; {likely or 'check lead_m, any gear between them, and both units'}"
 
 
 def ambient_of_log_degC(config: Config, values: FloatArray, channels: Sequence[str]) -> float:
-    """The median of the ambient's channel in cells (n, c), else the configured value; NaN where unknown."""
+    """Return the median of the ambient's channel in cells (n, c), else the configured value; NaN if
+    unknown.
+    """
     if config.ambient.channel not in channels:
         return math.nan if config.ambient.temperature_degC is None else config.ambient.temperature_degC
     air_degC = values[:, channels.index(config.ambient.channel)]
@@ -269,7 +294,7 @@ def ambient_of_log_degC(config: Config, values: FloatArray, channels: Sequence[s
 def doubts_of_log(
     config: Config, values: FloatArray, channels: Sequence[str], paths: Sequence[Mapping[str, NutPath]]
 ) -> Iterator[str]:
-    """List the channels of a log that are beyond their limits, each with the unit it looks like.
+    """Yield a sentence for each channel of a log that is beyond its limits, with the unit it looks like.
 
     `values` (n, c) are the log's cells in the order of `channels`, `paths` the nuts' paths, part by part.
     """
@@ -296,8 +321,8 @@ def cells_of(config: Config, values: FloatArray, channels: Sequence[str]) -> Flo
 def implausible(
     config: Config, values: FloatArray, channels: Sequence[str]
 ) -> Iterator[tuple[str, float, str]]:
-    """Yield the channels that are beyond their limits: name, the part of the values that are, and what they
-    look like.
+    """Yield the channels that violate their limits: name, fraction of such values, and a sentence about
+    them.
     """
     limits, ambient_degC = Limits.of(config), ambient_of_log_degC(config, values, channels)
     cells = cells_of(config, values, channels)
@@ -307,20 +332,24 @@ def implausible(
         column, credible = cells[:, j], warm_enough(limits, j, cells, ambient_degC)
         usable = np.isfinite(column)
         column, credible = column[usable], credible[usable]
-        for breach, outside in limits.beyond(j, column, ambient_degC):
-            beyond = outside & ~credible if breach is Breach.ABOVE_AMBIENT else outside
-            if beyond.any():
-                typical = float(np.median(column[beyond]))
-                yield name, float(np.mean(beyond)), limits.sentence(j, breach, typical, ambient_degC)
+        for breach, outside in limits.breaches(j, column, ambient_degC):
+            implausible_rows = outside & ~credible if breach is Breach.ABOVE_AMBIENT else outside
+            if implausible_rows.any():
+                typical = float(np.median(column[implausible_rows]))
+                yield (
+                    name,
+                    float(np.mean(implausible_rows)),
+                    limits.sentence(j, breach, typical, ambient_degC),
+                )
                 break
 
 
 def warm_enough(limits: Limits, j: int, values: FloatArray, air_degC: float) -> BoolArray:
-    """Return which values of channel j are credible (n,) although further above the air than its limit.
+    """Return which values of channel j (n,) are credible although further above ambient than the limit.
 
-    `values` (n, c) have the columns of all channels. As for the compiled walk, a screw is so warm where it
-    has become so little by little, or where another thermocouple within its limit is nearer to the value than
-    to the value read as °F.
+    `values` (n, c) have the columns of all channels. As in the compiled walk, a high value is credible in two
+    cases. The temperature may have risen there gradually. Or another thermocouple within its limit is nearer
+    to the value than to the same value read as °F.
     """
     column, above_K = values[:, j], limits.above_K
     hot: BoolArray = (column - air_degC > above_K[j]) & (column - air_degC <= WARMED * above_K[j])
@@ -340,19 +369,22 @@ def warm_enough(limits: Limits, j: int, values: FloatArray, air_degC: float) -> 
 
 
 def stroke_of_m(config: Config, stroke_m: tuple[float, float] | None) -> float:
-    """How long a stroke is, the whole screw where none is given."""
+    """Return the length of a stroke in m; the length of the screw if no stroke is given."""
     return config.screw.length_m if stroke_m is None else stroke_m[1] - stroke_m[0]
 
 
 def way_ratio(parts: Sequence[NutPath], stroke_m: float) -> float | None:
-    """The nut's path over what speed and lead allow, where samples are close enough; None if short."""
-    driven, made = 0.0, 0.0
+    """Return the nut's path over the path that speed and lead give, where samples are close enough.
+
+    None if the nut has moved less than one stroke.
+    """
+    driven_path_m, travelled_m = 0.0, 0.0
     for path in parts:
         since_s = np.diff(path.time_s)
         driven_m = 0.5 * (path.driven_m_s[1:] + path.driven_m_s[:-1]) * since_s
         close = (since_s > 0.0) & (since_s < 10.0) & np.isfinite(driven_m) & (2.5 * driven_m <= stroke_m)
-        driven += float(driven_m[close].sum())
-        made += float(np.abs(np.diff(path.position_m))[close].sum())
-    if max(driven, made) < stroke_m:
+        driven_path_m += float(driven_m[close].sum())
+        travelled_m += float(np.abs(np.diff(path.position_m))[close].sum())
+    if max(driven_path_m, travelled_m) < stroke_m:
         return None
-    return made / max(driven, 1e-6 * stroke_m)
+    return travelled_m / max(driven_path_m, 1e-6 * stroke_m)

@@ -1,7 +1,7 @@
-"""Logs in which a channel is in another unit than the configuration assumes, converted to that unit.
+"""Logs in which a channel is in another unit than the configured one, converted to that unit.
 
-Only where the values themselves leave no doubt: in the unit that the configuration names they are beyond
-what such a machine can show, and in another one all of them are not.
+A channel is converted only if its values leave no doubt. In the configured unit they are beyond the limits of
+such a machine, and in another unit all of them are within.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ LIKE = 0.25
 
 
 class Misread(NamedTuple):
-    """A channel, the unit in which a log has it, and the one that the configuration takes it for."""
+    """A channel, its unit in a log, and its configured unit."""
 
     channel: str
     unit: str
@@ -48,21 +48,21 @@ class Misread(NamedTuple):
 
     @property
     def text(self) -> str:
-        """What was wrong, what was done about it, and what to do: a sentence without full stop."""
+        """A sentence without full stop: the wrong unit, the conversion, and the remedy."""
         return (
             f"{self.channel} is in {self.unit} where {self.expected} is expected; it was converted for this "
             f"search, so log it in {self.expected} before the configuration is used"
         )
 
 
-def read_rightly(
+def in_configured_units(
     log: Log, config: Config, paths: Sequence[Mapping[str, NutPath]] | None = None
 ) -> tuple[Log, tuple[Misread, ...]]:
-    """Return a log with every channel in its configured unit, and the channels that were not.
+    """Return a log with every channel in its configured unit, and the channels that had to be converted.
 
-    `paths` are the nuts' paths in the frames of the log as it is, if they are known.
+    `paths` are the nuts' paths in the frames of the unconverted log, if they are known.
     """
-    found = []
+    misread = []
     limits = Limits.of(config)
     order = sorted(range(len(config.channels)), key=lambda j: j != limits.ambient)
     for j in order:
@@ -75,13 +75,13 @@ def read_rightly(
         likely = None if warm.any() else likely_unit(limits, j, column, air_degC)
         if likely is not None:
             log = _with(log, name, np.asarray(likely[1](column)))  # type: ignore[arg-type]
-            found.append(Misread(name, likely[0], _EXPECTED[limits.kinds[j]]))
-    if found or paths is None:
+            misread.append(Misread(name, likely[0], _EXPECTED[limits.kinds[j]]))
+    if misread or paths is None:
         paths = [block.path for block in frames_of_log(log, AlignPlan.of(config))]
-    for channel, unit, factor in _by_the_way(config, paths):
+    for channel, unit, factor in _speeds_in_other_units(config, paths):
         log = _with(log, channel, log.values[:, log.channels.index(channel)] * factor)
-        found.append(Misread(channel, unit, "rpm"))
-    return log, tuple(found)
+        misread.append(Misread(channel, unit, "rpm"))
+    return log, tuple(misread)
 
 
 _EXPECTED = dict.fromkeys(ChannelKind, "°C") | {
@@ -97,24 +97,27 @@ _BEGIN_ANYWHERE = (ChannelKind.POSITION, ChannelKind.SPEED, ChannelKind.OTHER)
 def likely_unit(
     limits: Limits, j: int, column: FloatArray, air_degC: float
 ) -> tuple[str, Callable[[float], float]] | None:
-    """The unit in which a column (n,) of channel number j is plausible, and its inverse conversion."""
+    """Return the unit in which a column (n,) of channel number j is plausible, and its conversion.
+
+    None if the configured unit is plausible, or if no other one is.
+    """
     values = column[np.isfinite(column)]
     if len(values) == 0 or np.ptp(values) == 0.0:  # nothing, or a device's code for a fault
         return None
     least = SOMETIMES if limits.kinds[j] is ChannelKind.SPEED else MOSTLY
-    if _beyond(limits, j, values, air_degC) < least:
+    if _share_beyond(limits, j, values, air_degC) < least:
         return None
-    if limits.kinds[j] not in _BEGIN_ANYWHERE and _beyond(limits, j, values[:FIRST], air_degC) < ALL:
+    if limits.kinds[j] not in _BEGIN_ANYWHERE and _share_beyond(limits, j, values[:FIRST], air_degC) < ALL:
         return None  # it became so hot; in another unit it would have been from the first row on
     for unit, back in units_of(limits.kinds[j]):
         ours = np.asarray(back(values))  # type: ignore[arg-type]
-        if _beyond(limits, j, ours, air_degC) <= 1.0 - ALL and _usual(limits, j, ours):
+        if _share_beyond(limits, j, ours, air_degC) <= 1.0 - ALL and _usual(limits, j, ours):
             return unit, back
     return None
 
 
 def _usual(limits: Limits, j: int, values: FloatArray) -> bool:
-    """Whether positions (n,) lie on the stroke and cover some of it; NaN counts as on it."""
+    """Whether positions (n,) lie on the stroke and cover some of it; True for any other quantity."""
     if limits.kinds[j] is not ChannelKind.POSITION:
         return True
     low, high = limits.usual[j]
@@ -123,15 +126,17 @@ def _usual(limits: Limits, j: int, values: FloatArray) -> bool:
     return bool(low - slack <= most[0] and most[1] <= high + slack and np.ptp(most) > slack)
 
 
-def _beyond(limits: Limits, j: int, values: FloatArray, air_degC: float) -> float:
-    """The fraction of values (n,) beyond one of the limits."""
-    every = [np.asarray(beyond) for _, beyond in limits.beyond(j, values, air_degC)]
-    return float(np.mean(np.any(every, axis=0)))
+def _share_beyond(limits: Limits, j: int, values: FloatArray, air_degC: float) -> float:
+    """Return the fraction of values (n,) that violate one of the limits."""
+    breaches = [np.asarray(is_beyond) for _, is_beyond in limits.breaches(j, values, air_degC)]
+    return float(np.mean(np.any(breaches, axis=0)))
 
 
-def _by_the_way(config: Config, paths: Sequence[Mapping[str, NutPath]]) -> Iterator[tuple[str, str, float]]:
-    """Speeds that the nut's way shows to be in another unit: channel, unit, and what to multiply by."""
-    found = set[str]()
+def _speeds_in_other_units(
+    config: Config, paths: Sequence[Mapping[str, NutPath]]
+) -> Iterator[tuple[str, str, float]]:
+    """Yield speeds that the nut's path shows to be in another unit: channel, unit, and factor to rpm."""
+    reported = set[str]()
     for source in config.source:
         if not (source.position_channel and source.speed_channel):
             continue
@@ -140,8 +145,8 @@ def _by_the_way(config: Config, paths: Sequence[Mapping[str, NutPath]]) -> Itera
             [part[str(source.position_channel)] for part in paths], stroke_of_m(config, source.stroke_m)
         )
         for unit, factor in RPM_IN.items():
-            if ratio is not None and abs(ratio / factor - 1.0) < LIKE and channel not in found:
-                found.add(channel)
+            if ratio is not None and abs(ratio / factor - 1.0) < LIKE and channel not in reported:
+                reported.add(channel)
                 yield channel, unit, factor
 
 

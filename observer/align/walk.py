@@ -1,7 +1,7 @@
 """The compiled walk over rows of readings and ticks: the memory of each channel, and the frames.
 
-A value counts where it carries no fault, is a number, lies within its limits and comes from a channel that is
-not stuck. All that it needs of the past is in `Memory`, so a walk in parts gives the same bits.
+A value is used if it has no fault, is a number, is within its limits, and comes from a channel that is not
+stuck. The walk needs nothing of the past but its `Memory`, so a walk in parts gives the same bits.
 """
 
 from __future__ import annotations
@@ -21,10 +21,13 @@ IntArray = NDArray[np.int64]
 
 
 class Rows(NamedTuple):
-    """n rows in order of time: the channels that each reading has, and which rows are ticks.
+    """n rows in order of time: the channels of each reading, and which rows are ticks.
 
-    `time_s`, `late_s`, `step` (n,): a reading was true `late_s` before its row; `values`, `present`,
-    `faulted` (n, c).
+    Attributes:
+        time_s: (n,)
+        late_s: (n,) delay of a reading: its values date from `late_s` before `time_s`
+        step: (n,) whether the row is a tick
+        values, present, faulted: (n, c)
     """
 
     time_s: FloatArray
@@ -35,16 +38,25 @@ class Rows(NamedTuple):
     faulted: BoolArray
 
     def part(self, start: int, end: int) -> Rows:
-        """The rows from `start` up to `end`."""
+        """Return the rows from `start` up to `end`."""
         return Rows._make(array[start:end] for array in self)
 
 
 class Memory(NamedTuple):
-    """What the walk remembers of the rows so far; arrays, updated in place.
+    """The state of c channels and P paths after the rows so far: arrays, updated in place.
 
-    (c,): last usable value, when that was true, usual gap between values, newest quality, whether one arrived
-    since the last tick, whether stuck, the last breach of a limit and by what value; `noise` (c,) as in
-    `stuck`; `passed` (P, 2) time and position of each path's last sample; `last_tick_s` (1,).
+    Attributes:
+        value: (c,) last usable value
+        seen_s: (c,) its time
+        gap_s: (c,) usual interval between values
+        newest: (c,) quality of the newest value
+        arrived: (c,) whether a value has come since the last tick
+        stuck: (c,) whether the sensor is stuck
+        breach: (c,) last violated limit
+        refused: (c,) the value that violated it
+        noise: (c,) state of the test for a stuck sensor
+        passed: (P, 2) time and position of each path's last sample
+        last_tick_s: (1,)
     """
 
     value: FloatArray
@@ -60,12 +72,12 @@ class Memory(NamedTuple):
     last_tick_s: FloatArray
 
     def copy(self) -> Memory:
-        """A copy of it."""
+        """Return a deep copy."""
         return Memory._make(array.copy() for array in self)
 
 
 def nothing_yet(plan: Expected, last_tick_s: float = math.nan) -> Memory:
-    """The memory before the first row; `last_tick_s` is the last tick before a warm start."""
+    """Return the memory before the first row; `last_tick_s` is the last tick before a warm start."""
     c = len(plan.noise_K)
     noise = np.zeros(c, state_type("ChannelNoise"))
     noise["last"] = np.nan
@@ -90,10 +102,14 @@ def nothing_yet(plan: Expected, last_tick_s: float = math.nan) -> Memory:
 
 
 class Expected(NamedTuple):
-    """What is expected of c channels and P paths, as the compiled walk takes it.
+    """The plan for c channels and P paths in the form that the compiled walk takes.
 
-    `expected_s`, `heartbeat_s`, `noise_K` (c,) and `period_s` are those of `AlignPlan`, the next of `Limits`;
-    `position`, `speed` (P,) the columns of a path and of what drives it, times `lead_m` (P,).
+    Attributes:
+        expected_s … period_s: those of `AlignPlan`
+        low … ambient_degC: those of `Limits`
+        position: (P,) column of the nut's position
+        speed: (P,) column of the speed that drives it, −1 for none
+        lead_m: (P,)
     """
 
     expected_s: FloatArray
@@ -114,9 +130,12 @@ class Expected(NamedTuple):
 
 
 class Frames(NamedTuple):
-    """The frames of K ticks as the kernel fills them, (K,) and (K, c) as in `FrameBlock`; of P paths the
-    `samples` (P, 4, n), of which tick k has those from `offset` (P, K+1) [k] to [k + 1]; scratch `end` (P,),
-    `counts` (c,).
+    """The frames of K ticks as the kernel fills them: (K,) and (K, c) as in `FrameBlock`.
+
+    Attributes:
+        samples: (P, 4, n) of P paths; tick k has those from offset[:, k] to offset[:, k + 1]
+        offset: (P, K+1)
+        end, counts: (P,), (c,) scratch
     """
 
     time_s: FloatArray
@@ -140,15 +159,15 @@ def _empty_frames(ticks: int, c: int, paths: int, rows: int) -> Frames:
 
 
 class OfFrame(Fields):
-    """How a frame of one tick lies in memory, and of which channels and paths it is."""
+    """The memory layout of a frame of one tick, with the names of its channels and paths."""
 
     def __init__(self, dtype: np.dtype[Any], channels: tuple[str, ...], paths: tuple[str, ...]) -> None:
-        """Take what all frames of a walk are of."""
+        """Store the layout and the names that all frames of a walk share."""
         super().__init__(dtype)
         self.channels, self.paths = channels, paths
 
     def column(self, data: bytes, name: str) -> Any:
-        """Return a column of `FrameBlock`."""
+        """Return a column of `FrameBlock`, decoded from the bytes of a frame."""
         if name == "channels":
             return self.channels
         if name != "path":
@@ -157,6 +176,7 @@ class OfFrame(Fields):
 
 
 def _paths(names: tuple[str, ...], samples: FloatArray, offset: IntArray) -> dict[str, NutPath]:
+    """Return the nuts' paths by channel from the kernel's samples (P, 4, n) and offsets (P, K+1)."""
     path = {}
     for p, name in enumerate(names):
         at_s, at_m, driven_m_s, speed_age_s = samples[p, :, : offset[p, -1]]
@@ -165,7 +185,9 @@ def _paths(names: tuple[str, ...], samples: FloatArray, offset: IntArray) -> dic
 
 
 class LiveWalk(NamedTuple):
-    """What the kernel takes at a reading and at a tick: `waiting` counts rows; `octets` are the frame's."""
+    """The arguments of the kernel at a reading and at a tick: `waiting` counts rows; `octets` are the
+    frame's.
+    """
 
     names: tuple[str, ...]
     rows: Rows
@@ -177,7 +199,7 @@ class LiveWalk(NamedTuple):
 
 
 class Walk:
-    """A walk over rows, in parts; what it remembers is updated."""
+    """A walk over rows, in parts; each part updates `memory`."""
 
     def __init__(
         self,
@@ -186,8 +208,9 @@ class Walk:
         last_tick_s: float = math.nan,
         memory: Memory | None = None,
     ) -> None:
-        """Begin before the first row, or continue from the `memory` of another walk; `last_tick_s` is the
-        last tick before a warm start.
+        """Begin before the first row, or continue from the `memory` of another walk.
+
+        `last_tick_s` is the last tick before a warm start.
         """
         self._plan = plan = packed(plan)
         self._channels, self._paths = channels, tuple(channels[column] for column in plan.position)
@@ -196,7 +219,7 @@ class Walk:
         self._have_room(16)
 
     def _have_room(self, most: int) -> None:
-        """Allocate room for so many rows waiting for a tick."""
+        """Allocate arrays for at most `most` rows waiting for a tick."""
         c = len(self._channels)
         self._rows = Rows(
             np.empty(most), np.empty(most), np.zeros(most, np.bool_), np.empty((most, c)),
@@ -206,7 +229,7 @@ class Walk:
         scratch: dict[str, Any] = {"end": frames.end, "counts": frames.counts}
         names = [name for name in Frames._fields if name not in scratch]
         bundle = Bundle.of({name: getattr(frames, name) for name in names})
-        own: dict[str, Any] = {name: bundle[name] for name in names}
+        columns: dict[str, Any] = {name: bundle[name] for name in names}
         self._of = OfFrame(bundle.fields.dtype, self._channels, self._paths)
         self._live = record(
             LiveWalk(
@@ -215,17 +238,17 @@ class Walk:
                 0,
                 self._plan,
                 self.memory,
-                Frames(**own, **scratch),
+                Frames(**columns, **scratch),
                 bundle.octets,
             )
         )
 
     def _widen(self) -> None:
-        """Double the room for rows."""
+        """Double the number of rows that can wait for a tick."""
         before, count = self._rows, self._live.waiting
         self._have_room(2 * count)
-        for own, given in zip(self._rows, before, strict=True):
-            own[:count] = given
+        for wide, narrow in zip(self._rows, before, strict=True):
+            wide[:count] = narrow
         self._live.waiting = count
 
     def on(self, rows: Rows) -> FrameBlock:

@@ -107,10 +107,10 @@ def _command(verb: Verb, longest_s: float, without: Sequence[str]) -> Callable[.
                 f"fleet {verb}: name either logs with --config for all of them, or a --table alone"
             )
         with _ended_by_signals(verb):
-            from observer.fleet.jobs import given, jobs_of, read_table
+            from observer.fleet.jobs import jobs_of, read_table, rows_of_logs
             from observer.fleet.journal import RunOptions
 
-            rows = read_table(table) if table is not None else given(logs or [], config or Path())
+            rows = read_table(table) if table is not None else rows_of_logs(logs or [], config or Path())
             options = RunOptions(verb, Path(os.path.abspath(output)), format, method, limit_s)
             _run(jobs_of(rows, verb), options, output, scheduler, workers, memory)
 
@@ -131,7 +131,7 @@ def _run(
 ) -> None:
     """Do the work and print the outcome; `output` is the folder as given."""
     from observer.fleet.jobs import OF_SEVERAL
-    from observer.fleet.journal import done
+    from observer.fleet.journal import finished_row
     from observer.fleet.report import conclude
     from observer.fleet.run import run
 
@@ -146,7 +146,7 @@ def _run(
                 address=scheduler,
             )
     except KeyboardInterrupt:
-        rows = [row for job in jobs if (row := done(job, options)) is not None]
+        rows = [row for job in jobs if (row := finished_row(job, options)) is not None]
         conclude(options.output, rows)
         raise KeyboardInterrupt(f"ended with {len(rows)} of {len(jobs)} done") from None
     failures = conclude(options.output, rows)

@@ -333,9 +333,9 @@ def after_restart(plan: CompensationPlan, state: CompensationState) -> Compensat
 
 
 def _late(plan: CompensationPlan, state: CompensationState, time_s: float) -> CompensationState | None:
-    """The release of a state whose values had lapsed before `time_s`; None if they had not.
+    """Return the release of a state whose values had lapsed before `time_s`; None if they had not.
 
-    A control has gone to zero when values lapse, so there is nothing to ramp.
+    A control goes to zero when values lapse, so no ramp is needed.
     """
     elapsed_s = time_s - state.time_s
     if math.isnan(elapsed_s) or 0.0 <= elapsed_s <= valid_s(plan):

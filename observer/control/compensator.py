@@ -173,7 +173,7 @@ class Compensator:
         }
 
     def _values(self) -> dict[str, Any]:
-        """Table and line in force; all are null while there are no values."""
+        """Return the active table and line; all are null while compensation is off."""
         plan, state = self._plan, self._state
         if not state.in_force:
             return dict.fromkeys(_VALUES)

@@ -21,9 +21,9 @@ from observer.frames import EstimateBlock, FloatArray
 class ZeroPoint:
     """When, where and by whom a machine was set to zero, and the error that this absorbed, with σ and bound.
 
-    `at_m` and `error_um` are along the screw, whatever the machine's own direction; `time_s` is NaN where it
-    never was, and nothing is subtracted then. `missed` says that it was set once more when the error was not
-    known, so that nothing can be compensated until it is set again.
+    The position `at_m` and the `error_um` are along the screw, whatever the machine's own direction. Before
+    the first zero `time_s` is NaN and nothing is subtracted. `missed` means that the machine was set to zero
+    again while the error was unknown, so nothing can be compensated until it is set once more.
     """
 
     time_s: float = math.nan

@@ -1,1 +1,1 @@
-"""From logs to a better configuration: what may be fitted, the fit, and writing it back."""
+"""From logs to a better configuration: the search for a missing effect, its proof, and the verdict."""

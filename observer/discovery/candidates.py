@@ -1,7 +1,7 @@
-"""Where a search begins: every effect of the library, at every target, in the shapes it may take.
+"""The candidates of a search: every effect of the library, at every target, in its possible shapes.
 
-A shape is an effect at a typical strength; how the prediction changes with it is the effect's signature. What
-is known of an effect stands in its class; nothing here knows one by its name.
+A shape is an effect at a typical strength. The change of the prediction with a shape is the effect's
+signature. All properties of an effect are in its class; nothing here depends on a particular effect.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ PER_PARAMETER = 6.0
 
 
 def score(drop: float, parameters: int) -> float:
-    """Return a drop of the deviance less that required for so many parameters of an effect or a log fault."""
+    """Return a drop of the deviance less the drop required for so many parameters of an effect or a log
+    fault.
+    """
     return drop - PER_PARAMETER * (parameters - 1)
 
 
 class Candidate(NamedTuple):
-    """An effect at a target: the shapes to try, what is fitted on the machine in question, and what is
-    `fixed` by it.
-    """
+    """An effect at a target: the shapes to try, the fitted parameters, and the keys with `fixed` values."""
 
     of: type[EffectTable]
     target: str | None
@@ -57,7 +57,7 @@ class Candidate(NamedTuple):
         return self.kind if self.target is None else f"{self.kind} at {self.target}"
 
     def effect(self, shape: Shape, strength: float = 1.0) -> EffectTable:
-        """Return the effect in one of its shapes, so many times as strong."""
+        """Return the effect in one of its shapes, `strength` times as strong."""
         values = dict(shape)
         for p, neutral in self._strong():
             values[p.key] = float(np.clip(neutral + strength * (shape[p.key] - neutral), p.low, p.high))
@@ -65,7 +65,7 @@ class Candidate(NamedTuple):
         return self.of.model_validate({"kind": self.kind, **target, **self.fixed, **values})
 
     def strengths(self, shape: Shape) -> tuple[float, float]:
-        """The range of strengths that the bounds of the effect allow."""
+        """Return the range of strengths that the bounds of the effect allow."""
         low, high = -np.inf, np.inf
         for p, neutral in self._strong():
             ends = sorted((limit - neutral) / (shape[p.key] - neutral) for limit in (p.low, p.high))
@@ -73,7 +73,7 @@ class Candidate(NamedTuple):
         return low, high
 
     def parameters(self, index: int) -> tuple[EffectParameter, ...]:
-        """What is fitted where the effect is number `index` of the configuration."""
+        """Return the fitted parameters of the effect as number `index` of the configuration."""
         bounds = {key: self.of.bounds(key) for key in self.fitted}
         return tuple(
             EffectParameter(
@@ -83,7 +83,7 @@ class Candidate(NamedTuple):
         )  # fmt: skip
 
     def _strong(self) -> list[tuple[EffectParameter, float]]:
-        """The parameters that a strength multiplies, all together, each with its neutral value."""
+        """Return the parameters that a strength multiplies together, each with its neutral value."""
         fitted = zip(self.parameters(0), self.fitted.values(), strict=True)
         return [(p, info.neutral) for p, info in fitted if info.neutral is not None]
 
@@ -94,14 +94,15 @@ def library(
     without: Sequence[str] = (),
     also: Sequence[str] = (),
 ) -> tuple[Candidate, ...]:
-    """Return the candidates of a machine whose free parameters are `free`: of the library `without` some
-    kinds, and of the kinds from outside that are tried `also`.
+    """Return the candidates of a machine whose free parameters are `free`.
+
+    They are the effects of the library, `without` some kinds, and the external kinds in `also`.
     """
     length_m = machine.screw.length_m
     candidates = (
         Candidate(
             effect, target, tuple({key: shape[key] for key in form} for shape in effect.shapes(machine)),
-            {key: effect.parameters[key].on(length_m) for key in form}, effect.given(machine),
+            {key: effect.parameters[key].on(length_m) for key in form}, effect.fixed_keys(machine),
         )
         for effect in (*LIBRARY, *map(effect_class, also))
         if effect.named() not in without
@@ -112,7 +113,9 @@ def library(
 
 
 def _is_possible(candidate: Candidate, machine: Description) -> bool:
-    """Whether it acts on no heat that is one with that of other sources, for a plant cannot have that."""
+    """Whether the effect does not act on a heat that is tied to those of other sources, which no plant
+    can model.
+    """
     try:
         refuse_on_followed(machine, candidate.effect(candidate.shapes[0]).terms(machine))
     except ConfigError:
@@ -129,10 +132,12 @@ class Signature(NamedTuple):
 
 
 class Promise(NamedTuple):
-    """What a signature promises beside a fit.
+    """The expected benefit of a signature added to a fit.
 
-    `strength` is that of the shape which explains most within the bounds, `drop` the fall of the deviance it
-    would bring; `unabsorbed` is the part of the signature that the free parameters cannot absorb.
+    Attributes:
+        strength: of the shape that explains most within the bounds
+        drop: the fall of the deviance with it
+        unabsorbed: the fraction of the signature that the free parameters cannot absorb
     """
 
     signature: Signature
@@ -144,7 +149,7 @@ class Promise(NamedTuple):
 def signatures(
     problem: Problem, config: Config, candidates: Sequence[Candidate], pool: WorkerPool = IN_PROCESS
 ) -> list[Signature]:
-    """Return the signatures of all shapes; those that change no prediction are left out."""
+    """Return the signatures of all shapes that change a prediction."""
     kinds = groupby(sorted(candidates, key=lambda c: c.kind), key=lambda c: c.kind)
     groups = [tuple(group) for _, group in kinds]
     changes_of_groups = pool.map(_changes, problem, [(config, group) for group in groups])
@@ -162,7 +167,9 @@ def signatures(
 
 
 def promises(base: Fit, marks: Sequence[Signature], *, everywhere: bool = False) -> list[Promise]:
-    """Return what each signature promises beside a fit: on the rows that were fitted, or on all of them."""
+    """Return the promise of each signature added to a fit: on the fitted rows, or with `everywhere` on
+    all rows.
+    """
     out: list[Promise] = []
     problem, used = base.problem, base.problem.evidence.used
     used = np.ones_like(used) if everywhere else used
@@ -196,8 +203,9 @@ def _offset_at_start(candidate: Candidate, config: Config) -> bool:
 def _changes(
     problem: Problem, config: Config, group: Sequence[Candidate]
 ) -> list[tuple[int, int, FloatArray]]:
-    """The change (n,) of the prediction, K, with each shape of each candidate of one kind, as (candidate's
-    number, shape's number, change).
+    """Return the change (n,) of the prediction, K, with each shape of each candidate of one kind.
+
+    Each item is (number of the candidate, number of the shape, change).
     """
     predicted = problem.predicted(config)
 

@@ -1,4 +1,6 @@
-"""Which test would decide a doubtful answer: the answers it has to separate, and the cycle that does."""
+"""The test that would decide a doubtful answer: the answers to separate, and the cycle that separates
+them.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +26,11 @@ def decisive_test(
     partial: Partial | None = None,
     pool: WorkerPool = IN_PROCESS,
 ) -> Experiment | None:
-    """Return the test that would separate the answers, where there are several; none where logs are in doubt.
+    """Return the test that would separate several answers; None if there is one answer or the logs are in
+    doubt.
 
-    `with_one_less`: each chosen effect with the fit of the others alone; `partial`: the effect that explains
-    most of an unknown.
+    `with_one_less` is each chosen effect with the fit of the others alone. `partial` is the effect that
+    explains most of an unknown.
     """
     if verdict.suspected:
         return None
@@ -45,7 +48,7 @@ def decisive_test(
 
 
 def _that_shows(problem: Problem, search: Search, pool: WorkerPool) -> Experiment | None:
-    """The first test that shows an effect to which the logs are blind."""
+    """Return the first test that shows an effect which these logs cannot show; None if no test does."""
     config = search.fit.config
     for unseen in search.blind[:MOST_ASKED]:
         effects = (*config.effect, unseen.effect(unseen.shapes[0]))
@@ -56,7 +59,9 @@ def _that_shows(problem: Problem, search: Search, pool: WorkerPool) -> Experimen
 
 
 def _next_best(trials: Sequence[FittedCandidate], partial: Partial) -> list[Config]:
-    """The effect that explains most of an unknown after the one that does, and after those of its family."""
+    """Return the effect that explains most of an unknown after the best one and its family, as a list of
+    at most one.
+    """
     tied = () if partial.tie is None else partial.tie.members
     same = {partial.trial.candidate.name, *(member.name for member in tied)}
     others = [t for t in trials if t.candidate.name not in same]

@@ -1,8 +1,8 @@
 """Find the physical effect missing from a model, and prove on held-out data that adding it removes the error.
 
-The steps: calibrate within every hypothesis, search, ask whether the logs rather than the model are at fault,
-open the proof once, and decide. An uncertain answer comes with what characterises it: the event that remains,
-or the test that would settle it. Pure: logs come in as frames.
+The steps are: calibrate within every hypothesis, search, test whether the logs rather than the model are at
+fault, open the proof once, and decide. An uncertain answer comes with the event that remains unexplained, or
+with the test that would settle it. This is pure: logs come in as frames.
 """
 
 from __future__ import annotations
@@ -34,19 +34,20 @@ from observer.frames import FrameBlock
 
 @dataclass(frozen=True)
 class Discovery:
-    """Everything a discovery found: see the modules of each part.
+    """All results of a discovery; see the modules of each part.
 
-    `ties`: of an ambiguous answer whose sets differ only within families, the members of each position.
-    `suspects`: faults of the logs; those corrected before the search come first. `worth`: what the effects
-    are worth in thermal error or, where none was added, the calibration. `displacements`: what these sensors
-    say, None without any.
+    Attributes:
+        ties: for an ambiguous answer whose sets differ only within families, the members of each position
+        suspects: faults of the logs; those corrected before the search come first
+        worth: the gain in thermal error by the effects, or by the calibration if none was added
+        displacements: findings of the displacement sensors, None without any
     """
 
     problem: Problem
     search: Search
     verdict: Verdict
     proof: Proof
-    where: tuple[ErrorLocation, ...]
+    locations: tuple[ErrorLocation, ...]
     event: Event | None
     experiment: Experiment | None
     ties: tuple[Tie, ...] = ()
@@ -59,17 +60,17 @@ class Discovery:
 def discover(
     config: Config,
     runs: Sequence[Sequence[FrameBlock]],
-    progress: Progress = lambda _text, _done: None,
+    progress: Progress = lambda _text, _share: None,
     pool: WorkerPool = IN_PROCESS,
     corrected: Sequence[Suspect] = (),
 ) -> Discovery:
-    """Return what is missing from a configuration, from one or more runs of its machine.
+    """Return the effect that a configuration lacks, from one or more runs of its machine.
 
-    `progress(what, part done)` is called as the work goes on; the `pool` does not change the result.
-    `corrected` are log faults that have been corrected in the runs.
-    Effects are searched for by the temperatures alone; displacements then speak for or against what is named,
-    and for what moves the axis and warms nothing.
-    Raises `ConfigError` where nothing may be calibrated, `LogError` where the logs hold nothing to compare.
+    `progress(text, fraction done)` is called during the work; the `pool` does not change the result. The
+    `corrected` suspects are log faults that have been corrected in the runs. The search uses temperatures
+    only. Displacements then support or contradict the named effect, and show causes that move the axis
+    without heat. Raises `ConfigError` if nothing may be calibrated, `LogError` if the logs hold nothing to
+    compare.
     """
     complete_config, config = config, thermal_only(config)
     problem = _problem_of(config, runs)
@@ -97,7 +98,7 @@ def discover(
         search=result,
         verdict=verdict,
         proof=proof,
-        where=localised(result.null, problem.evidence.used),
+        locations=localised(result.null, problem.evidence.used),
         event=event(result.fit) if missing else None,
         experiment=decisive_test(result.null.problem, result, verdict, with_one_less, partial, pool),
         ties=ties(verdict.sets, verdict.fits) if verdict.kind == "ambiguous" else (),
@@ -109,7 +110,7 @@ def discover(
 
 
 def _problem_of(config: Config, runs: Sequence[Sequence[FrameBlock]]) -> Problem:
-    """The problem of some runs; raises as `discover` does."""
+    """Return the problem of some runs; raises as `discover` does."""
     keys = free_keys(config)
     if all(source.law is None for source in config.source):
         raise ConfigError(f"source: {lawless(config)}")
@@ -125,7 +126,7 @@ def _problem_of(config: Config, runs: Sequence[Sequence[FrameBlock]]) -> Problem
 
 
 def _candidates(problem: Problem, *, paths_known: bool) -> tuple[Candidate, ...]:
-    """The candidates of a problem, without those that need the paths of nuts where these are unknown."""
+    """Return the candidates of a problem, without those that need the paths of nuts if these are unknown."""
     config = problem.config
     candidates = library(config, problem.keys, config.discover.without, config.discover.also)
     if paths_known and not any(run.coarse for run in problem.forward.runs):
@@ -134,11 +135,11 @@ def _candidates(problem: Problem, *, paths_known: bool) -> tuple[Candidate, ...]
 
 
 def _counts(suspect: Suspect, verdict: Verdict) -> bool:
-    """Whether a suspect stands against a verdict.
+    """Whether a suspect contradicts a verdict.
 
-    The air does not where an effect of the air is all that is named; but beside others it does, for these
-    make up for air that drifts unevenly or otherwise in each log. A nut's way that no log shows stands not
-    against what is named without it.
+    A suspect about the air does not if only effects of the air are named. Beside other effects it does,
+    because those make up for air that drifts unevenly or differs between logs. A nut's path that no log shows
+    does not contradict effects that were named without it.
     """
     if suspect.what == NUTS_WAY:
         return not verdict.sets
@@ -146,7 +147,7 @@ def _counts(suspect: Suspect, verdict: Verdict) -> bool:
 
 
 def _with_one_less(result: Search, pool: WorkerPool) -> list[tuple[str, Fit]]:
-    """Each chosen effect, with the fit of the others alone."""
+    """Return each chosen effect with the fit of the others alone."""
     if len(result.chosen) == 1:
         return [(result.chosen[0].candidate.name, result.null)]
     tasks = [(result.fit, i) for i in range(len(result.chosen))]

@@ -1,10 +1,11 @@
-"""What displacement sensors say once heat is judged: whether temperatures explain how far the screw grows.
+"""The findings of displacement sensors, once the heat is judged: do temperatures explain how far the screw
+grows?
 
-The search for effects goes by temperatures alone, so that nothing that moves the axis without warming it is
-taken for heat. Its answer then has to stand with the displacements in one deviance with the temperatures:
-each cause that moves the axis and warms nothing is fitted beside it, the expansion coefficient or what the
-supports are, a bed that grows with the air, a drift. One is named by the rules of an effect; and a name for
-heat is withdrawn where the displacements are predicted worse with it.
+The search for effects uses temperatures only, so that nothing that moves the axis without warming it is taken
+for heat. Its answer must then agree with the displacements: both are fitted with one deviance. Each cause
+that moves the axis without heat is added in turn: the expansion coefficient, the supports, a bed that grows
+with the air, a drift. Such a cause is named by the same rules as an effect. The name of a heat effect is
+withdrawn if it makes the prediction of the displacements worse.
 """
 
 from __future__ import annotations
@@ -50,10 +51,15 @@ DisplacementVerdict = Literal["explained", "named", "ambiguous", "unknown", "not
 
 
 class Cause(NamedTuple):
-    """What moves the axis and warms nothing: a `key` of the configuration, the expansion of a bed, or the
-    drift of a sensor; what it was taken for `before`, its value, and its 95 % interval.
+    """A cause that moves the axis without heat: a `key` of the configuration, a bed, or the drift of a
+    sensor.
 
-    `drop` of the deviance; `beyond_um` (n,) what it leaves of each row beyond what the tolerances explain.
+    Attributes:
+        before: configured value
+        value: fitted value
+        ci95: 95 % interval
+        drop: of the deviance
+        beyond_um: (n,) remaining error of each row beyond tolerances
     """
 
     key: str
@@ -66,8 +72,9 @@ class Cause(NamedTuple):
 
 
 class DisplacementError(NamedTuple):
-    """How far the predictions of a sensor are off on what was held back, beyond tolerances and about their
-    mean, rms, µm: before and after, and of noise alone.
+    """The error of a sensor's predictions on held-out data, beyond tolerances and about the mean, rms, in µm.
+
+    It is given before and after, and for noise alone (`floor_rms_um`).
     """
 
     before_rms_um: float
@@ -77,8 +84,11 @@ class DisplacementError(NamedTuple):
 
 @dataclass(frozen=True)
 class DisplacementFindings:
-    """What displacements say: the verdict, the causes that it names or cannot distinguish, the error of each
-    sensor, and, of a name for heat, whether they `support` it; None where neither shows.
+    """The verdict on the displacements, the causes that it names or cannot distinguish, and the error of each
+    sensor.
+
+    The value of `supports` is whether the displacements support a named heat effect; None if they show
+    neither.
     """
 
     verdict: DisplacementVerdict
@@ -88,7 +98,7 @@ class DisplacementFindings:
 
     @property
     def values(self) -> dict[str, float]:
-        """The value that is named, by its key, if one is and the configuration has it."""
+        """The named value by its key, if one is named and the configuration has the key."""
         if self.verdict != "named":
             return {}
         return {c.key: c.value for c in self.causes if c.key in KEYS and (c.key != BED or c.before > 0.0)}
@@ -97,9 +107,9 @@ class DisplacementFindings:
 def displacements_of(
     config: Config, runs: Sequence[Sequence[FrameBlock]], verdict: Verdict, null: Fit
 ) -> DisplacementFindings | None:
-    """Return what the displacement sensors of a configuration say, None where it has none.
+    """Return the findings of a configuration's displacement sensors, None if it has none.
 
-    `verdict` and the fit without effects, `null`, are those of its temperatures.
+    The `verdict`, and the fit without effects, `null`, are those of the temperatures.
     """
     if all(sensor.kind == "temperature" for sensor in config.sensor):
         return None
@@ -123,8 +133,10 @@ def displacements_of(
 
 
 def _supported(without: _JointFit, both: _JointFit, after_um: FloatArray) -> bool | None:
-    """Whether the displacements held back are predicted better with the effects named, or worse; None where
-    neither. Each may have the cause that suits it best.
+    """Whether the named effects improve the prediction of held-out displacements; None if they change
+    nothing.
+
+    Both predictions may include the cause that suits them best.
     """
     rows = both.evidence.proof
     sound = [cause for cause in without.causes() if without.is_sound(cause)]
@@ -137,14 +149,14 @@ def _supported(without: _JointFit, both: _JointFit, after_um: FloatArray) -> boo
 
 @dataclass(frozen=True)
 class _JointFit:
-    """A fit to temperatures and displacements together; `moved` (n,) are the rows of displacements."""
+    """A fit to temperatures and displacements together; `moved` (n,) marks the rows of displacements."""
 
     fit: Fit
     moved: BoolArray
 
     @classmethod
     def of(cls, config: Config, runs: Sequence[Run], thermal: Fit) -> _JointFit:
-        """Fit the free parameters of a configuration beside the effects of a fit to its temperatures."""
+        """Fit the free parameters of a configuration with the effects of a fit to its temperatures."""
         config = thermal.config.model_copy(update={"sensor": config.sensor, "calibrate": config.calibrate})
         problem = Problem.of(config, free_keys(config), runs)
         kinds = np.array([sensor.kind == "displacement" for sensor in config.sensor])
@@ -152,7 +164,7 @@ class _JointFit:
 
     @property
     def evidence(self) -> Evidence:
-        """The rows."""
+        """The rows of the fit."""
         return self.fit.problem.evidence
 
     @cached_property
@@ -162,11 +174,13 @@ class _JointFit:
 
     @property
     def noise_um(self) -> float:
-        """The white noise of the displacements that were held back, rms."""
+        """The white noise of held-out displacements, rms."""
         return rms(self.evidence.noise_K[self.evidence.proof & self.moved])
 
     def rms_um(self, beyond_um: FloatArray, rows: BoolArray) -> float:
-        """The rms of errors (n,) of displacements in some rows, of each sensor and log about its mean."""
+        """Return the rms of errors (n,) of displacements in some rows, of each sensor and log about its
+        mean.
+        """
         run, sensor = self.evidence.run, self.evidence.sensor
         squares = 0.0
         for i, s in {*zip(run[rows & self.moved].tolist(), sensor[rows & self.moved].tolist(), strict=True)}:
@@ -175,7 +189,7 @@ class _JointFit:
         return float(np.sqrt(squares / max((rows & self.moved).sum(), 1)))
 
     def gap(self, beyond_um: FloatArray, rows: BoolArray) -> float:
-        """What errors (n,) are beyond noise, as a multiple of the form error."""
+        """Return the excess of errors (n,) over noise, as a multiple of the form error."""
         counted = rows & self.moved
         noise_um2, whole_um2 = (
             float(np.mean(d[counted] ** 2)) for d in (self.evidence.noise_K, self.evidence.deviation_K)
@@ -185,12 +199,12 @@ class _JointFit:
         return float(np.sqrt(max(excess_um2, 0.0) / (whole_um2 - noise_um2)))
 
     def is_sound(self, cause: Cause) -> bool:
-        """Whether a cause explains what was fitted and proves itself on what was held back."""
+        """Whether a cause explains the fitted data and proves itself on held-out data."""
         before, after = (self.rms_um(e, self.evidence.proof) for e in (self.beyond_um, cause.beyond_um))
         return cause.drop >= ACCEPT and proves(before, after, self.noise_um)
 
     def causes(self) -> Iterator[Cause]:
-        """Yield what could move the axis beside heat, each fitted."""
+        """Yield each possible cause that moves the axis without heat, fitted."""
         config, keys = self.fit.config, self.fit.problem.keys
         for key in KEYS:
             if key in candidates(config) and key not in keys:
@@ -203,14 +217,14 @@ class _JointFit:
             yield self._by_column(BED, info_of(BED).unit, self._of_a_bed(config.ambient.channel))
 
     def _of_a_bed(self, air: str) -> FloatArray:
-        """What a bed that is as warm as the air adds to each row (n,) for an expansion of 1/K, µm."""
+        """Return the change of each row (n,) in µm for an expansion of 1/K of a bed as warm as the air."""
         problem, config = self.fit.problem, self.fit.config
         bed = Bed(expansion_1_K=1e-5, channel=air)
         on_it = problem.predicted(config.model_copy(update={"bed": bed}))
         return np.asarray((on_it - problem.predicted(config)) / bed.expansion_1_K)
 
     def _by_key(self, key: str) -> Cause:
-        """Another value of the configuration, fitted with all that is free."""
+        """Return a key of the configuration as a cause, fitted with all free parameters."""
         null_problem, config = self.fit.problem, self.fit.config
         problem = replace(null_problem, keys=(*null_problem.keys, key), by_free=None)
         fit = fit_effects(problem.linearised_at(config), config, ())
@@ -221,7 +235,7 @@ class _JointFit:
         return Cause(key, info_of(key).unit, before, value, ci95, self.fit.deviance - fit.deviance, beyond_um)
 
     def _by_column(self, name: str, unit: str, column_um: FloatArray) -> Cause:
-        """So many times a column (n,) in µm, beside all that is free."""
+        """Return a multiple of a column (n,) in µm as a cause, fitted with all free parameters."""
         fit, problem = self.fit, self.fit.problem
         whitened = self.evidence.whitened(column_um)
         linear = replace(fit, jacobian=np.column_stack([fit.jacobian, whitened])).linear(self.evidence.used)
@@ -236,7 +250,7 @@ class _JointFit:
         )
 
     def errors(self, after_um: FloatArray) -> dict[str, DisplacementError]:
-        """The error of each displacement sensor on what was held back, before and `after_um` (n,)."""
+        """Return the error of each displacement sensor on held-out data, before and `after_um` (n,)."""
         evidence, by_name = self.evidence, {}
         for i in np.unique(evidence.sensor[self.moved]).tolist():
             rows = evidence.proof & (evidence.sensor == i)

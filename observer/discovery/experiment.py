@@ -1,4 +1,4 @@
-"""Which test would separate two answers: cycles that a machine can run, ranked by that separation."""
+"""The test that would separate two answers: cycles that a machine can run, ranked by their separation."""
 
 from __future__ import annotations
 
@@ -34,8 +34,10 @@ class Phase(NamedTuple):
 
 
 class Habits(NamedTuple):
-    """How a machine has been run: its most frequent and fastest speed, stroke, lead, ambient, and the usual
-    power (W) of each channel of one while it works.
+    """The usual operation of a machine: most frequent and fastest speed, stroke, lead, and ambient
+    temperature.
+
+    The pairs in `power_W` are each channel of a power with its usual value while the machine works.
     """
 
     usual_rpm: float
@@ -51,8 +53,8 @@ class Habits(NamedTuple):
 class Experiment:
     """A test cycle, and by how many standard deviations it separates the answers.
 
-    `cycle` is what the machine does, as frames of the configuration's channels; `others`: names of the other
-    cycles with their separation, the best first.
+    The `cycle` is the machine's operation as frames of the configuration's channels. The `others` are the
+    names of the other cycles with their separation, the best first.
     """
 
     name: str
@@ -127,7 +129,7 @@ def menu(habits: Habits) -> Iterator[tuple[str, str, tuple[Phase, ...]]]:
 
 
 def habits_of(problem: Problem) -> Habits:
-    """Read from the logs how the machine has been run."""
+    """Determine from the logs how the machine is usually run."""
     config, courses = problem.config, courses_of(problem)
     speed = np.concatenate([c.speed_rpm[c.working] for c in courses])
     speed = speed[speed > 0]
@@ -144,7 +146,7 @@ def habits_of(problem: Problem) -> Habits:
 
 
 def _powers_W(problem: Problem) -> Iterator[tuple[str, float]]:
-    """Yield each channel of a power with what it usually is while there is any."""
+    """Yield each channel of a power with its median while it is above 0, in W."""
     for channel in dict.fromkeys(s.power_channel for s in problem.config.source if s.power_channel):
         parts = [
             run.run.frames.values[:, run.run.frames.channels.index(channel)] for run in problem.forward.runs
@@ -155,7 +157,7 @@ def _powers_W(problem: Problem) -> Iterator[tuple[str, float]]:
 
 
 def _lead_m(frames: FrameBlock, position: str, speed: str | None) -> float:
-    """The nut's lead, m per revolution, from the largest distances between samples."""
+    """Return the nut's lead in m per revolution, from the largest distances between samples."""
     if speed is None:
         return LEAD_M
     rpm = np.abs(frames.values[1:, frames.channels.index(speed)])
@@ -168,9 +170,9 @@ def _lead_m(frames: FrameBlock, position: str, speed: str | None) -> float:
 
 
 def separation(problem: Problem, answers: Sequence[Config], phases: Sequence[Phase], habits: Habits) -> float:
-    """The distance in standard deviations of the two answers nearest each other, over a cycle.
+    """Return the distance, in standard deviations, of the two closest answers over a cycle.
 
-    What the free parameters could absorb is projected out, and the tolerances are marginalised.
+    Differences that the free parameters could absorb are projected out, and the tolerances are marginalised.
     """
     config = problem.config
     run = prepare(config, [frames_of(config, phases, habits)], "cycle")
@@ -184,7 +186,7 @@ def separation(problem: Problem, answers: Sequence[Config], phases: Sequence[Pha
 
 
 def frames_of(config: Config, phases: Sequence[Phase], habits: Habits) -> FrameBlock:
-    """The frames of a cycle that starts at ambient temperature, which all sensors read throughout."""
+    """Return the frames of a cycle that starts at ambient temperature, which all sensors read throughout."""
     count = [round(p.duration_s / STEP_S) for p in phases]
     count[-1] += 1
     speed, low, high = (
@@ -220,7 +222,7 @@ def frames_of(config: Config, phases: Sequence[Phase], habits: Habits) -> FrameB
 
 
 def _shuttle(travel_m: FloatArray, low_m: FloatArray, high_m: FloatArray) -> FloatArray:
-    """The position of a nut that runs to and fro, reversing at the ends of the current stroke."""
+    """Return the position (K,) of a nut that runs to and fro, reversing at the ends of the current stroke."""
     out = np.empty(len(travel_m))
     position, sense = float(low_m[0]), 1.0
     for k, step in enumerate(travel_m):

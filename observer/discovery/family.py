@@ -1,4 +1,4 @@
-"""Effects that logs cannot distinguish: the family they belong to, and what is known of it, its figure.
+"""Effects that logs cannot distinguish: their family, and the one figure that the logs do determine.
 
 The figure follows from the heat that an effect takes out of the screw, by the field that a fit predicts.
 """
@@ -39,9 +39,13 @@ SurfaceTerm = Film | StretchFilm | SpeedLoss | Radiation | RisingFilm
 class ScrewHistory:
     """The state of a screw over one run of T steps.
 
-    `position_m` (P,) from end to end, `temperature_degC` (T, P) there, `ambient_degC` (T,), `length_s` (T,)
-    of each step, `channels` the mean magnitude (T,) of each channel; `counted` (T,) the steps that were
-    fitted.
+    Attributes:
+        position_m: (P,) from end to end
+        temperature_degC: (T, P) at these positions
+        ambient_degC: (T,)
+        length_s: (T,) of each step
+        channels: (T,) mean magnitude of each channel
+        counted: (T,) whether the step was fitted
     """
 
     position_m: FloatArray
@@ -53,15 +57,15 @@ class ScrewHistory:
 
     @property
     def excess_K(self) -> FloatArray:
-        """How much warmer than the air the screw is, (T, P)."""
+        """The temperature of the screw above ambient, (T, P)."""
         return np.asarray(self.temperature_degC - self.ambient_degC[:, None])
 
     def at(self, x_m: FloatArray | float) -> FloatArray:
-        """Weights (P,) or (P, X) that interpolate values (T, P) linearly at positions."""
+        """Return weights (P,) or (P, X) that interpolate values (T, P) linearly at positions."""
         return np.array([np.interp(x_m, self.position_m, unit) for unit in np.eye(len(self.position_m))])
 
     def over(self, from_m: float, to_m: float) -> FloatArray:
-        """Weights (P,) that integrate values (T, P) over a stretch, linear between the positions."""
+        """Return weights (P,) that integrate values (T, P) over a stretch, linear between the positions."""
         inside = (self.position_m > from_m) & (self.position_m < to_m)
         x_m = np.concatenate([[from_m], self.position_m[inside], [to_m]])
         return np.asarray(np.trapezoid(self.at(x_m), x_m, axis=1))
@@ -96,7 +100,9 @@ def loss_W(effect: EffectTable, config: Config, history: ScrewHistory) -> FloatA
 
 
 def _of_surface(term: SurfaceTerm, history: ScrewHistory) -> FloatArray:
-    """The heat (T,) that a term takes from the surface, along the screw, per m of its circumference."""
+    """Return the heat (T,) that a term takes from the surface, along the screw, per m of its
+    circumference.
+    """
     T_degC, air_degC = history.temperature_degC, history.ambient_degC[:, None]
     match term:
         case Film(h):
@@ -118,7 +124,7 @@ def _of_surface(term: SurfaceTerm, history: ScrewHistory) -> FloatArray:
 def _into_body(
     history: ScrewHistory, screw_degC: FloatArray, capacity_J_K: float, conductance_W_K: float
 ) -> FloatArray:
-    """The heat (T,) into a body that begins as warm as the screw beside it, C dT_b/dt = G (T − T_b)."""
+    """Return the heat (T,) into a body that starts at the screw's temperature, C dT_b/dt = G (T − T_b)."""
     decay, body_degC, taken = np.exp(-conductance_W_K / capacity_J_K * history.length_s), screw_degC[0], []
     for screw, share, dt_s in zip(screw_degC, decay, history.length_s, strict=True):
         more_K = (1 - share) * (screw - body_degC)
@@ -135,7 +141,7 @@ DIFFERENCE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A family's figure as estimated from logs, with its 95 % interval."""
+    """A family's figure, estimated from logs, with its 95 % interval."""
 
     value: float
     ci95: tuple[float, float]
@@ -145,8 +151,8 @@ class Figure:
 class Tie:
     """Candidates that explain logs equally well, any of which can replace another.
 
-    A single one is part of every answer and needs no family. `place` is the end that a placed `family` acts
-    at; `figure` is the members' mean and spans their intervals.
+    A single candidate is part of every answer and needs no family. The `figure` is the mean of the members'
+    figures, and its interval spans theirs. For a placed family, `place` is the end at which it acts.
     """
 
     members: tuple[Candidate, ...]
@@ -178,7 +184,7 @@ class Member(NamedTuple):
 
 
 def ties(sets: Sequence[Sequence[Candidate]], fits: Sequence[Fit]) -> tuple[Tie, ...]:
-    """Return what sets of effects have in common, effect by effect; empty unless each exchange stays in a
+    """Return the common property of sets of effects, effect by effect; empty if an exchange leaves its
     family.
 
     The first set is the best; every other has one effect exchanged.
@@ -197,7 +203,7 @@ def ties(sets: Sequence[Sequence[Candidate]], fits: Sequence[Fit]) -> tuple[Tie,
 
 
 def tie_of(members: Sequence[Member]) -> Tie | None:
-    """Return the closest family that all members share, with its figure; None where they share none."""
+    """Return the closest family that all members share, with its figure; None if they share none."""
     length_m = members[0].fit.config.screw.length_m
     places = {m.table.place(length_m) for m in members}
     for family in members[0].table.families:
@@ -217,7 +223,7 @@ def tie_of(members: Sequence[Member]) -> Tie | None:
 def figure_of(member: Member, family: Family) -> Figure:
     """Return the family's figure for one member, by the field that its fit predicts.
 
-    The interval includes that of the effect's parameters and the uncertainty of its form.
+    The interval includes the uncertainty of the effect's parameters and of its form.
     """
     fit, config = member.fit, member.fit.config
     histories = () if family.against == "own" else histories_of(fit.problem, config)

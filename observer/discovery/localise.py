@@ -1,8 +1,8 @@
-"""Where and when a prediction is wrong, and what its error correlates with: sensor by phase by regressor.
+"""Where and when a prediction is wrong, and with which regressor its error correlates: by sensor and phase.
 
-For an unknown cause also as heat: every sensor is given a heat of its own in every window of ten minutes. The
-responses are those of the model; the heats are the most likely ones under a wide prior (Tikhonov's solution),
-so the largest against its standard deviation shows where and when something unmodelled happened.
+For an unknown cause the error is also expressed as heat. Every sensor gets a latent heat in every window of
+ten minutes; the model gives the responses. The most likely heats under a wide prior are Tikhonov's solution.
+The largest, relative to its standard deviation, shows where and when something unmodelled happened.
 """
 
 from __future__ import annotations
@@ -30,8 +30,13 @@ from observer.tables.sensors import Sensor
 class Course:
     """One run in means of half a minute, (b,) each.
 
-    `phase` is an index into `PHASES`; `speed_rpm` of the first source that has a speed; `running_s` the time
-    the machine has been working; `working` whether it works; `ambient_degC`; `position_m` of the first nut.
+    Attributes:
+        phase: index into `PHASES`
+        speed_rpm: of the first source that has a speed
+        running_s: time for which the machine has worked
+        working: whether it works
+        ambient_degC: temperature of the air
+        position_m: of the first nut
     """
 
     phase: NDArray[np.int64]
@@ -43,7 +48,7 @@ class Course:
 
 
 def course_of(config: Config, run: SteppedRun) -> Course:
-    """Return what the machine was doing in a run."""
+    """Return the operation of the machine in a run."""
     ticks, frames = run.ticks, run.run.frames
     starts = np.flatnonzero(np.diff(ticks.mean, prepend=-1))
 
@@ -72,12 +77,12 @@ def course_of(config: Config, run: SteppedRun) -> Course:
 
 
 def _on(values: FloatArray) -> NDArray[np.bool_]:
-    """Where a speed or power is not negligible, (b,)."""
+    """Return where a speed or power is not negligible, (b,)."""
     return np.asarray(values > 0.02 * max(values.max(initial=0.0), 1e-9))
 
 
 def _phases(working: NDArray[np.bool_], time_s: FloatArray, level_degC: FloatArray) -> NDArray[np.int64]:
-    """Index into `PHASES` of every mean, (b,)."""
+    """Return the index into `PHASES` of every mean, (b,)."""
     phase = np.zeros(len(working), dtype=np.int64)
     if not working.any():
         return phase
@@ -95,13 +100,13 @@ def _phases(working: NDArray[np.bool_], time_s: FloatArray, level_degC: FloatArr
 
 
 def _mean_of_known(values: FloatArray) -> FloatArray:
-    """The mean of each row (b, s) over its finite values, NaN without any."""
+    """Return the mean of each row (b, s) over its finite values, NaN without any."""
     count = np.isfinite(values).sum(axis=1)
     return np.where(count > 0, np.nansum(values, axis=1) / np.maximum(count, 1), np.nan)
 
 
 def _filled(values: FloatArray) -> FloatArray:
-    """The values with missing ones interpolated."""
+    """Return the values (b,) with missing ones interpolated."""
     finite = np.isfinite(values)
     if not finite.any():
         return np.zeros_like(values)
@@ -146,7 +151,7 @@ def missing_excitation(config: Config, runs: Sequence[Run], courses: Sequence[Co
 
 
 def speeds_rpm(courses: Sequence[Course]) -> list[float]:
-    """The speeds at which the screw turned for three minutes or more, those apart by a tenth."""
+    """Return the speeds at which the screw turned for three minutes or more, those apart by a tenth."""
     speeds: FloatArray = np.sort(np.concatenate([c.speed_rpm[c.working] for c in courses]))
     out: list[float] = []
     while len(speeds):
@@ -167,8 +172,10 @@ BLOCK_MEANS, DRAWS = 20, 200
 
 @dataclass(frozen=True, slots=True)
 class ErrorLocation:
-    """The error of one sensor in one phase: its rms and mean (measured minus predicted), and the regressor it
-    correlates with best, with the correlation and its 95 % interval from a block bootstrap.
+    """The error of one sensor in one phase: its rms and mean (measured minus predicted), and the best
+    regressor.
+
+    The correlation with that regressor has a 95 % interval from a block bootstrap.
     """
 
     sensor: str
@@ -201,7 +208,7 @@ def localised(fit: Fit, rows: BoolArray) -> tuple[ErrorLocation, ...]:
 
 
 def _regressors(fit: Fit, courses: Sequence[Course]) -> dict[str, list[FloatArray]]:
-    """What an error may correlate with: for each run (b, s)."""
+    """Return the regressors of an error by name, (b, s) for each run."""
     problem = fit.problem
     out: dict[str, list[FloatArray]] = {}
     for run, course in zip(problem.forward.runs, courses, strict=True):
@@ -228,7 +235,7 @@ def _regressors(fit: Fit, courses: Sequence[Course]) -> dict[str, list[FloatArra
 def _goes_with(
     error_K: FloatArray, regressors: dict[str, FloatArray], rows: BoolArray
 ) -> tuple[str, float, tuple[float, float]]:
-    """The regressor that correlates best with an error, the correlation, and its interval."""
+    """Return the regressor that correlates best with an error, the correlation, and its 95 % interval."""
     error = error_K[rows]
     best, most = "none", 0.0
     for key, values in regressors.items():
@@ -264,10 +271,11 @@ LEAST_SIGMA = 4.0
 
 
 class Event(NamedTuple):
-    """Where and when something unmodelled was largest.
+    """The largest unmodelled heat: where and when it occurred.
 
-    The sensor nearest by, phase, run (from 0), and time within the run; the latent heat with its standard
-    deviation; and the error (measured minus predicted) at that sensor, mean over that time.
+    The fields are the nearest sensor, the phase, the run (from 0), and the time within the run. The latent
+    heat has its standard deviation. The error (measured minus predicted) is the mean at that sensor over that
+    time.
     """
 
     sensor: str
@@ -332,7 +340,7 @@ def _in_run(fit: Fit, run: int, error_K: FloatArray) -> Event:
 
 
 def _one_watt_at(config: Config, sensor: Sensor) -> Config:
-    """The configuration with 1 W where a sensor sits, on the screw or on a node."""
+    """Return the configuration with 1 W at a sensor's position, on the screw or on a node."""
     if sensor.position_m is not None:
         location = {"shape": "point", "position_m": sensor.position_m}
     else:
@@ -342,5 +350,5 @@ def _one_watt_at(config: Config, sensor: Sensor) -> Config:
 
 
 def _delayed(step: FloatArray, by: int) -> FloatArray:
-    """The response to a step, delayed by so many means."""
+    """Return the response to a step, delayed by `by` means."""
     return np.vstack([np.zeros((by, step.shape[1])), step[: len(step) - by]])

@@ -1,9 +1,9 @@
 """Possible faults of logs, as hypotheses: clocks, columns, scales, offsets, the air.
 
-Each is fitted with every free parameter and within every tolerance: inputs shifted in time, two sensors
-exchanged, a heat scale or an ambient of its own for each log, offsets, a sensor that reads a source's heat.
-Most are linear in what they add, and nearly linear in the free parameters: a few Gauss-Newton steps on
-existing predictions suffice, where the search for an effect needs a new prediction for each.
+Each is fitted with every free parameter and within every tolerance. The faults are shifted inputs, two
+exchanged sensors, a heat scale or an ambient for each log, offsets, and a sensor that reads a source's heat.
+Most faults are linear in their own parameters, and nearly linear in the free ones. So a few Gauss-Newton
+steps on existing predictions suffice, whereas the search for an effect needs a new prediction for each.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from observer.fit.tolerance import Scope, with_terms
 from observer.frames import FloatArray
 from observer.linear_fit import LinearFit
 
-What = Literal[
+FaultKind = Literal[
     "heat starts late",
     "units",
     "ambient",
@@ -59,12 +59,16 @@ SCALED = 0.1
 class LogFault:
     """A possible fault of the logs.
 
-    `transform` changes the predicted means as the fault would, `columns` are multiplied by its parameters;
-    `about`: the sensors, sources or runs concerned; `late_s` the delay of the inputs.
+    Attributes:
+        kind: the kind of fault
+        indices: the sensors, sources or runs concerned
+        transform: changes the predicted means as the fault would
+        columns: changes of the prediction, to be multiplied by the fault's parameters
+        late_s: delay of the inputs
     """
 
-    what: What
-    about: tuple[int, ...] = ()
+    kind: FaultKind
+    indices: tuple[int, ...] = ()
     transform: Transform = lambda _run, means: means
     columns: Columns = lambda _problem, _config: []
     late_s: float = 0.0
@@ -74,8 +78,10 @@ class LogFault:
 class FaultFit:
     """A fault, fitted.
 
-    `drop`: by how much it lowers the deviance over all logs from that of the null hypothesis. `values` (k,)
-    belong to the columns of `fault`; `left`: the remaining deviance.
+    Attributes:
+        drop: fall of the deviance over all logs from that of the null hypothesis
+        left: remaining deviance
+        values: (k,) parameters, one for each column of `fault`
     """
 
     fault: LogFault
@@ -86,12 +92,12 @@ class FaultFit:
 
     @property
     def parameters(self) -> int:
-        """The number of its parameters: those of its columns, or the choice of its transform."""
+        """The number of its parameters: one for each column, or 1 for the choice of its transform."""
         return max(len(self.values), 1)
 
     @property
     def score(self) -> float:
-        """The drop of the deviance, less that required for its parameters."""
+        """The drop of the deviance, less the drop required for its parameters."""
         return score(self.drop, self.parameters)
 
 
@@ -123,14 +129,18 @@ class Linearised:
         )
 
     def heats(self) -> dict[str, float]:
-        """The factors on the free parameters of heats, from an unbounded linear fit about here."""
+        """Return the factors on the free parameters of heats, from an unbounded linear fit at this
+        configuration.
+        """
         problem, values = self.problem, self.problem.free_values(self.config).tolist()
         step = (self._linear(self.means).step * problem.scale).tolist()
         rows = zip(problem.keys, values, step, strict=True)
         return {key: 1.0 + by / value for key, value, by in rows if key.startswith("source.") and value > 0.0}
 
     def _linear(self, means: Means, additional: Sequence[FloatArray] = ()) -> LinearFit:
-        """The fit of means with their derivatives to all rows, beside `additional` columns (n,)."""
+        """Return the linear fit of means with their derivatives to all rows, with `additional` columns
+        (n,).
+        """
         evidence = self.problem.evidence
         rows = evidence.rows(means)
         columns = np.column_stack([evidence.measured_degC - rows[:, 0], rows[:, 1:], *additional])
@@ -140,7 +150,7 @@ class Linearised:
 
 
 def late(problem: Problem, late_s: float) -> LogFault:
-    """Inputs recorded so much later than they occurred."""
+    """Return the fault that inputs were recorded `late_s` later than they occurred."""
 
     def transform(run: int, means: FloatArray) -> FloatArray:
         time_s = problem.forward.runs[run].ticks.time_s
@@ -158,7 +168,7 @@ def late(problem: Problem, late_s: float) -> LogFault:
 
 
 def exchanged(a: int, b: int) -> LogFault:
-    """Two exchanged sensors."""
+    """Return the fault that two sensors are exchanged."""
 
     def transform(_run: int, means: FloatArray) -> FloatArray:
         out = means.copy()
@@ -169,25 +179,25 @@ def exchanged(a: int, b: int) -> LogFault:
 
 
 def elsewhere(runs: int) -> Iterator[LogFault]:
-    """Air warmer or colder than stated: by the same in all logs, or by an offset and a drift in each."""
-    about, offset, drift = tuple(range(runs)), AmbientShift(0.0, 1.0), AmbientShift(1.0, 0.0)
-    yield LogFault("ambient", about, columns=_of_terms([offset], "whole"))
-    yield LogFault("ambient", about, columns=_of_terms([offset, drift], "run"))
+    """Yield the faults of the ambient: an offset common to all logs, or an offset and a drift in each."""
+    all_runs, offset, drift = tuple(range(runs)), AmbientShift(0.0, 1.0), AmbientShift(1.0, 0.0)
+    yield LogFault("ambient", all_runs, columns=_of_terms([offset], "whole"))
+    yield LogFault("ambient", all_runs, columns=_of_terms([offset, drift], "run"))
 
 
 def offsets(config: Config) -> LogFault:
-    """An offset of each sensor, beyond its tolerance."""
+    """Return the fault of an offset of each sensor, beyond its tolerance."""
     terms = [SensorOffset(s.name, 1.0, 0.0) for s in config.sensor]
     return LogFault("offsets", tuple(range(len(terms))), columns=_of_terms(terms, "whole"))
 
 
 def _of_terms(terms: Sequence[Term], scope: Scope) -> Columns:
-    """The columns of terms that are added to a configuration."""
+    """Return the columns of terms that are added to a configuration."""
     return lambda problem, config: problem.changes_K(config, ((with_terms(config, t), scope) for t in terms))
 
 
 def scaled(sources: Sequence[int]) -> LogFault:
-    """Another scale of some sources' heat in each log but the first."""
+    """Return the fault of another scale of some sources' heat in each log but the first."""
 
     def columns(problem: Problem, config: Config) -> list[FloatArray]:
         table = [
@@ -201,7 +211,9 @@ def scaled(sources: Sequence[int]) -> LogFault:
 
 
 def follows(sensor: int, source: int, late: int = 0) -> LogFault:
-    """A sensor that responds to a source's heat at once, or partly up to so many half minutes late."""
+    """Return the fault of a sensor that responds to a source's heat at once, or up to `late` half minutes
+    late.
+    """
 
     def columns(problem: Problem, config: Config) -> list[FloatArray]:
         heats = [
@@ -214,7 +226,7 @@ def follows(sensor: int, source: int, late: int = 0) -> LogFault:
 
 
 def _is_near(config: Config, sensor: int, source: int) -> bool:
-    """Whether a sensor sits on or right beside a source that does not move."""
+    """Whether a sensor is on or next to a fixed source."""
     at, by, near_m = config.sensor[sensor], config.source[source], NEAR * config.screw.length_m
     if at.position_m is None:
         return at.on in (by.nodes or {})
@@ -247,7 +259,7 @@ def fit_faults(null: Fit) -> list[FaultFit]:
     best: dict[str, FaultFit] = {}
     for fault in possible_faults(problem):
         fitted = linearised.fitted(fault, without)
-        best[fault.what] = max(best.get(fault.what, fitted), fitted, key=attrgetter("score"))
+        best[fault.kind] = max(best.get(fault.kind, fitted), fitted, key=attrgetter("score"))
     return sorted(
         (_refined(problem, fitted, without) for fitted in best.values()),
         key=attrgetter("score"),
@@ -256,8 +268,10 @@ def fit_faults(null: Fit) -> list[FaultFit]:
 
 
 def _refined(problem: Problem, fitted: FaultFit, null: float) -> FaultFit:
-    """The fault linearised again at its fitted parameters: starting from the calibration, which may be far
-    off without it, or from the configuration as given.
+    """Return the fault linearised again at its fitted parameters.
+
+    It starts from the calibration, which may be far off without the fault, and from the original
+    configuration; the better result is returned.
     """
     if fitted.score < WORTH:
         return fitted

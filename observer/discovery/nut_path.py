@@ -1,8 +1,8 @@
 """Logs whose rows are too far apart to show where a nut was.
 
-`SAMPLES_PER_TRAVERSE` are the least that shows a nut's way: with two, as under a stroboscope, the same rows
-fit a nut that stands still at either end, creeps, or runs any number of times to and fro in between.
-What its heat does from place to place is then a guess, and no effect of the nut is looked for by it.
+At least `SAMPLES_PER_TRAVERSE` rows are needed to show a nut's path. With two, as under a stroboscope, the
+same rows fit many paths: a nut that stands still at either end, creeps, or runs any number of times to and
+fro. The distribution of its heat is then a guess, so no effect of the nut is searched for in such a log.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.candidates import Candidate
-from observer.discovery.log_faults import What
+from observer.discovery.log_faults import FaultKind
 from observer.discovery.suspects import Suspect
 from observer.fit.runs import FEWEST, LEAST_LEAD_M, Run, stretches_of_a_speed
 from observer.frames import FloatArray
 from observer.kernels.path import SAMPLES_PER_TRAVERSE
 from observer.tables.sections import Source
 
-NUTS_WAY: What = "nut's way"
+NUTS_WAY: FaultKind = "nut's way"
 LASTS_S = 180.0
 """A speed counts if it lasts so long."""
 
 
 class Sparse(NamedTuple):
-    """A log, from 0, that shows too few positions of a nut: how many a traverse, and how far its rows are
-    apart.
+    """A log, from 0, that shows too few positions of a nut: how many in a traverse, and the interval of
+    its rows.
     """
 
     run: int
@@ -39,15 +39,16 @@ class Sparse(NamedTuple):
 
 
 def sparse_paths(config: Config, runs: Sequence[Run]) -> tuple[Suspect, ...]:
-    """Return a suspect for each moving source whose way the rows of some log do not show."""
+    """Return a suspect for each moving source whose path the rows of some log do not show."""
     sparse = [s for i, run in enumerate(runs) for s in _sparse(config, i, run)]
     worst = {s.source.name: s for s in sorted(sparse, key=lambda s: -s.positions)}
     return tuple(_described(s) for s in worst.values())
 
 
 def needs_path(candidate: Candidate, config: Config) -> bool:
-    """Whether an effect can only be found where the ways of nuts are known: one of a moving source, or one
-    that is found by its place under them.
+    """Whether an effect can only be found if the paths of nuts are known.
+
+    This is so for an effect of a moving source, and for one that is found by its position under a nut.
     """
     moving = {s.name for s in config.source if s.position_channel is not None}
     placed = bool({"position_m", "from_m"} & set(candidate.fitted))
@@ -73,11 +74,11 @@ def _sparse(config: Config, number: int, run: Run) -> Iterator[Sparse]:
 
 
 def positions_a_traverse(place_m: FloatArray, per_row_m: float, stroke_m: float) -> float:
-    """Return how many rows a traverse has by a nut's places (K,) at one speed, infinite where it rests.
+    """Return how many rows a traverse has by a nut's places (K,) at one speed, infinite while it rests.
 
-    `per_row_m`: how far it runs from row to row at least, over a stroke of `stroke_m` at most. It is also
-    judged by how often it turns: where it runs further than to the other end from one row to the next, it
-    seems to turn at almost every row.
+    The nut runs at least `per_row_m` from row to row, over a stroke of at most `stroke_m`. The number of
+    turns is a second measure: if the nut runs further than to the other end between two rows, it seems to
+    turn at almost every row.
     """
     place_m = place_m[np.isfinite(place_m)]
     if len(place_m) <= FEWEST or np.ptp(place_m) == 0.0:
@@ -91,6 +92,7 @@ def positions_a_traverse(place_m: FloatArray, per_row_m: float, stroke_m: float)
 
 
 def _described(sparse: Sparse) -> Suspect:
+    """Return the suspect for a nut whose path a log does not show."""
     source, most_s = sparse.source, sparse.row_s * sparse.positions / SAMPLES_PER_TRAVERSE
     last_digit_s = 10.0 ** (math.floor(math.log10(most_s)) - 1)
     most_s = math.floor(most_s / last_digit_s) * last_digit_s
@@ -103,7 +105,7 @@ def _described(sparse: Sparse) -> Suspect:
 
 
 def _below(positions: float) -> float:
-    """Positions a traverse, to the first digits that are fewer than needed."""
+    """Return the positions in a traverse, with as few digits as show that they are fewer than needed."""
     return next(
         rounded for digits in range(1, 17) if (rounded := round(positions, digits)) < SAMPLES_PER_TRAVERSE
     )

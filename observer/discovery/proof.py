@@ -1,7 +1,7 @@
-"""The proof: how far predictions are off on data held back, before and after, and what that proves.
+"""The proof: the error of predictions on held-out data, before and after, and the conclusion from it.
 
-An effect is named only if it takes a part of the gap away that its own uncertainty cannot, in K and beyond
-what the tolerances explain.
+An effect is named only if it removes more of the gap than its own uncertainty could, in K and beyond
+tolerances.
 """
 
 from __future__ import annotations
@@ -34,10 +34,12 @@ errors that last a quarter of an hour); a root mean square of a dozen values is 
 class SensorError:
     """Root mean square of measured minus predicted on the proof, in K: before, after, and of noise alone.
 
-    `before`, `after`: the mean squared whitened error, tolerances marginalised. `beyond_tolerances_K`: the
-    root mean square before and after, less what the tolerances explain as estimated from the fitted data;
-    without this, a complete model would still show its sensors' offsets. `form_K`: noise and model form error
-    together.
+    Attributes:
+        before, after: mean squared whitened error, tolerances marginalised
+        beyond_tolerances_K: rms before and after, less the part that tolerances explain (as fitted)
+        form_K: noise and model form error together
+
+    Without `beyond_tolerances_K` a complete model would still show its sensors' offsets.
     """
 
     before_rms_K: float
@@ -50,7 +52,7 @@ class SensorError:
 
     @property
     def growth_K(self) -> tuple[float, float]:
-        """By how much the error has grown, raw and beyond tolerances, K."""
+        """The growth of the error, raw and beyond tolerances, K."""
         before_K, after_K = self.beyond_tolerances_K
         return self.after_rms_K - self.before_rms_K, after_K - before_K
 
@@ -59,10 +61,13 @@ class SensorError:
 class Proof:
     """The error over all sensors and by sensor.
 
-    Before: with the free parameters calibrated and no effect added. `as_given_rms_K`: with the configuration
-    as it was given. `expected`: the mean squared whitened error of noise alone. `unproved`: the effects that
-    take too little off the gap (see `proves`), and `stretch` by how many standard deviations tolerances have
-    to be off in their place.
+    “Before” means with the free parameters calibrated and no effect added.
+
+    Attributes:
+        as_given_rms_K: error with the original configuration
+        expected: mean squared whitened error of noise alone
+        unproved: effects that remove too little of the gap (see `proves`)
+        stretch: standard deviations by which tolerances must be off to replace these
     """
 
     whole: SensorError
@@ -74,11 +79,11 @@ class Proof:
 
     @property
     def grown_on(self) -> tuple[str, ...]:
-        """The sensors whose own error has grown: in kelvin, raw and beyond tolerances, by more than noise and
-        form error, and whitened, beyond noise.
+        """The sensors whose own error has grown.
 
-        Growth in kelvin alone is no proof: tolerances stretch to cover a missing effect, at a price, and
-        relax when it is added.
+        It must have grown in kelvin, raw and beyond tolerances, by more than noise and form error; and
+        whitened, by more than noise. Growth in kelvin alone does not count: tolerances stretch to cover a
+        missing effect, at a price, and relax when it is added.
         """
         return tuple(
             name
@@ -97,8 +102,10 @@ class Proof:
 
 
 class ProofError(NamedTuple):
-    """The error of a fit on every row (n,): in K, in K beyond tolerances, and on the proof's rows whitened,
-    tolerances marginalised.
+    """The error of a fit on every row (n,) in K, the same beyond tolerances, and the whitened error on the
+    proof.
+
+    Tolerances are marginalised in the whitened error.
     """
 
     error_K: FloatArray
@@ -107,16 +114,16 @@ class ProofError(NamedTuple):
 
     @classmethod
     def of(cls, fit: Fit, named: Config) -> ProofError:
-        """Predict all rows, the held-out ones as well; `named` has the effects that are to be proved."""
+        """Predict all rows, the held-out ones too; `named` has the effects that are to be proved."""
         rows, error_K = fit.problem.evidence.proof, fit.problem.error_K(fit.config)
         whitened = fit.marginal(rows)(fit.problem.evidence.whitened(error_K)[rows])
         return cls(error_K, error_K - fit.within_tolerances_K(named), whitened)
 
 
 def prove(null: Fit, fit: Fit, fewer: Sequence[tuple[str, Fit]] = ()) -> Proof:
-    """Open the proof: compare the fit without effects with the one chosen.
+    """Open the proof: compare the fit without effects with the chosen one.
 
-    `fewer`: the name of each effect chosen, with the fit of the others alone.
+    `fewer` is the name of each chosen effect, with the fit of the others alone.
     """
     problem, evidence = fit.problem, fit.problem.evidence
     rows = evidence.proof
@@ -151,15 +158,15 @@ def prove(null: Fit, fit: Fit, fewer: Sequence[tuple[str, Fit]] = ()) -> Proof:
 
 
 def proves(without_K: float, with_K: float, noise_K: float) -> bool:
-    """Whether an effect proves itself by the gap on held-out data without and with it.
+    """Whether an effect proves itself by the gap on held-out data without and with it, rms in K.
 
-    It must take `FALLS` of it away, and what it takes away must be more than noise: of errors that are
-    independent, the squares add up.
+    It must remove the fraction `FALLS` of the gap, and the removed part must exceed noise. Squares of
+    independent errors add up.
     """
     gone_K2 = without_K**2 - with_K**2
     return with_K <= (1.0 - FALLS) * without_K and gone_K2 > noise_K**2
 
 
 def rms(values: FloatArray) -> float:
-    """The root mean square of values."""
+    """Return the root mean square of values."""
     return float(np.sqrt(np.mean(values**2)))

@@ -51,7 +51,7 @@ def calibration_result(calibration: Calibration, noise: Mapping[str, float]) -> 
 
 
 def _rounded(value: Any) -> Any:
-    """Plain data with every float in it rounded."""
+    """Return plain data with every float in it rounded."""
     if isinstance(value, dict):
         return {key: _rounded(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
@@ -64,7 +64,7 @@ def _interval(value: float, low: float, high: float, unit: str) -> dict[str, Any
 
 
 def _error(error: ErrorRms | SensorError) -> dict[str, Any]:
-    """Root mean squares of the error, in K, or in µm of a displacement."""
+    """Return root mean squares of the error in K, or in µm for a displacement."""
     unit = error.unit if isinstance(error, ErrorRms) else "K"
     out: dict[str, Any] = {
         f"{key.removesuffix('K')}{unit}": rounded(value)
@@ -95,7 +95,7 @@ def discovery_result(discovery: Discovery) -> dict[str, Any]:
             "on": "proof",
         },
         "worth": _worth(discovery.worth),
-        "where": _where(discovery),
+        "where": _locations(discovery),
         "ranking": [_trial(t) for t in discovery.search.ranking],
         "not_told": [c.name for c in discovery.search.blind],
         "partial": _partial(discovery),
@@ -106,7 +106,7 @@ def discovery_result(discovery: Discovery) -> dict[str, Any]:
 
 
 def _experiment(test: Experiment) -> dict[str, Any]:
-    """A test cycle, what it consists of, and how well the others would do."""
+    """Return a test cycle, its phases, and the separation by the other cycles."""
     return {
         "name": test.name,
         "description": test.description,
@@ -119,7 +119,7 @@ def _experiment(test: Experiment) -> dict[str, Any]:
 
 
 def effects_of(fit: Fit) -> list[dict[str, Any]]:
-    """The effects of a fit with their parameters and 95 % intervals, those configured before left out."""
+    """Return the effects that a fit has added, with their parameters and 95 % intervals."""
     out = []
     before = len(fit.problem.config.effect)
     values = zip(fit.parameters, fit.values.tolist(), fit.half_width.tolist(), strict=True)
@@ -138,20 +138,21 @@ def effects_of(fit: Fit) -> list[dict[str, Any]]:
 
 
 def reciprocal(value: float, half: float) -> tuple[float, float]:
-    """Return the interval of a value whose reciprocal is known to `half` over the value's square; the upper
-    end may be infinite.
+    """Return the interval of a value whose reciprocal has the half width `half` / value²; its end may be
+    infinite.
     """
     middle, half = 1.0 / value, half / value**2
     return 1.0 / (middle + half), 1.0 / (middle - half) if middle > half else np.inf
 
 
 def calibrated_of(fit: Fit) -> dict[str, Any]:
-    """The free parameters of a fit with their 95 % intervals."""
+    """Return the free parameters of a fit with their 95 % intervals."""
     return {p.key: _interval(p.value, *p.ci95, p.unit) for p in fit.free_parameters}
 
 
-def _where(discovery: Discovery) -> list[dict[str, Any]]:
-    places = [_rounded(asdict(place)) for place in discovery.where]
+def _locations(discovery: Discovery) -> list[dict[str, Any]]:
+    """Return where the error is, and first the unexplained event if there is one."""
+    places = [_rounded(asdict(place)) for place in discovery.locations]
     if (e := discovery.event) is None:
         return places
     first = {
@@ -170,7 +171,9 @@ def _where(discovery: Discovery) -> list[dict[str, Any]]:
 
 
 def _partial(discovery: Discovery) -> dict[str, Any] | None:
-    """The effect that explains most of an unknown, its share, and what remains."""
+    """Return the effect that explains most of an unknown, its share, and the remaining error; None
+    without one.
+    """
     if (partial := discovery.partial) is None:
         return None
     return {
@@ -190,7 +193,7 @@ def _partial(discovery: Discovery) -> dict[str, Any] | None:
 
 
 def _displacements(findings: DisplacementFindings | None) -> dict[str, Any] | None:
-    """What displacement sensors say, None without any."""
+    """Return the findings of displacement sensors, None without any."""
     if findings is None:
         return None
     return {
@@ -210,17 +213,17 @@ def _explains_most(partial: Partial) -> bool:
 
 
 def _worth(worth: Worth | None) -> dict[str, float] | None:
-    """What a change of the model is worth in thermal error, None where there is no expansion coefficient."""
+    """Return the gain in thermal error by a change of the model, None without an expansion coefficient."""
     return None if worth is None else _rounded(worth._asdict())
 
 
 def _family(ties: Sequence[Tie]) -> dict[str, Any] | None:
-    """The family of an answer, and the effects common to all of its sets."""
+    """Return the family of an answer, and the effects common to all of its sets."""
     return {**_tie(ties[0]), "beside": [_tie(tie) for tie in ties[1:]]} if ties else None
 
 
 def _tie(tie: Tie) -> dict[str, Any]:
-    """Members that explain the logs equally well; a single one without a family is in every set."""
+    """Return members that explain the logs equally well; a single one without a family is in every set."""
     members = [c.name for c in tie.members]
     if tie.family is None or tie.figure is None:
         return {"name": None, "target": None, "members": members, "effective": {}}
@@ -234,7 +237,9 @@ def _tie(tie: Tie) -> dict[str, Any]:
 
 
 def _trial(trial: FittedCandidate) -> dict[str, Any]:
-    """A candidate of the first round: how much of the error it explains, and of that on held-out data."""
+    """Return a candidate of the first round with the fraction of the error that it explains, fitted and
+    held out.
+    """
     effect = effects_of(trial.fit)[-1]
     return {
         **effect,

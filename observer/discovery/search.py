@@ -1,8 +1,8 @@
 """Choose effects: screen the library by signatures, fit the best, add, and prune.
 
-The part of a signature that the free parameters could absorb is projected out; the projection of the residual
-on the rest gives the expected drop of the deviance. The best few are then fitted with every parameter free,
-and cross-validated: a fit to all folds but one must also explain that one.
+The part of a signature that the free parameters could absorb is projected out. The projection of the residual
+on the remaining part gives the expected drop of the deviance. The best few are then fitted with every
+parameter free and cross-validated: a fit to all folds but one must also explain that one.
 """
 
 from __future__ import annotations
@@ -51,8 +51,10 @@ Entry = TypeVar("Entry")
 class FittedCandidate:
     """A candidate added to a fit.
 
-    `drop` of the deviance and the `least` required; `held_out`, the part of the held-out deviance that it
-    explains.
+    Attributes:
+        drop: fall of the deviance
+        least: required drop
+        held_out: fraction of the held-out deviance that it explains
     """
 
     candidate: Candidate
@@ -63,12 +65,12 @@ class FittedCandidate:
 
     @property
     def score(self) -> float:
-        """The drop of the deviance, less that required for its parameters."""
+        """The drop of the deviance, less the drop required for its parameters."""
         return score(self.drop, len(self.candidate.fitted))
 
     @property
     def accepted(self) -> bool:
-        """Whether it explains enough, on held-out data as well, within its bounds."""
+        """Whether it explains enough, also of the held-out data, within its bounds."""
         sound = not self.fit.at_bound and self.bounded and self.significant
         return self.score >= self.least and self.held_out >= MATERIAL and sound
 
@@ -91,7 +93,8 @@ class FittedCandidate:
     def _own_parameters(self) -> Iterator[tuple[Fitted, EffectParameter, float, float]]:
         """Prior knowledge, parameter, value and half interval of each of the candidate's own parameters.
 
-        An effect of the same kind at another target is not its own: it may have been fitted in another form.
+        An effect of the same kind at another target is excluded, because it may have been fitted in another
+        form.
         """
         columns = zip(self.fit.parameters, self.fit.values, self.fit.half_width, strict=True)
         for p, value, half in columns:
@@ -106,11 +109,14 @@ class FittedCandidate:
 class Search(NamedTuple):
     """The result of a search.
 
-    `null` is the fit without effects, `fit` the last accepted one, with a body of a nut or where rows are far
-    apart fitted again with the tolerances at its own parameters; `chosen` its effects, each with the trials
-    it won against (`rivals`, itself first, then the best) while the others stood; `ranking` the first round;
-    `blind` the candidates confounded with the free parameters; `signatures` those of the
-    library.
+    Attributes:
+        null: the fit without effects
+        fit: the last accepted fit; for bodies of nuts and coarse rows refitted with its own tolerances
+        chosen: its effects
+        rivals: for each of these, the trials it won against with the others present: itself, then the best
+        ranking: the first round
+        blind: candidates confounded with the free parameters
+        signatures: of the library
     """
 
     null: Fit
@@ -125,7 +131,7 @@ class Search(NamedTuple):
 def search(
     problem: Problem,
     library: Sequence[Candidate],
-    progress: Progress = lambda _text, _done: None,
+    progress: Progress = lambda _text, _share: None,
     pool: WorkerPool = IN_PROCESS,
 ) -> Search:
     """Find the effects missing from the configuration of a problem."""
@@ -170,7 +176,7 @@ def _exchanged(
     marks: Sequence[Signature],
     pool: WorkerPool,
 ) -> tuple[Fit, list[FittedCandidate], tuple[FittedCandidate, ...]]:
-    """Replace a chosen effect by the best while the others stay; return its rivals as well."""
+    """Replace a chosen effect by the best while the others stay; return its rivals too."""
     others = [t.candidate for j, t in enumerate(chosen) if j != number]
     problem = null.problem
     base = without(problem, fit, number)
@@ -189,7 +195,7 @@ def _exchanged(
 
 
 def _in_order(fit: Fit, number: int, before: int) -> Fit:
-    """A fit with its last effect moved to the position of the one it replaces."""
+    """Return a fit with its last effect moved to the position of the one it replaces."""
     effects, last = list(fit.config.effect), len(fit.config.effect) - 1
     effects.insert(before + number, effects.pop())
     order = {last: before + number} | {i: i + (i >= before + number) for i in range(last)}
@@ -205,7 +211,7 @@ def tried(
     present: Sequence[Candidate],
     pool: WorkerPool = IN_PROCESS,
 ) -> tuple[FittedCandidate, ...]:
-    """Fit the most promising candidates beside a fit, two at a time; the best first."""
+    """Fit the most promising candidates in addition to a fit, two at a time; return the best first."""
     least = max(ACCEPT, form_of(present) * (null.deviance - base.deviance))
     by_name: dict[str, list[Promise]] = {}
     for p in promises(base, [s for s in marks if not _taken(s.candidate, present)]):
@@ -225,17 +231,19 @@ def tried(
 
 
 def form_of(present: Sequence[Candidate]) -> float:
-    """The form error of effects, as a part of what they explain: that of the roughest."""
+    """Return the largest form error among effects, as a fraction of the deviance that they explain."""
     return max([FORM, *(c.of.rough for c in present)])
 
 
 def _descending(entries: Iterable[Entry], worth: Callable[[Entry], float]) -> list[Entry]:
-    """Sort by worth, the best first; rounded, so that equal ones keep their order."""
+    """Return entries sorted by worth, the best first; worths are rounded, so that equal ones keep their
+    order.
+    """
     return sorted(entries, key=lambda entry: -round(worth(entry), 3))
 
 
 def _taken(candidate: Candidate, present: Sequence[Candidate]) -> bool:
-    """Whether a candidate is excluded beside others: present already, or a second sensor fault.
+    """Whether a candidate is excluded by the present ones: it is among them, or is a second sensor fault.
 
     Offsets of several sensors can reproduce almost any steady field.
     """
@@ -246,8 +254,10 @@ def _taken(candidate: Candidate, present: Sequence[Candidate]) -> bool:
 def _try(
     problem: Problem, base: Fit, promised: Sequence[Promise], least: float, rival: float
 ) -> FittedCandidate | None:
-    """Fit a candidate, in its richest form from the most promising shapes, then keep the simplest form that
-    fits equally well; None where no prediction is finite.
+    """Fit a candidate in its richest form from the most promising shapes, then keep the simplest equivalent
+    form.
+
+    Return None if no prediction is finite.
     """
     forms = sorted({len(p.signature.candidate.fitted): p.signature.candidate for p in promised}.items())
     candidate, fit = forms[-1][1], None
@@ -270,7 +280,7 @@ def _try(
 
 
 def _from(problem: Problem, base: Fit, candidate: Candidate, promise: Promise, rival: float) -> Fit:
-    """Fit a candidate beside a fit, starting from the promised shape and strength."""
+    """Fit a candidate in addition to a fit, starting from the promised shape and strength."""
     index, of_shape = len(base.config.effect), promise.signature.candidate
     shape = of_shape.shapes[promise.signature.shape]
     effect = of_shape.effect(shape, promise.strength)
@@ -288,13 +298,14 @@ def _from(problem: Problem, base: Fit, candidate: Candidate, promise: Promise, r
 
 
 def _explained(fit: Fit) -> bool:
-    """Whether a fit explains all but noise."""
+    """Whether a fit explains everything but noise."""
     return fit.deviance < EXPLAINED * fit.problem.evidence.expected * len(fit.remainder)
 
 
 def _plainer(fit: Fit, plain: Candidate, rich: Candidate) -> Fit | None:
-    """A fit of a candidate's last effect in a simpler form, started from the richer one; None where the
-    parameters that it drops are clearly needed.
+    """Return a fit of a candidate's last effect in a simpler form, started from the richer one.
+
+    None if the parameters that it drops are clearly needed.
     """
     index, dropped = len(fit.config.effect) - 1, set(rich.fitted) - set(plain.fitted)
     columns = zip(fit.parameters, fit.values, fit.half_width, strict=True)
@@ -307,7 +318,9 @@ def _plainer(fit: Fit, plain: Candidate, rich: Candidate) -> Fit | None:
 
 
 def held_out(fit: Fit) -> float:
-    """The deviance of every fold with the parameters fitted to the other folds, linear about the fit."""
+    """Return the deviance of every fold with the parameters fitted to the other folds, linear about the
+    fit.
+    """
     problem, total = fit.problem, 0.0
     fold = problem.evidence.fold
     for number in range(problem.evidence.folds):
@@ -319,7 +332,9 @@ def held_out(fit: Fit) -> float:
 
 
 def _best(trials: Sequence[FittedCandidate]) -> FittedCandidate | None:
-    """The best accepted candidate, or one of fewer parameters to which it reduces."""
+    """Return the best accepted candidate, or one of fewer parameters to which it reduces; None if none is
+    accepted.
+    """
     accepted = [t for t in trials if t.accepted]
     if not accepted:
         return None
@@ -364,7 +379,7 @@ def without(problem: Problem, fit: Fit, effect: int) -> Fit:
 
 
 def _blind(all_promises: Sequence[Promise]) -> tuple[Candidate, ...]:
-    """The candidates all of whose signatures the free parameters can absorb."""
+    """Return the candidates whose signatures the free parameters can all absorb."""
     most: dict[str, tuple[float, Candidate]] = {}
     for p in all_promises:
         candidate = p.signature.candidate

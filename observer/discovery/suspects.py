@@ -1,8 +1,8 @@
 """Faults of the logs rather than of the model.
 
-All logs are examined, the proof as well, for a suspect is no part of a model: it can only withdraw a named
-effect. It is reported if it explains nearly all of the error and no single effect of the library does so
-equally well.
+All logs are examined, the proof too, because a suspect is not part of a model and can only withdraw a named
+effect. It is reported if it explains nearly all of the error and no single effect of the library explains as
+much.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from observer.config import Config
 from observer.discovery.candidates import Signature, promises, score
-from observer.discovery.log_faults import FaultFit, Linearised, What, fit_faults, follows
+from observer.discovery.log_faults import FaultFit, FaultKind, Linearised, fit_faults, follows
 from observer.discovery.search import BLIND, MATERIAL, FittedCandidate
 from observer.discovery.verdict import WITHIN_REACH
 from observer.effects.base import EffectTable
@@ -55,11 +55,14 @@ LIKE = 0.5
 class Suspect(NamedTuple):
     """A fault of the logs.
 
-    `channel`: the channel concerned, several joined by commas; `by`: how much, a number (s late, K too cold,
-    K/W, a ratio of heats, K of offset) or the unit; `text`: a sentence with the remedy.
+    Attributes:
+        what: the kind of fault
+        channel: the channel concerned, several joined by commas
+        by: size, a number (s late, K too cold, K/W, a ratio of heats, K of offset) or the unit
+        text: a sentence with the remedy
     """
 
-    what: What
+    what: FaultKind
     channel: str | None
     by: float | str
     text: str
@@ -72,8 +75,9 @@ Description = tuple[str | None, float | str, str]
 def suspects(
     null: Fit, rivals: Sequence[FittedCandidate], marks: Sequence[Signature] = ()
 ) -> tuple[Suspect, ...]:
-    """Return the faults found in the logs; `rivals` are fits of single effects, `marks` the signatures of the
-    whole library.
+    """Return the faults found in the logs.
+
+    `rivals` are fits of single effects, `marks` the signatures of the whole library.
     """
     if units := tuple(misscaled(null)):  # which mask everything else
         return units
@@ -81,17 +85,17 @@ def suspects(
         if alike(fitted):
             continue
         if beyond_tolerance(null.problem.config, fitted) and plain(null, fitted, rivals, marks):
-            kind = fitted.fault.what
+            kind = fitted.fault.kind
             channel, by, text = _DESCRIBE[kind](null.problem, fitted)
             return (Suspect(kind, channel, by if isinstance(by, str) else float(f"{by:.3g}"), text),)
     return ()
 
 
 def unlikely_offset(null: Fit, ranking: Sequence[FittedCandidate]) -> tuple[Suspect, ...]:
-    """Return the sensor whose offset explains most of logs for which no effect is named, if it is unlikely
-    within its tolerance.
+    """Return the sensor whose offset explains most of the logs, if it is unlikely within its tolerance.
 
-    That explains an offset of z standard deviations at a cost of z², so a few cannot be named.
+    This is for logs for which no effect is named. The tolerance covers an offset of z standard deviations at
+    a cost of z², so an offset of a few cannot be named as an effect.
     """
     best = max(ranking, key=lambda t: t.score, default=None)
     if best is None or best.score < SPARED or best.held_out < MATERIAL or not best.significant:
@@ -112,14 +116,14 @@ def unlikely_offset(null: Fit, ranking: Sequence[FittedCandidate]) -> tuple[Susp
 
 
 def alike(fitted: FaultFit) -> bool:
-    """Whether offsets are about equal: then the air, or its sensor, is off instead."""
+    """Whether all offsets are about equal; then the air, or its sensor, is off instead."""
     spread = float(np.std(fitted.values, ddof=1)) if len(fitted.values) > 1 else np.inf
-    return fitted.fault.what == "offsets" and abs(float(np.mean(fitted.values))) > ALIKE * spread
+    return fitted.fault.kind == "offsets" and abs(float(np.mean(fitted.values))) > ALIKE * spread
 
 
 def beyond_tolerance(config: Config, fitted: FaultFit) -> bool:
     """Whether a hypothesis explains enough beyond the configured tolerance of its kind."""
-    kind = fitted.fault.what
+    kind = fitted.fault.kind
     if config.tolerance == intolerant(config, kind).tolerance:
         return fitted.score >= (LEAST_FOLLOWING if kind == "sensor follows the heater" else LEAST)
     if kind == "heat differs between logs":
@@ -135,7 +139,7 @@ def plain(
     taken = null.deviance_of_all <= noise  # by the tolerances, at a cost that this hypothesis would avoid
     if taken and fitted.score >= SPARED and _no_effect_explains(null, fitted, rivals, marks):
         return True
-    config, strict = intolerant(null.config, fitted.fault.what), null
+    config, strict = intolerant(null.config, fitted.fault.kind), null
     if config.tolerance != null.config.tolerance:
         strict = replace(null, problem=null.problem.with_nuisance(config))
         fitted = Linearised.at(strict.problem, fitted.config).fitted(fitted.fault, strict.deviance_of_all)
@@ -149,10 +153,11 @@ def _no_effect_explains(
 ) -> bool:
     """Whether no single effect explains the logs as well as a hypothesis about them.
 
-    Effects that were fitted are judged by their fit within the tolerances; the others, visible on the proof
-    alone, which suspects use as well, by what they promise within their bounds. Air is no rival of air.
+    Fitted effects are judged by their fit within the tolerances. Effects that show only on the proof, which
+    suspects use too, are judged by their promise within their bounds. An effect of the air does not compete
+    with a fault of the air.
     """
-    before, is_air = null.deviance_of_all, fitted.fault.what == "ambient"
+    before, is_air = null.deviance_of_all, fitted.fault.kind == "ambient"
     fault_score = score(before - fitted.left, fitted.parameters)
     for rival in rivals:
         left = replace(rival.fit, problem=null.problem).deviance_of_all
@@ -170,18 +175,20 @@ def _no_effect_explains(
 
 
 def _is_air(effect: EffectTable, config: Config) -> bool:
-    """Whether an effect is nothing but another temperature of the air."""
+    """Whether an effect only changes the temperature of the air."""
     return all(isinstance(term, AmbientShift) for term in effect.terms(config))
 
 
 def about_the_air(fit: Fit) -> bool:
-    """Whether what a fit has of effects is nothing but another temperature of the air."""
+    """Whether all effects that a fit has added only change the temperature of the air."""
     effects = fit.config.effect[len(fit.problem.config.effect) :]
     return bool(effects) and all(_is_air(effect, fit.config) for effect in effects)
 
 
-def intolerant(config: Config, kind: What) -> Config:
-    """The configuration without the tolerance that corresponds to a kind of suspect, if there is one."""
+def intolerant(config: Config, kind: FaultKind) -> Config:
+    """Return the configuration without the tolerance that corresponds to a kind of suspect, if there is
+    one.
+    """
     if kind not in TOLERANCES:
         return config
     changes: dict[str, Any] = {"tolerance": config.tolerance.model_copy(update={TOLERANCES[kind]: 0.0})}
@@ -200,7 +207,7 @@ def _late(_problem: Problem, fitted: FaultFit) -> Description:
 
 
 def _exchanged(problem: Problem, fitted: FaultFit) -> Description:
-    a, b = (problem.config.sensor[i].channel for i in fitted.fault.about)
+    a, b = (problem.config.sensor[i].channel for i in fitted.fault.indices)
     return f"{a}, {b}", "exchanged", (
         f"The columns {a} and {b} look exchanged: each fits the other's position; swap the two channels in "
         "the configuration, or the wires"
@@ -208,7 +215,7 @@ def _exchanged(problem: Problem, fitted: FaultFit) -> Description:
 
 
 def _ambient(problem: Problem, fitted: FaultFit) -> Description:
-    channel, runs = problem.config.ambient.channel, len(fitted.fault.about)
+    channel, runs = problem.config.ambient.channel, len(fitted.fault.indices)
     if len(fitted.values) == 1:
         most_K, text = float(fitted.values[0]), f"{fitted.values[0]:+.1f} K"
     else:
@@ -227,7 +234,7 @@ def _differs(problem: Problem, fitted: FaultFit) -> Description:
     config = problem.config
     ratios = 1.0 + np.concatenate([[0.0], fitted.values])
     low, high = int(np.argmin(ratios)), int(np.argmax(ratios))
-    sources = [config.source[i] for i in fitted.fault.about]
+    sources = [config.source[i] for i in fitted.fault.indices]
     all_sources = len(sources) == sum(s.law not in (None, "heat_of") for s in config.source)
     heat = "every source" if all_sources else sources[0].name
     channels = dict.fromkeys(c for s in sources for c in (s.power_channel, s.speed_channel) if c is not None)
@@ -239,7 +246,7 @@ def _differs(problem: Problem, fitted: FaultFit) -> Description:
 
 
 def _follows(problem: Problem, fitted: FaultFit) -> Description:
-    at, by = fitted.fault.about
+    at, by = fitted.fault.indices
     channel = problem.config.sensor[at].channel
     slowly = Linearised.at(problem, fitted.config).fitted(follows(at, by, SLOWLY), fitted.left)
     per_W = float(np.sum(slowly.values))
@@ -270,7 +277,7 @@ _DESCRIBE: dict[str, Callable[[Problem, FaultFit], Description]] = {
 
 
 def misscaled(null: Fit) -> Iterator[Suspect]:
-    """Yield the inputs all of whose heats fit only with the factor of another unit."""
+    """Yield the inputs whose heats all fit only with the factor of another unit."""
     config = null.problem.config
     factors = Linearised.at(null.problem, config).heats()
     units, ratios = dict[str, str](), dict[str, list[float]]()

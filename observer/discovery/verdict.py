@@ -1,6 +1,6 @@
-"""The verdict of a search: named, none, unknown, ambiguous, or not identifiable, and why.
+"""The verdict of a search: named, none, unknown, ambiguous, or not identifiable, with the reason.
 
-Of an unknown also the effect that explains most of it, how much, and what remains.
+For *unknown* it includes the effect that explains most, its share, and the remaining error.
 """
 
 from __future__ import annotations
@@ -39,12 +39,15 @@ times what it leaves unexplained beyond noise.
 class Verdict:
     """The conclusion of a search.
 
-    `fit` is what may be written back, or what remains to be explained; `sets` the sets of effects that
-    explain the logs equally well, the best first, and `fits` their fits; `remains` where an unexplained error
-    is left; `unproved` the effects that would explain what was fitted, but do not prove themselves, and
-    `stretch` how many standard deviations of tolerances would explain as much; `lacking`
-    the excitation that the logs lack, a clause for each; `suspected` the faults of the logs, a sentence for
-    each without its full stop, that withdraw or qualify the verdict.
+    Attributes:
+        fit: the fit to write back, or the one that leaves an error unexplained
+        sets: sets of effects that explain the logs equally well, the best first
+        fits: their fits
+        remains: where an unexplained error is left
+        unproved: effects that explain the fitted data but do not prove themselves
+        stretch: standard deviations of tolerances that would explain as much as these
+        lacking: the excitation that the logs lack, a clause for each
+        suspected: faults of the logs that withdraw or qualify the verdict, sentences without full stop
     """
 
     kind: VerdictKind
@@ -59,7 +62,7 @@ class Verdict:
 
     @property
     def reason(self) -> str:
-        """Why, in a sentence without its full stop."""
+        """The reason, as a sentence without its full stop."""
         if self.suspected:
             prefix = "no missing effect is found, but " if self.kind == "none" else ""
             return f"{prefix}the logs themselves are in doubt: {'; '.join(self.suspected)}"
@@ -80,7 +83,9 @@ class Verdict:
 
     @property
     def _other(self) -> str:
-        """What explains as much as the unproved, if tolerances have to be beyond what is likely for that."""
+        """A clause about unlikely tolerances that would explain the logs equally well; empty if they are
+        likely.
+        """
         if self.stretch < UNLIKELY:
             return ""
         return f": tolerances of which one is off by {self.stretch:.0f} standard deviations leave as little"
@@ -104,8 +109,9 @@ def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
 
 
 def under_suspicion(verdict: Verdict, suspected: Sequence[str]) -> Verdict:
-    """Withdraw a verdict where a fault of the logs explains them: a named effect, or the claim of *none* that
-    the model explains the logs.
+    """Withdraw a verdict if a fault of the logs explains them.
+
+    A named effect becomes *unknown*. A verdict of *none* stays and lists the faults.
     """
     if not suspected or verdict.kind == "not_identifiable":
         return verdict
@@ -115,13 +121,17 @@ def under_suspicion(verdict: Verdict, suspected: Sequence[str]) -> Verdict:
 
 
 def goodness(fit: Fit) -> float:
-    """The mean squared whitened error of what was used, tolerances marginalised; a quarter is usual."""
+    """Return the mean squared whitened error of the used rows, tolerances marginalised; a quarter is
+    usual.
+    """
     return fit.deviance / max(len(fit.remainder), 1)
 
 
 def alternatives(search: Search, noise: float) -> tuple[tuple[tuple[Candidate, ...], ...], tuple[Fit, ...]]:
-    """The sets of effects that cannot be distinguished, and their fits: the chosen one, and those with one
-    effect exchanged. `noise` is the mean squared whitened error that noise alone makes.
+    """Return the sets of effects that cannot be distinguished, and their fits.
+
+    These are the chosen set, and those with one effect exchanged. `noise` is the mean squared whitened error
+    of noise alone.
     """
     chosen = tuple(t.candidate for t in search.chosen)
     sets, fits = [chosen], [search.fit]
@@ -138,13 +148,18 @@ def alternatives(search: Search, noise: float) -> tuple[tuple[tuple[Candidate, .
 
 @dataclass(frozen=True)
 class Partial:
-    """The effect that alone explains most of the fitted logs; its strength differs significantly from none.
+    """The effect that alone explains most of the fitted logs; its strength differs significantly from zero.
 
-    `share`: the part of the misfit that it explains. `remains_rms_K`: the remaining error, and
-    `beyond_tolerances_rms_K`; `most_on`: the sensor with the largest, and the `phase` in which it is largest,
-    if any is long enough.
-    `log`: the run, from 0, in which that sensor's error is largest. `tie`: the effects that explain as much,
-    itself first, where they form one family. `proof_K`, `worth`: on the proof, the error before and after it.
+    Attributes:
+        share: fraction of the misfit that it explains
+        remains_rms_K: remaining error
+        beyond_tolerances_rms_K: the same beyond tolerances
+        most_on: the sensor with the largest remaining error
+        phase: the phase in which that is largest, if any is long enough
+        log: the run, from 0, in which that is largest
+        tie: effects that explain as much, itself first, if they form one family
+        proof_K: error on the proof, before and after
+        worth: gain in thermal error on the proof
     """
 
     trial: FittedCandidate
@@ -160,16 +175,16 @@ class Partial:
 
 
 def proposable(search: Search) -> list[FittedCandidate]:
-    """Return the trials of the first round that explain something significantly and that the machine can
-    have.
-    """
+    """Return the trials of the first round that are significant and possible on this machine."""
     config = search.null.problem.config
     trials = (t for t in search.ranking if t.drop > 0.0 and t.significant)
     return [t for t in trials if t.candidate.of.can_exist(config)]
 
 
 def partial_of(search: Search) -> Partial | None:
-    """Return the effect that explains most of the null hypothesis's misfit; None where none explains any."""
+    """Return the effect that explains most of the null hypothesis's misfit; None if no trial explains any
+    of it.
+    """
     trials = proposable(search)
     if not trials:
         return None
@@ -203,7 +218,7 @@ def partial_of(search: Search) -> Partial | None:
 
 
 def _alike(best: FittedCandidate, trials: list[FittedCandidate]) -> Tie | None:
-    """The best and all that explain as much, where they form one family."""
+    """Return the best trial and all that explain as much, if they form one family; else None."""
     reach = max(WITHIN_REACH, WITHIN_SHARE * best.drop)
     near = [t for t in trials if best.drop - t.drop <= reach and not t.fit.at_bound]
     if best not in near:

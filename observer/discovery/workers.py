@@ -1,7 +1,7 @@
-"""A worker process that fits hypotheses beside this one; threads would share one interpreter lock.
+"""A worker process that fits hypotheses in parallel with this one; threads would share one interpreter lock.
 
-The worker is an interpreter of its own that is given its import path. It never imports the program that
-started it, so that may be a script without a guard, a notebook, or standard input.
+The worker is a separate interpreter that gets the same import path. It never imports the program that started
+it. So that program may be a script without a guard, a notebook, or standard input.
 """
 
 from __future__ import annotations
@@ -51,15 +51,15 @@ class _Unpickler(pickle.Unpickler):
 class WorkerPool:
     """Runs tasks on one problem in this process and one worker, with the same results as this process alone.
 
-    The same but for rounding: a BLAS may choose the order of a sum by where arrays lie in memory.
+    Results are the same up to rounding: a BLAS may choose the order of a sum by where arrays lie in memory.
 
-    Without a second core, if the worker fails, or inside a worker process, this process runs all tasks.
+    This process runs all tasks if there is only one core, if the worker fails, or inside a worker process.
     """
 
-    def __init__(self, *, alone: bool = False) -> None:
+    def __init__(self, *, in_process: bool = False) -> None:
         self._other: _Worker | None = None
         self._sent: Problem | None = None
-        if not alone and (os.cpu_count() or 1) > 1 and multiprocessing.parent_process() is None:
+        if not in_process and (os.cpu_count() or 1) > 1 and multiprocessing.parent_process() is None:
             self._other = _Worker.started()
 
     def __enter__(self) -> Self:
@@ -80,7 +80,7 @@ class WorkerPool:
         return [_result(work, problem, *pair) for pair in zip(results, tasks, strict=True)]
 
     def _submitted(self, work: Work, problem: Problem, tasks: Sequence[Task]) -> list[Future[bytes]]:
-        """What the worker may do; nothing where there is none."""
+        """Send tasks to the worker and return their futures; an empty list without a worker."""
         if self._other is None or not tasks:
             return []
         if self._sent is not problem:
@@ -90,7 +90,7 @@ class WorkerPool:
 
 
 def _result(work: Work, problem: Problem, result: Any, task: Task) -> Any:
-    """The worker's result, computed in this process if the worker is gone or could not."""
+    """Return the worker's result, computed in this process if the worker is gone or could not compute it."""
     if not isinstance(result, Future):
         return result
     answer = result.result()
@@ -98,7 +98,7 @@ def _result(work: Work, problem: Problem, result: Any, task: Task) -> Any:
 
 
 class _Worker:
-    """The other process, asked one thing after the other by a thread that waits for its answers."""
+    """The other process; a thread sends it one message at a time and waits for the answer."""
 
     def __init__(self, process: subprocess.Popen[bytes], connection: Connection) -> None:
         self._process, self._connection = process, connection
@@ -106,7 +106,7 @@ class _Worker:
 
     @classmethod
     def started(cls) -> Self | None:
-        """Start it, None where this computer does not let one; importing takes it a second."""
+        """Start the worker; return None if this computer does not allow it. Importing takes it a second."""
         if not sys.executable:  # Python within another program
             return None
         near_end, far_end = multiprocessing.Pipe()
@@ -124,7 +124,7 @@ class _Worker:
         return cls(process, near_end)
 
     def ask(self, message: bytes) -> Future[bytes]:
-        """Send a message; `_NOT_DONE` comes back where the worker does not answer it."""
+        """Send a message; the future's result is `_NOT_DONE` if the worker does not answer."""
         return self._asking.submit(self._answer, message)
 
     def _answer(self, message: bytes) -> bytes:
@@ -135,18 +135,18 @@ class _Worker:
             return _NOT_DONE
 
     def end(self) -> None:
-        """End it, whatever it does: nobody needs that any more."""
+        """Kill the worker, whatever it does."""
         self._process.kill()
         self._process.wait()
         self._asking.shutdown(cancel_futures=True)
         self._connection.close()
 
 
-IN_PROCESS = WorkerPool(alone=True)
+IN_PROCESS = WorkerPool(in_process=True)
 
 
 def _packed(value: object) -> bytes:
-    """Pickle a value with the shared problem as a reference."""
+    """Return a pickled value with the shared problem as a reference."""
     file = io.BytesIO()
     _Pickler(file, pickle.HIGHEST_PROTOCOL).dump(value)
     return file.getvalue()
@@ -157,8 +157,9 @@ def _unpacked(data: bytes) -> Any:
 
 
 def serve(descriptor: int) -> None:
-    """Be the worker: do what comes over a connection until it closes, with the other process, however that
-    ended.
+    """Run as the worker: execute tasks from a connection until it closes.
+
+    The connection closes when the other process ends for any reason.
     """
     connection = Connection(descriptor)
     waiting: queue.SimpleQueue[bytes] = queue.SimpleQueue()
@@ -177,7 +178,9 @@ def serve(descriptor: int) -> None:
 
 
 def _answered(message: bytes) -> bytes:
-    """The answer to a message: the packed result of a task, nothing for the problem of the next tasks."""
+    """Return the answer to a message: the packed result of a task, `_NOT_DONE` for the problem of the
+    next tasks.
+    """
     try:
         received = _unpacked(message)
         if isinstance(received, Problem):

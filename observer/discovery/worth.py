@@ -1,4 +1,6 @@
-"""What an effect is worth in thermal error: that of a prediction without it, and with it, on the proof."""
+"""The gain in thermal error by a change of the model: the error of predictions without and with it, on
+the proof.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,10 @@ UM_PER_M = 1e6
 
 
 class Worth(NamedTuple):
-    """The error in µm of a predicted thermal error on the proof, each at the place within the strokes where
-    its root mean square is largest: this, and the largest absolute value there, before and after.
+    """The error in µm of a predicted thermal error on the proof, before and after.
+
+    Each is taken at the place within the strokes where its root mean square is largest: this, and the largest
+    absolute value there.
     """
 
     before_rms_um: float
@@ -28,12 +32,13 @@ class Worth(NamedTuple):
 
 
 def worth_of(problem: Problem, before: Config, after: Config) -> Worth | None:
-    """Return what the configuration `after` is worth against `before`; None without an expansion coefficient
-    or without a sensor on the screw.
+    """Return the error of `after` compared with `before`; None without an expansion coefficient or a sensor
+    on the screw.
 
-    A free screw held at its left end: u(x) = α ∫₀ˣ ΔT dx. After, ΔT is measured minus predicted, linear
-    between the sensors and constant beyond the outermost, their own offsets included. Before, the difference
-    of both predicted fields is added to it, so that what only a sensor shows is no error of the screw.
+    The screw is free and held at its left end: u(x) = α ∫₀ˣ ΔT dx. After, ΔT is measured minus predicted,
+    linear between the sensors and constant beyond the outermost, their own offsets included. Before, the
+    difference of both predicted fields is added to it. So an error that only a sensor shows is not counted as
+    one of the screw.
     """
     screw, evidence = problem.config.screw, problem.evidence
     place_m = np.array([np.nan if s.position_m is None else s.position_m for s in problem.config.sensor])
@@ -60,13 +65,13 @@ def worth_of(problem: Problem, before: Config, after: Config) -> Worth | None:
 
 
 def _running_sum(values: FloatArray) -> FloatArray:
-    """The trapezoidal sum (b, P) from the first column to each, in steps."""
+    """Return the trapezoidal sum (b, P) from the first column to each, in steps."""
     steps = 0.5 * (values[:, 1:] + values[:, :-1])
     return np.asarray(np.cumsum(np.pad(steps, ((0, 0), (1, 0))), axis=1))
 
 
 def _means(problem: Problem, config: Config, x_m: FloatArray, run: int) -> FloatArray:
-    """The predicted field (b, P) of a run in half-minute means, °C."""
+    """Return the predicted field (b, P) of a run in half-minute means, °C."""
     mean = problem.forward.runs[run].ticks.mean
     sums = np.zeros((int(mean.max()) + 1, len(x_m)))
     np.add.at(sums, mean, problem.forward.fields(config, x_m)[run][0])
@@ -74,7 +79,7 @@ def _means(problem: Problem, config: Config, x_m: FloatArray, run: int) -> Float
 
 
 def _within_strokes(config: Config, x_m: FloatArray) -> FloatArray:
-    """Which positions (P,) a nut reaches; all of them where no stroke is configured."""
+    """Return which positions (P,) a nut reaches; all of them if no stroke is configured."""
     strokes = [s.stroke_m for s in config.source if s.stroke_m is not None]
     inside = [(x_m >= low) & (x_m <= high) for low, high in strokes]
     reached = np.any(inside, axis=0) if inside else np.ones(len(x_m), dtype=bool)

@@ -1,8 +1,8 @@
-"""What all effects share: the class of an effect holds everything that is known of it.
+"""The base class of all effects: the class of an effect holds all its properties.
 
-A family is a set of effects that are the same to a log in all but their name, and the one figure that they
-share. A film, radiation and a film that turning adds all take heat from the surface: where a log cannot
-decide between them, it still shows how much heat goes, as much as a film of so many W/m²K would take.
+A family is a set of effects that a log cannot distinguish, and the one figure that they share. A film,
+radiation and a film due to rotation all take heat from the surface. If a log cannot decide between them, it
+still shows the amount of heat, as an equivalent film coefficient in W/m²K.
 """
 
 from __future__ import annotations
@@ -26,13 +26,19 @@ from observer.tables.sections import Description, Source, owner
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """What effects have in common, and the figure that says how strong any of them is in effect.
+    """The common property of effects, and the figure that gives the effective strength of any of them.
 
-    `missing_physics` is what a model without any of them lacks, `{target}` being the place where `placed`
-    asks for one that all share. The figure `key` in `unit` is the heat that an effect takes out of the screw,
-    by least squares against how much warmer than the air the screw is: all over its `surface`, at the `end`,
-    or on average over the `screw`; or the mean heat that it brings over `time`; or, as its `own`, its
-    parameter of that name.
+    Attributes:
+        missing_physics: what a model without any of them lacks; `{target}` is the place of a `placed` family
+        key: name of the figure
+        unit: its unit
+        against: definition of the figure, see below
+        placed: whether the members must act at one common place
+
+    The figure is the heat that an effect takes out of the screw, by least squares against the screw's
+    temperature above ambient. That temperature is taken over the `surface`, at the `end`, or as a mean over
+    the `screw`. For `time` the figure is the mean heat that the effect brings, and for `own` its parameter
+    named `key`.
     """
 
     name: str
@@ -64,16 +70,18 @@ AT_END = 0.08
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """What a search knows of a parameter.
+    """The prior knowledge of a parameter for a search.
 
-    `scale` is a change that matters. `neutral` is where the parameter makes the effect nothing, so that a
-    strength multiplies what it has beyond; None for one that gives the effect its form, such as a place or a
-    time. `starts` are the values from which a search starts, the scale where there are none. `low` and `high`
-    are limits where they are narrower than the table's own. A `bounded` parameter's interval must end below
-    `high`, for beyond it the effect is another one; one that is `open_above` may stand
-    there, being all there is or as good as without limit. Of one that is `reciprocal` more and more makes no
-    difference: its uncertainty is that of its reciprocal. A position's scale is the length of the screw over
-    `parts`, and its limits are the ends.
+    Attributes:
+        scale: a change that matters
+        neutral: value at which the effect vanishes, so that a strength multiplies the difference to it; None
+            for a parameter of the effect's form, such as a place or a time
+        starts: values from which a search starts; the scale if empty
+        low, high: limits, if they are narrower than the table's own
+        bounded: whether the parameter's interval must end below `high`; beyond that the effect is another
+        open_above: whether the parameter may be at `high`, which is then the whole or as good as no limit
+        reciprocal: whether the uncertainty is that of the reciprocal, since larger values make no difference
+        parts: for a position: its scale is the screw's length over `parts`, and its limits are the ends
     """
 
     unit: str
@@ -88,19 +96,19 @@ class Fitted:
     parts: int = 0
 
     def on(self, length_m: float) -> Fitted:
-        """Return it for a screw of a length."""
+        """Return the same for a screw of a length in m."""
         if not self.parts:
             return self
         return replace(self, scale=length_m / self.parts, low=0.0, high=length_m, parts=0)
 
     @property
     def level(self) -> bool:
-        """Whether it is a place or a temperature, which counts from nowhere in particular."""
+        """Whether it is a place or a temperature, whose zero is arbitrary."""
         return self.unit in ("m", "°C")
 
 
 def position(parts: int) -> Fitted:
-    """What a search knows of a position on the screw, of which so many parts matter."""
+    """Return the prior knowledge of a position on the screw, with `parts` distinguishable parts."""
     return Fitted("m", neutral=None, parts=parts)
 
 
@@ -129,13 +137,13 @@ class EffectTable(Section):
 
     @classmethod
     def named(cls) -> str:
-        """The kind by which a configuration names the effect: its literal, else `module:Class`."""
+        """Return the kind by which a configuration names the effect: its literal, else `module:Class`."""
         literal = get_args(cls.model_fields["kind"].annotation)
         return str(literal[0]) if literal else f"{cls.__module__}:{cls.__name__}"
 
     @classmethod
     def bounds(cls, key: str) -> tuple[float, float]:
-        """The range of a parameter, from the table."""
+        """Return the range of a parameter, from the table."""
         low, high = -math.inf, math.inf
         for limit in cls.model_fields[key].metadata:
             if isinstance(limit, Ge | Gt):
@@ -146,8 +154,10 @@ class EffectTable(Section):
 
     @classmethod
     def places(cls, machine: Description, free: Collection[str]) -> Sequence[str | None]:
-        """The targets at which a search tries the effect, None for an effect without; nowhere where it cannot
-        stand or one of the free parameters (dotted keys) already is the effect.
+        """Return the targets at which a search tries the effect, None for an effect without a target.
+
+        The list is empty if the effect is impossible, or if one of the `free` parameters (dotted keys) is the
+        effect.
         """
         if cls.turning and all(s.speed_channel is None for s in machine.source):
             return ()
@@ -163,30 +173,28 @@ class EffectTable(Section):
 
     @classmethod
     def can_exist(cls, machine: Description) -> bool:
-        """Return whether the machine, as configured, has room for the effect; an unknown never proposes one
-        without.
-        """
+        """Whether the machine, as configured, can have the effect; an *unknown* proposes no other."""
         return True
 
     @classmethod
     def shapes(cls, machine: Description) -> Sequence[Shape]:
-        """The forms from which a search starts, at a typical strength."""
+        """Return the forms from which a search starts, at a typical strength."""
         values = product(*(p.starts or (p.scale,) for p in cls.parameters.values()))
-        return [dict(zip(cls.parameters, each, strict=True)) for each in values]
+        return [dict(zip(cls.parameters, combination, strict=True)) for combination in values]
 
     @classmethod
     def forms(cls, machine: Description, target: str | None, free: Collection[str]) -> Sequence[Form]:
-        """The sets of parameters that a search fits at a target, the plainest first; of one name all."""
+        """Return the sets of parameters that a search fits at a target, the simplest first."""
         return (tuple(cls.parameters),)
 
     @classmethod
-    def given(cls, machine: Description) -> Mapping[str, str | bool]:
-        """The keys that a search takes from the machine as it is, with their values."""
+    def fixed_keys(cls, machine: Description) -> Mapping[str, str | bool]:
+        """Return the keys that a search takes from the configured machine, with their values."""
         return {}
 
     @classmethod
     def sums(cls, shapes: Sequence[Shape]) -> Sequence[Sequence[int]]:
-        """For each shape, the numbers of those of which it is the sum while the effect is weak."""
+        """Return for each shape the numbers of the shapes whose sum it is while the effect is weak."""
         return [[i] for i in range(len(shapes))]
 
     @property
@@ -197,25 +205,31 @@ class EffectTable(Section):
 
     @abstractmethod
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        """Return what the effect adds to the plant of a machine. Raises `ConfigError` where it cannot."""
+        """Return the terms that the effect adds to the plant of a machine. Raises `ConfigError` if it
+        cannot.
+        """
 
     def resolved(self, length_m: float) -> Self:
-        """The effect, no finer than sensors on a screw of a length can resolve."""
+        """Return the effect, no finer than sensors on a screw of this length can resolve."""
         return self
 
     def place(self, length_m: float) -> str | None:
-        """Where the effect stands, by name, on a screw of a length; None where that has no name."""
+        """Return the name of the place where the effect acts, on a screw of this length; None if it has
+        no name.
+        """
         named = getattr(self, "target", None)
         return None if named is None else str(named)
 
     def comes_down_to(self, length_m: float) -> tuple[type[EffectTable], str | None] | None:
-        """The simpler effect and its target that this one is no different from, if there is one."""
+        """Return the simpler effect and target from which this one cannot be distinguished; None if there
+        are none.
+        """
         return None
 
 
 @dataclass(frozen=True, slots=True)
 class Unnamed:
-    """Terms beside the effects of a configuration, such as what may differ within a tolerance."""
+    """Terms in addition to the effects of a configuration, such as changes within a tolerance."""
 
     added: tuple[Term, ...]
     channels: tuple[str, ...] = ()
@@ -226,37 +240,39 @@ class Unnamed:
 
 
 def _rubs(source: Source, sources: Sequence[Source]) -> bool:
-    """Whether a source's heat is that of friction: by a law of speed, its own or the one it is a part of."""
+    """Whether a source's heat is friction: by a law of speed, its own or that of the source that it
+    follows.
+    """
     if source.law == "heat_of":
         source = owner(source, sources)
     return source.law in SPEED_LAWS
 
 
 def end_at(position_m: float, length_m: float) -> str | None:
-    """Return the end that a place belongs to, if any."""
+    """Return the end to which a place belongs; None for a place between."""
     if position_m < AT_END * length_m:
         return "left"
     return "right" if position_m > (1 - AT_END) * length_m else None
 
 
 def named_source(machine: Description, name: str, kind: str) -> Source:
-    """Return the source of a name. Raises `ConfigError`."""
+    """Return the source of a name. Raises `ConfigError` if there is no such source."""
     return machine.source[_index(name, [s.name for s in machine.source], "source", kind)]
 
 
 def named_sensor(machine: Description, name: str, kind: str) -> str:
-    """Return the name of a sensor that exists. Raises `ConfigError`."""
+    """Return the name of an existing sensor. Raises `ConfigError` if there is no such sensor."""
     return machine.sensor[_index(name, [s.name for s in machine.sensor], "sensor", kind)].name
 
 
-def _index(name: str, names: list[str], what: str, kind: str) -> int:
+def _index(name: str, names: list[str], noun: str, kind: str) -> int:
     if name not in names:
-        raise ConfigError(f'effect "{kind}": target "{name}" is no {what}; give one of {", ".join(names)}')
+        raise ConfigError(f'effect "{kind}": target "{name}" is no {noun}; give one of {", ".join(names)}')
     return names.index(name)
 
 
 def point_heat(name: str, position_m: float, **law: Any) -> Heat:
-    """Return a source at a place whose heat is that of its law."""
+    """Return a source at a place with the heat of its law."""
     source = Source(
         name=name, shape="point", position_m=position_m, estimate=False, initial_sigma_W=1.0, **law
     )
@@ -274,7 +290,7 @@ def free_end(machine: Description, end: str, kind: str) -> float:
 
 
 def source_free_to_warm(machine: Description, name: str, kind: str) -> str:
-    """Return the name of a source that exists and does not stand at an end with a prescribed temperature.
+    """Return the name of an existing source that is not at an end with a prescribed temperature.
 
     Raises `ConfigError`.
     """
@@ -287,13 +303,13 @@ def source_free_to_warm(machine: Description, name: str, kind: str) -> str:
 
 
 def heats_screw(source: Source, kind: str) -> None:
-    """Raise `ConfigError` where all of a source's heat goes into nodes."""
+    """Raise `ConfigError` if all of a source's heat goes into nodes."""
     if source.screw_share == 0.0:
         raise ConfigError(f'effect "{kind}": "{source.name}" heats nodes only; name one that heats the screw')
 
 
 def on_screw(machine: Description, key: str, position_m: float, kind: str) -> None:
-    """Raise `ConfigError` where a position lies beyond the screw."""
+    """Raise `ConfigError` if a position lies beyond the screw."""
     if position_m > machine.screw.length_m:
         raise ConfigError(
             f'effect "{kind}": {key} = {position_m} m lies beyond the screw\'s '
@@ -301,9 +317,12 @@ def on_screw(machine: Description, key: str, position_m: float, kind: str) -> No
         )
 
 
-def speed_channel(machine: Description, given: str | None, kind: str) -> str:
-    """Return the channel of the screw's speed: the one given, or the first that a source reads."""
-    for channel in (given, *(s.speed_channel for s in machine.source)):
+def speed_channel(machine: Description, named_channel: str | None, kind: str) -> str:
+    """Return the channel of the screw's speed: the named one, or the first that a source reads.
+
+    Raises `ConfigError` if there is none.
+    """
+    for channel in (named_channel, *(s.speed_channel for s in machine.source)):
         if channel is not None:
             return channel
     raise ConfigError(f'effect "{kind}": no source has a speed_channel; name it in the effect')

@@ -1,4 +1,4 @@
-"""Effects of what the screw touches: conduction into a bearing's housing, and bodies that store heat."""
+"""Effects of bodies that touch the screw: conduction into a bearing's housing, and bodies that store heat."""
 
 from __future__ import annotations
 
@@ -70,15 +70,17 @@ class AttachedMass(EffectTable):
 
     @classmethod
     def shapes(cls, machine: Description) -> Sequence[Shape]:
-        """Bodies by time constant and by how much of their heat the screw feels."""
+        """Return bodies by time constant and by the fraction of their heat that reaches the screw."""
         pairs = ((100.0, 3.0), (500.0, 1.0), (1000.0, 8.0), (2000.0, 5.0), (4000.0, 1.0))
-        more = {"heat_share": 0.5, "loss_W_K": 0.3}
-        return [{"capacity_J_K": C, "conductance_W_K": G, **more} for C, G in pairs]
+        starting_losses = {"heat_share": 0.5, "loss_W_K": 0.3}
+        return [{"capacity_J_K": C, "conductance_W_K": G, **starting_losses} for C, G in pairs]
 
     @classmethod
     def forms(cls, machine: Description, target: str | None, free: Collection[str]) -> Sequence[Form]:
-        """A body that only stores heat; at a source of which heat is left, one that takes of it, and loses it
-        to the air besides.
+        """Return the parameters of a body that only stores heat.
+
+        At a source with remaining heat they are followed by those of a body that takes part of it, and of one
+        that also loses heat to the air.
         """
         plain = ("capacity_J_K", "conductance_W_K")
         rubbing = [s for s in machine.source if s.name == target and LEAST_SHARE <= _share(s) < 1.0]
@@ -113,7 +115,7 @@ class AttachedMass(EffectTable):
         return (base.point_heat(name, end_m, heat_W=0.0), body)
 
     def _heated(self, source: Source) -> float:
-        """W into the body for each W of a source that enters the screw. Raises `ConfigError`."""
+        """Return W into the body for each W of a source that enters the screw. Raises `ConfigError`."""
         share = _share(source)
         if self.heat_share == 0.0:
             return 0.0
@@ -128,7 +130,9 @@ class AttachedMass(EffectTable):
 
 
 def _share(source: Source) -> float:
-    """The part of a source's heat that enters the screw by its law; all where the law knows of no other."""
+    """Return the fraction of a source's heat that enters the screw by its law; 1 for a law without a
+    fraction.
+    """
     return source.share if source.law in DIVIDED_LAWS else 1.0
 
 
@@ -140,11 +144,13 @@ PASSING = 0.4
 
 
 def under_surface_K_W(nut: Source, screw: Screw) -> float:
-    """Return how much warmer the surface under a nut is than the section on average, K for each W that enters
-    there; 0 for a source of another shape, which is taken to be in touch with the section.
+    """Return the temperature of the surface under a nut above the section's mean, in K per W that enters
+    there.
 
-    Between radii a and b over a length l, with w = b² − a²: (w²/4 − a² w/2 + a⁴ ln(b/a))/(2π k l w²). That is
-    1/(8π k l) where there is no bore.
+    It is 0 for a source of another shape, whose heat is taken to enter the whole section.
+
+    Between radii a and b over a length l, with w = b² − a²: (w²/4 − a² w/2 + a⁴ ln(b/a))/(2π k l w²). Without
+    a bore that is 1/(8π k l).
     """
     if nut.shape != "nut" or not nut.length_m:
         return 0.0

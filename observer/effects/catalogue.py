@@ -1,4 +1,4 @@
-"""The library: every effect class of the modules here. A configuration may name classes from outside too."""
+"""The library: every effect class of the modules here. A configuration may also name external classes."""
 
 from __future__ import annotations
 
@@ -24,24 +24,26 @@ KINDS = tuple(BY_KIND)
 
 
 def effect_class(kind: str) -> type[EffectTable]:
-    """Return the class of a kind, of the library or from outside. Raises `ValueError` with the remedy."""
+    """Return the class of a kind, of the library or external. Raises `ValueError` with the remedy."""
     if kind in BY_KIND:
         return BY_KIND[kind]
     if not is_outside(kind, "effects"):
-        known = ", ".join((*KINDS, *entry_names("effects")))
-        raise ValueError(f'"{kind}" is no effect; give one of {known}, or "module:Class"')
+        kinds = ", ".join((*KINDS, *entry_names("effects")))
+        raise ValueError(f'"{kind}" is no effect; give one of {kinds}, or "module:Class"')
     effect = outside(kind, "effects")
     if not (isinstance(effect, type) and issubclass(effect, EffectTable)):
         raise ValueError(f"{kind} is no effect; name a subclass of observer.effects.base.EffectTable")
     return effect
 
 
-def _from_outside(value: Any, known: ValidatorFunctionWrapHandler) -> EffectTable:
-    """Validate an effect's table by the class that its `kind` names, or by one of the library."""
+def _from_outside(value: Any, validate_library: ValidatorFunctionWrapHandler) -> EffectTable:
+    """Validate an effect's table by the external class that its `kind` names, or by a class of the
+    library.
+    """
     kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
     if kind not in BY_KIND and is_outside(kind, "effects"):
         return effect_class(kind).model_validate(value)
-    effect: EffectTable = known(value)
+    effect: EffectTable = validate_library(value)
     return effect
 
 
@@ -57,5 +59,5 @@ else:
 
 
 def offset_of(sensor: str, offset_K: float) -> EffectTable:
-    """Return the effect that says what a sensor reads too much."""
+    """Return the effect of a sensor that reads `offset_K` too much."""
     return sensing.SensorBias(kind="sensor_bias", target=sensor, offset_K=offset_K)

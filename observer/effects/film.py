@@ -123,20 +123,20 @@ class UnevenConvection(EffectTable):
 
     @classmethod
     def shapes(cls, machine: Description) -> Sequence[Shape]:
-        """Every stretch of one cell or several."""
+        """Return every stretch of one cell or several."""
         L = machine.screw.length_m
         spans = [(i, i + w) for w in range(1, MOST_CELLS + 1) for i in range(CELLS + 1 - w)]
         return [{"from_m": a * L / CELLS, "to_m": b * L / CELLS, "extra_W_m2K": 5.0} for a, b in spans]
 
     @classmethod
     def sums(cls, shapes: Sequence[Shape]) -> Sequence[Sequence[int]]:
-        """A stretch is the sum of its cells."""
+        """Return the cells of each stretch."""
         width_m = 1.5 * min(x["to_m"] - x["from_m"] for x in shapes)
         cells = [i for i, x in enumerate(shapes) if x["to_m"] - x["from_m"] < width_m]
         return [[i for i in cells if x["from_m"] <= shapes[i]["from_m"] < x["to_m"] - 1e-9] for x in shapes]
 
     def resolved(self, length_m: float) -> UnevenConvection:
-        """The stretch, not too narrow."""
+        """Return the stretch, widened to the narrowest one that sensors can resolve."""
         least_m = NARROWEST * length_m
         if self.to_m - self.from_m >= least_m:
             return self
@@ -145,12 +145,12 @@ class UnevenConvection(EffectTable):
         return self.model_copy(update={"from_m": ends_m[0], "to_m": ends_m[1]})
 
     def place(self, length_m: float) -> str | None:
-        """The end at which the whole stretch lies, if any."""
+        """Return the end at which the whole stretch lies; None if it lies elsewhere."""
         end = end_at(self.from_m, length_m)
         return end if end == end_at(self.to_m, length_m) else None
 
     def comes_down_to(self, length_m: float) -> tuple[type[EffectTable], str | None] | None:
-        """A loss at an end, or over the whole screw."""
+        """Return a loss at an end, or over the whole screw, if the stretch equals one of these."""
         if (end := self.place(length_m)) is not None:
             return EndConduction, end
         whole = self.to_m - self.from_m > (1 - AT_END) * length_m
@@ -220,21 +220,25 @@ class Coolant(EffectTable):
 
     @classmethod
     def can_exist(cls, machine: Description) -> bool:
-        """Return whether any part of the screw is hollow, or a coolant is configured already."""
+        """Whether any part of the screw is hollow, or a coolant is configured already."""
         configured = any(isinstance(effect, Coolant) for effect in getattr(machine, "effect", ()))
         return configured or any(piece.bore_m > 0.0 for piece in machine.screw.pieces)
 
     @classmethod
-    def given(cls, machine: Description) -> Mapping[str, str | bool]:
-        """Where the configuration has a coolant whose inlet is measured, another has the same."""
-        own = (e for e in getattr(machine, "effect", ()) if isinstance(e, Coolant) and e.inlet_channel)
+    def fixed_keys(cls, machine: Description) -> Mapping[str, str | bool]:
+        """Return the keys of a configured coolant with a measured inlet, since another one has the same
+        inlet.
+        """
+        measured_coolants = (
+            e for e in getattr(machine, "effect", ()) if isinstance(e, Coolant) and e.inlet_channel
+        )
         keys = {"inlet_channel", "while_standing", "speed_channel"}
-        return next((e.model_dump(include=keys, exclude_defaults=True) for e in own), {})
+        return next((e.model_dump(include=keys, exclude_defaults=True) for e in measured_coolants), {})
 
     @classmethod
     def forms(cls, machine: Description, target: str | None, free: Collection[str]) -> Sequence[Form]:
-        """Of a coolant whose inlet is measured, the conductance alone."""
-        return (("conductance_W_K",),) if cls.given(machine) else super().forms(machine, target, free)
+        """Return the conductance alone if the inlet is measured."""
+        return (("conductance_W_K",),) if cls.fixed_keys(machine) else super().forms(machine, target, free)
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Effects of the heats: heat that no law gives, and laws that give it wrong."""
+"""Effects on the heats: heat without a law, and corrections of laws."""
 
 from __future__ import annotations
 
@@ -89,16 +89,16 @@ class LocalHeat(EffectTable):
 
     @classmethod
     def shapes(cls, machine: Description) -> Sequence[Shape]:
-        """By the place."""
+        """Return a heat at each of several places."""
         places_m = np.linspace(0.0, machine.screw.length_m, 13).tolist()
         return [{"position_m": x, "heat_W": 2.0} for x in places_m]
 
     def place(self, length_m: float) -> str | None:
-        """The end at which it is, if any."""
+        """Return the end at which it is; None if it is elsewhere."""
         return base.end_at(self.position_m, length_m)
 
     def comes_down_to(self, length_m: float) -> tuple[type[EffectTable], str | None] | None:
-        """At an end, the heat of a drive."""
+        """Return the heat of a drive if it is at an end."""
         end = self.place(length_m)
         return None if end is None else (MotorHeat, end)
 

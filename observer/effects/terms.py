@@ -1,7 +1,8 @@
-"""The small vocabulary in which an effect says what it adds to the plant.
+"""The terms in which an effect describes its addition to the plant.
 
-The plant builder knows these terms and no effect by name. The first group changes the machine the plant is
-built from, the second what drives it, the third couples states: it acts on the temperature of the moment.
+The plant builder handles these terms, not individual effects. The first group changes the machine from which
+the plant is built, the second changes its inputs. The third couples states: it acts on the momentary
+temperature.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ End = Literal["left", "right"]
 
 
 class Film(NamedTuple):
-    """More film coefficient all over the surface."""
+    """An additional film coefficient over the whole surface."""
 
     convection_W_m2K: float
 
@@ -31,7 +32,7 @@ class EndConductance(NamedTuple):
 
 
 class Heat(NamedTuple):
-    """A source of heat whose law is its value."""
+    """A source of heat, whose law gives its value."""
 
     source: Source
 
@@ -39,7 +40,7 @@ class Heat(NamedTuple):
 class LawFactor(NamedTuple):
     """A factor on a source's heat by law: `factor(speed_rpm, running_s)`, (K,) from (K,), (K,).
 
-    `running_s` is the time for which the source's channel has not been zero since the start.
+    The argument `running_s` is the time since the start for which the source's channel has not been zero.
     """
 
     source: str
@@ -61,14 +62,14 @@ class StrokeEnds(NamedTuple):
 
 
 class AmbientShift(NamedTuple):
-    """The air near the screw departs from what is known of it, by so much an hour and by a constant."""
+    """A deviation of the air near the screw from the known ambient: a rate and a constant."""
 
     rate_K_h: float
     offset_K: float = 0.0
 
 
 class SensorOffset(NamedTuple):
-    """What a sensor reads too much: a constant, and so much more an hour."""
+    """An error of a sensor: a constant, and a rate."""
 
     sensor: str
     offset_K: float
@@ -76,10 +77,10 @@ class SensorOffset(NamedTuple):
 
 
 class SpeedLoss(NamedTuple):
-    """A uniform loss that depends on the screw's speed, or on none.
+    """A uniform loss that depends on the screw's speed, or a constant one.
 
-    `film_W_m2K(speed_rpm)` (K,) from (K,) is the film coefficient it amounts to; it draws towards
-    `temperature_degC`, towards what `temperature_channel` measures, or towards the ambient where neither is
+    The function `film_W_m2K(speed_rpm)` gives the film coefficient (K,). Heat flows towards
+    `temperature_degC`, towards the temperature of `temperature_channel`, or towards the ambient if neither is
     given.
     """
 
@@ -90,7 +91,7 @@ class SpeedLoss(NamedTuple):
 
 
 class StretchFilm(NamedTuple):
-    """More (or less) film coefficient along a stretch."""
+    """An additional (or negative) film coefficient along a stretch."""
 
     from_m: float
     to_m: float
@@ -104,17 +105,19 @@ class Radiation(NamedTuple):
 
 
 class RisingFilm(NamedTuple):
-    """A film that grows with its own rise over the air: h = `at_10_K_W_m2K` · (|T − T_amb| / 10 K)^(1/4)."""
+    """A film that grows with the surface's rise above ambient: h = `at_10_K_W_m2K` · (|T − T_amb| / 10
+    K)^(1/4).
+    """
 
     at_10_K_W_m2K: float
 
     def film_W_m2K(self, rise_K: FloatArray | float) -> FloatArray:
-        """Return the film coefficient at rises over the air, in K, of either sign."""
+        """Return the film coefficient at rises above ambient, in K, of either sign."""
         return np.asarray(self.at_10_K_W_m2K * np.sqrt(np.sqrt(np.abs(rise_K) / 10.0)))
 
 
 class Body(NamedTuple):
-    """A lump of heat capacity that exchanges heat with the screw where a source stands.
+    """A lump of heat capacity that exchanges heat with the screw at the position of a source.
 
     It takes up `heated` W for each W that the source gives the screw, and loses `loss_W_K` to the ambient.
     """
@@ -127,10 +130,10 @@ class Body(NamedTuple):
 
 
 class WarmedAir(NamedTuple):
-    """Air along a stretch of the screw, as under a cover, that a source warms.
+    """Air along a stretch of the screw, for example under a cover, that a source warms.
 
-    C dT_a/dt = heated q + ∫ h P (T − T_a) dx − loss (T_a − T_amb), q the heat that the source gives the
-    screw; the base film h of the screw draws to T_a there, not to the ambient.
+    C dT_a/dt = heated q + ∫ h P (T − T_a) dx − loss (T_a − T_amb), with the heat q that the source gives the
+    screw. The base film h of the screw acts towards T_a there, not towards the ambient.
     """
 
     source: str

@@ -1,8 +1,8 @@
 """One step of the reduced observer, in the subset of Python that `dialect` translates to other languages.
 
-Constants are in `c`; inputs, outputs and what is remembered or worked on are in `v`, all zero at first. Loops
-have a constant number of turns, and no number is divided by that could be zero. `data` describes each array
-with its shape. The steps after the estimate, and the order of all parts, are in `sequence`.
+Constants are in `c`. Inputs, outputs, state and scratch arrays are in `v`, all zero at first. Loops have a
+constant number of turns, and no divisor can be zero. `data` describes each array with its shape. The steps
+after the estimate, and the order of all parts, are in `sequence`.
 
 The arithmetic is that of the constant gain of `observer.kernels.fixed_gain` in its steady state, with one
 step length. The differences are listed in docs/how-to/export-to-a-controller.md.
@@ -16,7 +16,7 @@ real = float
 
 
 def read(c: Any, v: Any) -> None:
-    """Take values that arrived and are plausible; the others keep their last one, a step older."""
+    """Take new plausible values; a channel without one keeps its last value, a step older."""
     for i in range(c.INPUTS):
         v.came[i] = v.fresh[i] and (v.reading[i] >= c.LOW[i] and v.reading[i] <= c.HIGH[i])
         if v.came[i]:
@@ -29,8 +29,8 @@ def read(c: Any, v: Any) -> None:
         v.age_s[i] = c.PERIOD_S * real(v.age[i])
 
 
-def know(c: Any, v: Any) -> None:
-    """Air, prescribed ends, offsets and the error's reference at both ends of the step."""
+def update_inputs(c: Any, v: Any) -> None:
+    """Set the known inputs at both ends of the step: air, prescribed ends, offsets, the error's reference."""
     v.ready = True
     for q in range(c.KNOWN):
         v.z_before[q] = v.z[q]
@@ -51,7 +51,7 @@ def know(c: Any, v: Any) -> None:
 
 
 def heat(c: Any, v: Any) -> None:
-    """Each source's heat by its law, the mean of both ends of the step."""
+    """Compute each source's heat by its law, as the mean of both ends of the step."""
     for j in range(c.SOURCES):
         now: float = c.LAW_W[j]
         apart: float = 0.0
@@ -68,7 +68,7 @@ def heat(c: Any, v: Any) -> None:
 
 
 def follow(c: Any, v: Any) -> None:
-    """A moving nut's columns: along the straight line since the step before, or spread over its stroke."""
+    """Set a moving nut's columns: along the straight line since the last step, or spread over its stroke."""
     for i in range(c.NUTS):
         for p in range(c.PLACES + 1):
             v.weight[p] = 0.0
@@ -95,11 +95,11 @@ def follow(c: Any, v: Any) -> None:
                 into += v.weight[p] * c.NUT_B[i][p][a]
             v.B[c.NUT_OF[i]][a] = into
         for r in range(c.ROWS):
-            seen: float = 0.0
+            output_row: float = 0.0
             for p in range(c.PLACES + 1):
-                seen += v.weight[p] * c.NUT_C[i][p][r]
+                output_row += v.weight[p] * c.NUT_C[i][p][r]
             if v.begun:
-                v.lag_C[i][r] += c.SETTLE[i] * (seen - v.lag_C[i][r])
+                v.lag_C[i][r] += c.SETTLE[i] * (output_row - v.lag_C[i][r])
             else:
                 v.lag_C[i][r] = c.NUT_C[i][c.PLACES][r]
 
@@ -113,8 +113,9 @@ def begin(c: Any, v: Any) -> None:
 
 
 def predict(c: Any, v: Any) -> None:
-    """One exact step of a diagonal plant: decay, heats and known inputs, and the heats' deviations from their
-    laws.
+    """Advance the states by one exact step of a diagonal plant.
+
+    It applies decay, heats, known inputs, and the heats' deviations from their laws.
     """
     v.begun = True
     if v.started:
@@ -134,7 +135,9 @@ def predict(c: Any, v: Any) -> None:
 
 
 def start(c: Any, v: Any) -> None:
-    """With the first reading: a screw of one temperature, the median of the sensors, lags at rest."""
+    """At the first reading, begin with a screw of zero temperature and lags at rest; `level` adds its
+    temperature.
+    """
     v.opened = False
     v.judged = False
     v.count = 0
@@ -151,7 +154,7 @@ def start(c: Any, v: Any) -> None:
 
 
 def expect(c: Any, v: Any) -> None:
-    """What each sensor should read."""
+    """Compute the innovation of each sensor: measured minus predicted."""
     for i in range(c.SENSORS):
         expected: float = 0.0
         for a in range(c.STATES):
@@ -164,7 +167,7 @@ def expect(c: Any, v: Any) -> None:
 
 
 def level(c: Any, v: Any) -> None:
-    """End the start: the median of the screw temperatures implied by the usable sensors."""
+    """End the start: add the median of the screw temperatures that the usable sensors imply."""
     if not v.started and v.count > 0:
         for i in range(c.SENSORS):
             if c.SEEN[i] > 0.5:
@@ -192,7 +195,7 @@ def level(c: Any, v: Any) -> None:
 
 
 def choose(c: Any, v: Any) -> None:
-    """The gain for sensors that are not late and, once judged, not rejected; a larger one for an inflated
+    """Choose the gain for the sensors that are neither late nor rejected; a larger one for an inflated
     state.
     """
     first: int = c.SENSORS
@@ -213,8 +216,9 @@ def choose(c: Any, v: Any) -> None:
 
 
 def gate(c: Any, v: Any) -> None:
-    """Reject readings that are too far off; accept all if more than half have been rejected three times
-    running.
+    """Reject readings with too large an innovation.
+
+    If more than half of the sensors have been rejected three times in a row, accept all.
     """
     present: int = 0
     refused: int = 0
@@ -241,7 +245,7 @@ def gate(c: Any, v: Any) -> None:
 
 
 def correct(c: Any, v: Any) -> None:
-    """Add gain times innovation of the sensors that are accepted."""
+    """Add gain times innovation of the accepted sensors to the state."""
     for i in range(c.SENSORS):
         if v.accepted[i]:
             for a in range(c.STATES + c.HEATS):
@@ -249,7 +253,7 @@ def correct(c: Any, v: Any) -> None:
 
 
 def report(c: Any, v: Any) -> None:
-    """Heats, and the field and error on the grid."""
+    """Compute heats in W, and field and error on the grid."""
     for j in range(c.HEATS):
         v.heat_W[j] = v.law_W[c.HEAT_OF[j]] + v.x[c.STATES + j]
     for r in range(c.REPORTED, c.ROWS):

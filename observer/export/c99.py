@@ -21,11 +21,11 @@ class C99(Dialect):
 
     def __init__(self, form: Form) -> None:
         super().__init__(form)
-        where = {"input": "in", "output": "out", "state": "s"}
-        self._where = {slot.name: f"{where[slot.role]}->{slot.name}" for slot in form.slots}
+        pointers = {"input": "in", "output": "out", "state": "s"}
+        self._where = {slot.name: f"{pointers[slot.role]}->{slot.name}" for slot in form.slots}
 
     def declare(self, name: str, kind: Kind, value: str) -> str:
-        """A local variable at the place where it is first set."""
+        """Return the declaration of a local variable where it is first set."""
         return f"{_TYPES[kind]} {name} = {value};"
 
     def assign(self, target: str, value: str) -> str:
@@ -52,7 +52,7 @@ class C99(Dialect):
         return name
 
     def slot(self, name: str) -> str:
-        """An input, an output or what is remembered."""
+        """Return an input, an output or a state variable."""
         return self._where[name]
 
     def constant(self, name: str) -> str:
@@ -111,16 +111,17 @@ _HELPERS = {
 
 
 def _function(name: str, part: str, text: str, lines: list[str]) -> str:
+    """Return the C function of one part, with its docstring as a comment."""
     body = "\n".join(indented(lines))
     first = "\n * ".join(text.splitlines())
-    unused = [f"    (void){given};" for given, arrow in (("s", "s->"), ("in", "in->"), ("out", "out->"))
+    unused = [f"    (void){pointer};" for pointer, arrow in (("s", "s->"), ("in", "in->"), ("out", "out->"))
               if not _uses(body, arrow)]  # fmt: skip
     head = f"static void {part}_part({name}_state *s, const {name}_in *in, {name}_out *out)"
     return f"/* {first} */\n{head}\n{{\n{chr(10).join([*unused, body])}\n}}\n\n"
 
 
 def _uses(body: str, arrow: str) -> bool:
-    """Whether a body uses a pointer's target."""
+    """Whether a function's body uses a pointer's target."""
     at = body.find(arrow)
     while at >= 0:
         if at == 0 or not (body[at - 1].isalnum() or body[at - 1] == "_"):
@@ -130,6 +131,7 @@ def _uses(body: str, arrow: str) -> bool:
 
 
 def _table(name: str, value: Any) -> str:
+    """Return the definition of a constant or an array of constants."""
     if not isinstance(value, np.ndarray):
         kind = "int" if isinstance(value, (int, np.integer)) else "real"
         return (
@@ -156,6 +158,7 @@ _STRUCTS: tuple[tuple[Role, str, str], ...] = (
 
 
 def _header(form: Form) -> str:
+    """Return the header file: types, structures and the two functions."""
     name, guard = form.name, f"BALLSCREW_{form.name.upper()}_H"
     facts = "".join(f"\n * {line}" for fact in form.facts for line in textwrap.wrap(fact, 100))
     enums = "".join(_enum(name, slot) for role, _, _ in _STRUCTS for slot in form.of(role) if slot.labels)
@@ -201,7 +204,7 @@ void {name}_step({name}_state *s, const {name}_in *in, {name}_out *out);
 
 
 def _enum(name: str, slot: Slot) -> str:
-    """Indices of an array's elements by name; an array of the same labels before has them already."""
+    """Return an enumeration of an array's indices by name, once for arrays with the same labels."""
     if slot.name in ("fresh", "error_um", "sensor_quality", "age_s"):
         return ""
     head = f"{name}_{slot.name}".upper()
@@ -214,6 +217,7 @@ def _enum(name: str, slot: Slot) -> str:
 
 
 def _member(name: str, slot: Slot) -> str:
+    """Return the declaration of one structure member, with its text and units as a comment."""
     kind = f"{name}_real" if slot.kind == "real" else _TYPES[slot.kind]
     sizes = "".join(f"[{n}]" for n in slot.shape)
     units = ", ".join(dict.fromkeys(unit for unit in slot.units if unit))

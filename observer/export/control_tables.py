@@ -1,10 +1,13 @@
 """Compensation tables in the formats that controls read at their start.
 
-LinuxCNC: `COMP_FILE` of type 1, rows of nominal position, forward and reverse trim in mm, which are added to
-the position (`usrmotLoadComp`: a trim is nominal minus actual). SINUMERIK: `$AA_ENC_COMP` of an encoder, in
-mm; a positive value moves the axis in the negative direction, and that at the reference should be zero
-(Function Manual Extended Functions, 03/2013, K3, 4.4.2). Klipper has no table along an axis:
-`[z_thermal_adjust]` is one factor of one sensor, and moves Z down by it for each K.
+LinuxCNC: `COMP_FILE` of type 1. Its rows are nominal position, forward and reverse trim in mm, which are
+added to the position (`usrmotLoadComp`: a trim is nominal minus actual).
+
+SINUMERIK: `$AA_ENC_COMP` of an encoder, in mm. A positive value moves the axis in the negative direction. The
+value at the reference should be zero (Function Manual Extended Functions, 03/2013, K3, 4.4.2).
+
+Klipper has no table along an axis: `[z_thermal_adjust]` is one factor of one sensor, and moves Z down by it
+for each K.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ MM_PER_M, MM_PER_UM = 1000.0, 1e-3
 
 
 class ControlTable(NamedTuple):
-    """A file's name and text, and sentences on how to use it."""
+    """A file's name and text, and sentences about its use."""
 
     name: str
     text: str
@@ -34,7 +37,7 @@ class ControlTable(NamedTuple):
 
 
 def linuxcnc(machine_m: FloatArray, error_um: FloatArray, title: str, axis: str) -> ControlTable:
-    """The trims at positions (n,) of the machine, from the lowest."""
+    """Return the trims in mm at positions (n,) of the machine in m, from the lowest."""
     order = np.argsort(machine_m)
     rows = [
         f"{MM_PER_M * x:.4f} {trim:.6f} {trim:.6f}"
@@ -51,7 +54,9 @@ def linuxcnc(machine_m: FloatArray, error_um: FloatArray, title: str, axis: str)
 def sinumerik(
     machine_m: FloatArray, error_um: FloatArray, title: str, axis: str, reference: int
 ) -> ControlTable:
-    """The values of the first encoder's table, zero at the reference."""
+    """Return the values of the first encoder's table in mm, zero at the reference; `reference` is its
+    index.
+    """
     order = np.argsort(machine_m)
     at_mm = MM_PER_M * machine_m[order]
     offset_um = float(error_um[reference])
@@ -77,7 +82,10 @@ def sinumerik(
 def klipper(
     sensors: tuple[str, ...], temperature_degC: FloatArray, error_um: FloatArray, title: str
 ) -> ControlTable:
-    """The factor of the sensor that explains the error (K,) at one position best, of temperatures (K, s)."""
+    """Return the factor of the sensor that best explains the error (K,) in µm at one position.
+
+    `temperature_degC` (K, s) are the readings of all sensors.
+    """
     away_um = error_um - error_um.mean()
     rises_K = temperature_degC - temperature_degC.mean(axis=0)
     squares = np.maximum(np.sum(rises_K**2, axis=0), 1e-12)

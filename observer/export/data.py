@@ -36,10 +36,10 @@ UNITS = ("degC", "K", "m", "um", "N", "rpm", "W", "s")
 
 
 class Exportable:
-    """A configuration with its plant, drive and step, as far as it can be exported."""
+    """A configuration with its plant, drive and step, if it can be exported."""
 
     def __init__(self, config: Config) -> None:
-        """Build them. Raises `ConfigError` where a controller could not follow the model."""
+        """Build plant, drive and step. Raises `ConfigError` if a controller cannot follow the model."""
         refuse_unexportable(config)
         self.config = config
         self.plant = build_plant(config)
@@ -50,7 +50,7 @@ class Exportable:
         self.step: StepMatrices = step_matrices(self.plant, self.period_s)
 
     def form(self, name: str, constants: dict[str, Any], slots: list[Slot], parts: Any, facts: Any) -> Form:
-        """A form of this machine."""
+        """Return a form of this machine."""
         machine, digest = self.config.machine, self.config.digest
         return Form(
             name, machine.name, machine.axis, digest, version("ballscrew-observer"), self.period_s, constants,
@@ -59,48 +59,51 @@ class Exportable:
 
 
 def observer_form(config: Config) -> Form:
-    """Return the reduced observer of a configuration. Raises `ConfigError` for what cannot be exported."""
-    own = Exportable(config)
-    gains = gain_sets(config, own.plant, own.step)
-    constants = plant_constants(own) | input_constants(own) | _gain_constants(gains)
+    """Return the reduced observer of a configuration. Raises `ConfigError` if it cannot be exported."""
+    machine = Exportable(config)
+    gains = gain_sets(config, machine.plant, machine.step)
+    constants = plant_constants(machine) | input_constants(machine) | _gain_constants(gains)
     parts = list(sequence.ESTIMATE)
-    if own.plant.layout.has_force:
+    if machine.plant.layout.has_force:
         parts += sequence.TENSION
-    if own.plant.layout.has_error:
-        constants |= _compensation_constants(own)
+    if machine.plant.layout.has_error:
+        constants |= _compensation_constants(machine)
         parts += sequence.COMPENSATE
-        if own.plant.moving:
+        if machine.plant.moving:
             parts += sequence.AT_NUT
     parts.append(sequence.beat)
-    return own.form("observer", constants, observer_slots(own, constants), parts, _facts(config, gains))
+    return machine.form(
+        "observer", constants, observer_slots(machine, constants), parts, _facts(config, gains)
+    )
 
 
 def _facts(config: Config, gains: GainSets) -> list[str]:
+    """Return sentences about the gains, and about features of the service that the export lacks."""
     kind = "the steady Kalman gain" if config.estimator.kind == "kalman" else "the placed Luenberger gain"
-    found = [
+    facts = [
         f"Gains: {kind}, for all {len(config.sensor)} sensors and without any {gains.most_absent}.",
         f"Quality is 1 (starting) for the first {gains.settled} steps.",
     ]
     if gains.refused:
-        found.append(f"Without {'; '.join(gains.refused)} there is no gain: the observer then predicts only.")
+        facts.append(f"Without {'; '.join(gains.refused)} there is no gain: the observer then predicts only.")
     learns = [key for key in config.learnt if key != "offset_K" or config.tolerance.offset_K > 0]
     if learns:
-        found.append(f"Not exported: what the service learns while it runs ({', '.join(learns)}).")
+        facts.append(f"Not exported: what the service learns while it runs ({', '.join(learns)}).")
     if config.estimator.screens and config.integrity.enabled:
-        found.append("Not exported: bounds and the screening of readings; the gate alone refuses readings.")
-    return found
+        facts.append("Not exported: bounds and the screening of readings; the gate alone refuses readings.")
+    return facts
 
 
-def plant_constants(own: Exportable) -> dict[str, Any]:
-    """The step of the states, the output rows, and the columns of moving nuts."""
-    plant, step = own.plant, own.step
+def plant_constants(machine: Exportable) -> dict[str, Any]:
+    """Return the constants of the step, the output rows, and the columns of moving nuts, by name."""
+    plant, step = machine.plant, machine.step
     n_x, m_e, rows = len(plant.decay_1_s), len(plant.heat_decay_1_s), plant.rows
     lag_of = [plant.modes + nut.index for nut in plant.moving]
     C = rows.C.copy()
     C[:, lag_of] = 0.0
     errors = rows.grid if plant.layout.has_error else 0
     return {
-        "PERIOD_S": own.period_s, "LONG": LONG, "SANE": _SANE, "STATES": n_x, "HEATS": m_e,
+        "PERIOD_S": machine.period_s, "LONG": LONG, "SANE": _SANE, "STATES": n_x, "HEATS": m_e,
         "SOURCES": len(plant.source_names), "KNOWN": len(plant.known_names), "SENSORS": rows.sensors,
         "GRID": rows.grid, "REPORTED": rows.sensors, "ERRORS": errors, "ROWS": len(rows.C),
         "NUTS": len(plant.moving),
@@ -108,13 +111,13 @@ def plant_constants(own: Exportable) -> dict[str, Any]:
         "COUPLE": step.couple, "HEAT_OF": np.flatnonzero(plant.estimated), "B": plant.B.T, "E": plant.E.T,
         "C": C, "F": rows.F, "LAGS": plant.lags, "UNIFORM": plant.uniform, "LAG_OF": np.array(lag_of, int),
         "GRID_M": plant.layout.position_m, "GRID_1_M": 1.0 / np.diff(plant.layout.position_m),
-        **_nut_constants(own), **_support_constants(own),
+        **_nut_constants(machine), **_support_constants(machine),
     }  # fmt: skip
 
 
-def _nut_constants(own: Exportable) -> dict[str, Any]:
-    """Columns of moving nuts at places over the screw, and behind them those of the whole stroke."""
-    moving, length_m = own.plant.moving, own.config.screw.length_m
+def _nut_constants(machine: Exportable) -> dict[str, Any]:
+    """Return columns of moving nuts at places along the screw, and last those for the whole stroke."""
+    moving, length_m = machine.plant.moving, machine.config.screw.length_m
     if not moving:
         return {}
     fine_m = min(nut.table.nut_m for nut in moving) / _PARTS_OF_NUT
@@ -127,28 +130,28 @@ def _nut_constants(own: Exportable) -> dict[str, Any]:
         "PLACES": places, "LAST_PLACE": float(places - 1), "PLACES_1_M": (places - 1) / length_m,
         "POINTS": points, "PART": (np.arange(points) + 0.5) / points, "SHARE": 1.0 / points,
         "NUT_OF": np.array([nut.index for nut in moving]),
-        "NUT_AT": np.array([own.config.channels.index(nut.channel) for nut in moving]),
-        "NUT_CHANNEL": own.config.channels.index(moving[0].channel),
+        "NUT_AT": np.array([machine.config.channels.index(nut.channel) for nut in moving]),
+        "NUT_CHANNEL": machine.config.channels.index(moving[0].channel),
         "NUT_B": np.array([B for B, _ in columns]), "NUT_C": np.array([C for _, C in columns]),
-        "SETTLE": -np.expm1(-own.period_s * lag_rate),
+        "SETTLE": -np.expm1(-machine.period_s * lag_rate),
     }  # fmt: skip
 
 
 def _columns(nut: MovingSource, places_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """B (P + 1, n_x) and C (P + 1, R): at each place, and last the nut spread over its stroke."""
+    """Return B (P + 1, n_x) and C (P + 1, R): at each place, and last with the nut spread over its stroke."""
     table = nut.table
     B, C = map(np.array, zip(*(columns_at(table, [x]) for x in places_m), strict=True))
     spread = table.turn @ table.mean_B if len(table.turn) else table.mean_B
     return np.vstack([B, spread]), np.vstack([C, table.mean_C])
 
 
-def input_constants(own: Exportable) -> dict[str, Any]:
-    """The inputs, their plausible values, and their effects."""
-    config, read = own.config, own.drive.read
+def input_constants(machine: Exportable) -> dict[str, Any]:
+    """Return the constants of the inputs: plausible values, ages, and effects on known inputs and heats."""
+    config, read = machine.config, machine.drive.read
     limits, sensors = Limits.of(config), [s.channel for s in config.sensor]
-    usual_s = [config.sample_s.get(name, own.period_s) for name in config.channels]
-    age = [_STALE_PERIODS * max(own.period_s, usual) / own.period_s for usual in usual_s]
-    fixed, reference = own.drive.initial().z, own.plant.known.reference
+    usual_s = [config.sample_s.get(name, machine.period_s) for name in config.channels]
+    age = [_STALE_PERIODS * max(machine.period_s, usual) / machine.period_s for usual in usual_s]
+    fixed, reference = machine.drive.initial().z, machine.plant.known.reference
     terms = law_terms(config)
     at = np.asarray(read.known).copy()
     opens = reference is not None and at[reference] < 0 and math.isnan(fixed[reference])
@@ -165,11 +168,12 @@ def input_constants(own: Exportable) -> dict[str, Any]:
         "AMBIENT_AT": int(at[read.ambient]),
         "LAW_W": terms.constant, "LAW_SIZE": terms.size, "LAW_VALUE": terms.value, "LAW_ON": terms.on,
         "LAW_APART": terms.apart,
-        "SEEN": own.plant.rows.C[own.plant.rows.sensor_slice] @ own.plant.uniform,
+        "SEEN": machine.plant.rows.C[machine.plant.rows.sensor_slice] @ machine.plant.uniform,
     }  # fmt: skip
 
 
 def _gain_constants(gains: GainSets) -> dict[str, Any]:
+    """Return the constants of the gains and of the gate."""
     sets = len(gains.K) // 2
     return {
         "SETS": sets, "NONE": 2 * sets, "MOST_ABSENT": gains.most_absent, "SET_OF": gains.number,
@@ -178,28 +182,28 @@ def _gain_constants(gains: GainSets) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _compensation_constants(own: Exportable) -> dict[str, Any]:
-    """The table over the travel; see `observer.control.compensation`."""
-    plan, grid_m = plan_of(own.config), grid_of(own.config)
+def _compensation_constants(machine: Exportable) -> dict[str, Any]:
+    """Return the constants of the table over the travel; see `observer.control.compensation`."""
+    plan, grid_m = plan_of(machine.config), grid_of(machine.config)
     place = np.interp(plan.screw_m, grid_m, np.arange(len(grid_m), dtype=float))
     low = np.minimum(place.astype(int), len(grid_m) - 2)
     apart_m = float(plan.screw_m[1] - plan.screw_m[0])
     return {
         "TABLE": len(plan.screw_m), "TABLE_LOW": low, "TABLE_RIGHT": place - low,
         "TABLE_REFERENCE": plan.reference, "DIRECTION": plan.direction, "LIMIT_UM": plan.limit_um,
-        "MOST_RISE_UM": plan.gradient_um_m * apart_m, "MOST_STEP_UM": plan.rate_um_s * own.period_s,
+        "MOST_RISE_UM": plan.gradient_um_m * apart_m, "MOST_STEP_UM": plan.rate_um_s * machine.period_s,
         "TRAVEL_M": float(plan.screw_m[0]), "TABLE_1_M": 1.0 / apart_m,
         "LAST_POINT": float(len(plan.screw_m) - 1), "STILL": int(LATE_PERIODS),
     }  # fmt: skip
 
 
-def observer_slots(own: Exportable, c: dict[str, Any]) -> list[Slot]:
-    """Every input, output and array of the observer."""
-    return [*_inputs(own), *_outputs(own), *_remembered(c)]
+def observer_slots(machine: Exportable, c: dict[str, Any]) -> list[Slot]:
+    """Return every input, output and array of the observer."""
+    return [*_inputs(machine), *_outputs(machine), *_remembered(c)]
 
 
-def _inputs(own: Exportable) -> list[Slot]:
-    channels = own.config.channels
+def _inputs(machine: Exportable) -> list[Slot]:
+    channels = machine.config.channels
     labels, units = identifiers(channels), tuple(map(unit_of, channels))
     size = (len(channels),)
     return [
@@ -207,12 +211,12 @@ def _inputs(own: Exportable) -> list[Slot]:
             "reading", "real", "input", "what came, each in the unit that ends its name", size, labels, units
         ),
         Slot("fresh", "bool", "input", "whether it came since the step before", size, labels),
-        *_commands(own),
+        *_commands(machine),
     ]
 
 
-def _commands(own: Exportable) -> list[Slot]:
-    if not own.plant.layout.has_error:
+def _commands(machine: Exportable) -> list[Slot]:
+    if not machine.plant.layout.has_error:
         return []
     return [
         Slot("enable", "bool", "input", "rises to arm the compensation; false lets it go to zero"),
@@ -221,25 +225,25 @@ def _commands(own: Exportable) -> list[Slot]:
 
 
 def unit_of(name: str) -> str:
-    """The unit that ends a channel's name; empty where it is none of ours."""
+    """Return the unit at the end of a channel's name; empty if it is not one of `UNITS`."""
     return name.rpartition("_")[2] if name.rpartition("_")[2] in UNITS else ""
 
 
-def _support_constants(own: Exportable) -> dict[str, float]:
-    held = own.plant.rows.restraint
-    if held is None or not own.plant.layout.has_force:
+def _support_constants(machine: Exportable) -> dict[str, float]:
+    restraint = machine.plant.rows.restraint
+    if restraint is None or not machine.plant.layout.has_force:
         return {}
-    return {"STIFFNESS_N_UM": held.stiffness_N_um, "LOST_UM": held.lost_um}
+    return {"STIFFNESS_N_UM": restraint.stiffness_N_um, "LOST_UM": restraint.lost_um}
 
 
 def force_slots(layout: Layout) -> list[Slot]:
-    """The output of a screw that is held at both ends; none of others."""
+    """Return the force output of a screw that is held at both ends; an empty list for others."""
     text = "axial force in the screw, tension positive"
     return [Slot("force_N", "real", "output", text, units=("N",))] if layout.has_force else []
 
 
-def _outputs(own: Exportable) -> list[Slot]:
-    plant, layout, config = own.plant, own.plant.layout, own.config
+def _outputs(machine: Exportable) -> list[Slot]:
+    plant, layout, config = machine.plant, machine.plant.layout, machine.config
     places = tuple(f"{1000 * x:.10g}_mm" for x in layout.position_m)
     channels, sensors = identifiers(config.channels), identifiers(layout.sensors)
     sources = identifiers(layout.sources)
@@ -248,7 +252,7 @@ def _outputs(own: Exportable) -> list[Slot]:
         shape = (len(labels),) if labels else ()
         return Slot(name, kind, "output", text, shape, labels, (unit,) if unit else ())
 
-    found = [
+    outputs = [
         out("heat_W", "real", "heat of each estimated source", sources, "W"),
         out("field_degC", "real", "temperature along the screw", places, "degC"),
         out("innovation_K", "real", "measured minus expected, of each sensor", sensors, "K"),
@@ -257,23 +261,25 @@ def _outputs(own: Exportable) -> list[Slot]:
         out("quality", "int", "0 good, 1 starting, 2 degraded, 3 stale, 4 invalid"),
         out("alive", "int", f"counts the steps, from 0 again after {LONG}"),
     ]
-    found += force_slots(layout)
+    outputs += force_slots(layout)
     if not layout.has_error:
-        return found
+        return outputs
     travel = tuple(f"{1000 * x:.10g}_mm" for x in plan_of(config).machine_m)
-    found += [
+    outputs += [
         out("error_um", "real", "thermal error along the screw", places, "um"),
         out("armed", "bool", "whether the compensation follows the estimate"),
         out("compensation_um", "real", "error to take out, along the travel in the machine", travel, "um"),
     ]
     if plant.moving:
-        found.append(out("error_nut_um", "real", "thermal error where the nut is, in the machine", unit="um"))
-        found.append(out("compensation_nut_um", "real", "error to take out where the nut is", unit="um"))
-    return found
+        outputs.append(
+            out("error_nut_um", "real", "thermal error where the nut is, in the machine", unit="um")
+        )
+        outputs.append(out("compensation_nut_um", "real", "error to take out where the nut is", unit="um"))
+    return outputs
 
 
 def _remembered(c: dict[str, Any]) -> list[Slot]:
-    """The state and scratch arrays of a step."""
+    """Return the state and scratch arrays of a step."""
     n, n_x, s, i, m, p = (c[k] for k in ("STATES", "STATES", "SENSORS", "INPUTS", "SOURCES", "KNOWN"))
     n += c["HEATS"]
     nuts, places = c["NUTS"], c.get("PLACES", 0)

@@ -20,9 +20,9 @@ _SIGNS: dict[type[ast.AST], str] = {
 
 
 class Dialect(Subset, ABC):
-    """Writes the parts of a form; `used` are the constants that they name.
+    """Writes the parts of a form in one language; `used` are the constants that they name.
 
-    `words` are the signs that languages write differently.
+    The signs that differ between languages are in `words`.
     """
 
     words: ClassVar[Mapping[type[ast.AST], str]]
@@ -43,16 +43,16 @@ class Dialect(Subset, ABC):
         }
 
     def part(self, name: str) -> tuple[str, list[str]]:
-        """The docstring and the lines of a part."""
+        """Return the docstring and the lines of a part."""
         function = FUNCTIONS[name]
         return ast.get_docstring(function) or "", self.block(function.body)
 
     def block(self, statements: Sequence[ast.stmt]) -> list[str]:
-        """The lines of some statements."""
+        """Return the lines of some statements."""
         return [line for statement in statements for line in self.statement(statement)]
 
     def statement(self, node: ast.stmt) -> list[str]:
-        """The lines of a statement; a docstring has none."""
+        """Return the lines of a statement; a docstring has none."""
         if isinstance(node, ast.For):
             return self._loop(node)
         if isinstance(node, ast.If):
@@ -76,15 +76,15 @@ class Dialect(Subset, ABC):
         return self.loop(name, first, end, self.block(node.body))
 
     def _if(self, node: ast.If) -> list[str]:
-        known = self.known(node.test)
-        if known is not None:
-            return self.block(node.body if known else node.orelse)
+        constant = self.constant_value(node.test)
+        if constant is not None:
+            return self.block(node.body if constant else node.orelse)
         return self.branch(self.expression(node.test), self.block(node.body), self.block(node.orelse))
 
     def expression(self, node: ast.expr) -> str:
-        """An expression, in parentheses where it has an operator."""
-        known = self.known(node)
-        return self._writers[type(node)](node) if known is None else self.literal(known)
+        """Return an expression, in parentheses if it has an operator."""
+        constant = self.constant_value(node)
+        return self._writers[type(node)](node) if constant is None else self.literal(constant)
 
     def _pair(self, left: ast.expr, sign: ast.AST, right: ast.expr) -> str:
         return f"({self.expression(left)} {self._signs[type(sign)]} {self.expression(right)})"
@@ -107,7 +107,7 @@ class Dialect(Subset, ABC):
 
     @abstractmethod
     def declare(self, name: str, kind: Kind, value: str) -> str:
-        """A local variable where it is first set."""
+        """Return the declaration of a local variable where it is first set."""
 
     @abstractmethod
     def assign(self, target: str, value: str) -> str:
@@ -131,7 +131,7 @@ class Dialect(Subset, ABC):
 
     @abstractmethod
     def slot(self, name: str) -> str:
-        """An input, an output or what is remembered."""
+        """Return an input, an output or a state variable."""
 
     @abstractmethod
     def constant(self, name: str) -> str:
@@ -147,7 +147,7 @@ class Dialect(Subset, ABC):
 
 
 def bare(text: str) -> str:
-    """The text without parentheses around the whole."""
+    """Return the text without parentheses around the whole."""
     depth = 0
     for at, letter in enumerate(text):
         depth += (letter == "(") - (letter == ")")
@@ -157,5 +157,5 @@ def bare(text: str) -> str:
 
 
 def indented(lines: Sequence[str]) -> list[str]:
-    """Lines a level further in."""
+    """Return the lines, indented by one level."""
     return [f"    {line}" for line in lines]

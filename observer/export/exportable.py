@@ -1,4 +1,4 @@
-"""Describes models that cannot be exported."""
+"""The models that cannot be exported, with the reasons."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ _WHY: tuple[tuple[type[Term], str], ...] = (
 
 
 def refuse_unexportable(config: Config, plant: Plant | None = None, drive: Drive | None = None) -> None:
-    """Raise `ConfigError`, with the remedy, for a model that varies in other ways than a nut that moves."""
+    """Raise `ConfigError`, with the remedy, for a model that varies with anything but the position of a
+    nut.
+    """
     if is_outside(config.estimator.kind, "estimators"):
         raise ConfigError(
             f'estimator.kind = "{config.estimator.kind}" is an external class, which no '

@@ -1,4 +1,4 @@
-"""FMU 3.0 for co-simulation from a form: C source, a description, and a binary where there is a compiler."""
+"""FMU 3.0 for co-simulation from a form: C source, a description, and a binary if there is a compiler."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibil
 
 @dataclass(frozen=True, slots=True)
 class FmuVariable:
-    """An element of an input or output: its name, its slot and place there, and its value reference."""
+    """An element of an input or output: its name, its slot and index in it, and its value reference."""
 
     name: str
     slot: Slot
@@ -56,17 +56,17 @@ class FmuVariable:
 
 
 def variables(form: Form) -> list[FmuVariable]:
-    """Every input and output of a form; value reference 0 is the time."""
-    found: list[FmuVariable] = []
+    """Return every input and output of a form; value reference 0 is the time."""
+    places: list[FmuVariable] = []
     for slot in (*form.of("input"), *form.of("output")):
         for at in range(len(slot.labels) or 1):
             name = _name(slot, slot.labels[at]) if slot.labels else slot.name
-            found.append(FmuVariable(name, slot, at, len(found) + 1))
-    return found
+            places.append(FmuVariable(name, slot, at, len(places) + 1))
+    return places
 
 
 def _name(slot: Slot, label: str) -> str:
-    """The name of an element, as a column of the estimates has it: field_50_degC, heat_nut_W."""
+    """Return the name of an element, as a column of the estimates has it: field_50_degC, heat_nut_W."""
     if slot.name in ("reading", "z", "value"):
         return label
     if slot.name == "sensor_quality":
@@ -77,9 +77,9 @@ def _name(slot: Slot, label: str) -> str:
 
 
 def write_fmu(form: Form, template: Template, folder: Path, begin: str = "") -> tuple[str, str]:
-    """Write `<name>.fmu`; return the file's name and a sentence on its binary.
+    """Write `<name>.fmu`; return the file's name and a sentence about its binary.
 
-    `begin` is C that runs when the initialisation ends.
+    `begin` is C code that runs when the initialisation ends.
     """
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_URL, form.title)}}}"
     places = variables(form)
@@ -98,12 +98,12 @@ def write_fmu(form: Form, template: Template, folder: Path, begin: str = "") -> 
             archive.writestr(f"sources/{name}", text)
         if binary is not None:
             archive.writestr(f"binaries/{binary[0]}", binary[1])
-    made = (
+    content = (
         "no C compiler was found, so it has its source only"
         if binary is None
         else f"with a binary, {binary[0]}"
     )
-    return path.name, f"{path.name}: {made}."
+    return path.name, f"{path.name}: {content}."
 
 
 def _ranges(places: list[FmuVariable]) -> str:
@@ -112,13 +112,13 @@ def _ranges(places: list[FmuVariable]) -> str:
 
 
 def _pointers(places: list[FmuVariable], kind: str) -> str:
-    """Lines that give the address of each variable of a kind, slot by slot."""
+    """Return lines of C that give the address of each variable of a kind, slot by slot."""
     lines = ["    if (reference == 0) return &own->now_s;\n"] if kind == "real" else []
     for slot in dict.fromkeys(p.slot.name for p in places if p.slot.kind == kind):
-        own = [p for p in places if p.slot.name == slot]
-        first, last = own[0].reference, own[-1].reference
-        place = f"own->{'in' if own[0].slot.role == 'input' else 'out'}.{slot}"
-        at = f"{place}[reference - {first}]" if own[0].slot.shape else place
+        elements = [p for p in places if p.slot.name == slot]
+        first, last = elements[0].reference, elements[-1].reference
+        place = f"own->{'in' if elements[0].slot.role == 'input' else 'out'}.{slot}"
+        at = f"{place}[reference - {first}]" if elements[0].slot.shape else place
         lines.append(f"    if (reference >= {first} && reference <= {last}) return &{at};\n")
     return "".join(lines) or "    (void)own; (void)reference;\n"
 
@@ -144,13 +144,15 @@ def _model_description(form: Form, places: list[FmuVariable], token: str) -> byt
     )
     for place in places:
         kind, zero = _TYPES[place.slot.kind]
-        about = {"name": place.name, "valueReference": str(place.reference), "causality": place.slot.role,
-                 "variability": "discrete", "description": place.slot.text}  # fmt: skip
+        attributes = {
+            "name": place.name, "valueReference": str(place.reference), "causality": place.slot.role,
+            "variability": "discrete", "description": place.slot.text,
+        }  # fmt: skip
         if place.slot.role == "input":
-            about["start"] = zero
+            attributes["start"] = zero
         if place.slot.kind == "real" and (unit := place.slot.unit(place.at)):
-            about["unit"] = unit
-        SubElement(listed, kind, about)
+            attributes["unit"] = unit
+        SubElement(listed, kind, attributes)
     root.append(structure)
     for tag in ("Output", "InitialUnknown"):
         for place in places:
@@ -172,7 +174,7 @@ def _build_description(form: Form) -> bytes:
 
 
 def _binary(name: str, sources: dict[str, str]) -> tuple[str, bytes] | None:
-    """The place and content of a binary for this platform; None without a compiler, or one that fails."""
+    """Return the path and content of a binary for this platform; None without a compiler or if it fails."""
     compiler = next(filter(None, map(shutil.which, _COMPILERS)), None)
     system = {"Linux": ("linux", "so"), "Darwin": ("darwin", "dylib")}.get(platform.system())
     if compiler is None or system is None:
@@ -180,11 +182,12 @@ def _binary(name: str, sources: dict[str, str]) -> tuple[str, bytes] | None:
     with tempfile.TemporaryDirectory() as folder:
         for file, text in sources.items():
             (Path(folder) / file).write_text(text, encoding="utf-8")
-        made, given = Path(folder) / f"{name}.{system[1]}", [file for file in sources if file.endswith(".c")]
-        done = subprocess.run(
-            [compiler, *_FLAGS, *given, "-o", made.name], cwd=folder, capture_output=True, check=False
+        library = Path(folder) / f"{name}.{system[1]}"
+        c_files = [file for file in sources if file.endswith(".c")]
+        run = subprocess.run(
+            [compiler, *_FLAGS, *c_files, "-o", library.name], cwd=folder, capture_output=True, check=False
         )
-        if done.returncode != 0:
+        if run.returncode != 0:
             return None
         machine = {"AMD64": "x86_64", "arm64": "aarch64"}.get(platform.machine(), platform.machine())
-        return f"{machine}-{system[0]}/{made.name}", made.read_bytes()
+        return f"{machine}-{system[0]}/{library.name}", library.read_bytes()

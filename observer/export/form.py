@@ -21,8 +21,9 @@ ZERO: Mapping[str, Any] = {"real": 0.0, "int": 0, "bool": False}
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """A number or array of the step, zero at first. `labels` name an array's elements to people, `units` are
-    theirs, or one for all.
+    """A number or array of the step, zero at first.
+
+    `labels` name an array's elements. The `units` belong to these elements; a single one holds for all.
     """
 
     name: str
@@ -34,7 +35,7 @@ class Slot:
     units: tuple[str, ...] = ()
 
     def unit(self, at: int) -> str:
-        """The unit of an element, empty where it has none."""
+        """Return the unit of an element, empty for none."""
         if not self.units:
             return ""
         return self.units[at] if len(self.units) > 1 else self.units[0]
@@ -44,8 +45,12 @@ class Slot:
 class Form:
     """A step at a fixed period, with everything in it.
 
-    `name` is what it is; `constants` are integers, floats and arrays of either by name; `parts` are functions
-    of `algorithm`, run in this order; `facts` are sentences for whoever builds it in.
+    Attributes:
+        name: “observer” or “model”
+        constants: integers, floats and arrays of either, by name
+        slots: inputs, outputs and state
+        parts: functions of `algorithm` and `sequence`, run in this order
+        facts: sentences for the engineer who builds it in
     """
 
     name: str
@@ -60,7 +65,7 @@ class Form:
     facts: tuple[str, ...] = field(default=())
 
     def of(self, role: Role) -> list[Slot]:
-        """The slots of a role that have an element."""
+        """Return the slots of a role that have at least one element."""
         return [slot for slot in self.slots if slot.role == role and 0 not in slot.shape]
 
     @property
@@ -73,9 +78,9 @@ class Form:
 
 
 class FormRunner:
-    """Runs a form in Python, a step a call: the reference for all other code.
+    """Runs a form in Python, one step a call: the reference for all other code.
 
-    `v` holds every slot, and is changed by a step.
+    `v` holds every slot, and each step changes it.
     """
 
     def __init__(self, form: Form) -> None:
@@ -89,7 +94,7 @@ class FormRunner:
         self.v = SimpleNamespace(**{slot.name: _zeros(slot.shape, ZERO[slot.kind]) for slot in form.slots})
 
     def step(self, inputs: Values) -> dict[str, Any]:
-        """Take the inputs, by slot; return copies of the outputs."""
+        """Set the inputs by slot and run one step; return copies of the outputs."""
         for name, value in inputs.items():
             setattr(self.v, name, list(value) if np.ndim(value) else value)
         for part in self.form.parts:
@@ -115,17 +120,18 @@ _RESERVED = frozenset(_WORDS.split())
 def identifiers(names: Sequence[str]) -> tuple[str, ...]:
     """Return names as identifiers of any language: letters, digits and single underscores.
 
-    Raises `ConfigError` where two become equal.
+    Raises `ConfigError` if two become equal.
     """
-    found: dict[str, str] = {}
-    made = []
+    originals: dict[str, str] = {}
+    identifiers_of_names = []
     for name in names:
-        own = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9]", "_", name)).strip("_")
-        own = f"in_{own}" if not own or own[0].isdigit() or own.upper() in _RESERVED else own
-        if (other := found.setdefault(own.lower(), name)) != name:
+        identifier = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9]", "_", name)).strip("_")
+        if not identifier or identifier[0].isdigit() or identifier.upper() in _RESERVED:
+            identifier = f"in_{identifier}"
+        if (other := originals.setdefault(identifier.lower(), name)) != name:
             raise ConfigError(
-                f'"{other}" and "{name}" are both "{own}" in a controller\'s language, which allows '
+                f'"{other}" and "{name}" are both "{identifier}" in a controller\'s language, which allows '
                 "only letters, digits and _; rename one"
             )
-        made.append(own)
-    return tuple(made)
+        identifiers_of_names.append(identifier)
+    return tuple(identifiers_of_names)

@@ -1,4 +1,4 @@
-"""Constant gains for every set of sensors that a controller may be left with, and how long they take."""
+"""Constant gains for every set of sensors that a controller may have left, and their settling times."""
 
 from __future__ import annotations
 
@@ -35,12 +35,15 @@ LONG = 30_000
 
 
 class GainSets(NamedTuple):
-    """Gains `K` (2 G + 1, s, n) and the largest squares of innovations that pass, `gate_K2` (2 G + 1, s).
+    """Gains for G sets of s sensors, of n states each.
 
-    The first G are the steady ones, the next G those of the first correction and of a state that is opened,
-    the last has no gain. `number` (s + 1, s + 1) says which set remains without the sensors i and j, where s
-    is none. After `settled` steps the heats are known as well as they will be; `refused` names the sets
-    without a gain.
+    Attributes:
+        K: (2 G + 1, s, n) G steady gains, G of the first correction and of an inflated state, one of zeros
+        gate_K2: (2 G + 1, s) largest squares of innovations that pass
+        number: (s + 1, s + 1) the set without the sensors i and j; index s means no sensor
+        most_absent: how many sensors may be absent
+        settled: steps until the heats' σ are near their steady values
+        refused: the sets without a gain
     """
 
     K: FloatArray
@@ -52,7 +55,7 @@ class GainSets(NamedTuple):
 
 
 def gain_sets(config: Config, plant: Plant, step: StepMatrices) -> GainSets:
-    """Design them. Raises `ConfigError` where all sensors together have no gain."""
+    """Design the gains of all sets. Raises `ConfigError` if all sensors together have no gain."""
     s, n = len(config.sensor), len(plant.decay_1_s) + len(plant.heat_decay_1_s)
     most_absent = 2 if 2 * (1 + s + s * (s - 1) // 2) * s * n <= _MOST_GAINS else 1
     omega = bandwidth(plant, config.estimator) if config.estimator.kind == "luenberger" else None
@@ -70,11 +73,11 @@ def gain_sets(config: Config, plant: Plant, step: StepMatrices) -> GainSets:
         present[list(absent)] = False
         K = gain_for(plant, step, present, constant, omega, _GROWTH_AT_MOST_1_S)
         K = K.K if isinstance(K, LuenbergerGain) else K
-        found = None if isinstance(K, Refusal) else steady_covariance(plant, step, K)
-        if isinstance(K, Refusal) or found is None:
+        covariance = None if isinstance(K, Refusal) else steady_covariance(plant, step, K)
+        if isinstance(K, Refusal) or covariance is None:
             if not absent:
-                beyond = refusal(plant, present, "its σ is beyond double precision")
-                why = K if isinstance(K, Refusal) else beyond
+                out_of_precision = refusal(plant, present, "its σ is beyond double precision")
+                why = K if isinstance(K, Refusal) else out_of_precision
                 raise ConfigError(
                     f"estimator: no constant gain for {', '.join(why.sensors)}: {why.reason}; add or move "
                     "sensors (`observer place`), give each source random_walk_W_sqrt_s > 0, or take "
@@ -87,41 +90,44 @@ def gain_sets(config: Config, plant: Plant, step: StepMatrices) -> GainSets:
         P0 = block_diag(plant.prior_P, np.diag(plant.initial_sigma_W**2))
         K0, S0 = _first_gain(plant, P0, present)
         if not absent:
-            settled = _settled(plant, step, K, _corrected(plant, P0, K0), found.P)
-        steady.append((K, _variance(plant, found.P_pred) + offset_K2))
+            settled = _settled(plant, step, K, _corrected(plant, P0, K0), covariance.P)
+        steady.append((K, _variance(plant, covariance.P_pred) + offset_K2))
         wide.append((K0, S0 + offset_K2))
     number[number < 0] = 2 * len(steady)
-    nothing = (np.zeros((n, s)), steady[0][1])  # without a gain readings are judged nevertheless
-    K_all, S_all = zip(*steady, *wide, nothing, strict=True)
+    no_gain = (np.zeros((n, s)), steady[0][1])  # without a gain readings are judged nevertheless
+    K_all, S_all = zip(*steady, *wide, no_gain, strict=True)
     gate_K2 = config.estimator.gate_sigma**2 * np.array(S_all)
     gains = np.array(K_all).transpose(0, 2, 1)
     return GainSets(gains, gate_K2, number, min(most_absent, s), settled, tuple(refused))
 
 
 def _variance(plant: Plant, P: FloatArray) -> FloatArray:
-    """The innovations' variances (s,) where P (n, n) is the state's before a correction."""
+    """Return the innovations' variances (s,) in K² for a state covariance P (n, n) before a correction."""
     C = sensor_rows(plant)
     return np.asarray(np.einsum("ij,jk,ik->i", C, P, C) + plant.noise_R_K2)
 
 
 def _first_gain(plant: Plant, P0: FloatArray, present: np.ndarray) -> tuple[FloatArray, FloatArray]:
-    """The Kalman gain (n, s) at a covariance, zero for sensors that are absent, and the variances (s,)."""
+    """Return the Kalman gain (n, s) at a covariance P0 (n, n), zero for absent sensors, and the variances
+    (s,).
+    """
     C = sensor_rows(plant)
     K = np.zeros((len(P0), len(C)))
-    own = C[present]
-    if len(own):
-        S = own @ P0 @ own.T + np.diag(plant.noise_R_K2[present])
-        K[:, present] = np.linalg.solve(S, own @ P0).T
+    C_present = C[present]
+    if len(C_present):
+        S = C_present @ P0 @ C_present.T + np.diag(plant.noise_R_K2[present])
+        K[:, present] = np.linalg.solve(S, C_present @ P0).T
     return K, _variance(plant, P0)
 
 
 def _corrected(plant: Plant, P: FloatArray, K: FloatArray) -> FloatArray:
+    """Return the covariance (n, n) after a correction with a gain K (n, s), by Joseph's form."""
     rest = np.eye(len(P)) - K @ sensor_rows(plant)
     return np.asarray(rest @ P @ rest.T + (K * plant.noise_R_K2) @ K.T)
 
 
 def _settled(plant: Plant, step: StepMatrices, K: FloatArray, first: FloatArray, last: FloatArray) -> int:
-    """The number of steps under a gain until the heats' σ are near their steady ones; at most `LONG` − 1."""
+    """Return how many steps the heats' σ need to come near their steady values; at most `LONG` − 1."""
     heats = slice(len(plant.decay_1_s), None)
     steady_W2 = np.diag(last)[heats]
     M, away = closed_loop(plant, step, K), first - last

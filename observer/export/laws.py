@@ -1,4 +1,4 @@
-"""Heat laws as sums that a controller can compute, identified from the values of each law."""
+"""Heat laws as sums that a controller can compute, fitted to values of each law."""
 
 from __future__ import annotations
 
@@ -32,32 +32,33 @@ class LawTerms(NamedTuple):
 
 
 def law_terms(config: Config) -> LawTerms:
-    """Return the laws of a configuration. Raises `ConfigError` for one that is no such sum."""
+    """Return the laws of a configuration as sums. Raises `ConfigError` for a law that is not such a sum."""
     shape = len(config.source), len(config.channels)
     terms = LawTerms(np.zeros(shape[0]), *(np.zeros(shape) for _ in range(4)))
     for j, source in enumerate(config.source):
         law = heat_law(source, config.source, config.screw.length_m)
         columns = [config.channels.index(name) for name in law_channels(source, config.source)]
-        found = _terms_of(law, len(columns))
-        if not _agrees(law, found, len(columns)):
+        law_as_sum = _terms_of(law, len(columns))
+        if not _agrees(law, law_as_sum, len(columns)):
             raise ConfigError(
                 f"source {source.name}: its heat law is not a multiple of a speed or a power, "
                 "which is all a controller has; give torque_Nm or heat_W_rpm that fits the speeds in use"
             )
-        terms.constant[j] = found.constant[0]
-        for to, given in zip(terms[1:], found[1:], strict=True):
+        terms.constant[j] = law_as_sum.constant[0]
+        for to, coefficients in zip(terms[1:], law_as_sum[1:], strict=True):
             for i, column in enumerate(columns):
-                to[j, column] += given[0, i]
+                to[j, column] += coefficients[0, i]
     return terms
 
 
 def _at(law: Law, values: FloatArray) -> float:
+    """Return the law's heat in W at one value of each channel."""
     channels = values if len(values) else np.zeros(1)
     return float(law(*(np.array([value]) for value in channels))[0])
 
 
 def _terms_of(law: Law, count: int) -> LawTerms:
-    """A law of `count` channels as a sum, by its values on the axes."""
+    """Return a law of `count` channels as a sum, from its values on the axes."""
     one = np.zeros((1, count))
     terms = LawTerms(np.array([_at(law, np.zeros(count))]), one, one.copy(), one.copy(), one.copy())
     for i, axis in enumerate(np.eye(count)):
@@ -74,10 +75,10 @@ def _terms_of(law: Law, count: int) -> LawTerms:
 
 
 def _agrees(law: Law, terms: LawTerms, count: int) -> bool:
-    """Whether the sum is the law, at many values of its channels."""
+    """Whether the sum equals the law at many values of its channels."""
     for v in map(np.array, product(_PROBES, repeat=count)):
-        own = terms.constant[0] + abs(float(terms.apart[0] @ v))
-        own += float(terms.size[0] @ abs(v) + terms.value[0] @ v + terms.on[0] @ (v != 0.0))
-        if not abs(own - _at(law, v)) <= _SAME * max(1.0, abs(own)):
+        sum_W = terms.constant[0] + abs(float(terms.apart[0] @ v))
+        sum_W += float(terms.size[0] @ abs(v) + terms.value[0] @ v + terms.on[0] @ (v != 0.0))
+        if not abs(sum_W - _at(law, v)) <= _SAME * max(1.0, abs(sum_W)):
             return False
     return True

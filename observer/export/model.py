@@ -1,5 +1,7 @@
-"""The reduced plant of a configuration, heats in, field, sensors and thermal error out: as a form, and as
-matrices with names and units for numpy, MATLAB and any reader of JSON.
+"""The reduced plant of a configuration, as a form and as matrices with names and units.
+
+Its inputs are heats, its outputs field, sensors and thermal error. numpy, MATLAB and any reader of JSON can
+load the matrices.
 """
 
 from __future__ import annotations
@@ -19,29 +21,31 @@ from observer.model.generator import generator, known_columns, output_names
 
 
 def model_form(config: Config) -> Form:
-    """Return the plant of a configuration, stepped at its period. Raises `ConfigError` for what varies."""
-    own = Exportable(config)
-    plant, constants = own.plant, plant_constants(own)
+    """Return the plant of a configuration, stepped at its period. Raises `ConfigError` for a plant that
+    varies.
+    """
+    machine = Exportable(config)
+    plant, constants = machine.plant, plant_constants(machine)
     constants |= {"HEATS": 0, "REPORTED": 0, "NUT_AT": np.arange(len(plant.moving))}
     facts = [
         f"{len(plant.mode_index)} modes and {len(plant.source_names)} lags, exact at steps of "
-        f"{own.period_s:g} s over which the inputs are held.",
+        f"{machine.period_s:g} s over which the inputs are held.",
         "The screw begins at start_degC, all lags at rest under the first heats.",
     ]
     parts = [*sequence.MODEL, *(sequence.TENSION if plant.layout.has_force else ())]
-    return own.form("model", constants, _slots(own, constants), parts, facts)
+    return machine.form("model", constants, _slots(machine, constants), parts, facts)
 
 
-def _slots(own: Exportable, c: dict[str, Any]) -> list[Slot]:
-    plant, layout = own.plant, own.plant.layout
-    sources, known = identifiers(plant.source_names), known_columns(plant)
+def _slots(machine: Exportable, c: dict[str, Any]) -> list[Slot]:
+    plant, layout = machine.plant, machine.plant.layout
+    sources, known_inputs = identifiers(plant.source_names), known_columns(plant)
     nuts = tuple(nut.channel for nut in plant.moving)
     places = tuple(f"{1000 * x:.10g}_mm" for x in layout.position_m)
     n, rows, weights = c["STATES"], c["ROWS"], c.get("PLACES", -1) + 1
-    found = [
+    slots = [
         Slot("law_W", "real", "input", "heat of each source", (len(sources),), sources, ("W",)),
-        Slot("z", "real", "input", "air, ends, offsets and the error's reference", (len(known),),
-             identifiers(known), tuple(map(unit_of, known))),
+        Slot("z", "real", "input", "air, ends, offsets and the error's reference", (len(known_inputs),),
+             identifiers(known_inputs), tuple(map(unit_of, known_inputs))),
         Slot("value", "real", "input", "where each nut is", (len(nuts),), identifiers(nuts), ("m",)),
         Slot("start_degC", "real", "input", "the screw's temperature at the start", units=("degC",)),
         Slot("sensor_degC", "real", "output", "what each sensor reads", (len(layout.sensors),),
@@ -50,39 +54,40 @@ def _slots(own: Exportable, c: dict[str, Any]) -> list[Slot]:
              ("degC",)),
     ]  # fmt: skip
     if layout.has_error:
-        found.append(
+        slots.append(
             Slot(
                 "error_um", "real", "output", "thermal error along the screw", (len(places),), places, ("um",)
             )
         )
-    found += force_slots(layout)
+    slots += force_slots(layout)
     remembered: list[tuple[str, Kind, tuple[int, ...]]] = [
         ("x", "real", (n,)), ("B", "real", (len(sources), n)), ("lag_C", "real", (len(nuts), rows)),
-        ("z_before", "real", (len(known),)), ("weight", "real", (weights,)), ("nut_m", "real", (len(nuts),)),
-        ("located", "bool", (len(nuts),)), ("late", "bool", (len(nuts),)), ("row", "real", (rows,)),
-        ("begun", "bool", ()), ("started", "bool", ()), ("heat_W", "real", (0,)),
+        ("z_before", "real", (len(known_inputs),)), ("weight", "real", (weights,)),
+        ("nut_m", "real", (len(nuts),)), ("located", "bool", (len(nuts),)), ("late", "bool", (len(nuts),)),
+        ("row", "real", (rows,)), ("begun", "bool", ()), ("started", "bool", ()), ("heat_W", "real", (0,)),
     ]  # fmt: skip
-    return [*found, *(Slot(name, kind, "state", "", shape) for name, kind, shape in remembered)]
+    return [*slots, *(Slot(name, kind, "state", "", shape) for name, kind, shape in remembered)]
 
 
 def plant_matrices(config: Config) -> dict[str, Any]:
-    """Return dx/dt = A x + B q + E z, y = C x + F z, and, inputs held, x⁺ = Ad x + Bd q + Ed z.
+    """Return A … F of dx/dt = A x + B q + E z, y = C x + F z, and Ad, Bd, Ed with inputs held over a period.
 
-    Heats q in W, known inputs z in °C and K, outputs y as in `estimates.csv`, with the names of all; a nut
-    that moves is spread over its stroke. Raises `ConfigError` for a plant that varies otherwise.
+    Heats q are in W, known inputs z in °C and K, and outputs y as in `estimates.csv`; the names of all are
+    included. A moving nut is spread over its stroke. Raises `ConfigError` for a plant that varies in any
+    other way.
     """
-    own = Exportable(config)
-    plant, step = own.plant, own.step
-    beside = len(plant.decay_1_s) - plant.lag_slice.stop
+    machine = Exportable(config)
+    plant, step = machine.plant, machine.step
+    extra_states = len(plant.decay_1_s) - plant.lag_slice.stop
     outputs = output_names(plant)
     inputs = [*(f"heat_{name}_W" for name in plant.source_names), *known_columns(plant)]
     states = [*(f"mode {n}" for n in plant.mode_index), *(f"lag {name}" for name in plant.source_names)]
-    states += [f"beside {n + 1}" for n in range(beside)]
+    states += [f"beside {n + 1}" for n in range(extra_states)]
     if plant.basis is not None:
         states = [f"own mode {n + 1}" for n in range(len(states))]
     return {
         "machine": config.machine.name, "axis": config.machine.axis, "configuration": config.digest,
-        "version": version("ballscrew-observer"), "period_s": own.period_s,
+        "version": version("ballscrew-observer"), "period_s": machine.period_s,
         "states": states, "inputs": inputs, "input_units": list(map(unit_of, inputs)),
         "outputs": outputs, "output_units": list(map(unit_of, outputs)),
         "A": generator(plant), "B": plant.B, "E": plant.E, "C": plant.rows.C, "F": plant.rows.F,
@@ -90,22 +95,22 @@ def plant_matrices(config: Config) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def write_npz(found: dict[str, Any], folder: Path) -> str:
-    """Write `plant.npz`, texts as arrays of them; return its name."""
-    np.savez(folder / "plant.npz", allow_pickle=False, **{k: np.asarray(v) for k, v in found.items()})
+def write_npz(matrices: dict[str, Any], folder: Path) -> str:
+    """Write `plant.npz`, lists of texts as arrays; return its name."""
+    np.savez(folder / "plant.npz", allow_pickle=False, **{k: np.asarray(v) for k, v in matrices.items()})
     return "plant.npz"
 
 
-def write_mat(found: dict[str, Any], folder: Path) -> str:
+def write_mat(matrices: dict[str, Any], folder: Path) -> str:
     """Write `plant.mat`, lists of texts as cell arrays; return its name."""
     from scipy.io import savemat  # noqa: PLC0415  (start-up: only this format needs it)
 
-    cells = {k: np.array(v, dtype=object) if isinstance(v, list) else v for k, v in found.items()}
+    cells = {k: np.array(v, dtype=object) if isinstance(v, list) else v for k, v in matrices.items()}
     savemat(folder / "plant.mat", cells, oned_as="column")
     return "plant.mat"
 
 
-def write_plant_json(found: dict[str, Any], folder: Path) -> str:
+def write_plant_json(matrices: dict[str, Any], folder: Path) -> str:
     """Write `plant.json`, matrices as lists of rows; return its name."""
-    write_json(folder / "plant.json", {k: np.asarray(v).tolist() for k, v in found.items()})
+    write_json(folder / "plant.json", {k: np.asarray(v).tolist() for k, v in matrices.items()})
     return "plant.json"

@@ -1,4 +1,4 @@
-"""A log through the reduced observer as a controller would see it: the newest values at each period."""
+"""A log through the reduced observer as a controller receives it: the newest values at each period."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Samples(NamedTuple):
 
 
 def sampled(log: Log, channels: tuple[str, ...], period_s: float) -> Samples:
-    """Return the newest value of each channel since the step before, at an even period from the first row on.
+    """Return the newest value of each channel since the last step, at an even period from the first row on.
 
     A channel that the log lacks is never fresh. Raises `LogError` for more than a million steps.
     """
@@ -49,7 +49,7 @@ def sampled(log: Log, channels: tuple[str, ...], period_s: float) -> Samples:
 
 
 def run(form: Form, samples: Samples) -> dict[str, NDArray[Any]]:
-    """Run the reference over samples, armed as soon as it can be; return each output (K, …) by its name."""
+    """Run the reference over samples, armed as soon as possible; return each output (K, …) by its name."""
     runner, rows, armed = FormRunner(form), [], False
     commands = {slot.name for slot in form.of("input")}
     for k, (reading, fresh) in enumerate(zip(samples.reading, samples.fresh, strict=True)):
@@ -61,8 +61,8 @@ def run(form: Form, samples: Samples) -> dict[str, NDArray[Any]]:
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
-def columns_of(form: Form, samples: Samples, found: dict[str, NDArray[Any]]) -> dict[str, FloatArray]:
-    """Inputs and outputs of a run as columns, an empty cell where nothing came."""
+def columns_of(form: Form, samples: Samples, outputs: dict[str, NDArray[Any]]) -> dict[str, FloatArray]:
+    """Return inputs and outputs (K,) of a run as columns, NaN where no value came."""
     slots = {slot.name: slot for slot in form.slots}
     columns = {
         label: np.where(samples.fresh[:, j], samples.reading[:, j], np.nan)
@@ -70,6 +70,6 @@ def columns_of(form: Form, samples: Samples, found: dict[str, NDArray[Any]]) -> 
     }
     for place in variables(form):
         if place.slot.role == "output":
-            values = found[place.slot.name]
+            values = outputs[place.slot.name]
             columns[place.name] = values[:, place.at] if place.slot.shape else values
     return columns

@@ -12,19 +12,19 @@ from observer.export.algorithm import (
     follow,
     gate,
     heat,
-    know,
     level,
     predict,
     read,
     report,
     start,
+    update_inputs,
 )
 
 real = float
 
 
 def judge(c: Any, v: Any) -> None:
-    """Qualities: 0 good, 1 starting, 2 degraded, 3 stale, 4 invalid; of sensors see the output."""
+    """Set the qualities: 0 good, 1 starting, 2 degraded, 3 stale, 4 invalid; for sensors see the output."""
     good: int = 0
     lacking: bool = False
     sane: bool = v.started
@@ -63,15 +63,18 @@ def judge(c: Any, v: Any) -> None:
 
 
 def tension(c: Any, v: Any) -> None:
-    """The axial force of a screw held at both ends, tension positive; the last row is its free growth."""
+    """Compute the axial force of a screw held at both ends, tension positive; the last row is its free
+    growth.
+    """
     v.force_N = c.STIFFNESS_N_UM * (c.LOST_UM - v.row[c.ROWS - 1])
 
 
 def compensate(c: Any, v: Any) -> None:
-    """The table that a control adds, at a limited rate, within a limited slope; armed by a rising `enable`.
+    """Move the control's table towards the thermal error, within limits of rate and slope; a rising `enable`
+    arms it.
 
-    It is off at the first estimate that is not good or too large, or when the heartbeat has stopped:
-    the table then goes to zero at that rate, and only a new rising edge of `enable` arms it again.
+    It is disarmed by an estimate that is not good or too large, and when the heartbeat has stopped. The table
+    then goes to zero at the limited rate, and only a new rising edge of `enable` arms it again.
     """
     if v.heartbeat == v.heartbeat_before:
         if v.still < c.LONG:
@@ -107,7 +110,7 @@ def compensate(c: Any, v: Any) -> None:
 
 
 def at_nut(c: Any, v: Any) -> None:
-    """Error and compensation where the nut is, or was last; linear between points."""
+    """Interpolate error and compensation at the last position of the nut."""
     here_m: float = v.value[c.NUT_CHANNEL]
     low: int = 0
     for g in range(1, c.GRID - 1):
@@ -124,13 +127,13 @@ def at_nut(c: Any, v: Any) -> None:
 
 
 def hold(c: Any, v: Any) -> None:
-    """The model: known inputs are held over the step."""
+    """Hold the model's known inputs over the step."""
     for q in range(c.KNOWN):
         v.z_before[q] = v.z[q]
 
 
 def warm(c: Any, v: Any) -> None:
-    """The model, at first: one temperature, lags at rest under their heats."""
+    """At the model's first step, set one temperature, and lags at rest under their heats."""
     if not v.started:
         v.started = True
         for a in range(c.STATES):
@@ -140,7 +143,7 @@ def warm(c: Any, v: Any) -> None:
 
 
 def sense(c: Any, v: Any) -> None:
-    """The model: what its sensors would read."""
+    """Copy the readings that the model's sensors would have."""
     for i in range(c.SENSORS):
         v.sensor_degC[i] = v.row[i]
 
@@ -154,8 +157,8 @@ def beat(c: Any, v: Any) -> None:
 
 
 ESTIMATE = (
-    read, know, heat, begin, follow, predict, start, expect, level, expect, choose, gate, choose, correct,
-    report, judge,
+    read, update_inputs, heat, begin, follow, predict, start, expect, level, expect, choose, gate, choose,
+    correct, report, judge,
 )  # fmt: skip
 """The parts of a step, in order."""
 TENSION = (tension,)

@@ -1,6 +1,6 @@
-"""IEC 61131-3 structured text from a form: one function block, in what every edition of the standard has.
+"""IEC 61131-3 structured text from a form: one function block that every edition of the standard allows.
 
-The language is not case-sensitive and a block has a single name space: state variables begin with `s_`,
+The language is not case-sensitive and a block has a single name space. So state variables begin with `s_`,
 variables local to a part with `t_`, constants with `c_`.
 """
 
@@ -36,7 +36,7 @@ class StructuredText(Dialect):
         self._names = {s.name: s.name if s.name in outside else f"s_{s.name}" for s in form.slots}
 
     def declare(self, name: str, kind: Kind, value: str) -> str:  # noqa: ARG002
-        """Variables are declared at the top of the block, so this is an assignment."""
+        """Return an assignment, since variables are declared at the top of the block."""
         return self.assign(self.local(name), value)
 
     def assign(self, target: str, value: str) -> str:
@@ -57,11 +57,11 @@ class StructuredText(Dialect):
         return _number(value)
 
     def local(self, name: str) -> str:
-        """A part's own variable."""
+        """Return a part's local variable."""
         return f"t_{name}"
 
     def slot(self, name: str) -> str:
-        """An input, an output or what is remembered."""
+        """Return an input, an output or a state variable."""
         return self._names[name]
 
     def constant(self, name: str) -> str:
@@ -74,15 +74,15 @@ class StructuredText(Dialect):
 
     def call(self, name: str, arguments: list[str]) -> str:
         """A function of the standard."""
-        own = _FUNCTIONS.get(name, f"DINT_TO_{self._real}")
-        return f"{own}({', '.join(map(bare, arguments))})"
+        function = _FUNCTIONS.get(name, f"DINT_TO_{self._real}")
+        return f"{function}({', '.join(map(bare, arguments))})"
 
     def taken(self) -> list[str]:
-        """Every name in use once all parts are written, except those of single inputs."""
+        """Return every name in use once all parts are written, except those of single inputs."""
         return [*self._names.values(), *map(self.local, self.locals), *map(self.constant, self.used)]
 
     def types(self, kind: Kind, shape: tuple[int, ...]) -> str:
-        """A type in words."""
+        """Return the name of a type."""
         scalar = {"real": self._real, "int": "DINT", "bool": "BOOL"}[kind]
         sizes = ", ".join(f"0..{n - 1}" for n in shape)
         return f"ARRAY[{sizes}] OF {scalar}" if shape else scalar
@@ -101,7 +101,7 @@ def _number(value: Any) -> str:
 def structured_text(form: Form, real: str = "LREAL") -> str:
     """Return a form as the text of a function block, with reals of type `LREAL` or `REAL`.
 
-    Raises `ConfigError` where two names of inputs and outputs become one.
+    Raises `ConfigError` if two names of inputs and outputs become one.
     """
     dialect = StructuredText(form, real)
     body = []
@@ -110,7 +110,7 @@ def structured_text(form: Form, real: str = "LREAL") -> str:
         body += ["", *(f"(* {line} *)" for line in text.splitlines() if line), *lines] if lines else []
     arrays = [slot for slot in form.of("input") if slot.name in _SINGLY]
     inputs = [(slot, at, name) for slot in arrays for at, name in enumerate(_names_of(slot))]
-    given = [f"{dialect.slot(slot.name)}[{at}] := {name};" for slot, at, name in inputs]
+    assignments = [f"{dialect.slot(slot.name)}[{at}] := {name};" for slot, at, name in inputs]
     _refuse_twice([*(name for _, _, name in inputs), *dialect.taken()])
     blocks = (
         ("VAR_INPUT", [_declared(name, dialect.types(slot.kind, ()), slot.text, slot.unit(at))
@@ -123,7 +123,7 @@ def structured_text(form: Form, real: str = "LREAL") -> str:
     )  # fmt: skip
     facts = "\n".join(f"   {line}" for fact in form.facts for line in textwrap.wrap(fact, 110))
     declared = "".join(f"{head}\n{chr(10).join(indented(lines))}\nEND_VAR\n" for head, lines in blocks)
-    code = "\n".join(indented([*given, *body]))
+    code = "\n".join(indented([*assignments, *body]))
     return (
         f"(* {form.title}\n{facts}\n"
         "   Written by `observer export`; change the configuration, not this text. *)\n"
@@ -132,7 +132,7 @@ def structured_text(form: Form, real: str = "LREAL") -> str:
 
 
 def _refuse_twice(names: Sequence[str]) -> None:
-    """Raise `ConfigError` where two names differ in capitals at most."""
+    """Raise `ConfigError` if two names differ at most in capitals."""
     twice = [name for name, count in Counter(name.lower() for name in names).items() if count > 1]
     if twice:
         raise ConfigError(
@@ -142,7 +142,7 @@ def _refuse_twice(names: Sequence[str]) -> None:
 
 
 def block_name(form: Form) -> str:
-    """The name of the function block."""
+    """Return the name of the function block."""
     return f"FB_Ballscrew{form.name.capitalize()}"
 
 

@@ -21,14 +21,14 @@ FUNCTIONS = {
     if isinstance(node, ast.FunctionDef)
 }
 KINDS: dict[str, Kind] = {"float": "real", "int": "int", "bool": "bool"}
-_KNOWN: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
+_FOLDABLE: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
     ast.Gt: operator.gt, ast.GtE: operator.ge, ast.Lt: operator.lt, ast.LtE: operator.le, ast.Eq: operator.eq,
     ast.Add: operator.add, ast.Sub: operator.sub,
 }  # fmt: skip
 
 
 class Subset:
-    """Kinds and constants in the parts of a form; `locals` are the variables of the parts seen so far."""
+    """Kinds and constants in the parts of a form; `locals` are the variables of the parts visited so far."""
 
     def __init__(self, form: Form) -> None:
         self.form = form
@@ -36,7 +36,7 @@ class Subset:
         self.locals: dict[str, Kind] = {}
 
     def declared(self, node: ast.AnnAssign | ast.For) -> tuple[str, Kind]:
-        """The variable that a statement declares, and its kind, the same in all parts."""
+        """Return the variable that a statement declares, and its kind, which is the same in all parts."""
         assert isinstance(node.target, ast.Name)
         kind: Kind = "int"
         if isinstance(node, ast.AnnAssign):
@@ -45,14 +45,14 @@ class Subset:
         return node.target.id, kind
 
     def turns(self, node: ast.For) -> tuple[int, int]:
-        """First index and end of a loop."""
+        """Return the first index and the end of a loop."""
         assert isinstance(node.iter, ast.Call)
-        bounds = [self.known(argument) for argument in node.iter.args]
+        bounds = [self.constant_value(argument) for argument in node.iter.args]
         assert all(isinstance(bound, int) for bound in bounds), ast.unparse(node.iter)
         return (0, bounds[0]) if len(bounds) == 1 else (bounds[0], bounds[1])
 
-    def known(self, node: ast.expr) -> Any:
-        """The value of an expression of integer constants, or of one that is written out; else None."""
+    def constant_value(self, node: ast.expr) -> Any:
+        """Return the value of an expression of integer constants or literals; None for any other."""
         if isinstance(node, ast.Constant):
             return node.value
         if isinstance(node, ast.Attribute) and base(node) == "c":
@@ -64,12 +64,12 @@ class Subset:
             of, sign, to = node.left, node.op, node.right  # type: ignore[assignment]
         else:
             return None
-        left, right = self.known(of), self.known(to)
+        left, right = self.constant_value(of), self.constant_value(to)
         whole = isinstance(left, int) and isinstance(right, int)
-        return _KNOWN[type(sign)](left, right) if whole and type(sign) in _KNOWN else None
+        return _FOLDABLE[type(sign)](left, right) if whole and type(sign) in _FOLDABLE else None
 
     def kind(self, node: ast.expr) -> Kind:
-        """What an expression is."""
+        """Return the kind of an expression."""
         kind: Kind = "bool"
         if isinstance(node, ast.Constant):
             kind = KINDS[type(node.value).__name__]
@@ -87,19 +87,19 @@ class Subset:
 
 
 def base(node: ast.Attribute) -> str:
-    """Which record a name is looked up in: c or v."""
+    """Return the record in which a name is looked up: c or v."""
     assert isinstance(node.value, ast.Name)
     return node.value.id
 
 
 def called(node: ast.Call) -> str:
-    """The name of a function that is called."""
+    """Return the name of the called function."""
     assert isinstance(node.func, ast.Name)
     return node.func.id
 
 
 def kind_of(value: Any) -> Kind:
-    """What a constant is."""
+    """Return the kind of a constant."""
     return "int" if np.issubdtype(np.asarray(value).dtype, np.integer) else "real"
 
 
@@ -109,10 +109,10 @@ _NAMES: dict[type[ast.AST], str] = {
 
 
 class OperationCount(Subset):
-    """Counts a step's operations on reals, the longer branch of each condition."""
+    """Counts a step's operations on reals, with the longer branch of each condition."""
 
     def count(self) -> Counter[str]:
-        """Adds, multiplies, divides and compares of a step at most."""
+        """Return the largest number of adds, multiplies, divides and compares of a step."""
         return sum((self._of(FUNCTIONS[part.__name__].body) for part in self.form.parts), Counter[str]())
 
     def _of(self, statements: Sequence[ast.stmt]) -> Counter[str]:
@@ -132,20 +132,20 @@ class OperationCount(Subset):
         return total
 
     def _of_branch(self, node: ast.If) -> Counter[str]:
-        known = self.known(node.test)
-        if known is not None:
-            return self._of(node.body if known else node.orelse)
+        constant = self.constant_value(node.test)
+        if constant is not None:
+            return self._of(node.body if constant else node.orelse)
         ways = [self._of(node.body), self._of(node.orelse)]
         return self._of_expressions(node.test) + max(ways, key=lambda way: way.total())
 
     def _of_expressions(self, node: ast.AST) -> Counter[str]:
-        found: Counter[str] = Counter()
+        operations: Counter[str] = Counter()
         for part in ast.walk(node):
             if isinstance(part, (ast.BinOp, ast.AugAssign)):
                 left = part.left if isinstance(part, ast.BinOp) else part.target
-                found[_NAMES.get(type(part.op), "")] += self.kind(left) == "real"
+                operations[_NAMES.get(type(part.op), "")] += self.kind(left) == "real"
             elif isinstance(part, ast.Compare):
-                found["compares"] += self.kind(part.left) == "real"
+                operations["compares"] += self.kind(part.left) == "real"
             elif isinstance(part, ast.Call):
-                found["compares"] += called(part) in ("abs", "min", "max")
-        return found
+                operations["compares"] += called(part) in ("abs", "min", "max")
+        return operations

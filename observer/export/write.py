@@ -22,12 +22,12 @@ README = "README.md"
 
 
 def template(name: str) -> Template:
-    """A text of `templates/`."""
+    """Return a text of `templates/`."""
     return Template((files("observer.export") / "templates" / name).read_text(encoding="utf-8"))
 
 
 def write_texts(folder: Path, texts: Mapping[str, str]) -> list[str]:
-    """Write texts under their names; return these."""
+    """Write texts to files of their names; return these names."""
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return list(texts)
@@ -37,20 +37,20 @@ def write_c99(form: Form, folder: Path) -> list[str]:
     """Write header, source and README; return their names."""
     labels = {slot.name: slot.labels for slot in form.slots if slot.labels}
     first = f"[{form.name.upper()}_READING_{labels['reading'][0].upper()}]"
-    more = {"first_reading": f"in.reading{first}", "first_fresh": f"in.fresh{first}"}
-    return write_texts(folder, c99_files(form) | {README: readme("c99.md", form, more)})
+    fields = {"first_reading": f"in.reading{first}", "first_fresh": f"in.fresh{first}"}
+    return write_texts(folder, c99_files(form) | {README: readme("c99.md", form, fields)})
 
 
-def readme(name: str, form: Form, more: Mapping[str, str]) -> str:
-    """A README from its template: what the form is, what it costs, and `more`."""
+def readme(name: str, form: Form, fields: Mapping[str, str]) -> str:
+    """Return a README from its template: description of the form, its cost, and `fields`."""
     count = OperationCount(form).count()
     costs = {key: f"{count[key]:,}" for key in ("adds", "multiplies", "divides", "compares")}
     for real in (8, 4):
         costs[f"tables{real}"] = f"{sum(_bytes_of(v, real) for v in form.constants.values()):,}"
         costs[f"state{real}"] = f"{sum(_slot_bytes(slot, real) for slot in form.of('state')):,}"
     facts = "\n".join(f"- {fact}" for fact in form.facts)
-    own = {"title": form.title, "name": form.name, "NAME": form.name.upper(), "facts": facts}
-    return template(name).substitute(own, period=f"{form.period_s:g}", **costs, **more)
+    facts_of_form = {"title": form.title, "name": form.name, "NAME": form.name.upper(), "facts": facts}
+    return template(name).substitute(facts_of_form, period=f"{form.period_s:g}", **costs, **fields)
 
 
 def _bytes_of(value: Any, real: int) -> int:
@@ -65,12 +65,12 @@ def _slot_bytes(slot: Slot, real: int) -> int:
 def write_st(form: Form, folder: Path, real: str = "LREAL") -> list[str]:
     """Write the function block as text and for TwinCAT, and a README; return their names."""
     first = next(slot.labels for slot in form.slots if slot.name == "reading")[0]
-    more = {"first": first, "block": block_name(form), "real": real}
+    fields = {"first": first, "block": block_name(form), "real": real}
     name, text = block_name(form), structured_text(form, real)
     texts = {
         f"{name}.st": text,
         f"{name}.TcPOU": twincat_file(name, text),
-        README: readme("st.md", form, more),
+        README: readme("st.md", form, fields),
     }
     return write_texts(folder, texts)
 
@@ -93,8 +93,8 @@ def twincat_file(name: str, text: str) -> str:
 def write_fmus(observer: Form, model: Form, folder: Path) -> tuple[list[str], list[str]]:
     """Write an FMU of each; return their names, with remarks."""
     shim, first = template("fmi3.c"), "    model_step(&own->state, &own->in, &own->out);\n"
-    made = [write_fmu(observer, shim, folder), write_fmu(model, shim, folder, first)]
-    return [name for name, _ in made], [text for _, text in made]
+    archives = [write_fmu(observer, shim, folder), write_fmu(model, shim, folder, first)]
+    return [name for name, _ in archives], [text for _, text in archives]
 
 
 WRITERS: Mapping[str, Callable[[Form, Path], list[str]]] = {

@@ -1,4 +1,4 @@
-"""The jobs: which logs belong to which machine and which configuration, by a table or as given."""
+"""The jobs: which logs belong to which machine and configuration, by a table or by the command line."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}")  # a name becomes a fol
 
 
 class TableRow(NamedTuple):
-    """A row of the table."""
+    """A row of the fleet's table: one log, its machine, its configuration."""
 
     log: Path
     machine: str
@@ -34,7 +34,7 @@ class TableRow(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One piece of work: logs of one machine, by one configuration; `folder` is where in the output."""
+    """One piece of work: logs of one machine, by one configuration; `folder` is relative to the output."""
 
     machine: str
     name: str
@@ -46,15 +46,15 @@ class Job:
 def read_table(path: Path) -> list[TableRow]:
     """Read the table of a fleet (`.csv` or `.parquet`); its paths are relative to its own folder.
 
-    A log's cell may be a pattern with * ? or [ ] for all files that match it, in their order.
-    Raises `UserError` that names the row.
+    A log's cell may be a pattern with * ? or [ ] for all files that match it, in their order. Raises
+    `UserError` that names the row.
     """
     numbered: list[tuple[int, TableRow]] = []
     for number, row in enumerate(_rows(path), 1):
         if any(str(cell or "").strip() for cell in row.values()):  # not as a spreadsheet leaves at its end
             cells = [str(row.get(column) or "").strip() for column in COLUMNS]
-            where = f"{path}: row {number}"
-            numbered += [(number, line) for line in _lines_of(where, path.parent, *cells)]
+            place = f"{path}: row {number}"
+            numbered += [(number, line) for line in _lines_of(place, path.parent, *cells)]
     _check_once(path, numbered)
     lines = [line for _, line in numbered]
     if not lines:
@@ -67,52 +67,54 @@ def read_table(path: Path) -> list[TableRow]:
     return lines
 
 
-def _lines_of(where: str, folder: Path, log: str, machine: str, config: str) -> Iterator[TableRow]:
-    """The lines of a row: one, or one for each file that matches a pattern."""
+def _lines_of(place: str, folder: Path, log: str, machine: str, config: str) -> Iterator[TableRow]:
+    """Yield the lines of a row: one, or one for each file that matches a pattern. Raises `UserError`."""
     for column, cell in zip(COLUMNS, (log, machine, config), strict=True):
         if not cell:
-            raise UserError(f"{where}: {column} is empty; fill it or remove the row")
+            raise UserError(f"{place}: {column} is empty; fill it or remove the row")
     if not _NAME.fullmatch(machine) or machine in TAKEN:
         raise UserError(
-            f"{where}: {machine[:70]!r} is not a valid machine name; names consist of at most 64 letters, "
+            f"{place}: {machine[:70]!r} is not a valid machine name; names consist of at most 64 letters, "
             f"digits and _.-, without a leading dot, and are not {' or '.join(TAKEN)}"
         )
     by = _below(folder, config)
     if not by.is_file():
-        said = "is a folder" if by.is_dir() else "is not there"
-        raise UserError(f"{where}: config: {by} {said}; give the path of a configuration")
+        problem = "is a folder" if by.is_dir() else "is not there"
+        raise UserError(f"{place}: config: {by} {problem}; give the path of a configuration")
     path = _below(folder, log)
     if path.is_dir():
-        raise UserError(f"{where}: log: {path} is a folder; name its logs, as {log.rstrip('/')}/*.csv")
+        raise UserError(f"{place}: log: {path} is a folder; name its logs, as {log.rstrip('/')}/*.csv")
     if path.exists() or not set(log) & set("*?["):
         yield TableRow(path, machine, by)
         return
     fitting = sorted(file for file in map(Path, glob(str(path), recursive=True)) if file.is_file())
     if not fitting:
-        raise UserError(f"{where}: log: no file matches {path}; paths are relative to the table's own folder")
+        raise UserError(f"{place}: log: no file matches {path}; paths are relative to the table's own folder")
     yield from (TableRow(file, machine, by) for file in fitting)
 
 
 def _check_once(path: Path, numbered: Sequence[tuple[int, TableRow]]) -> None:
     """Reject a log that is listed twice for a machine, or for two machines of the same configuration."""
-    seen: dict[tuple[str, str | Path], tuple[int, str]] = {}
+    first_rows: dict[tuple[str, str | Path], tuple[int, str]] = {}
     for number, line in numbered:
-        log, machine, where = os.path.realpath(line.log), line.machine, f"{path}: row {number}: {line.log}"
+        log, machine, place = os.path.realpath(line.log), line.machine, f"{path}: row {number}: {line.log}"
         this = (number, machine)
-        if (before := seen.setdefault((log, machine), this)) is not this:
-            raise UserError(f"{where} of {machine} is there twice, in row {before[0]} already; remove one")
-        before = seen.setdefault((log, line.config), this)
+        if (before := first_rows.setdefault((log, machine), this)) is not this:
+            raise UserError(f"{place} of {machine} is there twice, in row {before[0]} already; remove one")
+        before = first_rows.setdefault((log, line.config), this)
         if before[1] != machine:
             raise UserError(
-                f"{where} is of {machine}, and by the same configuration of {before[1]} in row {before[0]}; "
+                f"{place} is of {machine}, and by the same configuration of {before[1]} in row {before[0]}; "
                 "remove one"
             )
 
 
-def given(logs: Sequence[Path], config: Path) -> list[TableRow]:
-    """Logs that all are of the machine of one configuration. Raises `ConfigError` and `UserError`."""
-    about = load(config).machine
-    machine = f"{about.name}-{about.axis}"
+def rows_of_logs(logs: Sequence[Path], config: Path) -> list[TableRow]:
+    """Return a row for each log, all of the machine of one configuration. Raises `ConfigError` or
+    `UserError`.
+    """
+    machine_table = load(config).machine
+    machine = f"{machine_table.name}-{machine_table.axis}"
     if not _NAME.fullmatch(machine):
         raise ConfigError(
             f"{config}: machine.name: {machine} is to be a folder; use at most 64 letters and no dot in front"
@@ -127,7 +129,7 @@ def given(logs: Sequence[Path], config: Path) -> list[TableRow]:
 def jobs_of(lines: Iterable[TableRow], verb: Verb) -> list[Job]:
     """Return the jobs of a verb: one for each log, or one for all logs of a machine.
 
-    Raises `UserError` where a verb would need two configurations of one machine.
+    Raises `UserError` if a verb would need two configurations of one machine.
     """
     lines = list(lines)
     if verb not in OF_SEVERAL:
@@ -135,11 +137,11 @@ def jobs_of(lines: Iterable[TableRow], verb: Verb) -> list[Job]:
     machines: dict[str, list[TableRow]] = {}
     for line in lines:
         machines.setdefault(line.machine, []).append(line)
-    return [_together(machine, own, verb) for machine, own in machines.items()]
+    return [_job_of_machine(machine, rows, verb) for machine, rows in machines.items()]
 
 
 def _singles(lines: Iterable[TableRow], verb: Verb) -> Iterator[Job]:
-    """A job for each log; a digest of its path is added where one before it has the same name."""
+    """Yield a job for each log; a digest of its path is added to a name that is already in use."""
     taken: set[tuple[str, str]] = set()
     for line in lines:
         name = stem = _stem(line.log)
@@ -149,7 +151,8 @@ def _singles(lines: Iterable[TableRow], verb: Verb) -> Iterator[Job]:
         yield Job(line.machine, name, (line.log,), line.config, Path(line.machine, verb, name))
 
 
-def _together(machine: str, lines: Sequence[TableRow], verb: Verb) -> Job:
+def _job_of_machine(machine: str, lines: Sequence[TableRow], verb: Verb) -> Job:
+    """Return one job for all logs of a machine. Raises `UserError` if they have two configurations."""
     configs = sorted({line.config for line in lines})
     if len(configs) > 1:
         raise UserError(
@@ -170,7 +173,7 @@ def _below(folder: Path, cell: str) -> Path:
 
 
 def _rows(path: Path) -> list[dict[str, Any]]:
-    """The rows of a fleet's table, unchecked."""
+    """Return the rows of a fleet's table, unchecked. Raises `UserError` if it cannot be read."""
     import pyarrow as pa
     from pyarrow import csv, parquet
 
@@ -184,18 +187,18 @@ def _rows(path: Path) -> list[dict[str, Any]]:
             one_by_one = csv.ReadOptions(use_threads=False)  # an error then says in which row
             table = csv.read_csv(path, one_by_one, csv.ParseOptions(delimiter=delimiter), as_text)
     except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
-        said = getattr(error, "strerror", None) or str(error)
+        reason = getattr(error, "strerror", None) or str(error)
         raise UserError(
-            f"{path}: cannot be read ({said}); give the table as .parquet or as CSV in UTF-8, a cell with a "
-            "comma in quotes"
+            f"{path}: cannot be read ({reason}); give the table as .parquet or as CSV in UTF-8, a cell with "
+            "a comma in quotes"
         ) from None
     table = table.rename_columns([name.strip() for name in table.column_names])
     for column in COLUMNS:
         if (count := table.column_names.count(column)) != 1:
-            there = ", ".join(name[:40] for name in table.column_names[:8]) or "nothing"
+            columns = ", ".join(name[:40] for name in table.column_names[:8]) or "nothing"
             raise UserError(
                 f"{path}: column {column} is {'there twice' if count else 'missing'}; a fleet's table has "
-                f"the columns {', '.join(COLUMNS)}, and its first line says {there}"
+                f"the columns {', '.join(COLUMNS)}, and its first line says {columns}"
             )
     rows: list[dict[str, Any]] = table.select(COLUMNS).to_pylist()
     return rows

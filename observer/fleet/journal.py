@@ -1,6 +1,6 @@
-"""Finished work is in a folder of its own, with a record of its inputs: there with the results or not at all.
+"""Finished jobs: each has a folder with its results and a record of its inputs, moved into place as a whole.
 
-There is no other list that could disagree with the files, be cut off, or be written by two at a time.
+There is no separate list of finished jobs that could disagree with the files.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from observer.files.documents import write_json
 from observer.fleet.jobs import Job, Verb
 from observer.history.history import Method
 
-DONE = "done.json"
+DONE_FILE = "done.json"
 WORK = ".work"
 WHY = "why"
 ALIVE = "alive"
@@ -46,17 +46,17 @@ class RunOptions:
 
     @property
     def work(self) -> Path:
-        """The working folder."""
+        """The working folder of the run."""
         return self.output / WORK / self.run
 
     @property
     def has_ended(self) -> bool:
-        """Whether the run that issued the job is over, so that nobody waits for it."""
+        """Whether the run that issued the job is over, so that no process waits for it."""
         return bool(self.run) and not (self.work / ALIVE).exists()
 
     @property
     def of_results(self) -> dict[str, str]:
-        """What the results depend on beside logs and configuration."""
+        """The options on which the results depend, with the program's version."""
         chosen = {"verb": self.verb, "version": version("ballscrew-observer")}
         if self.verb in ("replay", "identify"):
             chosen["format"] = self.format
@@ -70,9 +70,9 @@ class GivenUpError(UserError):
 
 
 def provenance(job: Job, options: RunOptions) -> dict[str, Any]:
-    """Return what results depend on: options, the text of the configuration, size, time and text of each log.
+    """Return all that results depend on: options, and digests of the configuration and of each log.
 
-    Raises `OSError` where a file is not there.
+    Raises `OSError` if a file does not exist.
     """
     return {
         **options.of_results,
@@ -81,10 +81,10 @@ def provenance(job: Job, options: RunOptions) -> dict[str, Any]:
     }
 
 
-def done(job: Job, options: RunOptions) -> Row | None:
-    """Return the row of work that is done, unless logs, configuration or options have changed since."""
+def finished_row(job: Job, options: RunOptions) -> Row | None:
+    """Return the row of a finished job; None if it is not finished, or if its inputs have changed since."""
     try:
-        document = json.loads((options.output / job.folder / DONE).read_text(encoding="utf-8"))
+        document = json.loads((options.output / job.folder / DONE_FILE).read_text(encoding="utf-8"))
         made_of, row = document["made_of"], document["row"]
         same = (
             made_of["config_sha256"] == _digest(job.config)
@@ -98,12 +98,12 @@ def done(job: Job, options: RunOptions) -> Row | None:
 
 
 def _look(log: Path) -> dict[str, int]:
-    about = log.stat()
-    return {"bytes": about.st_size, "mtime_ns": about.st_mtime_ns}
+    status = log.stat()
+    return {"bytes": status.st_size, "mtime_ns": status.st_mtime_ns}
 
 
 def _is_same(log: Path, entry: Mapping[str, Any]) -> bool:
-    """Whether a log is as it was: by size and time, or, copied anew, by its text."""
+    """Whether a log is unchanged: by size and time, or, if it was copied, by its text."""
     now = _look(log)
     if now["bytes"] != entry["bytes"]:
         return False
@@ -116,9 +116,9 @@ def _digest(path: Path) -> str:
 
 
 def begin(job: Job, options: RunOptions) -> Path:
-    """Make the working folder of a job. Those of earlier tries remain if their process died.
+    """Make the working folder of a job. Folders of earlier tries remain if their process died.
 
-    Raises `GivenUpError` where the time was up, or two tries have ended with their process.
+    Raises `GivenUpError` if the time limit was exceeded, or if two tries have ended with their process.
     """
     for number in range(1, TRIES + 1):
         part = options.work / f"{_base(job)}.{number}"
@@ -134,13 +134,13 @@ def begin(job: Job, options: RunOptions) -> Path:
 
 
 def _base(job: Job) -> str:
-    """The common prefix of the folders of all tries of a job."""
+    """Return the common prefix of the folders of all tries of a job."""
     return hashlib.sha256(str(job.folder).encode()).hexdigest()[:24]
 
 
 def finish(part: Path, job: Job, options: RunOptions, made_of: Mapping[str, Any], row: Row) -> None:
-    """Move the results to their folder, with the record of their inputs; older ones are removed."""
-    write_json(part / DONE, {"made_of": made_of, "row": row})
+    """Move the results to their folder, with the record of their inputs; older results are removed."""
+    write_json(part / DONE_FILE, {"made_of": made_of, "row": row})
     folder = options.output / job.folder
     folder.parent.mkdir(parents=True, exist_ok=True)
     old = part.with_name(f"{part.name}.old")
@@ -151,13 +151,13 @@ def finish(part: Path, job: Job, options: RunOptions, made_of: Mapping[str, Any]
 
 
 def remove_attempts(job: Job, options: RunOptions) -> None:
-    """Remove what tries have left of a job."""
+    """Remove the working folders of all tries of a job."""
     for part in options.work.glob(f"{_base(job)}.*"):
         shutil.rmtree(part, ignore_errors=True)
 
 
 def remove_work_folder(options: RunOptions) -> None:
-    """Remove what was made in the folder of a run after its end."""
+    """Remove files that a worker made after the end of its run."""
     shutil.rmtree(options.work, ignore_errors=True)
     with suppress(OSError):  # another run is at work
         (options.output / WORK).rmdir()
@@ -165,9 +165,9 @@ def remove_work_folder(options: RunOptions) -> None:
 
 @contextmanager
 def exclusive(output: Path) -> Iterator[Path]:
-    """Lock a folder of results for this run; yields where work is done, empty, which is removed at the end.
+    """Lock a folder of results for this run; yield its empty working folder, which is removed at the end.
 
-    Raises `UserError` where another run is at work there, or nothing can be written.
+    Raises `UserError` if another run is using the folder, or if it cannot be written.
     """
     work = output / WORK
     try:
@@ -198,7 +198,7 @@ def exclusive(output: Path) -> Iterator[Path]:
 
 
 def rows_in(output: Path) -> Iterator[Row]:
-    """Yield the rows of all work that is done in a folder of results, of whichever verb."""
-    for file in sorted(output.glob(f"*/*/{DONE}")) + sorted(output.glob(f"*/*/*/{DONE}")):
+    """Yield the rows of all finished jobs in a folder of results, of any verb."""
+    for file in sorted(output.glob(f"*/*/{DONE_FILE}")) + sorted(output.glob(f"*/*/*/{DONE_FILE}")):
         with suppress(OSError, ValueError, KeyError, TypeError):
             yield dict(json.loads(file.read_text(encoding="utf-8"))["row"])

@@ -1,6 +1,6 @@
 """The end of a run: `results.parquet` and `report.html` of everything in the folder.
 
-The page shows which machines lack what, and whose bearings run hot.
+The page shows which effects each machine lacks, and which bearings run hot.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _NORMAL_MAD = 1.4826  # of a normal distribution: its standard deviation over it
 class MeanHeat:
     """The mean heat of one source in one log, at a mean speed, of a machine of some type.
 
-    `good` is the share of the log's estimates that were good, NaN where no replay says it.
+    `good` is the fraction of good estimates in the log, NaN if there is no replay.
     """
 
     machine: str
@@ -47,10 +47,10 @@ class MeanHeat:
 
 
 @dataclass(frozen=True, slots=True)
-class Beside(MeanHeat):
+class ComparedHeat(MeanHeat):
     """The heat of a machine's source, compared with that of similar machines: `usual_W` at the same speed.
 
-    `usual_W` is None where fewer than three other machines run at about that speed.
+    `usual_W` is None if fewer than three other machines run at about that speed.
     """
 
     usual_W: float | None = None
@@ -59,35 +59,37 @@ class Beside(MeanHeat):
 
     @property
     def doubtful(self) -> bool:
-        """Whether so few of the estimates behind it were good that the heat is hardly known."""
+        """Whether so few of the underlying estimates were good that the heat is unreliable."""
         return self.good < LEAST_GOOD
 
 
-def beside_fleet(heats: Sequence[MeanHeat]) -> list[Beside]:
+def compare_with_fleet(heats: Sequence[MeanHeat]) -> list[ComparedHeat]:
     """Compare each machine's sources with the median of other machines of its type, at about its speed.
 
-    A machine counts once for each source, by the medians of its logs. Heats are compared per rpm, which takes
-    out what is left of the difference in speed; a source is hot where it is above the median by a fifth, and
-    by three standard deviations as the median absolute deviation gives them.
+    A machine counts once for each source, by the medians of its logs. Heats are compared per rpm, which
+    removes the remaining difference in speed. A source is hot if it exceeds the median by a fifth and by
+    three standard deviations. The deviation is estimated from the median absolute deviation.
     """
-    own: dict[tuple[str, str, str], list[MeanHeat]] = {}
+    by_source: dict[tuple[str, str, str], list[MeanHeat]] = {}
     for heat in heats:
-        own.setdefault((heat.type, heat.source, heat.machine), []).append(heat)
+        by_source.setdefault((heat.type, heat.source, heat.machine), []).append(heat)
     points = [
         MeanHeat(
-            machine, kind, source, _median(h.speed_rpm for h in each), _median(h.heat_W for h in each),
-            min((h.good for h in each if not math.isnan(h.good)), default=math.nan),
+            machine, kind, source, _median(h.speed_rpm for h in source_heats),
+            _median(h.heat_W for h in source_heats),
+            min((h.good for h in source_heats if not math.isnan(h.good)), default=math.nan),
         )
-        for (kind, source, machine), each in sorted(own.items())
+        for (kind, source, machine), source_heats in sorted(by_source.items())
     ]  # fmt: skip
-    return [_beside(point, points) for point in points]
+    return [_compared(point, points) for point in points]
 
 
 def _median(values: Iterable[float]) -> float:
     return float(np.median(list(values)))
 
 
-def _beside(point: MeanHeat, points: Sequence[MeanHeat]) -> Beside:
+def _compared(point: MeanHeat, points: Sequence[MeanHeat]) -> ComparedHeat:
+    """Return the heat of one source with the median of the other machines."""
     others = [
         other.heat_W / other.speed_rpm
         for other in points
@@ -103,12 +105,12 @@ def _beside(point: MeanHeat, points: Sequence[MeanHeat]) -> Beside:
         usual_W = median * point.speed_rpm
         allowed_W = max(HOT_SHARE * abs(usual_W), HOT_DEVIATIONS * spread * point.speed_rpm)
         hot = point.heat_W - usual_W > allowed_W
-    return Beside(**asdict(point), usual_W=usual_W, others=len(others), hot=hot)
+    return ComparedHeat(**asdict(point), usual_W=usual_W, others=len(others), hot=hot)
 
 
 MOST_LINES = 200
 _DASH = "–"
-_NOTHING = "nothing"
+_NO_EFFECT = "nothing"
 _DOUBTS = {
     "unknown": "something the library does not have",
     "not_identifiable": "something that its logs cannot identify",
@@ -117,33 +119,33 @@ _FIRST = ("machine", "verb", "name", "logs", "config", "folder", "problem", "sec
 
 
 def conclude(output: Path, rows: Sequence[Row]) -> list[Row]:
-    """Write `results.parquet` and `report.html` of all that is done in a folder, by this run or others.
+    """Write `results.parquet` and `report.html` of all finished jobs in a folder, of this run and others.
 
-    Returns the rows of this run that failed, in their order, which are in both files too.
+    Return the failed rows of this run in their order; both files contain them too.
     """
     failures = sorted((row for row in rows if row["problem"] is not None), key=lambda row: str(row["folder"]))
     lost = {row["folder"] for row in failures}  # there may be results of an older log of that name
     folders = {_identity(row): row["folder"] for row in rows}
-    there = [
+    finished = [
         row
         for row in rows_in(output)
         if row["folder"] not in lost and folders.get(_identity(row), row["folder"]) == row["folder"]
     ]
     with results_in(output) as part:
-        write_table(part / "results.parquet", [*there, *failures])
-        (part / "report.html").write_text(page(there, failures), encoding="utf-8")
+        write_table(part / "results.parquet", [*finished, *failures])
+        (part / "report.html").write_text(page(finished, failures), encoding="utf-8")
     return failures
 
 
 def _identity(row: Row) -> tuple[str, ...]:
-    """What was done, in whichever folder: logs may have changed places since, among others of their name."""
+    """Return machine, verb and logs of a row: the same work, even if its folder has changed."""
     return (row["machine"], row["verb"], *row["logs"])
 
 
 def write_table(path: Path, rows: Sequence[Row]) -> None:
     """Write the rows of a fleet, one for every job.
 
-    Numbers of several things get a column each, as `heat_mean_nut_W`; lists are JSON.
+    Numbers of several sources get a column each, such as `heat_mean_nut_W`; lists are JSON.
     """
     import pyarrow as pa
     from pyarrow import parquet
@@ -158,36 +160,36 @@ def write_table(path: Path, rows: Sequence[Row]) -> None:
 def _type(name: str, cells: Sequence[Any]) -> Any:
     import pyarrow as pa
 
-    known = [cell for cell in cells if cell is not None]
-    is_text = not known or any(isinstance(cell, str) for cell in known)
+    filled = [cell for cell in cells if cell is not None]
+    is_text = not filled or any(isinstance(cell, str) for cell in filled)
     return pa.string() if is_text and name != "seconds" else pa.float64()
 
 
 def flattened(row: Row) -> dict[str, Any]:
-    """Return a row as cells: texts and numbers."""
-    found = row["found"]
+    """Return a row as cells of text and numbers, by column."""
+    result = row["found"]
     cells: dict[str, Any] = {key: row[key] for key in _FIRST}
     cells["logs"] = readable_json(row["logs"])
-    cells |= {key: float(found[key]) for key in ("rows", "duration_s", "good") if key in found}
-    cells |= {key: found[key] for key in ("type", "verdict") if key in found}
-    cells |= {f"heat_mean_{name}_W": heat_W for name, heat_W in found.get("heat_mean_W", {}).items()}
-    cells |= {f"speed_mean_{name}_rpm": rpm for name, rpm in found.get("speed_mean_rpm", {}).items()}
-    for key, fitted in found.get("calibrated", {}).items():
+    cells |= {key: float(result[key]) for key in ("rows", "duration_s", "good") if key in result}
+    cells |= {key: result[key] for key in ("type", "verdict") if key in result}
+    cells |= {f"heat_mean_{name}_W": heat_W for name, heat_W in result.get("heat_mean_W", {}).items()}
+    cells |= {f"speed_mean_{name}_rpm": rpm for name, rpm in result.get("speed_mean_rpm", {}).items()}
+    for key, fitted in result.get("calibrated", {}).items():
         low, high = fitted["ci95"]
         cells |= {key: fitted["value"], f"{key}_low": low, f"{key}_high": high}
-    if "gap" in found:
-        cells |= {f"gap_{key}": found["gap"][key] for key in ("before_rms_K", "after_rms_K")}
+    if "gap" in result:
+        cells |= {f"gap_{key}": result["gap"][key] for key in ("before_rms_K", "after_rms_K")}
     lists = ("effects", "alternatives", "doubts", "not_told")
-    cells |= {key: readable_json(found[key]) for key in lists if key in found}
+    cells |= {key: readable_json(result[key]) for key in lists if key in result}
     return {key: None if isinstance(c, float) and not math.isfinite(c) else c for key, c in cells.items()}
 
 
 def page(rows: Sequence[Row], failures: Sequence[Row]) -> str:
-    """Return the page."""
-    beside = beside_fleet(heats_of(rows))
-    hot = [b for b in beside if b.hot]
-    found = [row for row in rows if row["verb"] == "discover"]
-    machines = sorted({row["machine"] for row in [*rows, *failures]}, key=_counting)
+    """Return the report as HTML."""
+    comparisons = compare_with_fleet(heats_of(rows))
+    hot = [b for b in comparisons if b.hot]
+    searches = [row for row in rows if row["verb"] == "discover"]
+    machines = sorted({row["machine"] for row in [*rows, *failures]}, key=_natural_order)
     head = tiles(
         [
             ("machines", str(len(machines))),
@@ -195,30 +197,30 @@ def page(rows: Sequence[Row], failures: Sequence[Row]) -> str:
             ("could not be done", str(len(failures))),
             (
                 "lack a named effect",
-                str(sum(bool(row["found"]["effects"]) for row in found)) if found else _DASH,
+                str(sum(bool(row["found"]["effects"]) for row in searches)) if searches else _DASH,
             ),
-            ("run hot", str(len({b.machine for b in hot})) if beside else _DASH),
+            ("run hot", str(len({b.machine for b in hot})) if comparisons else _DASH),
         ]
     )
     parts = [
         Html(f"<header><h1>{len(machines)} machines side by side</h1></header>"),
         head,
-        _effects(found),
-        _hot(beside),
+        _effects(searches),
+        _hot(comparisons),
         _failures(failures),
         _doubted(rows),
-        _machines(machines, rows, beside),
+        _machines(machines, rows, comparisons),
     ]
     return document("Fleet", [part for part in parts if part])
 
 
-def _counting(name: str) -> list[tuple[int, str]]:
-    """Sort key for natural order: 2 before 10."""
+def _natural_order(name: str) -> list[tuple[int, str]]:
+    """Return a sort key for natural order: 2 before 10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
 def heats_of(rows: Sequence[Row]) -> list[MeanHeat]:
-    """The heats of all sources with a speed; those of `identify`, where it was done, before a replay's."""
+    """Return the heats of all sources with a speed; the heats of `identify` replace those of a replay."""
     best, good = dict[tuple[str, ...], Row](), dict[tuple[str, ...], float]()
     for row in rows:
         if row["verb"] in ("replay", "identify"):
@@ -241,12 +243,12 @@ def heats_of(rows: Sequence[Row]) -> list[MeanHeat]:
     ]
 
 
-def _machines(machines: Sequence[str], rows: Sequence[Row], beside: Sequence[Beside]) -> Html:
+def _machines(machines: Sequence[str], rows: Sequence[Row], comparisons: Sequence[ComparedHeat]) -> Html:
     types = {row["machine"]: row["found"]["type"] for row in rows}
     logs = Counter(machine for machine, _ in {(row["machine"], log) for row in rows for log in row["logs"]})
     lacks = {row["machine"]: _lacks(row) for row in rows if row["verb"] == "discover"}
     heats: dict[str, list[Html]] = {}
-    for b in beside:
+    for b in comparisons:
         heats.setdefault(b.machine, []).append(_heat(b))
     lines = [
         [
@@ -262,45 +264,50 @@ def _machines(machines: Sequence[str], rows: Sequence[Row], beside: Sequence[Bes
     return section("Each machine", table(heads, lines, (2,), stacked=True))
 
 
-def _heat(b: Beside) -> Html:
+def _heat(b: ComparedHeat) -> Html:
     usual = "no like to compare" if b.usual_W is None else f"usual {b.usual_W:.1f} W"
     text = f"{b.source} {b.heat_W:.1f} W ({usual})"
-    said = Html(f"<b>{safe(text)}, hot</b>") if b.hot else Html(safe(text))
-    return said if math.isnan(b.good) else _greyed(Html(f"{said}, {_good(b)} good"), b)
+    text_or_hot = Html(f"<b>{safe(text)}, hot</b>") if b.hot else Html(safe(text))
+    return text_or_hot if math.isnan(b.good) else _greyed(Html(f"{text_or_hot}, {_good(b)} good"), b)
 
 
-def _good(b: Beside) -> str:
-    """The share of good estimates behind a heat, rounded down: 100 % is all of them."""
+def _good(b: ComparedHeat) -> str:
+    """Return the fraction of good estimates of a heat as text, rounded down: 100 % means all."""
     return _DASH if math.isnan(b.good) else f"{math.floor(100 * b.good)}\N{NO-BREAK SPACE}%"
 
 
-def _greyed(text: str, b: Beside) -> Html:
-    """A figure, grey where hardly any of its estimates was good."""
+def _greyed(text: str, b: ComparedHeat) -> Html:
+    """Return a figure, grey if hardly any of its estimates was good."""
     return Html(f'<span class="doubtful">{safe(text)}</span>') if b.doubtful else safe(text)
 
 
 def _lacks(row: Row) -> str:
-    found = row["found"]
-    if found["effects"]:
-        return ", ".join(_named(effect["kind"], effect["target"]) for effect in found["effects"])
-    if found["verdict"] == "ambiguous":
-        return " or ".join(" with ".join(each) for each in found["alternatives"])
-    return _DOUBTS.get(found["verdict"], _NOTHING)
+    result = row["found"]
+    if result["effects"]:
+        return ", ".join(_named(effect["kind"], effect["target"]) for effect in result["effects"])
+    if result["verdict"] == "ambiguous":
+        return " or ".join(" with ".join(alternative) for alternative in result["alternatives"])
+    return _DOUBTS.get(result["verdict"], _NO_EFFECT)
 
 
 def _named(kind: str, target: str | None) -> str:
     return kind if target is None else f"{kind} ({target})"
 
 
-def _effects(found: Sequence[Row]) -> Html:
-    """Which effect which machines lack, the most frequent first; those that lack nothing last."""
+def _effects(searches: Sequence[Row]) -> Html:
+    """Return the section of missing effects with their machines, the most frequent first."""
     lacking: dict[str, list[Row]] = {}
-    for row in found:
+    for row in searches:
         lacking.setdefault(_lacks(row), []).append(row)
     lines = [
-        [what, str(len(own)), _names([row["machine"] for row in own]), _gap(own)]
-        for what, own in sorted(
-            lacking.items(), key=lambda item: (item[0] == _NOTHING, -len(item[1]), item[0])
+        [
+            effects,
+            str(len(searches_lacking)),
+            _names([row["machine"] for row in searches_lacking]),
+            _gap(searches_lacking),
+        ]
+        for effects, searches_lacking in sorted(
+            lacking.items(), key=lambda item: (item[0] == _NO_EFFECT, -len(item[1]), item[0])
         )
     ]
     heads = ("lacks", "machines", "which", "median gap, K rms")
@@ -308,9 +315,9 @@ def _effects(found: Sequence[Row]) -> Html:
 
 
 def _names(machines: Sequence[str]) -> Html:
-    """Names in the order that people count in, none broken at its hyphen."""
+    """Return names in natural order, none broken at its hyphen."""
     return Html(
-        ", ".join(f'<span class="whole">{safe(name)}</span>' for name in sorted(machines, key=_counting))
+        ", ".join(f'<span class="whole">{safe(name)}</span>' for name in sorted(machines, key=_natural_order))
     )
 
 
@@ -318,14 +325,15 @@ def _unbroken(text: str) -> str:
     return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
-def _gap(own: Sequence[Row]) -> str:
-    """The gaps of the models before and after, for the median machine."""
-    gaps = [row["found"]["gap"] for row in own]
+def _gap(searches: Sequence[Row]) -> str:
+    """Return the gaps of the models before and after, for the median machine."""
+    gaps = [row["found"]["gap"] for row in searches]
     before, after = (statistics.median(gap[key] for gap in gaps) for key in ("before_rms_K", "after_rms_K"))
     return _unbroken(f"{before:.2g} → {after:.2g}")
 
 
-def _hot(beside: Sequence[Beside]) -> Html:
+def _hot(comparisons: Sequence[ComparedHeat]) -> Html:
+    """Return the section of sources that run hot, the hottest first."""
     lines = [
         [
             b.machine,
@@ -337,10 +345,10 @@ def _hot(beside: Sequence[Beside]) -> Html:
             str(b.others),
             _greyed(_good(b), b),
         ]
-        for b in sorted(beside, key=lambda b: b.heat_W - (b.usual_W or 0.0), reverse=True)
+        for b in sorted(comparisons, key=lambda b: b.heat_W - (b.usual_W or 0.0), reverse=True)
         if b.hot and b.usual_W is not None
     ]
-    if not beside:
+    if not comparisons:
         return Html("")
     heads = ("machine", "source", "speed, rpm", "heat, W", "usual, W", "times the usual", "others", "good")
     note = (
@@ -361,14 +369,16 @@ def _failures(failures: Sequence[Row]) -> Html:
 
 
 def _doubted(rows: Sequence[Row]) -> Html:
-    """The commands' doubts about logs that they could use."""
-    said = dict.fromkeys((row["machine"], doubt) for row in rows for doubt in row["found"].get("doubts", ()))
-    lines = [[machine, doubt] for machine, doubt in sorted(said, key=lambda each: _counting(each[0]))]
+    """Return the section of doubts about logs that the commands could use."""
+    doubts = dict.fromkeys(
+        (row["machine"], doubt) for row in rows for doubt in row["found"].get("doubts", ())
+    )
+    lines = [[machine, doubt] for machine, doubt in sorted(doubts, key=lambda line: _natural_order(line[0]))]
     return _bounded("Doubted", ("machine", "what"), lines)
 
 
 def _bounded(title: str, heads: Sequence[str], lines: Sequence[Sequence[str]]) -> Html:
     """A section with the first of many lines."""
-    more = len(lines) - MOST_LINES
-    rest = paragraph(f"… and {more} more, in results.parquet.") if more > 0 else Html("")
+    hidden_lines = len(lines) - MOST_LINES
+    rest = paragraph(f"… and {hidden_lines} more, in results.parquet.") if hidden_lines > 0 else Html("")
     return section(title, table(heads, lines[:MOST_LINES], stacked=True), rest)

@@ -22,7 +22,7 @@ from distributed.utils import LoopRunner
 
 from observer.errors import UserError
 from observer.fleet.jobs import Job
-from observer.fleet.journal import TRIES, Row, RunOptions, done, exclusive
+from observer.fleet.journal import TRIES, Row, RunOptions, exclusive, finished_row
 from observer.fleet.work import failed, work
 from observer.signals import blocked
 
@@ -42,22 +42,22 @@ def run(
     memory_GB: float | None = None,
     address: str | None = None,
 ) -> tuple[list[Row], int]:
-    """Do the unfinished jobs; returns the rows of all jobs, failed ones too, and how many were done before.
+    """Do the unfinished jobs; return the rows of all jobs, failed ones too, and how many were done before.
 
     The workers are `workers` processes of this computer, each with at most `memory_GB`, or those of the
-    cluster at `address`, which see logs and output under the same paths. Raises `UserError` where there is no
-    cluster.
+    cluster at `address`. A cluster must see logs and output under the same paths. Raises `UserError` if it
+    cannot be reached.
     """
     with exclusive(options.output) as folder:
         options = replace(options, run=folder.name)
-        found = {job: done(job, options) for job in jobs}
-        rows = [row for row in found.values() if row is not None]
-        before, left = len(rows), [job for job, row in found.items() if row is None]
+        finished = {job: finished_row(job, options) for job in jobs}
+        rows = [row for row in finished.values() if row is not None]
+        before, left = len(rows), [job for job, row in finished.items() if row is None]
         progress(before, len(jobs))
         if left:
             with _client(workers, memory_GB, address, folder) as client:
-                for some in _results(client, left, options):
-                    rows += some
+                for new_rows in _results(client, left, options):
+                    rows += new_rows
                     progress(len(rows), len(jobs))
     return rows, before
 
@@ -71,23 +71,25 @@ def batches(jobs: Sequence[Job], workers: int) -> list[tuple[Job, ...]]:
     by_config: dict[Path, list[Job]] = {}
     for job in jobs:
         by_config.setdefault(job.config, []).append(job)
-    found: list[tuple[Job, ...]] = []
-    for own in by_config.values():
-        size = 1 if len(own[0].logs) > 1 else most
-        found += [tuple(own[start : start + size]) for start in range(0, len(own), size)]
-    return found
+    batches_of_jobs: list[tuple[Job, ...]] = []
+    for same_config in by_config.values():
+        size = 1 if len(same_config[0].logs) > 1 else most
+        batches_of_jobs += [
+            tuple(same_config[start : start + size]) for start in range(0, len(same_config), size)
+        ]
+    return batches_of_jobs
 
 
 def _results(client: Client, jobs: Sequence[Job], options: RunOptions) -> Iterator[list[Row]]:
     """Yield the rows of batches as they end.
 
-    Dask gives a batch whose worker has died to another, in which the jobs that were done count as done, and
-    one that has ended its worker twice is given up (`journal.begin`).
+    If a worker dies, Dask gives its batch to another, which skips the finished jobs. A job that has ended its
+    worker twice is given up (`journal.begin`).
     """
     threads = sum(client.nthreads().values())
-    given = {client.submit(work, batch, options, pure=False): batch for batch in batches(jobs, threads)}
-    for future in as_completed(list(given), raise_errors=False):
-        batch = given.pop(future)
+    batch_of = {client.submit(work, batch, options, pure=False): batch for batch in batches(jobs, threads)}
+    for future in as_completed(list(batch_of), raise_errors=False):
+        batch = batch_of.pop(future)
         if future.status == "finished":
             yield future.result()
         elif client.status != "running" or future.status in ("cancelled", "lost"):
@@ -97,13 +99,16 @@ def _results(client: Client, jobs: Sequence[Job], options: RunOptions) -> Iterat
         else:
             cause = type(future.exception()).__name__
             problem = f"its worker did not come back ({cause}); try it alone"
-            yield [done(job, options) or failed(job, options, f"{job.logs[0]}: {problem}") for job in batch]
+            yield [
+                finished_row(job, options) or failed(job, options, f"{job.logs[0]}: {problem}")
+                for job in batch
+            ]
         future.release()
 
 
 @contextmanager
 def _client(workers: int, memory_GB: float | None, address: str | None, folder: Path) -> Iterator[Client]:
-    """A client of the cluster at an address, or of one of our own for as long as it is needed."""
+    """Hold a client of the cluster at an address, or of a temporary cluster on this computer."""
     if address is not None:
         with _existing(address) as client:
             yield client
@@ -113,7 +118,7 @@ def _client(workers: int, memory_GB: float | None, address: str | None, folder: 
         "distributed.scheduler.allowed-failures": TRIES * MOST_JOBS,
         "temporary-directory": str(folder),
         # Dask holds nothing but rows here: a worker that waits until memory is free would wait for ever
-        **{f"distributed.worker.memory.{what}": False for what in ("target", "spill", "pause")},
+        **{f"distributed.worker.memory.{threshold}": False for threshold in ("target", "spill", "pause")},
     }
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
@@ -145,9 +150,10 @@ def _cluster(runner: LoopRunner, workers: int, memory_GB: float | None, folder: 
 
 
 def _blocking_ctrl_c() -> LoopRunner:
-    """Start the thread that starts the workers with SIGINT blocked: a terminal sends Ctrl-C to all of them.
+    """Start the thread that starts the workers with SIGINT blocked, since a terminal sends Ctrl-C to all of
+    them.
 
-    Their processes inherit that; a worker that is interrupted while it starts prints a traceback.
+    Their processes inherit this; a worker that is interrupted while it starts prints a traceback.
     """
     resource_tracker.ensure_running()  # it would unblock the signal again
     for name in ("asyncio", "distributed"):  # of workers that are ended while they start, and what follows
@@ -159,7 +165,7 @@ def _blocking_ctrl_c() -> LoopRunner:
 
 
 def _kill(cluster: LocalCluster) -> None:
-    """End the workers now: asked to, each would first finish its log."""
+    """Kill the workers, since each would finish its log before a normal end."""
     for nanny in cluster.workers.values():
         nanny.status = Status.closing_gracefully  # it closes with its process, and starts no other
         with suppress(OSError, TypeError):
@@ -187,14 +193,18 @@ def _existing(address: str) -> Iterator[Client]:
 
 
 def _check_versions(client: Client, address: str) -> None:
-    """Reject workers with another version of the program."""
-    here = version("ballscrew-observer")
-    for worker, there in client.run(_version, on_error="return").items():
-        if there != here:
-            found = there if isinstance(there, str) else f"none ({type(there).__name__})"
+    """Reject workers with another version of the program. Raises `UserError`."""
+    own_version = version("ballscrew-observer")
+    for worker, worker_version in client.run(_version, on_error="return").items():
+        if worker_version != own_version:
+            shown_version = (
+                worker_version
+                if isinstance(worker_version, str)
+                else f"none ({type(worker_version).__name__})"
+            )
             raise UserError(
-                f"--scheduler: the worker {worker} of {address} has ballscrew-observer {found}, and "
-                f"this is {here}; install the same there"
+                f"--scheduler: the worker {worker} of {address} has ballscrew-observer {shown_version}, and "
+                f"this is {own_version}; install the same there"
             )
 
 

@@ -1,6 +1,6 @@
 """A worker's batch of jobs: done one after another, with parts that are built once.
 
-No kernel steps several logs at a time; the logs of a batch share the machine, its estimator and the loaded
+Each kernel steps one log at a time. The logs of a batch share the machine, its estimator and the loaded
 kernels, which cost more than a short log does.
 """
 
@@ -23,8 +23,8 @@ from observer.fleet.journal import (
     Row,
     RunOptions,
     begin,
-    done,
     finish,
+    finished_row,
     provenance,
     remove_attempts,
     remove_work_folder,
@@ -34,14 +34,14 @@ from observer.library.machine import Machine, load
 _TURN = threading.Lock()
 """One job at a time in a process, whatever its number of threads: figures and time limits belong to one job.
 """
-_KEPT = 8
+_CACHED_MACHINES = 8
 _EXIT = 70
 
 
 def work(jobs: Sequence[Job], options: RunOptions) -> list[Row]:
-    """Do a batch of jobs; a row for each, in which `problem` says what was wrong with it.
+    """Do a batch of jobs; return a row for each, with its problem in `problem`.
 
-    A worker of a cluster outlives the command: jobs that remain when that has ended are dropped.
+    A worker of a cluster outlives the command: jobs that remain after its end are dropped.
     """
     with _TURN:
         rows = [_one(job, options) for job in jobs if not options.has_ended]
@@ -51,11 +51,11 @@ def work(jobs: Sequence[Job], options: RunOptions) -> list[Row]:
 
 
 def failed(job: Job, options: RunOptions, problem: str) -> Row:
-    """The row of work that could not be done."""
+    """Return the row of a job that could not be done."""
     return _row(job, options, problem, 0.0, {})
 
 
-def _row(job: Job, options: RunOptions, problem: str | None, seconds: float, found: dict[str, Any]) -> Row:
+def _row(job: Job, options: RunOptions, problem: str | None, seconds: float, result: dict[str, Any]) -> Row:
     return {
         "machine": job.machine,
         "verb": options.verb,
@@ -65,20 +65,21 @@ def _row(job: Job, options: RunOptions, problem: str | None, seconds: float, fou
         "folder": str(job.folder),
         "problem": problem,
         "seconds": seconds,
-        "found": found,
+        "found": result,
     }
 
 
 def _one(job: Job, options: RunOptions) -> Row:
-    if (row := done(job, options)) is not None:
+    """Do one job, or return its row if it is finished."""
+    if (row := finished_row(job, options)) is not None:
         return row  # by a process that died later on in the same batch
     started_s = time.monotonic()
     try:
         part = begin(job, options)
         with _limited(job, options, part):
             made_of = _provenance(job, options)
-            found = _VERBS[options.verb](job, options, part)
-            row = _row(job, options, None, time.monotonic() - started_s, found)
+            result = _VERBS[options.verb](job, options, part)
+            row = _row(job, options, None, time.monotonic() - started_s, result)
             finish(part, job, options, made_of, row)
             return row
     except UserError as error:
@@ -102,7 +103,7 @@ def _provenance(job: Job, options: RunOptions) -> dict[str, Any]:
 
 @contextmanager
 def _limited(job: Job, options: RunOptions, part: Path) -> Iterator[None]:
-    """End this process where a job takes too long: compiled code cannot be stopped otherwise."""
+    """End this process if a job exceeds its time limit, since compiled code cannot be interrupted."""
 
     def give_up() -> None:
         why = (
@@ -164,7 +165,7 @@ def _heats(machine: Machine, summary: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _type_of(machine: Machine) -> dict[str, Any]:
-    """The key of comparable machines: the screw's size, and the names of its heat sources."""
+    """Return the key of comparable machines: the screw's size, and the names of its heat sources."""
     screw = machine.config.screw
     return {
         "type": f"{screw.length_m:g} m × {1000 * screw.diameter_m:g} mm",
@@ -172,7 +173,7 @@ def _type_of(machine: Machine) -> dict[str, Any]:
     }
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=_CACHED_MACHINES)
 def _machine(config: Path, _text: bytes) -> Machine:
-    """The machine of a configuration, cached for later logs while its text is the same."""
+    """Return the machine of a configuration, cached for later logs while its text is the same."""
     return load(config)

@@ -1,1 +1,1 @@
-"""What comes: temperatures and thermal error over the next hour, by the program that runs or one given."""
+"""The next hour: temperatures and thermal error, by the current program or a given one."""

@@ -1,9 +1,9 @@
-"""An hour ahead: the estimator's own prediction without a sensor, by the program and the heats as they are.
+"""An hour ahead: the estimator's own prediction without a sensor, for a program and the present heats.
 
-x⁺ = Ad x + known inputs, P⁺ = Ad P Adᵀ + Qd as ever (Kalman 1960), of the state as it was estimated. Each
-heat is its law times the ratio of what was estimated to that law, r, of which the prior is 1 with the law's
-uncertainty; the deviation of the heat is then what is not known of r, and drifts. What the program varies is
-white heat of its spectral density at low frequency; what the air may wander goes into its state.
+x⁺ = Ad x + known inputs, P⁺ = Ad P Adᵀ + Qd (Kalman 1960), from the estimated state. Each heat is its law
+times r, the ratio of the estimated heat to that law. The prior of r is 1, with the law's uncertainty. The
+deviation of the heat then carries the uncertainty of r, and drifts. Variation of the program is white heat
+with its spectral density at low frequency. Possible changes of the air enter its state.
 """
 
 from __future__ import annotations
@@ -39,8 +39,12 @@ _TEN, _FIRM, _MOST_SCALE = 60, 3.0, 9.0
 
 
 class MeanHeats(NamedTuple):
-    """The ratio (m,) of each source's heat to its law, what it has beside that, `extra_W` (m,), and of the
-    estimated ones the σ (m_e,) of the mean heat.
+    """The mean heats of m sources, m_e of them estimated.
+
+    Attributes:
+        ratio: (m,) of each heat to its law
+        extra_W: (m,) heat in addition to the law
+        sigma_W: (m_e,) σ of the mean heat
     """
 
     ratio: FloatArray
@@ -50,9 +54,9 @@ class MeanHeats(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Runner:
-    """An estimator without a correction, from a state on, `after_s` after the forecast's begin.
+    """An estimator that predicts without corrections from a state, `after_s` after the start of the forecast.
 
-    `drifts` says whether its heats may drift from their ratio to the laws; else they settle to it.
+    With `drifts` its heats may drift from their ratio to the laws; without it they settle to that ratio.
     """
 
     plant: Plant
@@ -65,7 +69,11 @@ class Runner:
     drifts: bool = True
 
     def run(self, bins: Bins) -> tuple[Runner, EstimateBlock]:
-        """Take some bins; what is learnt of the machine stays as it was. Times count from the begin."""
+        """Advance over some bins; return the new runner and the estimates, with times from the start of the
+        forecast.
+
+        Learnt parameters of the machine stay unchanged.
+        """
         u, time_s = self._inputs(bins), self.after_s + np.cumsum(bins.dt_s)
         state, block = self.estimator.run(self.state, u)
         if learnt := self.plant.learnt:
@@ -75,7 +83,7 @@ class Runner:
         return replace(self, state=state, after_s=float(time_s[-1])), replace(block, time_s=time_s)
 
     def follow(self, parts: Iterable[Bins]) -> Iterator[EstimateBlock]:
-        """Take one part after the other."""
+        """Yield the estimates of one part after the other."""
         at = self
         for bins in parts:
             at, block = at.run(bins)
@@ -103,7 +111,7 @@ class Runner:
 
 
 def heats_of(plant: Plant, program: Program) -> MeanHeats:
-    """The heats as they are beside their laws, from the program's past."""
+    """Return the present heats relative to their laws, from the program's past."""
     past = program.past.at(slice(-AGO_BINS, None))
     finite = np.isfinite(past.heat_W).all(axis=1) if past.heat_W.size else np.ones(len(past.dt_s), np.bool_)
     free, m = np.flatnonzero(plant.estimated), len(plant.source_names)
@@ -130,7 +138,9 @@ def heats_of(plant: Plant, program: Program) -> MeanHeats:
 
 
 def runner(plant: Plant, settings: EstimatorSettings, state: EstimatorState, program: Program) -> Runner:
-    """What goes ahead from a state. Raises `ValueError` where the estimate is none to go ahead from."""
+    """Return the runner that starts from a state. Raises `ValueError` if the estimate cannot be used for
+    a forecast.
+    """
     _refuse_unknown(plant, state)
     n_x, m_e = len(plant.decay_1_s), int(plant.estimated.sum())
     heats = heats_of(plant, program)
@@ -159,9 +169,9 @@ def runner(plant: Plant, settings: EstimatorSettings, state: EstimatorState, pro
 def runner_by_law(
     plant: Plant, settings: EstimatorSettings, state: EstimatorState, program: Program
 ) -> Runner:
-    """What goes ahead from a state of which heats are their laws, scaled as learnt, and settle to that.
+    """Return the runner that starts from a state, with heats that settle to their laws, scaled as learnt.
 
-    Raises `ValueError` where the estimate is none to go ahead from.
+    Raises `ValueError` if the estimate cannot be used for a forecast.
     """
     _refuse_unknown(plant, state)
     m = len(plant.source_names)
@@ -178,6 +188,7 @@ def runner_by_law(
 
 
 def _refuse_unknown(plant: Plant, state: EstimatorState) -> None:
+    """Raise `ValueError` if the state has no finite estimate with a covariance."""
     n = len(plant.decay_1_s) + int(plant.estimated.sum()) + plant.learnt
     if not state.started or state.x_hat.shape != (n,) or state.P.shape != (n, n):
         raise ValueError("there is no estimate with a covariance to go ahead from")
@@ -186,11 +197,11 @@ def _refuse_unknown(plant: Plant, state: EstimatorState) -> None:
 
 
 def _of_means(P: FloatArray, heats: slice, sigma_W: FloatArray, rests: BoolArray) -> FloatArray:
-    """The covariance with heats of so much σ, (m_e,), in place of those of the moment.
+    """Return the covariance with the σ of mean heats (m_e,) in place of that of momentary heats.
 
-    A heat is K θ + w with the machine θ that is learnt, the states after the heats. K θ stays: a film that is
-    stronger than thought goes with larger heats, and no mean over time takes that out. w gets smaller.
-    A heat that `rests` (m_e,) has no K θ: there is none.
+    A heat is K θ + w, with the learnt parameters θ of the machine, the states after the heats. K θ stays: a
+    stronger film goes with larger heats, and no mean over time removes that. Only w becomes smaller. A heat
+    that `rests` (m_e,) has no K θ.
     """
     scale = np.minimum(1.0, sigma_W / np.sqrt(np.maximum(np.diag(P)[heats], 1e-12)))
     learnt = slice(heats.stop, len(P))
@@ -202,10 +213,11 @@ def _of_means(P: FloatArray, heats: slice, sigma_W: FloatArray, rests: BoolArray
 
 
 def drift_scale(past: Bins, per_hour: float) -> float:
-    """How much stronger the heats drift from their laws than `per_hour`, relative and of all together, as a
-    factor of the variance: from the differences of means over ten minutes of work.
+    """Return the factor by which the variance of the heats' common drift exceeds that of `per_hour`, relative
+    to the laws.
 
-    `per_hour` counts as much as `_FIRM` of those differences do.
+    It follows from the differences of means over ten minutes of work. `per_hour` counts as much as `_FIRM` of
+    those differences.
     """
     count = len(past.dt_s) // _TEN if past.heat_W.size else 0
     blocks = slice(len(past.dt_s) - count * _TEN, None)
@@ -220,7 +232,7 @@ def drift_scale(past: Bins, per_hour: float) -> float:
 
 
 def _doubtful(plant: Plant, program: Program, share: FloatArray, mean_W: FloatArray) -> Plant:
-    """The plant with the noise of what is ahead in place of that of an estimate."""
+    """Return the plant with the process noise of a forecast in place of that of an estimate."""
     mean = program.mean
     B = plant.B.copy()
     for i, source in enumerate(plant.moving):
@@ -247,7 +259,7 @@ def _doubtful(plant: Plant, program: Program, share: FloatArray, mean_W: FloatAr
 
 
 def _wander_K(air_degC: FloatArray) -> float:
-    """How far the air wanders in an hour, from ten minutes' differences of the past."""
+    """Return the change of the air in an hour, in K, from ten minutes' differences of the past."""
     step = 60
     if len(air_degC) < 2 * step:
         return 0.0
@@ -256,7 +268,7 @@ def _wander_K(air_degC: FloatArray) -> float:
 
 
 def repeated(bins: Bins, duration_s: float) -> Bins:
-    """The bins, one after the other and again, for a duration; a single one in steps of `BIN_S`."""
+    """Return the bins repeated in order for a duration; a single bin in steps of `BIN_S`."""
     if len(bins.dt_s) == 1:
         bins = bins._replace(dt_s=np.full(1, BIN_S))
     count = max(1, round(duration_s / float(bins.dt_s.mean())))
@@ -264,7 +276,7 @@ def repeated(bins: Bins, duration_s: float) -> Bins:
 
 
 def ahead(begin: Runner, program: Program, duration_s: float) -> EstimateBlock:
-    """The estimates of the next `duration_s`, in bins; times count from now on."""
+    """Return the estimates of the next `duration_s`, in bins; times count from now."""
     bins = repeated(program.bins, duration_s)
     parts = (bins.at(slice(first, first + _PART)) for first in range(0, len(bins.dt_s), _PART))
     return EstimateBlock.joined(list(begin.follow(parts)))

@@ -22,8 +22,9 @@ HOTTEST_degC = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """What comes after `now_s`: the next hours, where it settles, and between which moments after now, with
-    95 %, it is there.
+    """The prediction from `now_s` on: the next hours, the settled state, and when it is reached.
+
+    The times in `between_s` bound that moment with 95 %, in s after now.
     """
 
     now_s: float
@@ -36,9 +37,7 @@ class Forecast:
 def forecast(
     config: Config, plant: Plant, state: EstimatorState, program: Program, hours: float, within_um: float
 ) -> Forecast:
-    """Forecast from a state on. Raises `ValueError` where the estimate is none to go ahead from, or as
-    `plausible`.
-    """
+    """Forecast from a state. Raises `ValueError` if the estimate cannot be used, or as `plausible` does."""
     begin = runner(plant, config.estimator, state, program)
     settled, between_s = settling_between(
         begin, program, travel_of(config, plant.layout.position_m), within_um
@@ -48,9 +47,9 @@ def forecast(
 
 
 def plausible(result: Forecast) -> Forecast:
-    """Return a forecast of which every number is finite.
+    """Return a forecast in which every number is finite.
 
-    Where it settles is left out if that is beyond all limits. Raises `ValueError` with the cause if the hours
+    The settled state is left out if it is beyond all limits. Raises `ValueError` with the cause if the hours
     ahead are.
     """
     block, settled = result.ahead, result.settled
@@ -74,7 +73,7 @@ def _within_limits(field_degC: FloatArray, *others: FloatArray) -> bool:
 
 
 def travel_of(config: Config, x_m: FloatArray) -> BoolArray:
-    """Which places (g,) the nuts travel over; all where none moves."""
+    """Return which places (g,) the nuts travel over; all if none moves."""
     strokes = [
         s.stroke_m or (0.0, config.screw.length_m) for s in config.source if s.position_channel is not None
     ]
@@ -84,14 +83,14 @@ def travel_of(config: Config, x_m: FloatArray) -> BoolArray:
 
 
 def thinned(count: int, most: int) -> list[int]:
-    """At most so many indices of `count`, evenly spread, with the first and the last."""
+    """Return at most `most` indices of `count`, evenly spread, with the first and the last."""
     return sorted({int(i) for i in np.linspace(0, count - 1, min(count, most)).round()})
 
 
 def document(
     result: Forecast, plant: Plant, quality: EstimateQuality, instance: str, within_um: float
 ) -> dict[str, Any]:
-    """The forecast as JSON takes it; that of an estimate that is not good is not good."""
+    """Return the forecast as a JSON object; its quality is that of the estimate from which it starts."""
     times, places = thinned(len(result.ahead.time_s), MOST_TIMES), thinned(plant.rows.grid, MOST_PLACES)
     good = quality is EstimateQuality.GOOD
     has_error = plant.layout.has_error
@@ -129,7 +128,7 @@ def document(
 def no_forecast(
     now_s: float, quality: EstimateQuality, instance: str, reason: str | None, within_um: float
 ) -> dict[str, Any]:
-    """The document where there is no forecast, and why."""
+    """Return the document without a forecast, with the reason."""
     return {
         "time_s": now_s, "instance": instance, "quality": quality.label, "reason": reason,
         "program": {"kind": "standstill", "period_s": None, "text": "not known"},
@@ -141,7 +140,7 @@ def no_forecast(
 
 
 def sentences(result: Forecast, plant: Plant, within_um: float) -> list[str]:
-    """What comes, for people."""
+    """Return the forecast as sentences."""
     ahead_, last = result.ahead, -1
     i = int(np.argmax(ahead_.field_degC[last]))
     hours = ahead_.time_s[last] / 3600.0
@@ -158,11 +157,12 @@ def sentences(result: Forecast, plant: Plant, within_um: float) -> list[str]:
         )
     lines = [text + "."]
     if plant.layout.has_error:
-        lines += [*_where(result.settled, plant), _settles(result, within_um)]
+        lines += [*_settling_place(result.settled, plant), _settles(result, within_um)]
     return lines
 
 
-def _where(settled: Settled, plant: Plant) -> list[str]:
+def _settling_place(settled: Settled, plant: Plant) -> list[str]:
+    """Return the sentence about the warmest place and the largest error after settling."""
     if settled.field_sigma_K is None or settled.error_sigma_um is None:
         return []
     i, j = int(np.argmax(settled.field_degC)), int(np.argmax(np.abs(settled.error_um)))
@@ -175,6 +175,7 @@ def _where(settled: Settled, plant: Plant) -> list[str]:
 
 
 def _settles(result: Forecast, within_um: float) -> str:
+    """Return the sentence about the time until the travel settles."""
     after_s, target = result.settled.after_s, f"within {within_um:g} µm of where it settles"
     if after_s is None or result.between_s is None:
         return f"The travel does not come {target} in a day."

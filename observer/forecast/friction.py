@@ -1,11 +1,11 @@
-"""What friction may do, as rival filters over the whole of a log, each weighed by how likely it makes it.
+"""Rival models of friction, as filters over the whole of a log, each weighted by its likelihood.
 
-Heats that wander as freely as the configuration allows may be anything an hour later, and a short log says
-little of film and laws beside them. Most friction wanders less: it is its law times a constant, and what it
-has more when work begins dies away. The rivals are that, with several time constants, and the heats as
-configured; all of them learn everything that `[tolerance]` and the laws leave open. A rival's weight is its
-likelihood (Magill 1965) to a power (Holmes & Walker 2017), so that a machine whose friction does otherwise is
-forecast as ever.
+Heats that wander as freely as the configuration allows may be anything an hour later, and a short log then
+says little about film and laws. Most friction wanders less: it is its law times a constant, with an excess at
+the start of work that dies away. The rivals are this model with several time constants, and the heats as
+configured. All of them learn every parameter that `[tolerance]` and the laws leave open. The weight of a
+rival is its likelihood (Magill 1965) to a power (Holmes & Walker 2017). So a machine with other friction is
+forecast with the configured heats.
 """
 
 from __future__ import annotations
@@ -64,18 +64,18 @@ MOST_S = 12.0 * 3600.0
 
 
 class WeighedFilter(KalmanEstimator):
-    """A filter that adds up how likely it makes what it has seen."""
+    """A filter that sums the log-likelihood of its readings."""
 
     log_likelihood = 0.0
 
     def take(self, chunk: Chunk, inputs: Any, scratch: Any, out: packing.Results, results: Any) -> None:
-        """Take a chunk's steps, and their likelihood."""
+        """Take a chunk's steps, and add their log-likelihood."""
         super().take(chunk, inputs, scratch, out, results)
         self.log_likelihood += float(np.nansum(out.log_likelihood))
 
 
 class FrictionBank:
-    """The rivals, over what ran since the last start; they are run when they are asked."""
+    """The rivals, over the inputs since the last start; they are run on request."""
 
     def __init__(self, config: Config) -> None:
         """Begin before the first step."""
@@ -83,16 +83,16 @@ class FrictionBank:
         self._parts: deque[Inputs] = deque()
 
     def take(self, inputs: Inputs, block: EstimateBlock) -> None:
-        """Take some steps, without the readings that their estimate did without."""
+        """Store some steps, without the readings that their estimate did not use."""
         trusted = inputs.usable & (block.sensor_quality == int(Quality.GOOD))
         self._parts.append(inputs._replace(usable=trusted))
         while inputs.time_s[-1] - self._parts[0].time_s[-1] > MOST_S:
             self._parts.popleft()
 
     def begins(self, program: Program) -> list[tuple[float, Runner]]:
-        """What goes ahead from here by each rival that is likely, with its weight; the likeliest first.
+        """Return a runner for each likely rival with its weight, the likeliest first.
 
-        Raises `ValueError` where none has an estimate to go ahead from.
+        Raises `ValueError` if no rival has an estimate that can be used.
         """
         joined = Inputs.joined(list(self._parts))
         inputs = since_start(joined, float(program.past.dt_s.sum()))
@@ -125,17 +125,19 @@ class FrictionBank:
 
 
 def is_of_use(config: Config, program: Program) -> bool:
-    """Whether there can be rivals: filters that learn, heats with laws, and work at one level.
+    """Whether rivals apply: filters that learn, heats with laws, and work at one level.
 
-    In a cycle friction does other things at each start, which these rivals do not know.
+    In a cycle friction behaves in another way at each start, which these rivals do not model.
     """
     has_laws = all(source.law is not None for source in config.source if source.estimate)
     return config.estimator.learns and has_laws and program.is_even
 
 
 def since_start(inputs: Inputs, even_s: float) -> Inputs:
-    """The rest before the last start and what ran since, with a jump of the laws to their mean there and
-    where the last `even_s`, at one level, began; others, as where a nut turns round, say nothing of friction.
+    """Return the inputs from the pause before the last start on, with jumps of the laws at two rows only.
+
+    These are the start and the row where the last `even_s`, at one level, began. At both the laws jump to
+    their mean. Other jumps, as where a nut turns round, carry no information on friction.
     """
     works = np.flatnonzero(np.abs(inputs.law_W).sum(axis=1) > IDLE_W)
     pauses = np.flatnonzero(np.diff(inputs.time_s[works]) > PAUSE_S)
@@ -147,8 +149,8 @@ def since_start(inputs: Inputs, even_s: float) -> Inputs:
 
 
 def known_at_start(config: Config, plant: Plant, inputs: Inputs, since: Inputs) -> KnownRunIn | None:
-    """What is known of running in at the start in `since`, a part of `inputs`: nothing where the record
-    begins in the middle of work.
+    """Return the known run-in at the start of `since`, a part of `inputs`; None if the record begins
+    during work.
     """
     run_in = known_run_in(config, plant, EXCESS_SIGMA)
     works = np.abs(inputs.law_W).sum(axis=1) > IDLE_W
@@ -158,7 +160,9 @@ def known_at_start(config: Config, plant: Plant, inputs: Inputs, since: Inputs) 
 
 
 def weights_of(log_likelihoods: Sequence[float]) -> FloatArray:
-    """The probability of each rival, 0 where it is little; the first counts as much before as all others."""
+    """Return the probability of each rival, 0 if it is small; the first has the same prior as all others
+    together.
+    """
     count = len(log_likelihoods)
     prior = np.array([0.5, *[0.5 / (count - 1)] * (count - 1)])
     logs = np.array(log_likelihoods) + np.log(prior)
@@ -168,12 +172,14 @@ def weights_of(log_likelihoods: Sequence[float]) -> FloatArray:
 
 
 def is_calibrated(config: Config) -> bool:
-    """Whether a calibration has written how well it left the scale of some law known."""
+    """Whether a calibration has written the remaining uncertainty of the scale of some law."""
     return any(s.scale_tolerance is not None for s in config.source)
 
 
 def with_known_scales(config: Config) -> Config:
-    """The configuration whose laws are as uncertain as a calibration has left their scales, where one has."""
+    """Return the configuration in which the uncertainty of a law is its `scale_tolerance`, where
+    calibration set one.
+    """
     sources = (
         s if s.scale_tolerance is None else s.model_copy(update={"law_uncertainty": s.scale_tolerance})
         for s in config.source
@@ -184,12 +190,12 @@ def with_known_scales(config: Config) -> Config:
 def running_in(
     plant: Plant, time_s: float | FloatArray, wander_s: float, excess: float | FloatArray = EXCESS_SIGMA
 ) -> Plant:
-    """A plant whose heats by law are the law times a constant that is learnt, and what dies away in a time.
+    """Return a plant whose heats by law are the law times a learnt constant, plus an excess that dies away.
 
-    `time_s`, and `excess`, one standard deviation of that in parts of the law, are of all heats or of each,
-    (m_e,).
-    That begins anew whenever the law jumps. Heats without a law stay as they are. What is learnt becomes
-    another in `wander_s`: a scale that wanders by a twenty-fifth in half an hour imitates running in.
+    The time constant `time_s`, and `excess`, its standard deviation as a fraction of the law, are scalars or
+    (m_e,). The excess begins anew whenever the law jumps. Heats without a law stay unchanged. Learnt
+    parameters change over `wander_s`: a scale that wanders by a twenty-fifth in half an hour would imitate
+    run-in.
     """
     assert plant.learning is not None
     arrays = plant.learning.arrays
@@ -213,7 +219,7 @@ def forecast_by_all(
     hours: float,
     within_um: float,
 ) -> Forecast:
-    """Forecast from weighed begins: moments and quantiles of their mixture; `plant` is the estimate's."""
+    """Forecast from weighted runners: moments and quantiles of their mixture; `plant` is the estimate's."""
     travel, weight = travel_of(config, plant.layout.position_m), np.array([w for w, _ in begins])
     means = [settling(begin, program, travel, within_um) for _, begin in begins]
     counts = counts_of(weight) if is_calibrated(config) else np.full(len(weight), DRAWS)
@@ -231,12 +237,14 @@ def forecast_by_all(
 
 
 def counts_of(weight: FloatArray) -> NDArray[np.int64]:
-    """How many draws each rival has by its weight (r,): they come in pairs, and each has one."""
+    """Return how many draws each rival (r,) gets by its weight; draws come in pairs, and each rival has
+    at least one pair.
+    """
     return np.asarray(2 * np.maximum(1, np.round(0.5 * DRAWS_OF_ALL * weight)), np.int64)
 
 
 def mixture(blocks: Sequence[EstimateBlock], weight: FloatArray) -> EstimateBlock:
-    """The first of several blocks with the moments of field and error of all of them."""
+    """Return the first of several blocks with the moments of field and error of all of them."""
     moments = {}
     for name, sigma in (("field_degC", "field_sigma_K"), ("error_um", "error_sigma_um")):
         means, sigmas = (np.array([getattr(b, n) for b in blocks]) for n in (name, sigma))
@@ -246,7 +254,9 @@ def mixture(blocks: Sequence[EstimateBlock], weight: FloatArray) -> EstimateBloc
 
 
 def quantiles_s(drawn: Sequence[Settled], weight: FloatArray, parts: Sequence[float]) -> list[float]:
-    """The times before which it has settled in parts of draws with weights (d,) that add up to 1."""
+    """Return the times before which given fractions of the draws have settled; the weights (d,) add up to
+    1.
+    """
     after_s = np.array([LONGEST_S if one.after_s is None else one.after_s for one in drawn])
     order = np.argsort(after_s)
     below = np.cumsum(weight[order]) - 0.5 * weight[order]

@@ -1,7 +1,7 @@
-"""What friction has more when work begins, where a calibration has found that: the rivals' prior of it.
+"""The excess of friction at the start of work, as found by a calibration: the prior of the rivals.
 
-`run_in` of a source is by how much it exceeds its law at a start, in parts of that, `run_in_s` the time
-constant with which it fades, `run_in_tolerance` what the next start may differ by.
+For a source, `run_in` is the excess over its law at a start, as a fraction of it. It fades with the time
+constant `run_in_s`, and `run_in_tolerance` is the difference between starts.
 """
 
 from __future__ import annotations
@@ -22,8 +22,12 @@ UNKNOWN_S = 1800.0
 
 
 class KnownRunIn(NamedTuple):
-    """Of each estimated heat, (m_e,): what it has more when work begins, in parts of its law, one standard
-    deviation of that, and the time constant with which it fades.
+    """The excess of each estimated heat at the start of work, (m_e,) each.
+
+    Attributes:
+        share: excess as a fraction of the law
+        sigma: its standard deviation
+        time_s: time constant with which it fades
     """
 
     share: FloatArray
@@ -31,21 +35,22 @@ class KnownRunIn(NamedTuple):
     time_s: FloatArray
 
     def after(self, ran_s: float) -> KnownRunIn:
-        """The same at a start before which the machine has run for a time: it is anywhere between anew and
-        what it would have faded to.
+        """Return the excess at a start after the machine has run for `ran_s`: between the full and the
+        faded one.
         """
         faded = 1.0 - np.exp(-ran_s / self.time_s)
         sigma = np.hypot(self.sigma, self.share * faded / np.sqrt(12.0))
         return self._replace(share=self.share * (1.0 - 0.5 * faded), sigma=sigma)
 
     def slower(self, times: float) -> KnownRunIn:
-        """The same, fading with time constants so many times as long."""
+        """Return the same with time constants `times` as long."""
         return self._replace(time_s=self.time_s * times)
 
 
 def known_run_in(config: Config, plant: Plant, unknown: float) -> KnownRunIn | None:
-    """Return what a configuration knows of running in, None where it knows nothing; `unknown` is one standard
-    deviation of what a heat has more of which nothing was found.
+    """Return the run-in that a configuration gives, None if it gives none.
+
+    `unknown` is the standard deviation of the excess of heats without a known one.
     """
     of = {s.name: s for s in config.source}
     free = [of[plant.source_names[j]] for j in np.flatnonzero(plant.estimated)]
@@ -59,8 +64,9 @@ def known_run_in(config: Config, plant: Plant, unknown: float) -> KnownRunIn | N
 
 
 def run_from_starts(one: KalmanEstimator, plant: Plant, inputs: Inputs, run_in: KnownRunIn) -> EstimatorState:
-    """Run over inputs whose laws jump where work begins and where its level changes: there each heat gets
-    what it is known to have more.
+    """Run over inputs whose laws jump where work begins and where its level changes; return the last state.
+
+    At each jump every heat gets its known excess.
     """
     free = plant.estimated
     law_W, state, at, before_W = inputs.law_W[:, free], one.initial(), 0, np.zeros(int(free.sum()))

@@ -1,8 +1,8 @@
-"""What a machine does: learnt from its last minutes in coarse bins, or given, and repeated from there.
+"""The program of a machine: learnt from its last minutes in coarse bins, or given, and repeated.
 
-A bin holds the means of what drove the plant over some seconds; the input column of a nut is weighted with
-its heat. A cycle is found by the autocorrelation of the heat by law (Box and Jenkins 1976, eq. 2.1.12); where
-there is none, work is taken for its mean with the spread of its blocks about it.
+A bin holds the means of the plant's inputs over some seconds; the input column of a nut is weighted with its
+heat. A cycle is found by the autocorrelation of the heat by law (Box and Jenkins 1976, eq. 2.1.12). Work
+without a cycle is represented by its mean, with the spread of its blocks about it.
 """
 
 from __future__ import annotations
@@ -34,11 +34,19 @@ ProgramKind = Literal["cycle", "mixed", "given", "standstill"]
 
 
 class Bins(NamedTuple):
-    """b bins in the order of time, of m sources, m_e of them estimated, p known inputs, M moving sources.
+    """b bins in order of time, of m sources, m_e of them estimated, p known inputs, M moving sources.
 
-    `dt_s` (b,); `law_W` (b, m); `z` (b, p); `loss_1_s`, `loss_degC` (b,); `moving_B` (b, M, n_x);
-    `moving_C` (b, M, R); `heat_W`, `sigma_W`, `own_law_W` (b, m_e), the heats as estimated with their σ and
-    by their laws, NaN where there was no estimate.
+    Attributes:
+        dt_s: (b,)
+        law_W: (b, m)
+        z: (b, p)
+        loss_1_s: (b,)
+        loss_degC: (b,)
+        moving_B: (b, M, n_x)
+        moving_C: (b, M, R)
+        heat_W: (b, m_e) estimated heats, NaN without an estimate
+        sigma_W: (b, m_e) their σ
+        own_law_W: (b, m_e) the same heats by their laws
     """
 
     dt_s: FloatArray
@@ -64,10 +72,12 @@ class Bins(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """What goes on: `bins` are repeated for ever, `period_s` is None where they are the mean of something.
+    """A program: its `bins` are repeated for ever; `period_s` is None if they are a mean.
 
-    `past` are the bins that it was learnt from; `noise_W2_s` is the spectral density, at low frequency, of
-    the total heat about the program; `text` says it to people.
+    Attributes:
+        past: the bins from which it was learnt
+        noise_W2_s: spectral density, at low frequency, of the total heat about the program
+        text: description for people
     """
 
     kind: ProgramKind
@@ -91,8 +101,8 @@ class Program:
 def binned(inputs: Inputs, estimates: EstimateBlock | None, moving: Sequence[int]) -> Bins:
     """Return whole bins of K steps, the last of which may be short; `moving` (M,) are the moving sources.
 
-    Steps of no length and those whose inputs are not known are left out. Without `estimates` their columns
-    are NaN, m wide.
+    Steps of no length and steps with unknown inputs are left out. Without `estimates` their columns are NaN,
+    m wide.
     """
     complete = (
         (inputs.dt_s > 0.0) & np.isfinite(inputs.law_W).all(axis=1) & np.isfinite(inputs.z_end).all(axis=1)
@@ -138,12 +148,12 @@ def _bins_of(
 
 
 def joined(parts: Sequence[Bins]) -> Bins:
-    """Return consecutive bins as one, no more of them than are remembered."""
+    """Return consecutive bins as one, at most `WINDOW_BINS` of them."""
     return Bins(*(np.concatenate(column)[-WINDOW_BINS:] for column in zip(*parts, strict=True)))
 
 
 def averaged(bins: Bins) -> Bins:
-    """One bin with the means of all; the columns of the nuts are weighted with the heat."""
+    """Return one bin with the means of all; the columns of the nuts are weighted with the heat."""
     w, heat = bins.dt_s, bins.dt_s * (bins.total_W + 1e-9)
     plain = [np.tensordot(w, column, 1) / w.sum() for column in bins[1:5]]
     nuts = [np.tensordot(heat, column, 1) / heat.sum() for column in bins[5:7]]
@@ -152,7 +162,7 @@ def averaged(bins: Bins) -> Bins:
 
 
 def learnt(bins: Bins) -> Program:
-    """What the machine does, from its last bins. Raises `ValueError` where they are too few."""
+    """Return the program that the last bins show. Raises `ValueError` if they are too few."""
     if len(bins.dt_s) < FEWEST:
         raise ValueError("the program is not known yet; it is learnt in the first minute")
     total_W = bins.total_W
@@ -175,7 +185,7 @@ def learnt(bins: Bins) -> Program:
 
 
 def repeating(bins: Bins, past: Bins) -> Program:
-    """A program that is given, repeated; `past` are the last bins of what ran."""
+    """Return a given program, repeated; `past` are the last bins of the actual operation."""
     if len(past.dt_s) < FEWEST:
         raise ValueError("the heats are not known yet; they are learnt in the first minute")
     whole_s = float(bins.dt_s.sum())
@@ -183,7 +193,7 @@ def repeating(bins: Bins, past: Bins) -> Program:
 
 
 def _since_rest(total_W: FloatArray) -> int:
-    """Where work begins after the last rest of more than seven minutes."""
+    """Return the bin where work begins after the last rest of more than seven minutes."""
     idle, run, begin = total_W <= _IDLE_W, 0, 0
     if period_bins(total_W) is not None:
         return 0
@@ -195,7 +205,7 @@ def _since_rest(total_W: FloatArray) -> int:
 
 
 def _even(total_W: FloatArray) -> int | None:
-    """From where on the heat has been at one level, None where that is less than five minutes."""
+    """Return the bin from which the heat has been at one level; None if that is less than five minutes."""
     level = float(np.median(total_W[-_LAST:]))
     off = np.flatnonzero(np.abs(total_W - level) > _EVEN * level)
     begin = int(off[-1]) + 1 if len(off) else 0
@@ -207,7 +217,7 @@ def _even(total_W: FloatArray) -> int | None:
 
 
 def period_bins(total_W: FloatArray) -> int | None:
-    """The period of the heat in bins, None where none is seen twice and a half."""
+    """Return the period of the heat in bins; None if it does not occur two and a half times."""
     n = len(total_W)
     rest = total_W - total_W.mean()
     scale = float(rest @ rest)
@@ -224,19 +234,18 @@ def period_bins(total_W: FloatArray) -> int | None:
 
 
 def _one_cycle(bins: Bins, period: int) -> Bins:
-    """One cycle that goes on where the bins end, its bins the means over all whole cycles."""
+    """Return one cycle that continues where the bins end, each bin the mean over all whole cycles."""
     begin = len(bins.dt_s) % period
     means = [averaged(bins.at(slice(begin + i, None, period))) for i in range(period)]
     return joined(means)._replace(dt_s=np.full(period, BIN_S))
 
 
 def noise_W2_s(bins: Bins, period: int | None = None) -> float:
-    """The spectral density of the total heat about its mean at low frequency, which says how far the mean
-    of an hour is off that of the past.
+    """Return the spectral density of the total heat about its mean at low frequency, in W² s.
 
-    Of mixed work, which is not white, it is the variance times the integrated correlation.
-    Of cycles, whose times vary too, it is T var of means over T, whole cycles of about fifteen minutes (Welch
-    1967, with rectangular windows).
+    It gives the difference between the mean of an hour and that of the past. For mixed work, which is not
+    white, it is the variance times the integrated correlation. For cycles, whose times vary too, it is T var
+    of means over T. T is whole cycles of about fifteen minutes (Welch 1967, with rectangular windows).
     """
     if period is None:
         return _integrated_W2_s(bins.total_W)
@@ -249,10 +258,10 @@ def noise_W2_s(bins: Bins, period: int | None = None) -> float:
 
 
 def _integrated_W2_s(total_W: FloatArray) -> float:
-    """Variance times the integrated correlation, ∑ ρ dt, while neighbours' sums are positive (Geyer 1992,
-    section 3.3), with the mean's own variance put back.
+    """Return the variance times the integrated correlation, ∑ ρ dt, in W² s.
 
-    It is held to `_CHANGES_S` in proportion to what the series, n blocks long, shows of it itself.
+    The sum ends where neighbours' sums are no longer positive (Geyer 1992, section 3.3), and the mean's own
+    variance is added. A prior of `_CHANGES_S` counts less the longer the series is.
     """
     n = len(total_W)
     off = total_W - total_W.mean()

@@ -1,4 +1,4 @@
-"""Where the screw settles under a program, and when it is there."""
+"""Where the screw settles under a program, and when."""
 
 from __future__ import annotations
 
@@ -22,10 +22,14 @@ _DRAWS, _SEED, _Z95 = 12, 0, 1.96
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """Where the mean of the program leads, `field_degC`, `error_um` (g,), and after how long every point of
-    the travel is there within the limit, None where it is not within a day or no error is known.
+    """The state to which the mean of the program leads, at g points.
 
-    `field_sigma_K`, `error_sigma_um` (g,) are the σ of where, None where it was not asked for.
+    Attributes:
+        field_degC: (g,)
+        error_um: (g,)
+        after_s: when every point of the travel is within the limit; None if not in a day or without error
+        field_sigma_K: (g,) σ of the settled field, None if not requested
+        error_sigma_um: (g,) σ of the settled error, None if not requested
     """
 
     field_degC: FloatArray
@@ -36,11 +40,12 @@ class Settled:
 
 
 def _part(one: Bins) -> Bins:
+    """Return some steps of a mean bin."""
     return one.at(np.zeros(_PART, np.int64))._replace(dt_s=np.full(_PART, STEP_S))
 
 
 def _without_sigma(begin: Runner) -> Runner:
-    """Only the means count here."""
+    """Return the runner with a covariance of zero, since only the means are used."""
     return replace(begin, state=replace(begin.state, P=np.zeros_like(begin.state.P)))
 
 
@@ -59,7 +64,9 @@ def settling(begin: Runner, program: Program, travel: BoolArray, within_um: floa
 def _settled_after_s(
     parts: Sequence[EstimateBlock], at_um: FloatArray, travel: BoolArray, within_um: float
 ) -> float | None:
-    """The first moment from which on every point is within the limit; 0 where it always is."""
+    """Return the first moment from which on every point is within the limit, 0 if it always is, None if
+    never.
+    """
     if not at_um.size:
         return None
     time_s, path_um = (np.concatenate(c) for c in zip(*((p.time_s, p.error_um) for p in parts), strict=True))
@@ -70,10 +77,11 @@ def _settled_after_s(
 
 
 def draws(begin: Runner, program: Program, count: int = _DRAWS) -> list[Runner]:
-    """What may be, by all that is not known now: each draw with another state, machine, and heats.
+    """Return random runners that represent all present uncertainty: each has another state, machine, and
+    heats.
 
-    Heats are off for good, by what the program varies in an hour too, and where they drift by a drift of an
-    hour that dies away in one, as running-in does.
+    Heats have a lasting error, which includes the program's variation in an hour. If they drift, they also
+    have an hour's drift that dies away in one hour, like run-in.
     """
     state, plant, n_x = begin.state, begin.plant, len(begin.plant.decay_1_s)
     free = np.flatnonzero(plant.estimated)
@@ -106,7 +114,7 @@ def draws(begin: Runner, program: Program, count: int = _DRAWS) -> list[Runner]:
 
 
 def with_spread(settled: Settled, drawn: Sequence[Settled], weight: FloatArray) -> Settled:
-    """Add the σ of where it settles, by draws and their weights (d,), which add up to 1."""
+    """Add the σ of the settled state, by draws and their weights (d,), which add up to 1."""
     field, error = (
         np.sqrt(weight @ (np.array([getattr(d, name) for d in drawn]) - getattr(settled, name)) ** 2)
         for name in ("field_degC", "error_um")
@@ -115,8 +123,8 @@ def with_spread(settled: Settled, drawn: Sequence[Settled], weight: FloatArray) 
 
 
 def settles_between_s(settled: Settled, drawn: Sequence[Settled]) -> tuple[float, float] | None:
-    """The 95 % interval of when it has settled, None where that is not known: from how far its time is off in
-    the draws of `draws`.
+    """Return the 95 % interval of the settling time, from its deviations in draws; None if that time is
+    unknown.
     """
     if settled.after_s is None:
         return None
@@ -128,7 +136,7 @@ def settles_between_s(settled: Settled, drawn: Sequence[Settled]) -> tuple[float
 def settling_between(
     begin: Runner, program: Program, travel: BoolArray, within_um: float
 ) -> tuple[Settled, tuple[float, float] | None]:
-    """Return where it settles and when, and the 95 % interval of that time."""
+    """Return the settled state with its time, and the 95 % interval of that time."""
     settled = settling(begin, program, travel, within_um)
     begins = draws(begin, program) if settled.after_s is not None else []
     drawn = [settling(b, program, travel, within_um) for b in begins]

@@ -1,11 +1,10 @@
 """Conjugate gradients: over the whole history at once, or step by step as Lathe printed them.
 
-`descend` minimises |Z - H S w|² from w = 0, with H S as sweeps of the plant: one forward gives the change of
-the readings along a direction, one back the exact gradient, in place of two simulations for each unknown. The
-number of iterations regularises: the descent ends as soon as the misfit is at the noise level, or no longer
-improves.
-Sources: direction, factor and step of Lathe's equations 13 to 17, for a linear plant those of Fletcher and
-Reeves (1964); the discrepancy principle of Alifanov (1974).
+The function `descend` minimises |Z - H S w|² from w = 0, with H S as sweeps of the plant. One sweep forward
+gives the change of the readings along a direction, one back the exact gradient. This replaces two simulations
+for each unknown. The number of iterations regularises. The descent ends when the misfit is at the noise level
+or no longer improves. Sources: direction, factor and step of Lathe's equations 13 to 17, for a linear plant
+those of Fletcher and Reeves (1964); the discrepancy principle of Alifanov (1974).
 
 Neither gives a covariance: `spread` estimates their errors from simulated logs with known heats.
 """
@@ -32,8 +31,14 @@ _PATIENCE, _WORTH_IT = 20, 1e-2
 
 
 class Descent(NamedTuple):
-    """The ends of c descents: heats (K, m_e, c), W, and what the sensors read with them (K, s, c), K, both
-    beyond what is expected; misfit |Z - H Q|² (c,), iterations (c,), and whether each reached the noise.
+    """The results of c descents; heats and readings are relative to the expected ones.
+
+    Attributes:
+        heat_W: (K, m_e, c)
+        rows_K: (K, s, c) readings with these heats
+        misfit: (c,) |Z - H Q|²
+        iterations: (c,)
+        reached: (c,) whether the misfit reached the noise level
     """
 
     heat_W: FloatArray
@@ -44,7 +49,7 @@ class Descent(NamedTuple):
 
 
 def refuse_bent(plant: Plant) -> None:
-    """Raise `UserError` where the readings are not linear in the heats."""
+    """Raise `UserError` if the readings are not linear in the heats."""
     c = plant.coupling
     if c.radiation > 0.0 or c.rising > 0.0 or c.fades.per_K.any():
         raise UserError(
@@ -61,8 +66,8 @@ def descend(
 ) -> Descent:
     """Return the first iterates towards the minima of |Z - H S w|² that explain each Z to its noise level.
 
-    `rise_K` (K, s, c) are c logs that differ in their readings, each with a descent of its own. Before each
-    iteration `progress` is told how far the log is that is furthest from its end.
+    The c logs in `rise_K` (K, s, c) differ in their readings, and each has its own descent. Before each
+    iteration `progress` receives a text about the log that is furthest from its end.
     """
     c, values = rise_K.shape[2], np.count_nonzero(weight_1_K)
     # white noise of variance 1 has a square of M ± √(2 M); 95 % of logs are below this
@@ -89,7 +94,7 @@ def descend(
 
 
 class _Way:
-    """Where c descents are: the weighted error (K, s, c) of each, the gradient and the direction (n, c)."""
+    """The state of c descents: the weighted error (K, s, c), the gradient and the direction (n, c)."""
 
     def __init__(self, error: FloatArray, gradient: FloatArray) -> None:
         self.error, self._gradient, self._direction = error, gradient, gradient
@@ -98,12 +103,12 @@ class _Way:
 
     @classmethod
     def at_start(cls, sweeps: Sweeps, weight_1_K: FloatArray, rise_K: FloatArray) -> _Way:
-        """No heat beyond what is expected."""
+        """Return the start: no heat beyond the expected one."""
         weight = weight_1_K[:, :, None]
         return cls(weight * rise_K, sweeps.adjoint(weight**2 * rise_K))
 
     def of(self, selected: BoolArray) -> _Way:
-        """Some of the descents."""
+        """Return some of the descents."""
         way = _Way(self.error[:, :, selected], self._gradient[:, selected])
         way._direction, way.first = self._direction[:, selected], self.first[selected]
         return way
@@ -122,7 +127,7 @@ class _Way:
 
 
 def _squares(columns: FloatArray) -> FloatArray:
-    """The sum of the squares of each of the last axis' columns."""
+    """Return the sum of squares (c,) of each column of the last axis."""
     flat = columns.reshape(-1, columns.shape[-1])
     return np.asarray(np.einsum("nc,nc->c", flat, flat))
 
@@ -133,14 +138,18 @@ _SMOOTHED_SHARE = 0.05
 
 
 class Drawn(NamedTuple):
-    """c logs drawn from the configured prior: heats (K, m_e, c), readings (K, s, c), beyond the expected."""
+    """c logs drawn from the configured prior: heats (K, m_e, c) in W, readings (K, s, c) in K, relative
+    to the expected.
+    """
 
     heat_W: FloatArray
     rise_K: FloatArray
 
 
 def draw(walk: Sweeps, weight_1_K: FloatArray, seed: int) -> Drawn:
-    """Draw 24 logs, or 4 long ones, of a log's length and missing values: heats, initial field and noise."""
+    """Draw 24 logs, or 4 long ones, with a log's length and missing values: heats, initial field and
+    noise.
+    """
     rng = np.random.default_rng(seed)
     replicas = REPLICAS if walk.rows <= LONG else REPLICAS_LONG
     heat, rows = walk.forward(rng.standard_normal((walk.unknowns, replicas)))
@@ -150,16 +159,16 @@ def draw(walk: Sweeps, weight_1_K: FloatArray, seed: int) -> Drawn:
 
 
 def spread(drawn: Drawn, found_W: FloatArray) -> FloatArray:
-    """Return the root mean square error (K, m_e) of the heats found of drawn logs, (K, m_e, c).
+    """Return the root mean square error (K, m_e) in W of the heats found for drawn logs, (K, m_e, c).
 
-    The error includes noise, early stopping and missing sensors, as far as the configured walk describes this
-    machine's heats.
+    The error includes noise, early stopping and missing sensors, as far as the configured random walk
+    describes this machine's heats.
     """
     return np.sqrt(_smoothed(np.mean((found_W - drawn.heat_W) ** 2, axis=2)))
 
 
 def _smoothed(variance: FloatArray) -> FloatArray:
-    """Running means over a twentieth of the log: a few replicas give a variance to 30 % at best."""
+    """Return running means over a twentieth of the log: a few replicas give a variance to 30 % at best."""
     reach = max(int(_SMOOTHED_SHARE * len(variance)) // 2, 1)
     total = np.vstack([np.zeros((1, variance.shape[1])), np.cumsum(variance, axis=0)])
     row = np.arange(len(variance))
@@ -168,13 +177,13 @@ def _smoothed(variance: FloatArray) -> FloatArray:
 
 
 def stepwise(plant: Plant, log: Readings) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
-    """Return what finds the heats (K, m_e) of a Z (K, s) step by step, and what sensors read with them.
+    """Return a function that finds the heats (K, m_e) of a Z (K, s) step by step, with the readings for them.
 
-    At step n only q_n is unknown: J_n = Σ_i (T_i(q) - y_i)² is minimised by conjugate gradients from the
+    At step n only q_n is unknown. J_n = Σ_i (T_i(q) - y_i)² is minimised by conjugate gradients from the
     heats of the step before, until J_n is at the noise level; then the step is final. Nothing links the
-    steps, so each must be long enough for heat to reach the sensors; otherwise noise is taken for heat. The
-    gradient is that of central differences of 1 W, as printed. Raises `UserError` where something couples the
-    plant's states in time. Source: Lathe's equations 11 to 17.
+    steps. So each must be long enough for heat to reach the sensors, or noise is taken for heat. The gradient
+    is that of central differences of 1 W, as printed. Raises `UserError` if the plant's states are coupled in
+    time. Source: Lathe's equations 11 to 17.
     """
     if plant.coupling.active:
         raise UserError(
@@ -210,7 +219,7 @@ def stepwise(plant: Plant, log: Readings) -> Callable[[FloatArray], tuple[FloatA
 
 
 def _descend_step(G: FloatArray, off_K: FloatArray, q: FloatArray, enough_K2: float) -> FloatArray:
-    """Return q for which |off + G q|² is at the noise level, or as small as fifty iterations make it."""
+    """Return the q for which |off + G q|² is at the noise level, or as small as fifty iterations make it."""
 
     def misfit_K2(q: FloatArray) -> float:
         error_K = off_K + G @ q

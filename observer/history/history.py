@@ -1,4 +1,4 @@
-"""What is asked of `observer identify`, and what it returns: options of a method, heats over a log."""
+"""Options and result of a heat history, `observer identify`."""
 
 from __future__ import annotations
 
@@ -19,9 +19,11 @@ Gradient = Literal["adjoint", "central-differences"]
 class MethodOptions(NamedTuple):
     """The method and its options; None is the method's own default.
 
-    `regularisation` multiplies the weight of the configured prior. `order` is that of the prior: 1 for heats
-    as a random walk, from an uncertain field; 0, as in the papers, for independent heats of each step, from a
-    screw of one temperature. `seed` is that of all random draws.
+    Attributes:
+        regularisation: factor on the weight of the configured prior
+        order: of the prior; 1: heats as a random walk, from an uncertain field; 0: independent heats of
+            each step, from a screw of one temperature, as in the papers
+        seed: of all random draws
     """
 
     method: Method = "smoother"
@@ -32,7 +34,7 @@ class MethodOptions(NamedTuple):
     seed: int = 0
 
     def check(self) -> None:
-        """Raise `UserError` where an option is unknown or not of the method, or two contradict each other."""
+        """Raise `UserError` if an option is unknown or not of the method, or if two contradict each other."""
         for name, allowed in (
             ("method", Method),
             ("parameter_choice", ParameterChoice),
@@ -71,9 +73,13 @@ class MethodOptions(NamedTuple):
 class HeatHistory:
     """The estimated heats at K steps, each from all measurements of the log, before and after it.
 
-    Shapes, with m_e estimated sources and s sensors: `heat_W`, `heat_sigma_W` (K, m_e), NaN where nothing is
-    known; `residual_K` (K, s), measured minus explained temperature, NaN where no value was used. `details`
-    are figures of the method by name; `warnings` are sentences.
+    Attributes:
+        time_s: (K,)
+        heat_W: (K, m_e) of the estimated sources, NaN where unknown
+        heat_sigma_W: (K, m_e)
+        residual_K: (K, s) measured minus explained temperature, NaN where no value was used
+        details: figures of the method by name
+        warnings: sentences
     """
 
     time_s: FloatArray

@@ -37,12 +37,11 @@ def heat_history(
 ) -> HeatHistory:
     """Return the heats over a whole log, given as consecutive blocks of inputs.
 
-    `tolerances` returns what one standard deviation of each tolerance does to the sensors, along heats (K,
-    m_e), NaN where they are not known; it is given those that the smoother estimates without any, averaged
-    over minutes. The learnt
-    part is subtracted from the readings, and the remaining uncertainty, as for the smoother, is added to σ
-    for every method. `progress` is told of each iteration of a descent. Raises `UserError` where the options
-    contradict each other, or the method cannot take this log.
+    The function `tolerances` returns the effect of one standard deviation of each tolerance on the sensors.
+    Its argument is the heats (K, m_e) that the smoother estimates without tolerances, averaged over minutes,
+    NaN where unknown. The learnt part of the tolerances is subtracted from the readings. The remaining
+    uncertainty is added to σ for every method, as it is for the smoother. Each iteration of a descent calls
+    `progress`. Raises `UserError` if the options contradict each other, or if the method cannot use this log.
     """
     options.check()
     first = None if tolerances is None else smooth_heats(plant, settings, blocks)
@@ -67,7 +66,9 @@ def heat_history(
 
 
 def _that_cool(plant: Plant, blocks: Sequence[Inputs], history: HeatHistory) -> Iterator[str]:
-    """Warn of sources whose estimated heat is negative on average, beyond σ, though their laws are not."""
+    """Yield a warning for each source whose estimated heat is negative on average, beyond σ, although its
+    law is not.
+    """
     law_W = np.concatenate([block.law_W for block in blocks])[:, plant.estimated]
     names = [name for name, is_one in zip(plant.source_names, plant.estimated, strict=True) if is_one]
     for name, heat_W, sigma_W, law in zip(
@@ -83,9 +84,9 @@ def _that_cool(plant: Plant, blocks: Sequence[Inputs], history: HeatHistory) -> 
 
 
 def refuse_diverged(history: HeatHistory, blocks: Sequence[Inputs], most_W: float, method: str) -> None:
-    """Raise `UserError` where the heats exceed `most_W` or explain less than no heat at all would.
+    """Raise `UserError` if the heats exceed `most_W` or explain less than no heat at all would.
 
-    Without heat a screw stays between its first temperatures and those around it, so its residual is within
+    Without heat a screw stays between its first temperatures and those around it. So its residual is within
     the range of all measured temperatures.
     """
     heat_W, residual_K = _largest_rms(history.heat_W), _largest_rms(history.residual_K)
@@ -106,7 +107,7 @@ def refuse_diverged(history: HeatHistory, blocks: Sequence[Inputs], most_W: floa
 
 
 def _largest_rms(columns: FloatArray) -> float:
-    """The largest r.m.s. of the columns, without NaN; infinite where a value is."""
+    """Return the largest r.m.s. of the columns, without NaN; infinite if a value is."""
     with np.errstate(over="ignore"):
         means = [
             float(np.mean(column[~np.isnan(column)] ** 2))
@@ -123,7 +124,7 @@ def _by_method(
     options: MethodOptions,
     progress: Callable[[str], None],
 ) -> HeatHistory:
-    """The heats without regard to tolerances."""
+    """Return the heats without regard to tolerances."""
     if options.method == "smoother":
         return smooth_heats(plant, settings, blocks)
     if options.method == "tikhonov":
@@ -151,7 +152,7 @@ def _tikhonov(
 
 
 def _regularisation(equation: Regularised, options: MethodOptions) -> tuple[float, dict[str, Any]]:
-    """The weight of the prior, and how it was chosen."""
+    """Return the weight of the prior, and how it was chosen."""
     if options.regularisation is not None:
         return options.regularisation, {}
     choice = options.parameter_choice or "gcv"
@@ -201,7 +202,7 @@ def _warnings(options: MethodOptions, misfit: float) -> list[str]:
 
 
 def _tolerated_misfit(misfit: float) -> str:
-    """What is said of a misfit that vanishes where the tolerances that are only considered move, too."""
+    """Return the warning about a misfit that tolerances explain only if the considered ones change too."""
     return (
         f"the residual is {misfit**0.5:.3g} times the noise, and [tolerance] explains it by what it only "
         "allows for (material, positions and the like), which stays as configured; σ includes it, and the "
@@ -210,5 +211,5 @@ def _tolerated_misfit(misfit: float) -> str:
 
 
 def _after(log: Readings, values: FloatArray) -> FloatArray:
-    """Rows of the log from its first with a measurement on, NaN before."""
+    """Return values (k, …) with NaN rows for the log's rows before the first measurement."""
     return np.vstack([np.full((log.first, values.shape[1]), np.nan), values])

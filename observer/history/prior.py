@@ -1,9 +1,8 @@
-"""What is taken for likely of the heats before a log is read, in two orders.
+"""The prior of the heats, before a log is read, in two orders.
 
 Order 1: each heat walks from its law, by the configuration's random walk and the law's own jumps; the field
-at the start is uncertain. That is what the smoother takes, but for its noise of the field. Order 0, as the
-papers print it: the heats of all steps are independent, around zero, and the screw has one temperature at the
-start.
+at the start is uncertain. This is the smoother's prior, without noise of the field. Order 0, as the papers
+print it: the heats of all steps are independent, around zero, and the screw has one temperature at the start.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from observer.model.plant import Plant
 
 
 class Assumed(NamedTuple):
-    """A plant, blocks of inputs and the steps between them with one prior of the heats in them."""
+    """A plant, blocks of inputs, and the steps between them, with one prior of the heats in them."""
 
     plant: Plant
     blocks: Sequence[Inputs]
@@ -29,7 +28,9 @@ class Assumed(NamedTuple):
 
 
 class HeldSteps(StepCache):
-    """Steps over which heats are held: a heat jumps where one begins and, as `keeps` says, lasts or ends."""
+    """Steps over which heats are held: a heat jumps at the start of a step, and persists after it only
+    with `keeps`.
+    """
 
     def __init__(self, plant: Plant, *, keeps: bool) -> None:
         super().__init__(plant)
@@ -50,8 +51,8 @@ class HeldSteps(StepCache):
 def walking(plant: Plant, blocks: Sequence[Inputs], alpha: float = 1.0) -> Assumed:
     """Return the prior of order 1 at the weight `alpha`: with 1 it is the configuration's.
 
-    All that no heat explains is the sensors' noise: with noise of the field beside it, no choice of the
-    weight could separate what heats explain from what that does.
+    The field has no noise here: everything that heats do not explain is the sensors' noise. With noise of the
+    field, no choice of the weight could separate the two.
     """
     plant = replace(
         plant,
@@ -87,8 +88,10 @@ def independent(plant: Plant, blocks: Sequence[Inputs], alpha: float = 1.0) -> A
 
 
 def jumps_W(plant: Plant, inputs: Inputs, order: int) -> tuple[FloatArray, FloatArray]:
-    """Return the σ (K, m_e) of each heat's jump at the start of each step, held over it, W, and what of the
-    heat before it is left (K, m_e); both 0 in the first row, before which there is no step.
+    """Return the σ (K, m_e) in W of each heat's jump at the start of each step, and the remaining fraction
+    (K, m_e).
+
+    The jump is held over the step. The fraction is that of the heat before it. Both are 0 in the first row.
     """
     sigma_W, keep = np.zeros((2, len(inputs), len(plant.initial_sigma_W)))
     if order == 0:

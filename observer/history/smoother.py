@@ -20,12 +20,16 @@ from observer.tables.estimator import EstimatorSettings
 
 
 class Tape(NamedTuple):
-    """What the backward pass needs from K steps of the filter.
+    """The data of K filter steps that the backward pass needs.
 
-    `kind` (K,); per sensor in the order of the corrections `gain` (K, s, width), `weight` (K, s) = 1/S, 0
-    where it did not correct, and `innovation` (K, s) given the sensors before it; after the corrections the
-    heats `heat` (K, m_e) and their rows of P, `cross` (K, m_e, width); where states are coupled, the state
-    before each half of it, `coupled` (K, 2, n_x).
+    Attributes:
+        kind: (K,) kind of step
+        gain: (K, s, width) for each sensor, in the order of the corrections
+        weight: (K, s) 1/S, 0 without a correction
+        innovation: (K, s) given the sensors before it
+        heat: (K, m_e) heats after the corrections
+        cross: (K, m_e, width) their rows of P
+        coupled: (K, 2, n_x) state before each half of a coupled step
     """
 
     kind: NDArray[np.int8]
@@ -50,8 +54,13 @@ class Adjoint(NamedTuple):
 class Smoothed(NamedTuple):
     """The output of the backward pass, NaN where a step or a reading was not used.
 
-    Heats and their σ (K, m_e); residuals and `free` (K, s), 1 less the influence of each reading on its own
-    smoothed value; the jump of each heat from its law at the start of a step, and its σ (K, m_e).
+    Attributes:
+        heat: (K, m_e) W
+        sigma: (K, m_e) W
+        residual: (K, s) K
+        free: (K, s) 1 minus the influence of each reading on its own smoothed value
+        jump: (K, m_e) jump of each heat from its law at the start of a step, W
+        jump_sigma: (K, m_e) W
     """
 
     heat: FloatArray
@@ -70,11 +79,14 @@ _REGISTER = 4
 def smooth_heats(plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs]) -> HeatHistory:
     """Return the heats given all measurements of consecutive blocks, with their standard deviations.
 
-    The Kalman filter runs forward; the adjoint r and its covariance N run back, r⁻ = (I - K C)ᵀ r + Cᵀ S⁻¹ ν,
-    x_s = x̂ + P r, P_s = P - P N P. Only the innovations' variances are inverted: the predicted covariance,
-    which the Rauch-Tung-Striebel smoother inverts, is singular to rounding here, where fast modes follow the
-    heats. The filter's state is stored at the start of each segment only, and the segment is filtered again
-    when the backward pass reaches it.
+    The Kalman filter runs forward; the adjoint r and its covariance N run back:
+
+        r⁻ = (I - K C)ᵀ r + Cᵀ S⁻¹ ν,   x_s = x̂ + P r,   P_s = P - P N P.
+
+    Only the innovations' variances are inverted. The Rauch-Tung-Striebel smoother inverts the predicted
+    covariance, which is singular to rounding here, where fast modes follow the heats. The filter's state is
+    stored at the start of each segment only, and the segment is filtered again when the backward pass reaches
+    it.
 
     Sensors rejected by the gate in the forward pass are left out of the backward pass too. Sources: Bierman
     (1973), de Jong (1989); Durbin and Koopman (2012), section 6.4, for one sensor at a time.
@@ -87,18 +99,19 @@ def smooth_heats(plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inp
 def smooth_all(
     plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], steps: StepCache
 ) -> Smoothed:
-    """Return all that the smoother says of consecutive blocks, the step matrices being those of `steps`."""
+    """Return the whole output of the smoother for consecutive blocks, with the step matrices of `steps`."""
     return Smoothed(*_Passes(plant.sensors_only(), settings, steps).run(blocks))
 
 
 def smooth_changes(
     plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], changes_K: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the smoother's response to changes D (K, s, c) of the sensor readings, K, beside the log itself.
+    """Return the smoother's response to changes D (K, s, c) of the sensor readings, K, in addition to the
+    log.
 
-    Σ being the covariance of all readings, that is Dᵀ Σ⁻¹ [y − ŷ | D] (c, 1 + c), and the changes of the
-    heats (K, m_e, c), W. Readings rejected by the gate carry no information. Gains and covariances are
-    those of the log, so one pass serves all.
+    With the covariance Σ of all readings, this is Dᵀ Σ⁻¹ [y − ŷ | D] (c, 1 + c), and the changes of the heats
+    (K, m_e, c), W. Readings rejected by the gate carry no information. Gains and covariances are those of the
+    log, so one pass serves all changes.
     """
     passes = _ChangedPasses(plant.sensors_only(), settings, changes_K)
     [heat] = passes.run(blocks)
@@ -106,7 +119,7 @@ def smooth_changes(
 
 
 class Changed(NamedTuple):
-    """The changes of readings (K, s, c) and of heats (K, m_e, c), as `kernels.changes` leaves them."""
+    """The changes of readings (K, s, c) and of heats (K, m_e, c), as `kernels.changes` computes them."""
 
     moved: FloatArray
     heat: FloatArray
@@ -147,8 +160,9 @@ class _Passes:
         )
 
     def run(self, blocks: Sequence[Inputs]) -> list[FloatArray]:
-        """Run the forward pass, storing the state at the start of each segment, and the backward pass; return
-        the results of the K rows.
+        """Run the forward pass, storing the state at the start of each segment, and the backward pass.
+
+        Return the results of the K rows.
         """
         states, parts = [], list[tuple[FloatArray, ...]]()
         begins = np.cumsum([0, *map(len, blocks)]).tolist()
@@ -190,7 +204,7 @@ class _Passes:
         )
 
     def _smooth(self, segment: _Segment) -> tuple[FloatArray, ...]:
-        """The results of a segment's rows, as `Smoothed`."""
+        """Return the results of a segment's rows, as `Smoothed`."""
         K, s, m_e = len(segment.step), len(self._arrays.R_K2), len(self._arrays.source)
         out = Smoothed(*(np.full((K, width), np.nan) for width in (m_e, m_e, s, s, m_e, m_e)))
         run_backward(self._batch(segment), self._tape, self._adjoint, self._work, record(out))
@@ -198,7 +212,7 @@ class _Passes:
 
 
 class _ChangedPasses(_Passes):
-    """The same passes with changes of the readings beside the log, which is column 0."""
+    """The same passes with changes of the readings in addition to the log, which is column 0."""
 
     def __init__(self, plant: Plant, settings: EstimatorSettings, changes_K: FloatArray) -> None:
         super().__init__(plant, settings, StepCache(plant))
@@ -231,7 +245,7 @@ class _ChangedPasses(_Passes):
         run_changes_forward(self._batch(segment), self._tape, self._work, self._X, self._changed)
 
     def _smooth(self, segment: _Segment) -> tuple[FloatArray, ...]:
-        """The changes of the heats (K, m_e, c)."""
+        """Return the changes of the heats (K, m_e, c)."""
         D = self._changes_K[segment.rows]
         run_changes_backward(
             self._batch(segment), self._tape, self._work, self._adjoints, self._changed, D, self._information

@@ -1,8 +1,8 @@
-"""The map from heats to readings over a log as the plant's own step: Z = H Q without the matrix H.
+"""The map from heats to readings over a log, as the plant's own step: Z = H Q without the matrix H.
 
-H times a history is one sweep of the plant forward, its transpose one sweep back (`observer.kernels.sweep`),
-with the nut where it was in each step, steps of any length and whatever couples the states.
-Source: Li et al. (2022), equations 28 to 31, in modes and step by step.
+H times a history is one sweep of the plant forward, its transpose one sweep back (`observer.kernels.sweep`).
+The nut is at its position in each step, steps have any length, and states may be coupled. Source: Li et al.
+(2022), equations 28 to 31, in modes and step by step.
 """
 
 from __future__ import annotations
@@ -26,10 +26,13 @@ _POWERS = 8
 
 
 class Readings(NamedTuple):
-    """What a log's sensors read beyond heats by their laws, from its `first` row with a measurement on.
+    """The readings of K rows minus those expected by the heat laws, from the first row with a measurement on.
 
-    With K rows from there: the `inputs`; `rise_K` (K, s), Z, 0 where there is no measurement; `weight_1_K`
-    (K, s), one over the noise, 0 where there is none.
+    Attributes:
+        first: that row
+        inputs: of the K rows
+        rise_K: (K, s) Z, 0 without a measurement
+        weight_1_K: (K, s) one over the noise, 0 without a measurement
     """
 
     first: int
@@ -43,14 +46,14 @@ class Readings(NamedTuple):
         return int(np.count_nonzero(self.weight_1_K))
 
     def unexplained(self, rows_K: FloatArray) -> FloatArray:
-        """Return Z less rows (K, s), K, NaN where there is no measurement."""
+        """Return Z minus rows (K, s) in K, NaN without a measurement."""
         return np.where(self.weight_1_K > 0.0, self.rise_K - rows_K, np.nan)
 
 
 def readings(plant: Plant, blocks: Sequence[Inputs], order: int) -> Readings:
-    """Return the readings of a log beyond what the prior of that order expects.
+    """Return the readings of a log minus those that the prior of that order expects.
 
-    Raises `UserError` where there are fewer than three steps with a measurement.
+    Raises `UserError` if fewer than three steps have a measurement.
     """
     if order == 0:
         blocks = independent(plant, blocks).blocks
@@ -71,7 +74,7 @@ def readings(plant: Plant, blocks: Sequence[Inputs], order: int) -> Readings:
 
 
 class _Stretch(NamedTuple):
-    """Some rows of a log, as kernels take them, and whether the log begins with them."""
+    """Some rows of a log in the form that kernels take, and whether the log begins with them."""
 
     rows: slice
     batch: Any
@@ -79,14 +82,14 @@ class _Stretch(NamedTuple):
 
 
 class Sweeps:
-    """H S over a log, with c histories at once: S makes heats of numbers of variance 1 by a prior.
+    """H S over a log, with c histories at once; S makes heats from numbers of variance 1 by a prior.
 
-    A history is a column of V (r + K m_e, c): r numbers for the uncertain field at the start, none in order
-    0, and one for each heat's jump at the start of each row's step.
+    A history is a column of V (r + K m_e, c). The first r numbers are the uncertain field at the start, none
+    in order 0. The others are one for each heat's jump at the start of each row's step.
     """
 
     def __init__(self, plant: Plant, inputs: Inputs, order: int, *, start_known: bool | None = None) -> None:
-        """Prepare the sweeps; in order 0 the field is known at the start, unless `start_known` says."""
+        """Prepare the sweeps; in order 0 the field at the start is known, unless `start_known` differs."""
         plant = plant.sensors_only()
         arrays = packing.pack_plant(plant)
         plant_record, self._work = record(arrays), record(packing.scratch(arrays))
@@ -105,7 +108,7 @@ class Sweeps:
 
     @property
     def unknowns(self) -> int:
-        """How many numbers a history is made of."""
+        """How many numbers form a history."""
         return int(self.start + self.rows * self.heats)
 
     def forward(self, V: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -131,7 +134,7 @@ class Sweeps:
         return np.vstack([self._root.T @ R[: self._n_x], w.reshape(-1, c)])
 
     def largest(self, weight_1_K: FloatArray) -> float:
-        """Return about the largest eigenvalue of (H S)ᵀ R⁻¹ H S, by a few powers of it."""
+        """Return approximately the largest eigenvalue of (H S)ᵀ R⁻¹ H S, by a few powers of it."""
         V = np.random.default_rng(0).standard_normal((self.unknowns, 1))
         size = 1.0
         for _ in range(_POWERS):
@@ -141,9 +144,10 @@ class Sweeps:
 
 
 def _start_mean(plant: Plant, inputs: Inputs, usable: FloatArray) -> FloatArray:
-    """The state (n_x,) that the Kalman filter starts from, before its first correction.
+    """Return the state (n_x,) from which the Kalman filter starts, before its first correction.
 
-    A screw of one temperature, the median of the usable sensors (s,), its lags at rest under their laws.
+    It is a screw of one temperature, the median of the usable sensors (s,), with its lags at rest under their
+    laws.
     """
     x = inputs.law_W[0] @ plant.lags
     of_uniform = _rows_at(plant, inputs, plant.uniform) - plant.rows.F @ inputs.z_end[0]
@@ -154,7 +158,7 @@ def _start_mean(plant: Plant, inputs: Inputs, usable: FloatArray) -> FloatArray:
 
 
 def _rows_at(plant: Plant, inputs: Inputs, x: FloatArray) -> FloatArray:
-    """What the sensors (s,) read of the state x in the first row."""
+    """Return the readings (s,) of the sensors for the state x in the first row, °C."""
     C = plant.rows.C.copy()
     for i, source in enumerate(plant.moving):
         C[:, plant.modes + source.index] = inputs.moving_C[0, i]
@@ -162,7 +166,7 @@ def _rows_at(plant: Plant, inputs: Inputs, x: FloatArray) -> FloatArray:
 
 
 def _square_root(P: FloatArray) -> FloatArray:
-    """Columns (n, r) whose squares add up to the covariance P."""
+    """Return columns (n, r) whose squares add up to the covariance P."""
     values, vectors = np.linalg.eigh(P)
     positive = values > _NEGLIGIBLE * max(float(values[-1]), 1e-300)
     return np.asarray(vectors[:, positive] * np.sqrt(values[positive]))

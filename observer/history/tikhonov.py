@@ -1,15 +1,15 @@
 """Li's batch identification, Z = H Q regularised after Tikhonov, solved in the time domain.
 
-The heats are Q = Q_law + S w, where S makes the prior out of independent numbers w of variance 1
-(`observer.history.prior`), and w minimises |Z - H S w|² + α |w|². That is the most probable history of a
-prior whose variances are divided by α, so the smoother with such a prior finds it, and its σ, in a time that
-grows with the log's length; with order 1 and α = 1 it is the smoother without noise of the field. Order 0 is
+The heats are Q = Q_law + S w. S makes the prior from independent numbers w of variance 1
+(`observer.history.prior`), and w minimises |Z - H S w|² + α |w|². This is the most probable history of a
+prior whose variances are divided by α. So the smoother with such a prior finds it, with its σ, in a time that
+grows with the log's length. With order 1 and α = 1 it is the smoother without noise of the field. Order 0 is
 Li's own: S is diagonal and Q_law is 0, and his parameter is α times the noise's variance over the prior's.
 Source: Li et al. (2022), equations 36 to 39; the state-space form of a penalty, Kohn and Ansley (1987).
 
-How much weight α the prior gets is Li's ICO as printed, or one of three rules with a stopping criterion. The
-trace of the influence matrix, which GCV needs, is the sum of every reading's influence on its own smoothed
-value, which the way back knows (Kohn and Ansley 1989).
+The weight α follows Li's ICO as printed, or one of three rules with a stopping criterion. GCV needs the trace
+of the influence matrix. That is the sum of every reading's influence on its own smoothed value, which the
+backward pass gives (Kohn and Ansley 1989).
 """
 
 from __future__ import annotations
@@ -31,8 +31,13 @@ _DIGITS = 3e-5
 
 
 class Trial(NamedTuple):
-    """A solution for `alpha` in numbers: its misfit |Z - H Q|², the size |w|² of its heats, how many
-    of the `measurements` are left free, M less the trace of the influence matrix.
+    """A solution for `alpha` in numbers.
+
+    Attributes:
+        misfit: |Z - H Q|²
+        size: |w|² of its heats
+        free: number of measurements minus the trace of the influence matrix
+        measurements: their number
     """
 
     alpha: float
@@ -43,12 +48,14 @@ class Trial(NamedTuple):
 
 
 class Regularised:
-    """The regularised solutions of one log with one prior, by α; each is found once."""
+    """The regularised solutions of one log with one prior, by α; each is computed once."""
 
     def __init__(
         self, plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], order: int
     ) -> None:
-        """Leave out what the smoother's gate refuses, so that all solutions use the same readings."""
+        """Leave out the readings that the smoother's gate rejects, so that all solutions use the same
+        ones.
+        """
         accepted = np.isfinite(smooth_heats(plant, settings, blocks).residual_K)
         begins = np.cumsum([0, *map(len, blocks)])
         self._blocks = [
@@ -69,7 +76,7 @@ class Regularised:
         return solution if self._order == 1 else self._as_jumps(solution, alpha)
 
     def _as_jumps(self, solution: Smoothed, alpha: float) -> Smoothed:
-        """The heats of order 0; σ is NaN where it is the rounding of a prior that wide."""
+        """Return the heats of order 0; σ is NaN where it is the rounding of so wide a prior."""
         sigma_W, start = solution.jump_sigma, self._log.first
         sigma_W[sigma_W < _DIGITS * self._plant.initial_sigma_W / np.sqrt(alpha)] = np.nan
         for values in (solution.jump, sigma_W):  # the first row has no step before it
@@ -86,7 +93,7 @@ class Regularised:
         return self._tried[alpha]
 
     def _size(self, heat_W: FloatArray) -> float:
-        """|w|² of heats (K, m_e)."""
+        """Return |w|² of heats (K, m_e)."""
         departure_W = heat_W[self._log.first :] - self._log.inputs.law_W[:, self._plant.estimated]
         jump = departure_W[1:] - self._keep[1:] * departure_W[:-1]
         jump[0] = departure_W[1]
@@ -105,7 +112,7 @@ Try = Callable[[float], Trial]
 
 
 def trials(top: float, per_decade: int = 1) -> FloatArray:
-    """Return α over the whole range that matters, ascending, about the largest eigenvalue `top`."""
+    """Return α over the whole relevant range, ascending, about the largest eigenvalue `top`."""
     return np.asarray(top * np.logspace(-_SPAN, 1, per_decade * (_SPAN + 1) + 1))
 
 
@@ -175,11 +182,11 @@ def by_ico(
 ) -> tuple[float, FloatArray]:
     """Return Li's choice of α and the α kept after each round (…,), as printed.
 
-    Draw ten values evenly in [low, high], keep the one of smallest W = |Z^α - Z|/|Z|, stop if W is below
-    `tolerance`, else keep the half of the interval it lies in. W falls with α, so the smallest value drawn is
-    the one kept, without all ten being solved; without limit, so this ends at the lower bound unless the
-    tolerance stops it. Without `bounds`, those are the largest eigenvalue `top` and twelve decades below it.
-    Source: Li et al. (2022), equations 40 to 42.
+    Draw ten values evenly in [low, high], and keep the one of smallest W = |Z^α - Z|/|Z|. Stop if W is below
+    `tolerance`, else keep the half of the interval that contains it. W falls with α, so the smallest value
+    drawn is kept, and the other nine need not be solved. W falls without limit, so the search ends at the
+    lower bound unless the tolerance stops it. The default `bounds` are the largest eigenvalue `top` and
+    twelve decades below it. Source: Li et al. (2022), equations 40 to 42.
     """
     low, high = bounds or (top * 10.0**-ICO_DECADES, top)
     rng = np.random.default_rng(seed)

@@ -1,16 +1,16 @@
-"""What the tolerances of a configuration do to the sensors over a log, and what the log says of them.
+"""The effect of a configuration's tolerances on the sensors over a log, and their estimate from the log.
 
-A tolerance changes the sensors by d_i θ_i, θ_i of variance 1 and d_i (K, s) simulated along known heats. The
-smoother is linear in what the sensors read, so it is run once for each d_i, and the rest is small: with Σ the
-covariance of all readings without tolerances, D the d_i as columns, and M the smoother's response to them,
+A tolerance changes the sensors by d_i θ_i, with θ_i of variance 1 and d_i (K, s) simulated along known heats.
+The smoother is linear in the readings, so it is run once for each d_i. The other matrices are small: Σ is the
+covariance of all readings without tolerances, D has the d_i as columns, and M is the smoother's response to
+them.
 
     S = (I + Dᵀ Σ⁻¹ D)⁻¹,   θ = S Dᵀ Σ⁻¹ (y − ŷ),   q = q̂(y − D θ),   P = P̂ + M S Mᵀ.
 
-Parameters that are only considered (Schmidt 1966) keep θ = 0 and the identity in their block of S, since they
-are no better known afterwards: with a model that is off by hundredths of a kelvin, sensor positions, ends and
-material would otherwise be estimated wrongly and with false confidence. The smoothed residual is R Σ⁻¹ (y −
-ŷ). Sources: Rosenberg (1973) for regression beside a filter; de Jong (1991), sections 3 and 5, for the
-smoother and its covariance.
+Considered parameters (Schmidt 1966) keep θ = 0 and the identity in their block of S. If they were estimated
+with a model that is wrong by hundredths of a kelvin, the results for sensor positions, ends and material
+would be wrong and overconfident. The smoothed residual is R Σ⁻¹ (y − ŷ). Sources: Rosenberg (1973) for
+regression beside a filter; de Jong (1991), sections 3 and 5, for the smoother and its covariance.
 """
 
 from __future__ import annotations
@@ -42,8 +42,11 @@ reading's noise lasts a minute or two; a screw warms in half an hour or more.
 
 
 class Changes(NamedTuple):
-    """The change of the sensors with one standard deviation of each of c tolerances: `sensor_K` (K, s, c), K;
-    and which of them are `learnt` (c,), the others being only considered.
+    """The change of the sensors with one standard deviation of each of c tolerances.
+
+    Attributes:
+        sensor_K: (K, s, c)
+        learnt: (c,) whether the tolerance is learnt; the others are considered
     """
 
     sensor_K: FloatArray
@@ -53,9 +56,10 @@ class Changes(NamedTuple):
 def changes_within(config: Config, blocks: Sequence[Inputs], heat_W: FloatArray) -> Changes:
     """Return the effect of the plant's tolerances over consecutive blocks of K steps in total.
 
-    `heat_W` (K, m_e) are the estimated heats, NaN where unknown: the change is simulated along them, since
-    that of a film depends on how warm the screw was. It is zero initially, where the sensors give the field.
-    Learnt are those named in `[estimator] learn`; the common tolerance of the sensors' gains never is.
+    The change is simulated along the estimated heats `heat_W` (K, m_e), NaN where unknown, because the effect
+    of a film depends on the temperature of the screw. It is zero initially, when the sensors give the field.
+    Learnt are the tolerances in `[estimator] learn`; the common tolerance of the sensors' gains is only
+    considered.
     """
     plant, learnt = _roughly_known(config)
     known_rows = np.flatnonzero(np.isfinite(heat_W).any(axis=1))
@@ -80,7 +84,7 @@ def changes_within(config: Config, blocks: Sequence[Inputs], heat_W: FloatArray)
 
 
 def averaged(blocks: Sequence[Inputs], estimated: BoolArray, heat_W: FloatArray) -> FloatArray:
-    """Return estimated heats (K, m_e) with their departure from the laws averaged over `AVERAGED_S`.
+    """Return estimated heats (K, m_e) with their deviation from the laws averaged over `AVERAGED_S`.
 
     Estimated heats follow the noise of the readings. Changes simulated along them would correlate with that
     noise, and the estimate of the tolerances would be biased. Rows with a NaN stay NaN.
@@ -99,7 +103,9 @@ def averaged(blocks: Sequence[Inputs], estimated: BoolArray, heat_W: FloatArray)
 
 
 def _roughly_known(config: Config) -> tuple[Plant, BoolArray]:
-    """The plant with all tolerances but those of the estimated heats, and which of them are learnt."""
+    """Return the plant with all tolerances except those of the estimated heats, and which of them are
+    learnt.
+    """
     by_kalman = config.estimator.model_copy(update={"kind": "kalman", "engine": "compiled"})
     lean = config.model_copy(update={"estimator": by_kalman})
     plant = build_plant(lean, nut_places=2, learns=True).sensors_only()  # the inputs hold the nut's columns
@@ -126,8 +132,10 @@ class _Along:
         self._considered, self._plant_record = record(considered(arrays, linearised, S)), record(arrays)
 
     def __call__(self, u: Inputs, D: FloatArray) -> FloatArray:
-        """Fill D (K, s, …) for the steps of a block, the very first of which starts from the sensors; return
-        the readings expected with no parameter changed, (K, s), °C.
+        """Fill D (K, s, …) for the steps of a block, and return the expected readings (K, s) in °C.
+
+        The first step of all starts from the sensors. The expected readings are those without any changed
+        parameter.
         """
         if self._begins:
             y_degC = np.where(u.usable[0], u.y_degC[0], np.nan)
@@ -142,9 +150,13 @@ class _Along:
 
 
 class ToleranceEstimate(NamedTuple):
-    """The most probable effect of the learnt tolerances on the sensors (K, s), K, that of all of them, those
-    only considered too, how many standard deviations the largest is, and the variance (K, m_e), W², that all
-    tolerances add to the heats.
+    """The most probable effect of tolerances on sensors and heats.
+
+    Attributes:
+        sensor_K: (K, s) effect of the learnt tolerances
+        whole_K: (K, s) effect of all tolerances, the considered ones too
+        largest: the largest tolerance, in standard deviations
+        variance_W2: (K, m_e) variance of the heats due to all tolerances
     """
 
     sensor_K: FloatArray

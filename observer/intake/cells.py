@@ -17,7 +17,10 @@ _NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 
 
 def numbers_of(column: RawColumn, decimal: str) -> tuple[FloatArray, Words]:
-    """The values (n,) of a column, NaN where a cell is empty or says something else, and what those say."""
+    """Return the values (n,) of a column, NaN where a cell is not a number, and the words in such cells.
+
+    `decimal` is the decimal separator. Empty cells are NaN and not counted as words.
+    """
     if not column.is_text:
         values = column.values.astype(np.float64)
         lost = int(np.isinf(values).sum())
@@ -25,26 +28,26 @@ def numbers_of(column: RawColumn, decimal: str) -> tuple[FloatArray, Words]:
     import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
     import pyarrow.compute as pc  # noqa: PLC0415
 
-    said = pc.utf8_trim_whitespace(column.values)
-    cells = plain_numbers(said, decimal)
+    texts = pc.utf8_trim_whitespace(column.values)
+    cells = plain_numbers(texts, decimal)
     numeric = pc.fill_null(pc.match_substring_regex(cells, _NUMBER), fill_value=False)
     values = pc.cast(pc.if_else(numeric, cells, pa.scalar(None, pa.string())), pa.float64())
-    found = np.array(values.to_numpy(zero_copy_only=False), dtype=np.float64)
-    others = pc.value_counts(said.filter(pc.invert(numeric)))
+    values_of_cells = np.array(values.to_numpy(zero_copy_only=False), dtype=np.float64)
+    others = pc.value_counts(texts.filter(pc.invert(numeric)))
     counts = {str(e["values"]): int(e["counts"]) for e in others.to_pylist() if e["values"]}
     for word in column.dropped:
         counts[word] = counts.get(word, 0) + 1
-    if infinite := int(np.isinf(found).sum()):
+    if infinite := int(np.isinf(values_of_cells).sum()):
         counts["inf"] = infinite
-    found[np.isinf(found)] = np.nan
+    values_of_cells[np.isinf(values_of_cells)] = np.nan
     words = tuple(sorted(counts, key=lambda word: (-counts[word], word)))
-    return found, Words(column.name, sum(counts.values()), words)
+    return values_of_cells, Words(column.name, sum(counts.values()), words)
 
 
 def without_units(column: RawColumn) -> RawColumn:
-    """A column whose cells are numbers with one unit, as `21.5 °C`, with that unit in its own place.
+    """Return the column with a unit that its cells repeat, such as `21.5 °C`, moved to the column's `unit`.
 
-    Cells in another unit stay as they are, so that they are counted as words.
+    Cells in another unit stay unchanged, so that they are counted as words.
     """
     if not column.is_text:
         return column
@@ -64,7 +67,9 @@ def without_units(column: RawColumn) -> RawColumn:
 
 
 def plain_numbers(cells: Any, decimal: str) -> Any:
-    """Cells whose numbers are written with a point, without thousands, plus and percent signs."""
+    """Return cells whose numbers have a decimal point, without thousands separators, plus and percent
+    signs.
+    """
     import pyarrow.compute as pc  # noqa: PLC0415
 
     cells = pc.replace_substring_regex(cells, r"^\+|\s*%$", "")

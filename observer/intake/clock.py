@@ -11,7 +11,7 @@ import numpy as np
 from observer.errors import LogError
 from observer.frames import FloatArray
 from observer.intake.cells import numbers_of
-from observer.intake.moments import NONE, Moments, moments_of
+from observer.intake.moments import NO_TIME, Moments, moments_of
 from observer.intake.sheets import RawColumn, Sheet, full_name
 from observer.intake.units import factor, known_unit, split_name
 from observer.intake.zones import in_repeated_hour, localised, offset_ns, zone_in
@@ -59,11 +59,16 @@ HOUR_S = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class SheetClock:
-    """The times of a sheet's rows, with what is known of them.
+    """The times of a sheet's rows, and where they come from.
 
-    `time_s` (n,), NaN where a row has none; `since_1970` whether they count from then, `on_wall` whether
-    they are wall-clock times without a zone. `columns` are the names of their columns, `unit` that of a
-    number, `sure` whether the file states it.
+    Attributes:
+        time_s: (n,) s, NaN where a row has no time
+        since_1970: whether the times count from 1970
+        on_wall: whether they are wall-clock times without a zone
+        columns: names of the columns that hold them
+        unit: unit of a number
+        sure: whether the file states that unit
+        doubts: sentences
     """
 
     time_s: FloatArray
@@ -75,30 +80,36 @@ class SheetClock:
     doubts: tuple[str, ...] = ()
 
 
-def clock_of(sheet: Sheet, how: Logs) -> SheetClock | None:
-    """The clock of a sheet, as `[log]` gives it or as its columns say; None where nothing says so.
+def clock_of(sheet: Sheet, options: Logs) -> SheetClock | None:
+    """Return the clock of a sheet, as `[log]` names it or as its columns show it; None if no column is a
+    clock.
 
-    Wall-clock times are converted to UTC where `[log] timezone` or the column's name gives their zone.
-    Raises `LogError` where `[log]` names a clock that the sheet does not have, or where a time may count
-    from 1904 or 1601.
+    Wall-clock times are converted to UTC where `[log] timezone` or the column's name gives their zone. Raises
+    `LogError` if `[log]` names a clock that the sheet does not have, or if a time may count from 1904 or
+    1601.
     """
-    if how.every_s is not None:
-        return SheetClock(how.every_s * _row_numbers(sheet), since_1970=False, on_wall=False, unit="s")
-    if sheet.time_s is not None and how.time is None:
-        return _zoned(SheetClock(sheet.time_s, sheet.since_1970, sheet.on_wall and sheet.since_1970), how)
-    if how.time is not None:
-        names = (how.time,) if isinstance(how.time, str) else how.time
-        columns = [sheet.named(name) for name in names]
-        clock = _of_columns([c for c in columns if c is not None], sheet, how) if all(columns) else None
-    else:
-        clock = _of_parts(sheet) or next(
-            (c for c in (_of_columns(columns, sheet, how) for columns in _candidates(sheet)) if c), None
+    if options.every_s is not None:
+        return SheetClock(options.every_s * _row_numbers(sheet), since_1970=False, on_wall=False, unit="s")
+    if sheet.time_s is not None and options.time is None:
+        return _in_utc(
+            SheetClock(sheet.time_s, sheet.since_1970, sheet.on_wall and sheet.since_1970), options
         )
-    return None if clock is None else _zoned(clock, how)
+    if options.time is not None:
+        names = (options.time,) if isinstance(options.time, str) else options.time
+        columns = [sheet.named(name) for name in names]
+        clock = (
+            _clock_of_columns([c for c in columns if c is not None], sheet, options) if all(columns) else None
+        )
+    else:
+        clock = _clock_of_parts(sheet) or next(
+            (c for c in (_clock_of_columns(columns, sheet, options) for columns in _candidates(sheet)) if c),
+            None,
+        )
+    return None if clock is None else _in_utc(clock, options)
 
 
 def _row_numbers(sheet: Sheet) -> FloatArray:
-    """The number of each row (n,) from 0, rows that were left out counted."""
+    """Return the number of each row (n,) from 0; rows that were left out are counted."""
     rows = np.arange(len(sheet.columns[0]), dtype=np.float64)
     if sheet.lines is None or not sheet.left_out:
         return rows
@@ -106,7 +117,7 @@ def _row_numbers(sheet: Sheet) -> FloatArray:
 
 
 def is_called_time(name: str) -> bool:
-    """Whether a column's name says that it is a clock: `Uhrzeit`, `t [ms]`, `Elapsed Time`."""
+    """Whether a column's name is that of a clock: `Uhrzeit`, `t [ms]`, `Elapsed Time`."""
     stem, unit = split_name(name)
     if _NOT.search(stem):
         return False
@@ -119,7 +130,7 @@ def is_called_time(name: str) -> bool:
 
 
 def _candidates(sheet: Sheet) -> Iterable[list[RawColumn]]:
-    """The columns that may hold the time, the likeliest first."""
+    """Yield the columns that may hold the time, the likeliest first."""
     named = [c for c in sheet.columns if is_called_time(c.name)]
     dates = [
         c
@@ -142,12 +153,13 @@ def _is_written(column: RawColumn) -> bool:
     return len(re.findall(r"\d+", first)) >= 3 and not re.fullmatch(r"[+-]?[\d.,]+(?:[eE][+-]?\d+)?", first)
 
 
-def _of_parts(sheet: Sheet) -> SheetClock | None:
-    """The clock in columns of year, month, day, hour, minute, second; None where there are not at least
-    those of a date with hours, or of hours and minutes.
+def _clock_of_parts(sheet: Sheet) -> SheetClock | None:
+    """Return the clock in columns of year, month, day, hour, minute and second.
+
+    None if these are neither a date with hours nor hours and minutes.
     """
     columns = [
-        next((c for c in sheet.columns if _bare(c) in names and not c.is_moments), None) for names in _PARTS
+        next((c for c in sheet.columns if _stem(c) in names and not c.is_moments), None) for names in _PARTS
     ]
     dated = all(columns[:4])
     if not dated and not all(columns[3:5]):
@@ -170,107 +182,121 @@ def _of_parts(sheet: Sheet) -> SheetClock | None:
     return SheetClock(time_s + 86_400.0 * midnights, since_1970=False, on_wall=False, columns=names)
 
 
-def _bare(column: RawColumn) -> str:
+def _stem(column: RawColumn) -> str:
+    """Return a column's name without its unit, in lower case."""
     return split_name(column.name)[0].strip().casefold()
 
 
-def _of_columns(columns: list[RawColumn], sheet: Sheet, how: Logs) -> SheetClock | None:
-    """The clock in one column, or in one of dates and one of clocks."""
+def _clock_of_columns(columns: list[RawColumn], sheet: Sheet, options: Logs) -> SheetClock | None:
+    """Return the clock in one column, or in a column of dates and one of times of day; None if it is not a
+    clock.
+    """
     if len(columns) == 2:
-        return _of_two(columns[0], columns[1], sheet, how)
+        return _clock_of_date_and_time(columns[0], columns[1], sheet, options)
     column = columns[0]
     names = (full_name(column),)
     if column.is_moments:
         ns = column.values.astype(np.int64)
-        return _of_moments(Moments(ns, dated=True, utc=column.utc), names)
-    by_format = how.time_format is not None and how.time_format not in TIME_UNITS
+        return _clock_of_moments(Moments(ns, dated=True, utc=column.utc), names)
+    by_format = options.time_format is not None and options.time_format not in TIME_UNITS
     if column.is_text:
-        moments = None if how.time_format in TIME_UNITS else moments_of(column.values, how.time_format)
+        moments = (
+            None if options.time_format in TIME_UNITS else moments_of(column.values, options.time_format)
+        )
         if moments is not None:
-            return _of_moments(moments, names)
+            return _clock_of_moments(moments, names)
     if by_format:
         return None
     values, words = numbers_of(column, sheet.decimal)
     if not np.isfinite(values).any() or words.cells > len(values) // 2:
         return None
-    named = how.time is not None or is_called_time(column.name)
-    return _of_numbers(values, column, names, how.time_format, by_name=named)
+    named = options.time is not None or is_called_time(column.name)
+    return _clock_of_numbers(values, column, names, options.time_format, by_name=named)
 
 
-def _of_two(date: RawColumn, clock: RawColumn, sheet: Sheet, how: Logs) -> SheetClock | None:
-    """The clock of a column of dates and one of the time of day."""
+def _clock_of_date_and_time(
+    date: RawColumn, clock: RawColumn, sheet: Sheet, options: Logs
+) -> SheetClock | None:
+    """Return the clock of a column of dates and one of times of day; None if they are not."""
     import pyarrow.compute as pc  # noqa: PLC0415 - slow to import
 
     names = (full_name(date), full_name(clock))
     if date.is_text and clock.is_text:
         both = pc.binary_join_element_wise(date.values, clock.values, " ")
-        found = moments_of(both, how.time_format)
+        moments = moments_of(both, options.time_format)
         of_day = moments_of(clock.values, None)
         dated = moments_of(date.values, None)
-        if found is None or of_day is None or of_day.dated or dated is None or not dated.dated:
+        if moments is None or of_day is None or of_day.dated or dated is None or not dated.dated:
             return None
-        return _of_moments(found, names)
-    day, since = _of_one(date, sheet, how), _of_one(clock, sheet, how)
+        return _clock_of_moments(moments, names)
+    day, since = _clock_of_one_column(date, sheet, options), _clock_of_one_column(clock, sheet, options)
     if day is None or since is None or not day.since_1970 or since.since_1970:
         return None
     midnight_s = np.floor(day.time_s / 86_400.0) * 86_400.0
     return replace(day, time_s=midnight_s + since.time_s % 86_400.0, columns=names)
 
 
-def _of_one(column: RawColumn, sheet: Sheet, how: Logs) -> SheetClock | None:
-    """The clock in one column, whatever else the sheet has."""
+def _clock_of_one_column(column: RawColumn, sheet: Sheet, options: Logs) -> SheetClock | None:
+    """Return the clock in one column, independent of the other columns of the sheet."""
     if not column.is_text and not column.is_moments:
         values = column.values
         if np.nanmax(values, initial=0.0) <= 1.0 and np.nanmin(values, initial=0.0) >= 0.0:  # part of a day
             return SheetClock(
                 values * 86_400.0, since_1970=False, on_wall=True, columns=(column.name,), unit="d"
             )
-    return _of_columns([column], sheet, how)
+    return _clock_of_columns([column], sheet, options)
 
 
-def _of_moments(found: Moments, names: tuple[str, ...]) -> SheetClock | None:
-    there = found.ns != NONE
-    if not there.any():
+def _clock_of_moments(moments: Moments, names: tuple[str, ...]) -> SheetClock | None:
+    """Return the clock of parsed times; None if no cell has a time."""
+    has_time = moments.ns != NO_TIME
+    if not has_time.any():
         return None
-    time_s = np.where(there, (found.ns // 1_000) / 1e6, np.nan)
-    doubts = (found.doubt,) if found.doubt else ()
-    return SheetClock(time_s, found.dated, found.dated and not found.utc, names, doubts=doubts)
+    time_s = np.where(has_time, (moments.ns // 1_000) / 1e6, np.nan)
+    doubts = (moments.doubt,) if moments.doubt else ()
+    return SheetClock(time_s, moments.dated, moments.dated and not moments.utc, names, doubts=doubts)
 
 
-def _of_numbers(
-    values: FloatArray, column: RawColumn, names: tuple[str, ...], given: str | None, *, by_name: bool
+def _clock_of_numbers(
+    values: FloatArray,
+    column: RawColumn,
+    names: tuple[str, ...],
+    configured_unit: str | None,
+    *,
+    by_name: bool,
 ) -> SheetClock | None:
-    """The clock of a column of numbers: in its stated unit, an epoch, or days of a spreadsheet.
+    """Return the clock of a column of numbers: in its stated unit, an epoch, or days of a spreadsheet.
 
-    None where neither its name nor its unit nor its values say that it is a time.
+    None if neither its name nor its unit nor its values show that it is a time. Raises `LogError` for a
+    number that may be one of several epochs.
     """
-    there = values[np.isfinite(values)]
-    rising = np.diff(there)
-    first, apart = float(there[0]), float(np.median(rising)) if len(rising) else 0.0
-    alone = column.name if _UNIT_ALONE.match(column.name.strip()) else ""
-    written = column.unit or split_name(column.name)[1] or alone
-    unit = given or known_unit(written)
+    finite = values[np.isfinite(values)]
+    rising = np.diff(finite)
+    first, apart = float(finite[0]), float(np.median(rising)) if len(rising) else 0.0
+    name_as_unit = column.name if _UNIT_ALONE.match(column.name.strip()) else ""
+    written = column.unit or split_name(column.name)[1] or name_as_unit
+    unit = configured_unit or known_unit(written)
     if unit and unit not in TIME_UNITS:
         return None
-    increases = len(there) > 2 and bool((rising > 0).all())
+    increases = len(finite) > 2 and bool((rising > 0).all())
     if unit == "excel" or (
-        not unit and increases and _is_serial(first, float(there[-1]), apart, column.name)
+        not unit and increases and _is_serial(first, float(finite[-1]), apart, column.name)
     ):
         return SheetClock(np.round((values - _SERIAL_1970) * 86_400.0, 4), True, True, names, "excel")
-    if given in _ASKED_EPOCHS:
-        to_s, zero_s = next((to_s, zero_s) for name, to_s, zero_s in _EPOCHS if name == given)
-        return SheetClock(values * to_s + zero_s, True, False, names, given)
-    if not given and (by_name or increases) and (epoch := _epoch_of(first, unit)) is not None:
+    if configured_unit in _ASKED_EPOCHS:
+        to_s, zero_s = next((to_s, zero_s) for name, to_s, zero_s in _EPOCHS if name == configured_unit)
+        return SheetClock(values * to_s + zero_s, True, False, names, configured_unit)
+    if not configured_unit and (by_name or increases) and (epoch := _epoch_of(first, unit)) is not None:
         name, to_s, zero_s = epoch
         if name in _ASKED_EPOCHS:
             raise LogError(_which_epoch(names[0], first, name, to_s * first + zero_s))
         return SheetClock(values * to_s, True, False, names, name)
-    says_so = by_name or bool(alone) or (bool(unit) and increases and not _NOT.search(column.name))
+    says_so = by_name or bool(name_as_unit) or (bool(unit) and increases and not _NOT.search(column.name))
     if not says_so:
         return None
     time_s = values * factor(unit, "s") if unit else values
     first_s = float(time_s[np.isfinite(time_s)][0])
-    if not given and first_s > _LAST_S:
+    if not configured_unit and first_s > _LAST_S:
         raise LogError(
             f'"{names[0]}" begins with {first:.10g}, which is no time from 1995 to 2060; say what it counts '
             "in [log] time_format, one of " + ", ".join(TIME_UNITS)
@@ -279,7 +305,11 @@ def _of_numbers(
 
 
 def _epoch_of(first: float, unit: str) -> tuple[str, float, float] | None:
-    """What a first time counts if it is a date from 1995 to 2060, by its size and its unit."""
+    """Return the epoch in which a first time is a date from 1995 to 2060: its name, s per count, and zero in
+    s.
+
+    None if there is no such epoch. `unit` restricts the choice.
+    """
     for name, to_s, zero_s in _EPOCHS:
         if (not unit or (to_s == 1.0 and unit == "s")) and _FIRST_S < first * to_s + zero_s < _LAST_S:
             return name, to_s, zero_s
@@ -287,7 +317,7 @@ def _epoch_of(first: float, unit: str) -> tuple[str, float, float] | None:
 
 
 def _which_epoch(name: str, first: float, epoch: str, since_s: float) -> str:
-    """The question what a large number counts, with the dates that the answers give."""
+    """Return the question which epoch a large number counts from, with the date that each answer gives."""
     day = f"{np.datetime64(int(since_s), 's').item():%Y-%m-%d}"
     other = ""
     if epoch == "labview":
@@ -305,43 +335,45 @@ def _is_serial(first: float, last: float, apart: float, name: str) -> bool:
     return apart < 5e-4 or (apart < 0.01 and bool(_DATE.search(name)))
 
 
-def _zoned(clock: SheetClock, how: Logs) -> SheetClock:
-    """The clock as UTC where its zone is known, with any ambiguity of a change to or from summer time."""
+def _in_utc(clock: SheetClock, options: Logs) -> SheetClock:
+    """Return the clock in UTC where its zone is known, with a doubt about an ambiguous change of summer
+    time.
+    """
     if not clock.on_wall:
         return clock
     named = next((zone for name in clock.columns if (zone := zone_in(name))), "")
     if named and clock.since_1970 and (ahead_ns := offset_ns(named)) is not None:
         return replace(clock, time_s=clock.time_s - ahead_ns / 1e9, on_wall=False)
-    zone = named or how.timezone or ""
+    zone = named or options.timezone or ""
     if zone and clock.since_1970:
-        doubts = (*clock.doubts, *_twice(clock.time_s, zone))
+        doubts = (*clock.doubts, *_repeated_hour_doubts(clock.time_s, zone))
         return replace(clock, time_s=localised(clock.time_s, zone), on_wall=False, doubts=doubts)
-    return replace(clock, doubts=(*clock.doubts, *_changed(clock.time_s)))
+    return replace(clock, doubts=(*clock.doubts, *_clock_change_doubts(clock.time_s)))
 
 
-def _twice(wall_s: FloatArray, zone: str) -> list[str]:
-    """Whether times lie in an hour that a zone's clock shows twice, and nothing says which."""
-    there = wall_s[np.isfinite(wall_s)]
-    repeated = in_repeated_hour(there, zone)
-    if not repeated.any() or (np.diff(there) < -HOUR_S / 2.0).any():
+def _repeated_hour_doubts(wall_s: FloatArray, zone: str) -> list[str]:
+    """Return a doubt if times pass once through an hour that the zone's clock shows twice."""
+    finite_s = wall_s[np.isfinite(wall_s)]
+    repeated = in_repeated_hour(finite_s, zone)
+    if not repeated.any() or (np.diff(finite_s) < -HOUR_S / 2.0).any():
         return []
-    first = np.datetime64(int(there[np.flatnonzero(repeated)[0]]), "s").item()
+    first = np.datetime64(int(finite_s[np.flatnonzero(repeated)[0]]), "s").item()
     return [
         f"{first:%Y-%m-%d %H:%M} came twice in {zone}, and the times go through it once; it was taken for "
         'the first, in summer time; set [log] timezone to a fixed one, such as "Etc/GMT-1", if it was not'
     ]
 
 
-def _changed(time_s: FloatArray) -> list[str]:
-    """Whether a wall clock was put forward or back by an hour within a log."""
-    there = time_s[np.isfinite(time_s)]
-    if len(there) < 3:
+def _clock_change_doubts(time_s: FloatArray) -> list[str]:
+    """Return a doubt if a wall clock was put forward or back by an hour within a log."""
+    finite_s = time_s[np.isfinite(time_s)]
+    if len(finite_s) < 3:
         return []
-    steps = np.diff(there)
+    steps = np.diff(finite_s)
     usual = float(np.median(steps))
     for way, words in ((1.0, "forward"), (-1.0, "back")):
         at = np.flatnonzero(np.abs(steps - way * HOUR_S - usual) <= max(0.5 * usual, 1.0))
-        of_day_h = (there[at] % 86_400.0) / HOUR_S
+        of_day_h = (finite_s[at] % 86_400.0) / HOUR_S
         at = at[(of_day_h > 0.9) & (of_day_h < 3.1)]
         if len(at) == 1 and usual < HOUR_S / 4:
             return [

@@ -14,20 +14,20 @@ _FEWEST_NUMBERS, _LONGEST = 4, 64
 
 
 def moment_of(text: str) -> float | None:
-    """The date and time in a text, in s since 1970 as if in UTC; None where it is none."""
+    """Return the date and time in a text, in s since 1970 as if in UTC; None if it is not a date."""
     moment = parsed(text, day_first=True)
     return None if moment is None else ns_of(moment) / 1e9
 
 
 def ns_of(moment: datetime.datetime) -> int:
-    """A moment in ns since 1970; one without a zone as if it were in UTC."""
+    """Return a moment in ns since 1970; one without a zone as if it were in UTC."""
     utc = moment if moment.tzinfo is not None else moment.replace(tzinfo=datetime.UTC)
     since = utc - datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
 def parsed(text: str, *, day_first: bool) -> datetime.datetime | None:
-    """A complete date with a time of day in a text, by dateutil; None where it is none or lacks a part."""
+    """Return a complete date with a time of day in a text, by dateutil; None if a part is missing."""
     if len(re.findall(r"\d+", text)) < _FEWEST_NUMBERS or len(text) > _LONGEST:
         return None
     parser = _parser()
@@ -42,7 +42,7 @@ def parsed(text: str, *, day_first: bool) -> datetime.datetime | None:
 
 
 def _zone_s(name: str | None, offset_s: int | None) -> int | None:
-    """The offset of a zone in s, None for no zone. Raises `ValueError` for one not understood."""
+    """Return the offset of a zone in s, None for no zone. Raises `ValueError` for one not understood."""
     if offset_s is not None or name is None:
         return offset_s
     offset = offset_ns(name)
@@ -53,6 +53,7 @@ def _zone_s(name: str | None, offset_s: int | None) -> int | None:
 
 @cache
 def _parser() -> Any:
+    """Return dateutil's parser with the names of months and weekdays in six languages."""
     from dateutil.parser import parser, parserinfo  # noqa: PLC0415 - of an extra
 
     class Names(parserinfo):  # type: ignore[misc]

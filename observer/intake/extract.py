@@ -24,25 +24,26 @@ _MOST_COLUMNS, _SHOWN_ROWS = 60, 3
 _MOST_BINARY = 512
 
 
-def extract_of(paths: Sequence[Path], how: Logs) -> str:
-    """The extract of files, as text of less than 20 kB: what each begins and ends with, and what was read.
+def extract_of(paths: Sequence[Path], options: Logs) -> str:
+    """Return the extract of files, as text of less than 20 kB: first and last lines, and how they were read.
 
-    Paths are left out except for a file's name. Raises `LogError` for a file that cannot be opened.
+    Paths are reduced to a file's name. Raises `LogError` for a file that cannot be opened.
     """
     share = MOST_BYTES // len(paths)
-    return "\n".join(_shortened("\n".join(_extract(path, how)), share) for path in paths) + "\n"
+    return "\n".join(_shortened("\n".join(_extract(path, options)), share) for path in paths) + "\n"
 
 
-def _extract(path: Path, how: Logs) -> Iterator[str]:
+def _extract(path: Path, options: Logs) -> Iterator[str]:
+    """Yield the lines of the extract of one file."""
     try:
         size = path.stat().st_size
         head, tail = _ends(path)
     except OSError as error:
         raise LogError(f"{path}: cannot be read ({error.strerror}); give a readable log") from None
     yield f"extract of {path.name!r}, {size} bytes"
-    yield from (f"read as: {line}" for line in islice(_understood(path, how), 4 * _MOST_COLUMNS))
+    yield from (f"read as: {line}" for line in islice(_reading_of_file(path, options), 4 * _MOST_COLUMNS))
     if _is_text(head):
-        encoding = how.encoding or encoding_of(head)
+        encoding = options.encoding or encoding_of(head)
         yield f"first lines, in {encoding}:"
         first = head.decode(encoding, "replace").splitlines()
         yield from map(_escaped, first[:_FIRST_LINES])
@@ -55,7 +56,7 @@ def _extract(path: Path, how: Logs) -> Iterator[str]:
 
 
 def _ends(path: Path) -> tuple[bytes, bytes]:
-    """The first bytes of a file, decompressed, and the last ones where they are others."""
+    """Return the first bytes of a file, decompressed, and its last ones if they are not among the first."""
     with path.open("rb") as file:
         head = file.read(_HEAD)
         if not head.startswith(b"\x1f\x8b"):
@@ -70,7 +71,7 @@ def _ends(path: Path) -> tuple[bytes, bytes]:
 
 
 def _is_text(head: bytes) -> bool:
-    """Whether bytes are text: of UTF-16 every other one is 0."""
+    """Whether bytes are text; in UTF-16 every other byte is 0."""
     sample = head[:4096]
     strange = sum(octet < 9 or 13 < octet < 32 for octet in sample)
     wide = sample.startswith((b"\xff\xfe", b"\xfe\xff")) or sample[1::2].count(0) > 0.4 * len(sample)
@@ -78,10 +79,10 @@ def _is_text(head: bytes) -> bool:
     return not binary and (wide or strange < 0.02 * len(sample))
 
 
-def _understood(path: Path, how: Logs) -> Iterator[str]:
-    """What the reader makes of a file: its tables, their clocks and columns; or the sentence why not."""
+def _reading_of_file(path: Path, options: Logs) -> Iterator[str]:
+    """Yield how the reader understands a file: its tables, clocks and columns, or its error."""
     try:
-        sources = sources_of([path], how)
+        sources = sources_of([path], options)
     except (UserError, ModuleNotFoundError) as error:
         yield str(error).replace(str(path), path.name)
         return
@@ -90,10 +91,11 @@ def _understood(path: Path, how: Logs) -> Iterator[str]:
     for sheet in sources.without:
         yield f"table {sheet.name!r} without a clock"
         yield from map(_column, sheet.columns[:_MOST_COLUMNS])
-    yield from _timed(sources)
+    yield from _timed_tables(sources)
 
 
-def _timed(sources: Sources) -> Iterator[str]:
+def _timed_tables(sources: Sources) -> Iterator[str]:
+    """Yield a line for each table with a clock, and one for each of its columns."""
     for source in sources.timed:
         clock, time_s = source.clock, source.clock.time_s
         since = "since 1970" if clock.since_1970 else "from a beginning"
@@ -106,6 +108,7 @@ def _timed(sources: Sources) -> Iterator[str]:
 
 
 def _column(column: RawColumn) -> str:
+    """Return one line about a column: its name, kind, and first and last cells."""
     kind = "text" if column.is_text else "dates" if column.is_moments else "numbers"
     first, last = column.values[:_SHOWN_ROWS], column.values[-_SHOWN_ROWS:]
     cells = [*first, *last] if isinstance(first, np.ndarray) else [*first.to_pylist(), *last.to_pylist()]
@@ -113,13 +116,13 @@ def _column(column: RawColumn) -> str:
 
 
 def _escaped(line: str) -> str:
-    """A line without control characters, cut where it is long."""
+    """Return a line without control characters, cut where it is long."""
     shown = "".join(c if c.isprintable() or c == "\t" else repr(c)[1:-1] for c in line[:_LONGEST_LINE])
     return shown if len(line) <= _LONGEST_LINE else f"{shown} … ({len(line)} characters)"
 
 
 def _shortened(text: str, most: int) -> str:
-    """A text of at most so many bytes of UTF-8, its middle left out."""
+    """Return a text of at most `most` bytes of UTF-8, its middle left out."""
     data = text.encode("utf-8", "replace")
     if len(data) <= most:
         return text

@@ -1,4 +1,4 @@
-"""Matches columns to channels, by name, unit and plausible values, with the doubts about it."""
+"""Matches columns to channels by name, unit and plausible values, with the doubts about each match."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class ColumnValues:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """`[log.columns]` as found, the doubts by channel, channels without any column, and errors."""
+    """A guessed `[log.columns]`, the doubts by channel, the channels without a column, and errors."""
 
     columns: dict[str, LogColumn]
     doubts: dict[str, str]
@@ -63,67 +63,70 @@ class Guess:
     problems: tuple[str, ...] = ()
 
 
-def guessed(sources: Sources, config: Config, how: Logs) -> Guess:
-    """Find the column of each channel that is neither given nor obvious. Raises no error."""
+def guessed(sources: Sources, config: Config, options: Logs) -> Guess:
+    """Return the column of each channel, also of those neither configured nor obvious.
+
+    Errors are returned in `problems`; none is raised.
+    """
     problems = list[str]()
-    placed, missing = placed_columns(sources, config, how, problems)
+    placed, missing = placed_columns(sources, config, options, problems)
     taken = {full_name(p.column) for parts in placed.values() for p in parts}
     spare = [c for s in sources.timed for c in columns_of_numbers(s) if c.name not in taken]
     spare = list({c.name: c for c in spare}.values())
-    wanted = [name for name in config.channels if name in missing and name not in how.columns]
-    limits, columns, doubts = Limits.of(config), dict(how.columns), dict[str, str]()
+    unplaced = [name for name in config.channels if name in missing and name not in options.columns]
+    limits, columns, doubts = Limits.of(config), dict(options.columns), dict[str, str]()
     for channel, parts in placed.items():
-        given = how.columns.get(channel)
-        own = [c for c in columns_of_numbers(parts[0].source) if c.column is parts[0].column]
-        if own and (given is None or given.unit is None):
-            _with_unit(limits, config, channel, own[0], columns, doubts)
-    scores = np.array([[_score(limits, config, channel, c) for c in spare] for channel in wanted])
-    scores = scores.reshape(len(wanted), len(spare))
-    unit_fits = np.array([[_says_unit(c, config, limits, name) for c in spare] for name in wanted])
+        configured = options.columns.get(channel)
+        candidates = [c for c in columns_of_numbers(parts[0].source) if c.column is parts[0].column]
+        if candidates and (configured is None or configured.unit is None):
+            _with_unit(limits, config, channel, candidates[0], columns, doubts)
+    scores = np.array([[_score(limits, config, channel, c) for c in spare] for channel in unplaced])
+    scores = scores.reshape(len(unplaced), len(spare))
+    unit_fits = np.array([[_says_unit(c, config, limits, name) for c in spare] for name in unplaced])
     unit_fits = unit_fits.reshape(scores.shape)
-    found = dict(zip(*(each.tolist() for each in linear_sum_assignment(-scores)), strict=True))
-    lost = [name for i, name in enumerate(wanted) if i not in found or scores[i, found[i]] <= 0.0]
-    for i, j in found.items():
-        channel, best = wanted[i], scores[i, j]
+    assignment = dict(zip(*(indices.tolist() for indices in linear_sum_assignment(-scores)), strict=True))
+    lost = [name for i, name in enumerate(unplaced) if i not in assignment or scores[i, assignment[i]] <= 0.0]
+    for i, j in assignment.items():
+        channel, best = unplaced[i], scores[i, j]
         if best <= 0.0:
             continue
         columns[channel] = LogColumn(column=spare[j].name)
         rivals = [spare[k].name for k in range(len(spare)) if k != j and scores[i, k] > best - APART]
-        alone = unit_fits[i, j] and unit_fits[i].sum() == 1 and unit_fits[:, j].sum() == 1
-        if best < SURE and not alone:
+        is_only_match = unit_fits[i, j] and unit_fits[i].sum() == 1 and unit_fits[:, j].sum() == 1
+        if best < SURE and not is_only_match:
             doubts[channel] = f'is "{spare[j].name}" {channel}? its name does not say so'
-        elif rivals and not alone:
+        elif rivals and not is_only_match:
             doubts[channel] = f'is "{spare[j].name}" {channel}, or is it "{rivals[0]}"?'
         _with_unit(limits, config, channel, spare[j], columns, doubts)
     _alike_in_unit(limits, config, {c.name: c for c in spare}, columns, doubts)
-    lost += [name for name in how.columns if f"{name} = {how.columns[name].column}" in missing]
+    lost += [name for name in options.columns if f"{name} = {options.columns[name].column}" in missing]
     return Guess(columns, doubts, tuple(lost), tuple(problems))
 
 
 def columns_of_numbers(source: TimedSheet) -> list[ColumnValues]:
-    """The columns of numbers of a sheet, except its clock's."""
-    found = []
+    """Return the columns of numbers of a sheet, without those of its clock."""
+    columns = []
     for column in source.sheet.columns:
         name = full_name(column)
         if name in source.clock.columns or column.is_moments:
             continue
         values, words = numbers_of(column, source.sheet.decimal)
         if 2 * int(np.isfinite(values).sum()) > words.cells:
-            found.append(ColumnValues(name, column, values))
-    return found
+            columns.append(ColumnValues(name, column, values))
+    return columns
 
 
-def _says_unit(found: ColumnValues, config: Config, limits: Limits, channel: str) -> bool:
-    """Whether the file gives a unit for a column that suits the channel."""
+def _says_unit(candidate: ColumnValues, config: Config, limits: Limits, channel: str) -> bool:
+    """Whether the file gives the column a unit that suits the channel."""
     to = unit_of_channel(channel, limits.kinds[config.channels.index(channel)])
-    named = found.column.unit or split_name(found.name)[1]
-    return bool(named and to) and fits(_unit_or(found.column, to), resolved(to))
+    named = candidate.column.unit or split_name(candidate.name)[1]
+    return bool(named and to) and fits(_unit_or(candidate.column, to), resolved(to))
 
 
 def _unit_or(column: RawColumn, to: str) -> str:
-    """The unit of a column, that of its channel where the file gives none that is understood.
+    """Return the unit of a column; the channel's unit `to` if the file gives none that is understood.
 
-    The error about a unit that is not understood comes where the column is read.
+    An unknown unit is reported where the column is read.
     """
     try:
         return unit_of_column(column, to)
@@ -131,58 +134,68 @@ def _unit_or(column: RawColumn, to: str) -> str:
         return to
 
 
-def _score(limits: Limits, config: Config, channel: str, found: ColumnValues) -> float:
-    """The score for a column being a channel's, by its name, unit and values; 0 for no evidence."""
+def _score(limits: Limits, config: Config, channel: str, candidate: ColumnValues) -> float:
+    """Return the score, 0 … 1, for a column being a channel's, by its name, unit and values."""
     j = config.channels.index(channel)
     kind, to = limits.kinds[j], unit_of_channel(channel, limits.kinds[j])
-    unit = _unit_or(found.column, to)
+    unit = _unit_or(candidate.column, to)
     if not fits(unit, resolved(to) if to else ""):
         return 0.0
-    stem, own = last_part(split_name(last_part(found.name))[0]), split_name(channel)[0]
-    alike = SequenceMatcher(None, plain_name(stem), plain_name(own)).ratio()
-    if (theirs := re.findall(r"\d+", stem)) and (ours := re.findall(r"\d+", own)):
-        alike = max(alike, 0.6) if [int(n) for n in theirs] == [int(n) for n in ours] else min(alike, 0.3)
-    said = bool(re.search(_WORDS[kind], stem.casefold()))
-    others = any(re.search(words, stem.casefold()) for other, words in _WORDS.items() if other is not kind)
-    named = found.column.unit or split_name(found.name)[1]
-    if plain_name(stem) == plain_name(own):
+    stem, channel_stem = last_part(split_name(last_part(candidate.name))[0]), split_name(channel)[0]
+    alike = SequenceMatcher(None, plain_name(stem), plain_name(channel_stem)).ratio()
+    if (column_digits := re.findall(r"\d+", stem)) and (channel_digits := re.findall(r"\d+", channel_stem)):
+        alike = (
+            max(alike, 0.6)
+            if [int(n) for n in column_digits] == [int(n) for n in channel_digits]
+            else min(alike, 0.3)
+        )
+    word_matches = bool(re.search(_WORDS[kind], stem.casefold()))
+    other_word_matches = any(
+        re.search(words, stem.casefold()) for other_kind, words in _WORDS.items() if other_kind is not kind
+    )
+    named = candidate.column.unit or split_name(candidate.name)[1]
+    if plain_name(stem) == plain_name(channel_stem):
         return 1.0
-    score = 0.5 * alike + 0.4 * said - 0.2 * (others and not said) + 0.3 * bool(named)
-    values = converted(found.values, unit, resolved(to) if to else "")
+    score = (
+        0.5 * alike + 0.4 * word_matches - 0.2 * (other_word_matches and not word_matches) + 0.3 * bool(named)
+    )
+    values = converted(candidate.values, unit, resolved(to) if to else "")
     return max(score if named or _plausible(limits, j, values) else score - 0.3, 0.0)
 
 
 def _plausible(limits: Limits, j: int, values: FloatArray) -> bool:
-    """Whether values (n,) are plausible for a channel, in its unit or in one mistaken for it."""
-    there = values[np.isfinite(values)]
-    beyond = [np.asarray(each) for _, each in limits.beyond(j, there, np.nan)]
-    within = not len(there) or not np.any(beyond, axis=0).mean() > 0.05
-    return within or likely_unit(limits, j, values, np.nan) is not None
+    """Whether values (n,) are plausible for channel number j, in its unit or in one mistaken for it."""
+    finite = values[np.isfinite(values)]
+    breaches = [np.asarray(is_beyond) for _, is_beyond in limits.breaches(j, finite, np.nan)]
+    is_plausible = not len(finite) or not np.any(breaches, axis=0).mean() > 0.05
+    return is_plausible or likely_unit(limits, j, values, np.nan) is not None
 
 
 def _with_unit(
     limits: Limits,
     config: Config,
     channel: str,
-    found: ColumnValues,
+    candidate: ColumnValues,
     columns: dict[str, LogColumn],
     doubts: dict[str, str],
 ) -> None:
-    """Add the unit that the values suggest where the file gives none; report where it gives another."""
+    """Add the unit that the values suggest to `columns`, and a doubt about it."""
     j = config.channels.index(channel)
     to = unit_of_channel(channel, limits.kinds[j])
-    own = resolved(to) if to else ""
-    unit = _unit_or(found.column, to)
-    likely = likely_unit(limits, j, converted(found.values, resolved(unit) if unit else "", own), np.nan)
+    channel_unit = resolved(to) if to else ""
+    unit = _unit_or(candidate.column, to)
+    likely = likely_unit(
+        limits, j, converted(candidate.values, resolved(unit) if unit else "", channel_unit), np.nan
+    )
     if likely is None:
         return
-    there = found.values[np.isfinite(found.values)]
-    shown = f"{np.median(there):.4g}" if len(there) else ""
+    finite = candidate.values[np.isfinite(candidate.values)]
+    shown = f"{np.median(finite):.4g}" if len(finite) else ""
     doubts[channel] = (
-        f'"{found.name}" looks like {likely[0]}, not {shown_unit(unit)}: it says {shown} in the middle'
+        f'"{candidate.name}" looks like {likely[0]}, not {shown_unit(unit)}: it says {shown} in the middle'
     )
     if meant := known_unit(likely[0]):
-        columns[channel] = LogColumn(column=found.name, unit=meant)
+        columns[channel] = LogColumn(column=candidate.name, unit=meant)
 
 
 def _alike_in_unit(
@@ -192,7 +205,7 @@ def _alike_in_unit(
     columns: dict[str, LogColumn],
     doubts: dict[str, str],
 ) -> None:
-    """Suspect °F for every temperature without a unit in the file, where one of them is clearly in °F."""
+    """Suspect °F for every temperature without a unit in the file, if one of them is clearly in °F."""
     warm = [
         channel
         for channel, entry in columns.items()
@@ -201,7 +214,7 @@ def _alike_in_unit(
     if not any(columns[channel].unit == "degF" and channel in doubts for channel in warm):
         return
     for channel in warm:
-        found = spare[columns[channel].column]
-        if columns[channel].unit is None and not (found.column.unit or split_name(found.name)[1]):
-            columns[channel] = LogColumn(column=found.name, unit="degF")
-            doubts[channel] = f'"{found.name}" may be in °F, as another temperature of this file looks'
+        candidate = spare[columns[channel].column]
+        if columns[channel].unit is None and not (candidate.column.unit or split_name(candidate.name)[1]):
+            columns[channel] = LogColumn(column=candidate.name, unit="degF")
+            doubts[channel] = f'"{candidate.name}" may be in °F, as another temperature of this file looks'

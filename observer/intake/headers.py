@@ -18,15 +18,15 @@ _MOST_CHECKED = 10_000
 def repeated_headers(
     candidates: Iterable[tuple[int, list[str]]], headers: Sequence[Sequence[str]], numeric: Sequence[int]
 ) -> tuple[list[int], list[int]]:
-    """Rows that repeat a table's header or its units, and rows that are another header.
+    """Return the rows that repeat a table's header or units, and the rows that are another header.
 
-    `candidates` are the rows without a number in any of the columns `numeric`, with their cells; `headers`
+    `candidates` are the rows without a number in any of the columns `numeric`, with their cells. `headers`
     are the rows above the table.
     """
-    known = [[cell.strip() for cell in row] for row in headers if row]
+    known_headers = [[cell.strip() for cell in row] for row in headers if row]
     repeated, other = list[int](), list[int]()
-    for row, cells in itertools.islice(candidates, _MOST_CHECKED if numeric and known else 0):
-        if any(cells[: len(header)] == header[: len(cells)] for header in known):
+    for row, cells in itertools.islice(candidates, _MOST_CHECKED if numeric and known_headers else 0):
+        if any(cells[: len(header)] == header[: len(cells)] for header in known_headers):
             repeated.append(row)
         elif is_header(cells) and all(_is_name(cells[k]) for k in numeric):
             other.append(row)
@@ -34,7 +34,7 @@ def repeated_headers(
 
 
 def rows_of_text(columns: Sequence[Any], numeric: Sequence[int]) -> Iterator[tuple[int, list[str]]]:
-    """The rows of Arrow columns in which no cell of the columns `numeric` begins as a number does."""
+    """Yield the rows of Arrow columns in which no cell of the columns `numeric` begins as a number does."""
     import pyarrow.compute as pc  # noqa: PLC0415 - slow to import, and the daemon reads no log
 
     texts = np.ones(len(columns[0]), bool)
@@ -50,7 +50,7 @@ def _is_name(cell: str) -> bool:
 
 
 def headers_left_out(lines: Sequence[int]) -> list[str]:
-    """The sentence about lines that repeat the header."""
+    """Return the sentence about lines that repeat the header, as a list of at most one."""
     if not lines:
         return []
     shown = ", ".join(map(str, lines[:MOST_LISTED])) + (", …" if len(lines) > MOST_LISTED else "")
@@ -59,12 +59,12 @@ def headers_left_out(lines: Sequence[int]) -> list[str]:
 
 
 def another_header(line: int) -> str:
-    """The sentence about a second table below the first one."""
+    """Return the sentence about a second table below the first one."""
     return f"line {line} names other columns than the header; split the file there and give each part alone"
 
 
 def above_the_table(lines: Sequence[int]) -> list[str]:
-    """The sentence about lines of values above the header."""
+    """Return the sentence about lines of values above the header, as a list of at most one."""
     if not lines:
         return []
     return [

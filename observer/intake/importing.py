@@ -32,19 +32,21 @@ MOST_APART_S = 20.0
 class ImportedLog:
     """A log of files from other recorders; `table` is the `[log]` that reads such files directly.
 
-    `asked` are doubts about guesses, sentences by the key of `[log]` that settles them. Compare `log` with
+    `asked` are doubts about guesses: sentences by the key of `[log]` that settles them. Compare `log` with
     `shown` before you use it while there are any.
     """
 
     log: Log
-    how: Logs
+    options: Logs
     asked: dict[str, str]
     shown: tuple[tuple[str, ...], ...]
     zoneless: bool
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What every reader of the log is to know: doubts, cells read as missing, and what was confirmed."""
+        """The doubts to report to every reader of the log: about the files, missing values, and confirmed
+        guesses.
+        """
         confirmed = (f"{key}: {doubt}; confirmed at the import" for key, doubt in self.asked.items())
         words = (words.text for words in self.log.words)
         return tuple(dict.fromkeys((*self.log.doubts, *words, *confirmed)))
@@ -52,12 +54,12 @@ class ImportedLog:
     @property
     def table(self) -> str:
         """The `[log]` table that reads such files, as TOML."""
-        return table_of(self.how)
+        return table_of(self.options)
 
     def write(self, path: str | Path, *, agreed: bool = False) -> None:
         """Write the log as CSV or Parquet, by the suffix.
 
-        Raises `LogError` where it cannot be written, or where something is doubtful and not `agreed`.
+        Raises `LogError` if it cannot be written, or if something is doubtful and not `agreed`.
         """
         if self.asked and not agreed:
             doubts = [f"  {key}: {doubt}" for key, doubt in self.asked.items()]
@@ -67,88 +69,92 @@ class ImportedLog:
         write_log(Path(path), self.log.time_s, columns, self.doubts)
 
 
-def proposed(paths: Sequence[Path], config: Config, how: Logs) -> ImportedLog:
-    """Read files by given and guessed keys. Raises `LogError` with all that cannot be guessed."""
-    sources = sources_of(paths, how)
+def proposed(paths: Sequence[Path], config: Config, options: Logs) -> ImportedLog:
+    """Read files by configured and guessed keys. Raises `LogError` with all that cannot be guessed."""
+    sources = sources_of(paths, options)
     name = " + ".join(map(str, paths))
     if not sources.timed:
-        raise several(name, list(sources.problems) or [no_clock(sources, how)])
-    guess = guessed(sources, config, how)
-    found = how.model_copy(update={"columns": guess.columns, "long": how.long or sources.long})
+        raise several(name, list(sources.problems) or [no_clock(sources, options)])
+    guess = guessed(sources, config, options)
+    completed = options.model_copy(update={"columns": guess.columns, "long": options.long or sources.long})
     if guess.missing or guess.problems:
         problems = [*sources.problems, *guess.problems]
         raise several(
-            name, [*problems, *(_unplaced(channel, sources, guess, how) for channel in guess.missing)]
+            name,
+            [*problems, *(_missing_column(channel, sources, guess, options) for channel in guess.missing)],
         )
-    log = mapped(sources, paths, config, found)
-    asked = {f"[log.columns] {channel}": said for channel, said in guess.doubts.items()}
-    asked |= _of_time(sources, how)
+    log = mapped(sources, paths, config, completed)
+    questions = {f"[log.columns] {channel}": doubt for channel, doubt in guess.doubts.items()}
+    questions |= _clock_doubts(sources, options)
     zoneless = any(s.clock.on_wall for s in sources.timed)
-    return ImportedLog(log, found, asked, tuple(_rows(sources, config, found)), zoneless)
+    return ImportedLog(log, completed, questions, tuple(_rows(sources, config, completed)), zoneless)
 
 
-def _unplaced(channel: str, sources: Sources, guess: Guess, how: Logs) -> str:
-    """The sentence for a channel without a column: what was named and is not there, and what is left."""
+def _missing_column(channel: str, sources: Sources, guess: Guess, options: Logs) -> str:
+    """Return the sentence for a channel without a column: a wrong configured name, and the unused columns."""
     taken = {entry.column for entry in guess.columns.values()}
     clocks = {name for source in sources.timed for name in source.clock.columns}
     names = dict.fromkeys(full_name(c) for s in sources.timed for c in s.sheet.columns)
     spare = [f'"{name}"' for name in names if name not in taken and name not in clocks]
-    named = f'there is no column "{how.columns[channel].column}"; ' if channel in how.columns else ""
+    named = f'there is no column "{options.columns[channel].column}"; ' if channel in options.columns else ""
     choice = f", one of {', '.join(spare[:12])}" if spare else "; no column is left for it, add it to the log"
     return f'{named}name its column with [log.columns] {channel} = "…"{choice}'
 
 
 def read_whole(path: Path, *, accept_truncated: bool = False) -> Log:
-    """Read a file from another recorder with every column of numbers, called as in the file and in its unit.
+    """Read a file from another recorder: every column of numbers, with its name and unit in the file.
 
-    Raises `LogError` with all problems, doubts about the clock among them.
+    Raises `LogError` with all problems, among them doubts about the clock.
     """
-    how = Logs()
-    sources = sources_of([path], how, accept_truncated=accept_truncated)
+    options = Logs()
+    sources = sources_of([path], options, accept_truncated=accept_truncated)
     if not sources.timed:
-        raise several(path, list(sources.problems) or [no_clock(sources, how)])
-    asked = [f"{key}: {doubt}" for key, doubt in _of_time(sources, how).items()]
-    if asked:
-        asked.append("say it in the configuration of a machine, which then reads the file itself")
+        raise several(path, list(sources.problems) or [no_clock(sources, options)])
+    questions = [f"{key}: {doubt}" for key, doubt in _clock_doubts(sources, options).items()]
+    if questions:
+        questions.append("say it in the configuration of a machine, which then reads the file itself")
     placed = dict[str, list[Placed]]()
     for source in sources.timed:
-        for found in columns_of_numbers(source):
-            placed.setdefault(found.name, []).append(Placed(found.name, source, found.column, "", ""))
+        for candidate in columns_of_numbers(source):
+            placed.setdefault(candidate.name, []).append(
+                Placed(candidate.name, source, candidate.column, "", "")
+            )
     columns = [part.column for parts in placed.values() for part in parts]
     doubts = [*sources.doubts, *misunderstood(columns)]
-    return logged([path], placed, how, {}, [*sources.problems, *asked], doubts)
+    return logged([path], placed, options, {}, [*sources.problems, *questions], doubts)
 
 
-def _of_time(sources: Sources, how: Logs) -> dict[str, str]:
-    """Doubts about the clocks, by the key that settles them."""
-    asked = dict[str, str]()
+def _clock_doubts(sources: Sources, options: Logs) -> dict[str, str]:
+    """Return the doubts about the clocks, by the key that settles them."""
+    questions = dict[str, str]()
     for source in sources.timed:
         clock = source.clock
         apart_s = float(np.median(np.diff(clock.time_s))) if len(clock.time_s) > 1 else 0.0
-        if not clock.sure and how.time_format is None and apart_s > MOST_APART_S:
-            asked["[log] time_format"] = (
+        if not clock.sure and options.time_format is None and apart_s > MOST_APART_S:
+            questions["[log] time_format"] = (
                 f'{clock.columns[0]} has no unit and its rows are {apart_s:.4g} apart: "s", "ms", "min"?'
             )
         for doubt in clock.doubts:
-            asked["[log] timezone" if "timezone" in doubt else "[log] time_format"] = doubt
+            questions["[log] timezone" if "timezone" in doubt else "[log] time_format"] = doubt
     walls = {s.clock.on_wall for s in sources.timed if s.clock.since_1970}
     if len(walls) > 1:
-        asked["[log] timezone"] = "some clocks have a zone and others do not; give the zone of these"
-    return asked
+        questions["[log] timezone"] = "some clocks have a zone and others do not; give the zone of these"
+    return questions
 
 
-def _rows(sources: Sources, config: Config, how: Logs) -> list[tuple[str, ...]]:
-    """Channel, column, unit in the file and unit of the channel, and the first cells as the file has them.
+def _rows(sources: Sources, config: Config, options: Logs) -> list[tuple[str, ...]]:
+    """Return rows for display, one for each clock and channel.
 
-    Above them each clock: its columns, what it counts, and the first times in s.
+    A clock has its columns, its unit, and its first times in s. A channel has its column, the units in the
+    file and of the channel, and the first cells of the file.
     """
-    placed, _ = placed_columns(sources, config, how, [])
-    kinds, found = kinds_of(config), list[tuple[str, ...]]()
+    placed, _ = placed_columns(sources, config, options, [])
+    kinds, rows = kinds_of(config), list[tuple[str, ...]]()
     for clock in {source.clock.columns: source.clock for source in sources.timed}.values():
         counts = clock.unit or ("date and time" if clock.since_1970 else "time of day")
         unit = counts if clock.sure else f"{counts}, assumed"
         times = (f"{time_s:.3f}" for time_s in clock.time_s[:SHOWN_ROWS])
-        found.append(("time", " ".join(clock.columns), unit, *times))
+        rows.append(("time", " ".join(clock.columns), unit, *times))
     for channel, parts in placed.items():
         part = parts[0]
         to = unit_of_channel(channel, kinds[channel])
@@ -156,22 +162,22 @@ def _rows(sources: Sources, config: Config, how: Logs) -> list[tuple[str, ...]]:
         units = unit if unit == shown_unit(part.to) else f"{unit} → {shown_unit(to)}"
         cells = part.column.values[:SHOWN_ROWS]
         cells = cells.to_pylist() if part.column.is_text else cells.tolist()
-        found.append((channel, full_name(part.column), units, *("" if c is None else str(c) for c in cells)))
-    return found
+        rows.append((channel, full_name(part.column), units, *("" if c is None else str(c) for c in cells)))
+    return rows
 
 
-def table_of(how: Logs) -> str:
-    """A `[log]` table as TOML, without unset keys."""
-    given: dict[str, Any] = how.model_dump(exclude_unset=True, exclude_none=True, exclude={"columns"})
-    lines = ["[log]", *(f"{key} = {_toml(value)}" for key, value in given.items())]
-    if how.columns:
+def table_of(options: Logs) -> str:
+    """Return a `[log]` table as TOML, without unset keys."""
+    set_keys: dict[str, Any] = options.model_dump(exclude_unset=True, exclude_none=True, exclude={"columns"})
+    lines = ["[log]", *(f"{key} = {_toml(value)}" for key, value in set_keys.items())]
+    if options.columns:
         lines.append("[log.columns]")
-        lines += [f"{_key(name)} = {column_of(entry)}" for name, entry in how.columns.items()]
+        lines += [f"{_key(name)} = {column_of(entry)}" for name, entry in options.columns.items()]
     return "\n".join(lines)
 
 
 def column_of(entry: LogColumn) -> str:
-    """An entry of `[log.columns]` as TOML."""
+    """Return an entry of `[log.columns]` as TOML."""
     if entry.unit is None:
         return _toml(entry.column)
     return f"{{ column = {_toml(entry.column)}, unit = {_toml(entry.unit)} }}"
@@ -183,7 +189,7 @@ def _key(name: str) -> str:
 
 def _toml(value: Any) -> str:
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + " }"
+        return "{ " + ", ".join(f"{key} = {_toml(entry)}" for key, entry in value.items()) + " }"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_toml, value)) + "]"
     return json.dumps(value, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""Channels on clocks of their own, joined to the rows of one log."""
+"""Channels with different clocks, joined to the rows of one log."""
 
 from __future__ import annotations
 
@@ -15,17 +15,19 @@ SAME_S = 2e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelSamples:
-    """The values (n,) of a channel at increasing times (n,); `held`: each is true until the next one."""
+    """The values (n,) of a channel at increasing times (n,); `is_held`: each holds until the next one."""
 
     channel: str
     time_s: FloatArray
     values: FloatArray
-    held: bool = False
+    is_held: bool = False
 
 
 def joined(parts: Sequence[ChannelSamples]) -> tuple[FloatArray, FloatArray, bool]:
-    """The rows (n,) at which any channel has a sample, the values (n, c), NaN where one has none, and whether
-    the channels have different clocks.
+    """Return the rows (n,) at which any channel has a sample, the values (n, c), and whether the clocks
+    differ.
+
+    A value is NaN where a channel has no sample in the row.
     """
     clocks = {id(part.time_s): part.time_s for part in parts}
     if len(clocks) == 1:
@@ -36,17 +38,17 @@ def joined(parts: Sequence[ChannelSamples]) -> tuple[FloatArray, FloatArray, boo
     places = {key: np.searchsorted(time_s, own_s + SAME_S, side="right") - 1 for key, own_s in clocks.items()}
     for j, part in enumerate(parts):
         values[places[id(part.time_s)], j] = part.values
-        if part.held:
+        if part.is_held:
             newest = np.searchsorted(part.time_s, time_s + SAME_S, side="right") - 1
             values[:, j] = np.where(newest >= 0, part.values[np.maximum(newest, 0)], np.nan)
     return time_s, values, any(len(own_s) != len(time_s) for own_s in clocks.values())
 
 
 def with_steps(time_s: FloatArray, values: FloatArray, inputs: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Rows, with one inserted just before each change of an input, in which the inputs keep their values.
+    """Return rows with one inserted just before each change of an input, in which the inputs keep their
+    values.
 
-    `inputs` (c,) are the channels that hold their value until the next row; the others have none in such a
-    row.
+    `inputs` (c,) are the channels that hold their value until the next row; the others are NaN in such a row.
     """
     if len(time_s) < 2 or not inputs.any():
         return time_s, values

@@ -44,8 +44,15 @@ def is_value(cell: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class TableLayout:
-    """Rows of a table by number: its header and row of units (−1: none), the first of its data; how many
-    columns it has, and the rows above the header that look like data."""
+    """Rows of a table, by number from 0.
+
+    Attributes:
+        header: its header, −1 for none
+        units: its row of units, −1 for none
+        data: the first row of its data
+        width: number of columns
+        above: rows above the header that look like data
+    """
 
     header: int
     units: int
@@ -55,19 +62,19 @@ class TableLayout:
 
 
 def split_lines(lines: Sequence[str], separator: str) -> list[list[str]]:
-    """The cells of lines; a separator of one blank matches any number of them."""
+    """Return the cells of lines; a separator of one blank matches any number of them."""
     if separator == " ":
         return [line.split() for line in lines]
     return list(csv.reader(lines, delimiter=separator)) if lines else []
 
 
 def separator_of(lines: Sequence[str]) -> str:
-    """The character that separates the columns in most lines so that most cells are values."""
+    """Return the separator with which most cells in most lines are values."""
     return max(_SEPARATORS, key=lambda mark: (_score(split_lines(lines, mark)), -_SEPARATORS.index(mark)))
 
 
 def _score(rows: Sequence[Sequence[str]]) -> float:
-    """The score of some rows as a table of values: cells that are, less those that are not, per row."""
+    """Return how well rows form a table of values: larger for more rows and a larger fraction of values."""
     begin, end, width = data_block(rows)
     if width < 2:
         return 0.0
@@ -78,14 +85,16 @@ def _score(rows: Sequence[Sequence[str]]) -> float:
 
 
 def data_block(rows: Sequence[Sequence[str]]) -> tuple[int, int, int]:
-    """The longest run of rows of one width with values in them: its begin, its end, its width.
+    """Return the longest run of rows of one width with values in them: its begin, its end, its width.
 
-    Blank rows, and marks of another width between two runs, are no end of it; text of the same width is.
+    Text of the same width ends a run. Blank rows and rows of another width between two runs do not.
     """
     filled = [(i, row) for i, row in enumerate(rows) if any(cell.strip() for cell in row)]
     runs: list[tuple[int, int, int]] = []  # begin, end, width
     last: dict[int, int] = {}  # the last run of a width, -1 after text of that width
-    for (width, valued), run in groupby(filled, key=lambda each: (len(each[1]), _has_values(each[1]))):
+    for (width, valued), run in groupby(
+        filled, key=lambda numbered: (len(numbered[1]), _has_values(numbered[1]))
+    ):
         numbers = [i for i, _ in run]
         if not valued:
             last[width] = -1
@@ -106,10 +115,10 @@ def _has_values(row: Sequence[str]) -> bool:
 
 
 def _start_of_data(rows: Sequence[Sequence[str]]) -> tuple[int, int]:
-    """The first row of a table's data and the width of the table.
+    """Return the first row of a table's data and the width of the table.
 
-    The data begin above its longest run of values where only headers that are repeated, words for missing
-    values and rows of another width interrupt them.
+    The data begin above the longest run of values if only these interrupt them: repeated headers, words for
+    missing values, and rows of another width.
     """
     begin, end, width = data_block(rows)
     numeric = numeric_columns(rows[begin:end], width)
@@ -127,7 +136,7 @@ def _start_of_data(rows: Sequence[Sequence[str]]) -> tuple[int, int]:
 
 
 def numeric_columns(rows: Sequence[Sequence[str]], width: int) -> list[int]:
-    """The columns in which most cells of some rows are values."""
+    """Return the columns in which most cells of some rows are values."""
     rows = [row for row in rows if len(row) == width]
     return [i for i in range(width) if 2 * sum(is_value(row[i]) for row in rows) > len(rows)]
 
@@ -140,7 +149,7 @@ def has_value_in(row: Sequence[str], columns: Sequence[int]) -> bool:
 
 
 def is_missing(cell: str) -> bool:
-    """Whether a cell is empty or says that a value is missing."""
+    """Whether a cell is empty or a word for a missing value."""
     return not cell.strip() or cell.strip().casefold() in MISSING
 
 
@@ -153,7 +162,7 @@ def is_header(row: Sequence[str]) -> bool:
 def layout_of(
     rows: Sequence[Sequence[str]], skip_rows: int | None = None, units_row: bool | None = None
 ) -> TableLayout:
-    """The layout of the first rows of a table, as far as it is not given."""
+    """Return the layout of the first rows of a table; `skip_rows` and `units_row` override what is found."""
     begin, width = _start_of_data(rows)
     if skip_rows is not None:
         header = skip_rows
@@ -182,26 +191,28 @@ def layout_of(
 def _is_units(row: Sequence[str]) -> bool:
     """Whether most cells of a row are units or formats of a time."""
     cells = [cell.strip().strip("[]()") for cell in row if cell.strip()]
-    known = sum(1 for cell in cells if known_unit(cell) or _FORMAT.match(cell) or cell in "-")
-    return bool(cells) and 2 * known > len(cells) - 1 and any(known_unit(cell) for cell in cells)
+    unit_count = sum(1 for cell in cells if known_unit(cell) or _FORMAT.match(cell) or cell in "-")
+    return bool(cells) and 2 * unit_count > len(cells) - 1 and any(known_unit(cell) for cell in cells)
 
 
 def names_of(header: Sequence[str], units: Sequence[str], width: int) -> list[tuple[str, str]]:
-    """A name and a unit (as written, empty for none) for each column; unnamed ones are numbered."""
-    found: list[tuple[str, str]] = []
+    """Return a name and a unit for each column: the unit as written, empty for none; unnamed columns are
+    numbered.
+    """
+    names: list[tuple[str, str]] = []
     for i in range(width):
         name = header[i].strip() if i < len(header) else ""
         unit = units[i].strip().strip("[]()") if i < len(units) else ""
         unit = "" if says_no_unit(unit) else unit
         name = name or f"column {i + 1}"
-        if any(name == other for other, _ in found):
+        if any(name == other for other, _ in names):
             name = f"{name} ({i + 1})"
-        found.append((name, unit if not split_name(name)[1] else ""))
-    return found
+        names.append((name, unit if not split_name(name)[1] else ""))
+    return names
 
 
 def decimal_of(rows: Sequence[Sequence[str]]) -> str:
-    """The decimal separator of the numbers in some rows."""
+    """Return the decimal separator of the numbers in some rows."""
     cells = [cell.strip() for row in rows for cell in row]
     commas, points = (sum(bool(pattern.match(cell)) for cell in cells) for pattern in (_COMMA, _POINT))
     return "," if commas > points else "."

@@ -40,7 +40,9 @@ MOST_WORDS = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """A channel's column in a sheet, the unit that it is in and the channel's, as `resolved` gives them."""
+    """A channel's column in a sheet, its unit in the sheet and the channel's, both as `resolved` gives
+    them.
+    """
 
     channel: str
     source: TimedSheet
@@ -56,65 +58,67 @@ def read_foreign(
 
     Raises `LogError` with all problems.
     """
-    how = config.log
-    return mapped(sources_of(paths, how, accept_truncated=accept_truncated), paths, config, how, spare)
+    options = config.log
+    return mapped(
+        sources_of(paths, options, accept_truncated=accept_truncated), paths, config, options, spare
+    )
 
 
 def mapped(
-    sources: Sources, paths: Sequence[Path], config: Config, how: Logs, spare: Collection[str] = ()
+    sources: Sources, paths: Sequence[Path], config: Config, options: Logs, spare: Collection[str] = ()
 ) -> Log:
-    """The log that sheets are by a mapping. Raises `LogError` with all problems."""
+    """Return the log of the sheets by the columns of `options`. Raises `LogError` with all problems."""
     name = " + ".join(map(str, paths))
     problems, doubts = list(sources.problems), list(sources.doubts)
     if not sources.timed:
-        raise several(name, problems or [no_clock(sources, how)])
-    placed, missing = placed_columns(sources, config, how, problems)
+        raise several(name, problems or [no_clock(sources, options)])
+    placed, missing = placed_columns(sources, config, options, problems)
     if missing := [name for name in missing if name not in spare]:
         problems.append(_without(missing, sources))
-    return logged(paths, placed, how, kinds_of(config), problems, doubts)
+    return logged(paths, placed, options, kinds_of(config), problems, doubts)
 
 
 def logged(
     paths: Sequence[Path],
     placed: Mapping[str, Sequence[Placed]],
-    how: Logs,
+    options: Logs,
     kinds: Mapping[str, ChannelKind],
     problems: list[str],
     doubts: list[str],
 ) -> Log:
-    """The log that placed columns are; a channel without a kind is one of unknown meaning.
+    """Return the log of placed columns; a channel that `kinds` lacks has an unknown meaning.
 
-    Raises `LogError` with all problems, those given included.
+    Raises `LogError` with all problems, also those passed in.
     """
     name = " + ".join(map(str, paths))
-    every = [p.source for parts in placed.values() for p in parts]
-    problems += unlike_clocks(every)
+    sources = [p.source for parts in placed.values() for p in parts]
+    problems += unlike_clocks(sources)
     doubts += [
         f"{clock.columns[0]} has no unit and was taken for seconds"
-        for clock in (source.clock for source in every)
+        for clock in (source.clock for source in sources)
         if not clock.sure
     ]
     samples, words = list[ChannelSamples](), list[Words]()
     for channel, parts in placed.items():
         kind = kinds.get(channel, ChannelKind.OTHER)
-        found = [_values(p, problems, words, how) for p in parts]
-        held = parts[0].source.held and kind not in (ChannelKind.SCREW, ChannelKind.NODE)
-        if len(found) == 1:
-            samples.append(ChannelSamples(channel, parts[0].source.clock.time_s, found[0], held))
+        values_of_parts = [_values(p, problems, words, options) for p in parts]
+        is_held = parts[0].source.is_held and kind not in (ChannelKind.SCREW, ChannelKind.NODE)
+        if len(values_of_parts) == 1:
+            samples.append(ChannelSamples(channel, parts[0].source.clock.time_s, values_of_parts[0], is_held))
         else:
-            samples.append(_one_after_another(channel, parts, found, problems))
+            samples.append(_one_after_another(channel, parts, values_of_parts, problems))
     if problems or not samples:
         raise several(name, problems or ["holds no channel of the configuration"])
     time_s, values, of_several = joined(samples)
-    if how.hold:
+    if options.hold:
         inputs = [keeps_its_value(kinds.get(s.channel, ChannelKind.OTHER)) for s in samples]
         rows = len(time_s)
         time_s, values = with_steps(time_s, values, np.array(inputs))
         of_several = of_several or len(time_s) > rows
     if not len(time_s):
         raise several(name, ["holds no row with a time; give a log with at least one sample"])
-    column = next((c for source in every for c in source.clock.columns), "the time")
-    refuse_other_units(paths[0], column, time_s, how.rows_apart_s)
+    column = next((c for source in sources for c in source.clock.columns), "the time")
+    refuse_other_units(paths[0], column, time_s, options.rows_apart_s)
     channels = tuple(s.channel for s in samples)
     return Log(
         paths[0],
@@ -128,18 +132,19 @@ def logged(
 
 
 def keeps_its_value(kind: ChannelKind) -> bool:
-    """Whether a channel of a kind may keep its value until the next row: commanded values may, temperatures
-    and positions may not.
+    """Whether a channel of this kind may keep its value until the next row.
+
+    Commanded values may; temperatures of screw and nodes, and positions, may not.
     """
     return kind not in (ChannelKind.SCREW, ChannelKind.NODE, ChannelKind.POSITION)
 
 
-def no_clock(sources: Sources, how: Logs) -> str:
-    """The sentence for files in which no column is known to hold the time: what there is, and the remedy."""
+def no_clock(sources: Sources, options: Logs) -> str:
+    """Return the sentence for files without a known clock: the candidates, and the remedy."""
     columns = [c for sheet in sources.without for c in sheet.columns]
     names = ", ".join(f'"{full_name(c)}"' for c in columns[:12])
-    if how.time is not None or how.time_format is not None:
-        named = (how.time,) if isinstance(how.time, str) else how.time or ()
+    if options.time is not None or options.time_format is not None:
+        named = (options.time,) if isinstance(options.time, str) else options.time or ()
         chosen = [c for sheet in sources.without for n in named if (c := sheet.named(n)) is not None]
         texts = [c for c in chosen or columns if c.is_text and is_called_time(c.name)] or [
             c for c in chosen or columns if c.is_text
@@ -150,9 +155,12 @@ def no_clock(sources: Sources, how: Logs) -> str:
         ):
             name = full_name(chosen[0])
             return f'[log] time: the unit of "{name}" is none of time; name another of {names}'
-        if how.time_format is not None:
+        if options.time_format is not None:
             place = f'column "{" and ".join(named)}"' if named else "any column"
-            return f'[log] time_format: "{how.time_format}" fits no cell of {place}{shown}; there are {names}'
+            return (
+                f'[log] time_format: "{options.time_format}" fits no cell of {place}{shown}; '
+                f"there are {names}"
+            )
         named_so = " and ".join(named)
         return f'[log] time: no column "{named_so}" with times in a known form{shown}; there are {names}'
     called = [c for c in columns if c.is_text and is_called_time(c.name)]
@@ -170,14 +178,14 @@ def no_clock(sources: Sources, how: Logs) -> str:
 
 
 def rising_columns(sheet: Sheet) -> list[RawColumn]:
-    """The columns of numbers that only increase."""
+    """Return the columns of numbers that only increase."""
     rising = []
     for column in sheet.columns:
         if column.is_moments:
             continue
         values, words = numbers_of(column, sheet.decimal)
-        there = values[np.isfinite(values)]
-        if len(there) > 2 and words.cells == 0 and bool((np.diff(there) > 0.0).all()):
+        finite = values[np.isfinite(values)]
+        if len(finite) > 2 and words.cells == 0 and bool((np.diff(finite) > 0.0).all()):
             rising.append(column)
     return rising
 
@@ -187,38 +195,40 @@ def _first_cell(column: RawColumn) -> str:
 
 
 def placed_columns(
-    sources: Sources, config: Config, how: Logs, problems: list[str]
+    sources: Sources, config: Config, options: Logs, problems: list[str]
 ) -> tuple[dict[str, list[Placed]], list[str]]:
-    """The columns of each channel, and the channels without any."""
+    """Return the columns of each channel, and the channels without any; problems are appended to
+    `problems`.
+    """
     kinds, placed, missing = kinds_of(config), dict[str, list[Placed]](), list[str]()
     derived = config.derived_channels
     for channel in (c for c in config.channels if c not in derived):
-        given = how.columns.get(channel)
+        entry = options.columns.get(channel)
         to = unit_of_channel(channel, kinds[channel])
-        parts = [(s, c) for s in sources.timed if (c := _column(s, channel, given)) is not None]
+        parts = [(s, c) for s in sources.timed if (c := _column(s, channel, entry)) is not None]
         if not parts:
-            missing.append(channel if given is None else f"{channel} = {given.column}")
+            missing.append(channel if entry is None else f"{channel} = {entry.column}")
             continue
         first = parts[0][1]
         same = [(s, c) for s, c in parts if full_name(c) == full_name(first)]
         try:
-            chosen = resolved(given.unit) if given is not None and given.unit else ""
+            chosen = resolved(entry.unit) if entry is not None and entry.unit else ""
             unit = chosen or unit_of_column(first, to)
-            own = resolved(to) if to else ""
-            if not fits(unit, own):
+            channel_unit = resolved(to) if to else ""
+            if not fits(unit, channel_unit):
                 raise LogError(
                     f'column "{full_name(first)}" is in {shown_unit(unit)}, which cannot be '
-                    f"{shown_unit(own)}; name another in [log.columns] {channel}, or its unit"
+                    f"{shown_unit(channel_unit)}; name another in [log.columns] {channel}, or its unit"
                 )
         except LogError as error:
             problems.append(f"{channel}: {error}")
             continue
-        placed[channel] = [Placed(channel, s, c, unit, own) for s, c in same]
+        placed[channel] = [Placed(channel, s, c, unit, channel_unit) for s, c in same]
     return placed, missing
 
 
 def unit_of_column(column: RawColumn, to: str) -> str:
-    """The unit of a column by its file; that of its channel where the file gives none.
+    """Return the unit of a column by its file; the channel's unit `to` if the file gives none.
 
     Raises `LogError` for a unit that is not understood.
     """
@@ -235,7 +245,7 @@ def unit_of_column(column: RawColumn, to: str) -> str:
 
 
 def misunderstood(columns: Iterable[RawColumn]) -> list[str]:
-    """Sentences about columns whose unit is not understood."""
+    """Return a sentence for each column whose unit is not understood."""
     doubts = []
     for column in columns:
         try:
@@ -245,13 +255,13 @@ def misunderstood(columns: Iterable[RawColumn]) -> list[str]:
     return doubts
 
 
-def _column(source: TimedSheet, channel: str, given: LogColumn | None) -> RawColumn | None:
-    """A channel's column in a sheet, where that is given or obvious."""
+def _column(source: TimedSheet, channel: str, entry: LogColumn | None) -> RawColumn | None:
+    """Return a channel's column in a sheet, if it is configured or obvious."""
     sheet = source.sheet
-    if given is not None:
-        return sheet.named(given.column)
-    if (found := sheet.named(channel)) is not None:
-        return found
+    if entry is not None:
+        return sheet.named(entry.column)
+    if (column := sheet.named(channel)) is not None:
+        return column
     stem = plain_name(split_name(channel)[0])
     for stem_of in (lambda name: name, last_part):
         alike = [c for c in sheet.columns if stem_of(c.name).casefold() == channel.casefold()] or [
@@ -265,19 +275,19 @@ def _column(source: TimedSheet, channel: str, given: LogColumn | None) -> RawCol
 
 
 def last_part(name: str) -> str:
-    """A name without a group before it, as of `sensor.t1_degC`, and without what a recorder made of it, as
+    """Return a name without a group before it, as in `sensor.t1_degC`, and without a suffix such as
     `_Avg`.
     """
     return re.sub(r"_(?:avg|mean|smp)$", "", re.sub(r"^[A-Za-z]\w*[.:](?=[A-Za-z])", "", name), flags=re.I)
 
 
 def plain_name(name: str) -> str:
-    """A name in canonical form: letters and digits in lower case."""
+    """Return a name in canonical form: letters and digits in lower case."""
     return "".join(c for c in name.casefold() if c.isalnum())
 
 
 def _without(missing: Sequence[str], sources: Sources) -> str:
-    """The sentence for channels without an obvious column."""
+    """Return the sentence for channels without an obvious column."""
     spare = [
         full_name(c) for s in sources.timed for c in s.sheet.columns if full_name(c) not in s.clock.columns
     ]
@@ -286,41 +296,41 @@ def _without(missing: Sequence[str], sources: Sources) -> str:
         close = difflib.get_close_matches(channel, spare, n=1)
         names.append(f'"{channel}"' + (f' (did you mean "{close[0]}"?)' if close else ""))
     noun, verb = ("column", "is") if len(names) == 1 else ("columns", "are")
-    there = ", ".join(dict.fromkeys(spare[:12])) + (", …" if len(spare) > 12 else "")
+    existing = ", ".join(dict.fromkeys(spare[:12])) + (", …" if len(spare) > 12 else "")
     return (
         f"{noun} {', '.join(names)} {verb} missing; name their columns in [log.columns], "
-        f"or let `observer import` find them; there are {there}"
+        f"or let `observer import` find them; there are {existing}"
     )
 
 
 def unlike_clocks(sources: Sequence[TimedSheet]) -> Iterator[str]:
-    """Why clocks cannot be joined."""
+    """Yield why clocks cannot be joined."""
     since = {s.clock.since_1970 for s in sources}
     if len(since) > 1:
-        own = next(s.sheet for s in sources if not s.clock.since_1970)
+        sheet = next(s.sheet for s in sources if not s.clock.since_1970)
         yield (
-            f"{own.path.name}{f' ({own.name})' if own.name else ''} counts from its own beginning and "
+            f"{sheet.path.name}{f' ({sheet.name})' if sheet.name else ''} counts from its own beginning and "
             "the others from 1970, so they cannot be joined; export it with dates"
         )
 
 
-def _values(placed: Placed, problems: list[str], words: list[Words], how: Logs) -> FloatArray:
-    """A channel's values (n,) in its unit, without those that stand for a missing one."""
+def _values(placed: Placed, problems: list[str], words: list[Words], options: Logs) -> FloatArray:
+    """Return a channel's values (n,) in its unit, NaN for sentinels; problems and words are appended."""
     sheet, column = placed.source.sheet, placed.column
-    values, said = numbers_of(column, sheet.decimal)
-    in_rows = said.cells - len(column.dropped)
+    values, unread = numbers_of(column, sheet.decimal)
+    in_rows = unread.cells - len(column.dropped)
     if column.is_moments or in_rows > MOST_WORDS * (in_rows + int(np.isfinite(values).sum())):
-        cells = "dates" if column.is_moments else ", ".join(repr(word[:20]) for word in said.say[:3])
+        cells = "dates" if column.is_moments else ", ".join(repr(word[:20]) for word in unread.say[:3])
         row = 0 if column.is_moments else int(np.flatnonzero(~np.isfinite(values))[0])
         problems.append(
             f'{sheet.place(row)}, column "{full_name(column)}": holds {cells} where '
             f"{placed.channel} needs numbers; name another in [log.columns] {placed.channel}"
         )
-    if said.cells:
-        words.append(Words(placed.channel, said.cells, said.say))
+    if unread.cells:
+        words.append(Words(placed.channel, unread.cells, unread.say))
     written = column.unit or split_name(column.name)[1]
     values, missing = without_sentinels(
-        values, placed.channel, placed.unit or known_unit(written), how.missing
+        values, placed.channel, placed.unit or known_unit(written), options.missing
     )
     words += missing
     return converted(values, placed.unit, placed.to)
@@ -329,7 +339,7 @@ def _values(placed: Placed, problems: list[str], words: list[Words], how: Logs) 
 def _one_after_another(
     channel: str, parts: Sequence[Placed], values: Sequence[FloatArray], problems: list[str]
 ) -> ChannelSamples:
-    """The samples of a channel that continues from file to file."""
+    """Return the samples of a channel that continues from file to file."""
     order = sorted(range(len(parts)), key=lambda i: float(parts[i].source.clock.time_s[0]))
     times = [parts[i].source.clock.time_s for i in order]
     if any(b[0] <= a[-1] for a, b in itertools.pairwise(times)):
@@ -338,5 +348,5 @@ def _one_after_another(
             f'column "{full_name(parts[0].column)}" for {channel} is in {places} at the same times; name one '
             'with its group before it in [log.columns], as "group/name"'
         )
-    held = parts[0].source.held
-    return ChannelSamples(channel, np.concatenate(times), np.concatenate([values[i] for i in order]), held)
+    is_held = parts[0].source.is_held
+    return ChannelSamples(channel, np.concatenate(times), np.concatenate([values[i] for i in order]), is_held)

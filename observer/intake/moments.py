@@ -1,4 +1,4 @@
-"""From written times to numbers: ISO 8601, German and other dates, clocks without a date, any `strptime`
+"""From written times to numbers: ISO 8601, German and other dates, times without a date, any `strptime`
 format.
 """
 
@@ -16,7 +16,7 @@ from observer.intake.dates import ns_of, parsed
 from observer.intake.zones import offset_ns
 
 Nanoseconds = NDArray[np.int64]
-NONE = np.iinfo(np.int64).min
+NO_TIME = np.iinfo(np.int64).min
 """Stands for a cell without a time, as NaT does."""
 _CLOCK = r"(?P<H>\d{1,3}):(?P<M>\d{2})(?::(?P<S>\d{2})(?:[.,:](?P<f>\d{1,9}))?)?\s*(?P<p>[AaPp]\.?[Mm]\.?)?"
 _ZONE = r"\s*(?P<z>Z|(?:UTC|GMT)?\s*[+-]\d{1,2}(?::?\d{2})?|UTC|GMT|[A-Z]{3,4})?$"
@@ -43,9 +43,9 @@ _MONTHS = {
 
 
 class Moments(NamedTuple):
-    """Times (n,) in ns, `NONE` where a cell has none: since 1970, or of one day where `dated` is false.
+    """Times (n,) in ns, `NO_TIME` for a cell without one: since 1970, or of one day where `dated` is false.
 
-    `utc`: the cells name their zone. `doubt`: what is not sure.
+    `utc`: the cells name their zone. `doubt` is a sentence about an ambiguous form.
     """
 
     ns: Nanoseconds
@@ -55,7 +55,7 @@ class Moments(NamedTuple):
 
 
 def moments_of(cells: Any, time_format: str | None) -> Moments | None:
-    """The times in cells of text (n,), a pyarrow array; None where most are no times."""
+    """Return the times in cells of text (n,), a pyarrow array; None if most cells are not times."""
     import pyarrow.compute as pc  # noqa: PLC0415 - slow to import, and the daemon reads no log
 
     cells = pc.utf8_trim_whitespace(cells)
@@ -64,114 +64,126 @@ def moments_of(cells: Any, time_format: str | None) -> Moments | None:
         return _by_format(cells.to_pylist(), time_format)
     for date in _DATES:
         for clock in (r"(?:[T ,;_]+|$)(?:" + _CLOCK + ")?", _COMPACT):
-            found = pc.extract_regex(cells, date + clock + _ZONE)
-            if filled and 2 * (filled - _unmatched(found, cells)) > filled:
-                return _dated(found)
-    found = pc.extract_regex(cells, _SLASHED + r"(?:[T ,;]+|$)(?:" + _CLOCK + ")?" + _ZONE)
-    if filled and 2 * (filled - _unmatched(found, cells)) > filled:
-        return _slashed(found)
-    found = pc.extract_regex(cells, "^" + _CLOCK + _ZONE)
-    if filled and 2 * (filled - _unmatched(found, cells)) > filled:
-        return _of_one_day(found)
-    return _as_written_elsewhere(cells.to_pylist()) if 0 < filled <= _MOST_FALLBACK else None
+            matches = pc.extract_regex(cells, date + clock + _ZONE)
+            if filled and 2 * (filled - _unmatched(matches, cells)) > filled:
+                return _dated(matches)
+    matches = pc.extract_regex(cells, _SLASHED + r"(?:[T ,;]+|$)(?:" + _CLOCK + ")?" + _ZONE)
+    if filled and 2 * (filled - _unmatched(matches, cells)) > filled:
+        return _slashed(matches)
+    matches = pc.extract_regex(cells, "^" + _CLOCK + _ZONE)
+    if filled and 2 * (filled - _unmatched(matches, cells)) > filled:
+        return _of_one_day(matches)
+    return _in_other_forms(cells.to_pylist()) if 0 < filled <= _MOST_FALLBACK else None
 
 
-def _unmatched(found: Any, cells: Any) -> int:
-    return int(found.null_count - cells.null_count)
+def _unmatched(matches: Any, cells: Any) -> int:
+    """Return how many filled cells do not match."""
+    return int(matches.null_count - cells.null_count)
 
 
-def _field(found: Any, name: str, default: int = 0) -> Nanoseconds:
-    """A field of digits (n,), the default where it is empty."""
+def _field(matches: Any, name: str, default: int = 0) -> Nanoseconds:
+    """Return a field of digits (n,), the default where it is empty."""
     import pyarrow as pa  # noqa: PLC0415
     import pyarrow.compute as pc  # noqa: PLC0415
 
-    if found.type.get_field_index(name) < 0:
-        return np.full(len(found), default, np.int64)
-    text = pc.fill_null(pc.struct_field(found, name), "")
+    if matches.type.get_field_index(name) < 0:
+        return np.full(len(matches), default, np.int64)
+    text = pc.fill_null(pc.struct_field(matches, name), "")
     text = pc.if_else(pc.equal(text, ""), str(default), text)
     return np.asarray(pc.cast(text, pa.int64()).to_numpy(zero_copy_only=False))
 
 
-def _texts(found: Any, name: str) -> list[str]:
+def _texts(matches: Any, name: str) -> list[str]:
+    """Return a field of text (n,), empty strings where it is missing; an empty list if there is no such
+    field.
+    """
     import pyarrow.compute as pc  # noqa: PLC0415
 
-    if found.type.get_field_index(name) < 0:
+    if matches.type.get_field_index(name) < 0:
         return []
-    return [text or "" for text in pc.struct_field(found, name).to_pylist()]
+    return [text or "" for text in pc.struct_field(matches, name).to_pylist()]
 
 
-def _there(found: Any) -> BoolArray:
+def _has_match(matches: Any) -> BoolArray:
+    """Return which cells (n,) match."""
     import pyarrow.compute as pc  # noqa: PLC0415
 
-    return np.asarray(pc.is_valid(found).to_numpy(zero_copy_only=False))
+    return np.asarray(pc.is_valid(matches).to_numpy(zero_copy_only=False))
 
 
-def _clock_ns(found: Any) -> Nanoseconds:
-    """Hours, minutes, seconds and their parts (n,) in ns."""
+def _clock_ns(matches: Any) -> Nanoseconds:
+    """Return the time of day (n,) in ns."""
     import pyarrow.compute as pc  # noqa: PLC0415
 
-    parts = np.zeros(len(found), np.int64)
-    if found.type.get_field_index("f") >= 0:
-        text = pc.utf8_rpad(pc.fill_null(pc.struct_field(found, "f"), ""), 9, "0")
+    parts = np.zeros(len(matches), np.int64)
+    if matches.type.get_field_index("f") >= 0:
+        text = pc.utf8_rpad(pc.fill_null(pc.struct_field(matches, "f"), ""), 9, "0")
         parts = np.asarray(pc.cast(text, "int64").to_numpy(zero_copy_only=False))
-    hours = _field(found, "H")
-    if any(halves := _texts(found, "p")):
+    hours = _field(matches, "H")
+    if any(halves := _texts(matches, "p")):
         of_noon = np.array([half[:1].lower() for half in halves])
         hours = np.where(of_noon == "p", hours % 12 + 12, np.where(of_noon == "a", hours % 12, hours))
-    return ((hours * 60 + _field(found, "M")) * 60 + _field(found, "S")) * 1_000_000_000 + parts
+    return ((hours * 60 + _field(matches, "M")) * 60 + _field(matches, "S")) * 1_000_000_000 + parts
 
 
-def _years(found: Any) -> Nanoseconds:
-    years = _field(found, "y", 1970)
+def _years(matches: Any) -> Nanoseconds:
+    """Return the years (n,), those of two digits in this century."""
+    years = _field(matches, "y", 1970)
     return np.where(years < 100, 2000 + years, years)
 
 
 def _days_ns(years: Nanoseconds, months: Nanoseconds, days: Nanoseconds) -> Nanoseconds:
-    """Dates (n,) in ns since 1970, `NONE` for one that is in no calendar."""
+    """Return dates (n,) in ns since 1970, `NO_TIME` for one that no calendar has."""
     good = (months >= 1) & (months <= 12) & (years > 1700) & (years < 2250)
     month = (np.where(good, years, 1970) - 1970).astype("M8[Y]").astype("M8[M]") + (
         np.where(good, months, 1) - 1
     )
     day = month.astype("M8[D]") + (days - 1)
     good &= day.astype("M8[M]") == month
-    return np.where(good, day.astype("M8[ns]").astype(np.int64), NONE)
+    return np.where(good, day.astype("M8[ns]").astype(np.int64), NO_TIME)
 
 
-def _zoned(found: Any, ns: Nanoseconds) -> tuple[Nanoseconds, bool]:
-    """Moments (n,) as UTC where the cells name a zone, and whether they do."""
-    zones = _texts(found, "z")
+def _in_utc(matches: Any, ns: Nanoseconds) -> tuple[Nanoseconds, bool]:
+    """Return moments (n,) in UTC where the cells name a zone, and whether they do."""
+    zones = _texts(matches, "z")
     if not any(zones):
         return ns, False
     offsets = {zone: offset_ns(zone) for zone in set(zones)}
-    known = np.array([offsets[zone] is not None for zone in zones])
+    is_known = np.array([offsets[zone] is not None for zone in zones])
     shifted = ns - np.array([offsets[zone] or 0 for zone in zones], np.int64)
-    return np.where(known, shifted, NONE), True
+    return np.where(is_known, shifted, NO_TIME), True
 
 
-def _finished(found: Any, days: Nanoseconds) -> Moments:
-    ns, utc = _zoned(found, days + _clock_ns(found))
-    return Moments(np.where(_there(found) & (days != NONE), ns, NONE), dated=True, utc=utc)
+def _moments(matches: Any, days: Nanoseconds) -> Moments:
+    """Return dates (n,) in ns with the time of day of the cells."""
+    ns, utc = _in_utc(matches, days + _clock_ns(matches))
+    return Moments(np.where(_has_match(matches) & (days != NO_TIME), ns, NO_TIME), dated=True, utc=utc)
 
 
-def _dated(found: Any) -> Moments:
-    months = _field(found, "m", 1)
-    if names := _texts(found, "mon"):
-        known = {name: _MONTHS.get(name.lower()[:3], 0) for name in set(names)}
-        months = np.array([known[name] for name in names], np.int64)
-    return _finished(found, _days_ns(_years(found), months, _field(found, "d", 1)))
+def _dated(matches: Any) -> Moments:
+    """Return the times of cells with a date in a form that is not ambiguous."""
+    months = _field(matches, "m", 1)
+    if names := _texts(matches, "mon"):
+        month_numbers = {name: _MONTHS.get(name.lower()[:3], 0) for name in set(names)}
+        months = np.array([month_numbers[name] for name in names], np.int64)
+    return _moments(matches, _days_ns(_years(matches), months, _field(matches, "d", 1)))
 
 
-def _slashed(found: Any) -> Moments:
-    """Dates such as 11/25/2026, in which either number may be the month."""
-    a, b, years = _field(found, "a", 1), _field(found, "b", 1), _years(found)
-    day_first, month_first = _finished(found, _days_ns(years, b, a)), _finished(found, _days_ns(years, a, b))
-    lost = [int((m.ns == NONE).sum()) for m in (day_first, month_first)]
+def _slashed(matches: Any) -> Moments:
+    """Return the times of cells with dates such as 11/25/2026, in which either number may be the month."""
+    a, b, years = _field(matches, "a", 1), _field(matches, "b", 1), _years(matches)
+    day_first, month_first = (
+        _moments(matches, _days_ns(years, b, a)),
+        _moments(matches, _days_ns(years, a, b)),
+    )
+    lost = [int((m.ns == NO_TIME).sum()) for m in (day_first, month_first)]
     if lost[0] != lost[1]:
         return day_first if lost[0] < lost[1] else month_first
     spans = [
-        float(np.ptp(m.ns[m.ns != NONE])) if (m.ns != NONE).any() else 0.0 for m in (day_first, month_first)
+        float(np.ptp(m.ns[m.ns != NO_TIME])) if (m.ns != NO_TIME).any() else 0.0
+        for m in (day_first, month_first)
     ]
-    if any(_texts(found, "p")) or spans[1] < spans[0]:
+    if any(_texts(matches, "p")) or spans[1] < spans[0]:
         return month_first
     if spans[0] < spans[1] or (a == b).all():
         return day_first
@@ -181,17 +193,19 @@ def _slashed(found: Any) -> Moments:
     )
 
 
-def _of_one_day(found: Any) -> Moments:
-    """Clocks without a date: a jump back by more than half a day is midnight."""
-    ns = np.where(_there(found), _clock_ns(found), NONE)
-    there = ns != NONE
-    steps = np.diff(ns[there], prepend=ns[there][:1])
-    ns[there] += np.cumsum(steps < -43_200_000_000_000) * 86_400_000_000_000
+def _of_one_day(matches: Any) -> Moments:
+    """Return times without a date; a jump back by more than half a day is midnight."""
+    ns = np.where(_has_match(matches), _clock_ns(matches), NO_TIME)
+    has_time = ns != NO_TIME
+    steps = np.diff(ns[has_time], prepend=ns[has_time][:1])
+    ns[has_time] += np.cumsum(steps < -43_200_000_000_000) * 86_400_000_000_000
     return Moments(ns, dated=False, utc=False)
 
 
-def _as_written_elsewhere(cells: list[str | None]) -> Moments | None:
-    """Times in other forms than those above, as `2. März 2026 8:00`; None where most cells are none."""
+def _in_other_forms(cells: list[str | None]) -> Moments | None:
+    """Return times in forms that dateutil reads, such as `2. März 2026 8:00`; None if most cells are not
+    times.
+    """
     first = next(cell for cell in cells if cell)
     if parsed(first, day_first=True) is None and parsed(first, day_first=False) is None:
         return None
@@ -207,13 +221,13 @@ def _as_written_elsewhere(cells: list[str | None]) -> Moments | None:
         )
     moments = ways[counts[1] > counts[0]]
     utc = any(moment is not None and moment.tzinfo is not None for moment in moments)
-    ns = np.array([NONE if moment is None else ns_of(moment) for moment in moments], np.int64)
+    ns = np.array([NO_TIME if moment is None else ns_of(moment) for moment in moments], np.int64)
     return Moments(ns, dated=True, utc=utc, doubt=doubt)
 
 
 def _by_format(cells: list[str | None], time_format: str) -> Moments | None:
-    """Times by a format as of `strptime`."""
-    ns, utc, dated = np.full(len(cells), NONE), False, bool(re.search("%[dcxDFsjU]", time_format))
+    """Return times by a `strptime` format; None if most cells do not match it."""
+    ns, utc, dated = np.full(len(cells), NO_TIME), False, bool(re.search("%[dcxDFsjU]", time_format))
     for i, cell in enumerate(cells):
         try:
             moment = datetime.datetime.strptime(cell or "", time_format)
@@ -221,4 +235,4 @@ def _by_format(cells: list[str | None], time_format: str) -> Moments | None:
             continue
         utc = moment.tzinfo is not None
         ns[i] = ns_of(moment if dated else moment.replace(year=1970))
-    return Moments(ns, dated, utc) if 2 * (ns != NONE).sum() > len(cells) else None
+    return Moments(ns, dated, utc) if 2 * (ns != NO_TIME).sum() > len(cells) else None

@@ -1,4 +1,4 @@
-"""The one way in which commands read a log: directly if in our own form, by `[log]` otherwise."""
+"""The one way in which commands read a log: directly if it has the program's own form, by `[log]` if not."""
 
 from __future__ import annotations
 
@@ -31,37 +31,37 @@ def read_channels(
 ) -> Log:
     """Read the channels of a configuration from a log.
 
-    Channels in `spare` may be missing in it; `accept` is that of `read_log`. Raises `LogError`, and
-    `ModuleNotFoundError` where a format's package is not installed.
+    Channels in `spare` may be missing in it; `accept` are the options of `read_log`. Raises `LogError`, and
+    `ModuleNotFoundError` if a format's package is not installed.
     """
-    how = config.log
-    header = own_header(path, how)
+    options = config.log
+    header = own_header(path, options)
     none_of_ours = header is not None and len(header) > 1 and not set(config.channels) & set(header)
     if header is None or none_of_ours:
         return read_foreign(
             [path], config, spare=spare, accept_truncated=accept.get("accept_truncated", False)
         )
     spare = {*spare, *config.derived_channels}
-    needed = [name for name in config.channels if name in header or name not in spare]
-    log = read_log(path, needed, rows_apart_s=how.rows_apart_s, missing=how.missing, **accept)
-    log = cleaned(log, how)
-    return log if log.step is not None or not how.hold else held(log, config)
+    required = [name for name in config.channels if name in header or name not in spare]
+    log = read_log(path, required, rows_apart_s=options.rows_apart_s, missing=options.missing, **accept)
+    log = cleaned(log, options)
+    return log if log.step is not None or not options.hold else with_held_inputs(log, config)
 
 
-def held(log: Log, config: Config) -> Log:
-    """A log whose inputs keep their value until the next row: rows are inserted where they change."""
+def with_held_inputs(log: Log, config: Config) -> Log:
+    """Return a log whose inputs keep their value until the next row: rows are inserted where they change."""
     kinds = kinds_of(config)
     keeping = np.array([keeps_its_value(kinds.get(name, ChannelKind.SCREW)) for name in log.channels])
     time_s, values = with_steps(log.time_s, log.values, keeping)
     return replace(log, time_s=time_s, values=values, joined=log.joined or len(time_s) > len(log))
 
 
-def own_header(path: Path, how: Logs) -> list[str] | None:
-    """The columns of a log in our own form; None for any other, or where `[log]` names columns.
+def own_header(path: Path, options: Logs) -> list[str] | None:
+    """Return the columns of a log in the program's own form; None for any other, or if `[log]` names columns.
 
-    A file that cannot be read is taken for ours, so that reading it says why.
+    A file that cannot be read counts as one of the own form, so that reading it reports the reason.
     """
-    suffix = next((each for each in SUFFIXES if path.name.endswith(each)), None)
+    suffix = next((ending for ending in SUFFIXES if path.name.endswith(ending)), None)
     if suffix is None:
         return None
     try:
@@ -70,7 +70,7 @@ def own_header(path: Path, how: Logs) -> list[str] | None:
         return [TIME]
     if header is None or (STEP in header and FLAGS in header):
         return header
-    ours = all(name in header and entry.column not in header for name, entry in how.columns.items())
+    ours = all(name in header and entry.column not in header for name, entry in options.columns.items())
     return header if ours else None
 
 

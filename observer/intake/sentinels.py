@@ -1,4 +1,4 @@
-"""Numbers that stand for a missing value: overload of a meter, a sensor that is not there or not ready."""
+"""Numbers that stand for a missing value: overload of a meter, a sensor that is absent or not ready."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ _LEAST_STEP_K, _OF_USUAL = 5.0, 20.0
 def without_sentinels(
     values: FloatArray, name: str, unit: str, missing: Sequence[str] = ()
 ) -> tuple[FloatArray, list[Words]]:
-    """Values (n,) with NaN for those that stand for a missing one, and how many there were of each.
+    """Return values (n,) with NaN for each sentinel, and how many of each there were.
 
-    `unit` is that of the values, as `known_unit` gives it; `missing` are texts of `[log] missing`.
+    `unit` is the unit of the values, as `known_unit` gives it; `missing` are texts of `[log] missing`.
     """
-    stands_for_none = np.abs(values) >= OVERLOAD
+    is_sentinel = np.abs(values) >= OVERLOAD
     for number in _numbers(missing):
-        stands_for_none |= np.isclose(values, number, rtol=1e-6, atol=0.0) | (values == number)
+        is_sentinel |= np.isclose(values, number, rtol=1e-6, atol=0.0) | (values == number)
     to_degC = {"degC": lambda v: v, "degF": lambda v: (v - 32.0) / 1.8, "kelvin": lambda v: v - ZERO_DEGC_K}
     if unit in to_degC:
-        degC = to_degC[unit](np.where(stands_for_none, np.nan, values))
-        stands_for_none |= degC < -ZERO_DEGC_K
-        degC[stands_for_none] = np.nan
+        degC = to_degC[unit](np.where(is_sentinel, np.nan, values))
+        is_sentinel |= degC < -ZERO_DEGC_K
+        degC[is_sentinel] = np.nan
         for code_degC in _OF_SENSORS_DEGC:
-            stands_for_none |= _stands_apart(degC, code_degC)
-    if not stands_for_none.any():
+            is_sentinel |= _stands_apart(degC, code_degC)
+    if not is_sentinel.any():
         return values, []
-    which, counts = np.unique(values[stands_for_none], return_counts=True)
+    sentinels, counts = np.unique(values[is_sentinel], return_counts=True)
     order = np.argsort(-counts, kind="stable")
-    say = tuple(f"{which[i]:.6g}" for i in order)
-    return np.where(stands_for_none, np.nan, values), [Words(name, int(counts.sum()), say)]
+    words = tuple(f"{sentinels[i]:.6g}" for i in order)
+    return np.where(is_sentinel, np.nan, values), [Words(name, int(counts.sum()), words)]
 
 
 def _numbers(texts: Iterable[str]) -> list[float]:
@@ -58,7 +58,7 @@ def _numbers(texts: Iterable[str]) -> list[float]:
 
 
 def _stands_apart(degC: FloatArray, code_degC: float) -> BoolArray:
-    """Where temperatures (n,) are exactly a code, and no value beside them leads there."""
+    """Return where temperatures (n,) are exactly a code, and no value beside them leads there."""
     is_code = np.abs(degC - code_degC) < 1e-6
     others = np.flatnonzero(np.isfinite(degC) & ~is_code)
     if not is_code.any() or not len(others):
@@ -74,14 +74,14 @@ def _stands_apart(degC: FloatArray, code_degC: float) -> BoolArray:
     return apart
 
 
-def cleaned(log: Log, how: Logs) -> Log:
-    """A log in our own form without numbers that stand for a missing value; a recording stays as it is."""
+def cleaned(log: Log, options: Logs) -> Log:
+    """Return a log in the program's own form without sentinels; a recording is returned unchanged."""
     if log.step is not None:
         return log
     values, words = log.values.copy(), list(log.words)
     for j, name in enumerate(log.channels):
         values[:, j], missing = without_sentinels(
-            values[:, j], name, known_unit(split_name(name)[1]), how.missing
+            values[:, j], name, known_unit(split_name(name)[1]), options.missing
         )
         words += missing
     return replace(log, values=values, words=tuple(words)) if len(words) > len(log.words) else log

@@ -15,11 +15,13 @@ from observer.intake.units import split_name
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawColumn:
-    """A column as its file has it.
+    """A column with the contents of its file.
 
-    `values` (n,): float64 with NaN for an empty cell, `datetime64[ns]` with NaT, or a pyarrow array of
-    strings with nulls. `unit` is the one in the file, empty for none. `utc`: times are in
-    UTC, not wall-clock times. `dropped` are words in cells of rows that were left out.
+    Attributes:
+        values: (n,) float64 with NaN, `datetime64[ns]` with NaT, or a pyarrow array of strings with nulls
+        unit: the one in the file, empty for none
+        utc: whether times are in UTC, not wall-clock times
+        dropped: words in cells of rows that were left out
     """
 
     name: str
@@ -44,14 +46,19 @@ class RawColumn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sheet:
-    """A table of a file: columns of one length, and on which clock they are if the file itself says so.
+    """A table of a file: columns of one length, and their clock if the file itself defines it.
 
-    `name` is that of the group or sheet in its file, empty for the only one. `time_s` (n,): seconds, where
-    the format has a clock of its own; `since_1970` says whether they count from then, `on_wall` that they are
-    wall-clock times whose zone is not given. `decimal` is the decimal
-    separator of text. `lines` are the line numbers of the rows, `first_line` that of the
-    first row where they are consecutive, `left_out` the lines of rows that did not fit. `doubts` are
-    sentences about what was left out, `preamble` the lines above the header.
+    Attributes:
+        name: of the group or sheet in its file, empty for the only one
+        time_s: (n,) s, where the format has its own clock
+        since_1970: whether these count from 1970
+        on_wall: whether they are wall-clock times without a zone
+        decimal: decimal separator of text
+        first_line: line number of the first row where lines are consecutive
+        lines: (n,) line numbers of the rows
+        left_out: lines of rows that did not fit
+        doubts: sentences about rows that were left out
+        preamble: lines above the header
     """
 
     path: Path
@@ -68,24 +75,24 @@ class Sheet:
     preamble: tuple[str, ...] = ()
 
     def place(self, row: int) -> str:
-        """The place of a row, as its reader counts."""
+        """Return the position of a row in its file, as its reader counts."""
         sheet = f'"{self.name}", ' if self.name else ""
         if self.lines is not None:
             return f"{sheet}line {self.lines[row]}"
         return f"{sheet}row {row + 1}" if self.first_line is None else f"{sheet}line {self.first_line + row}"
 
     def named(self, name: str) -> RawColumn | None:
-        """The column of a name, with the sheet's before it or without; None where there is none.
+        """Return the column of a name, with or without the sheet's name before it; None if no column has it.
 
-        Its unit may be left out where no other column has that name.
+        Its unit may be left out if no other column has that name.
         """
         plain = name.removeprefix(f"{self.name}/")
-        if (found := next((c for c in self.columns if plain in (c.name, full_name(c))), None)) is not None:
-            return found
+        if (column := next((c for c in self.columns if plain in (c.name, full_name(c))), None)) is not None:
+            return column
         alike = [c for c in self.columns if split_name(c.name)[0] == plain]
         return alike[0] if len(alike) == 1 else None
 
 
 def full_name(column: RawColumn) -> str:
-    """The name of a column with the unit that stands in a row or field of its own."""
+    """Return the name of a column with the unit that the file has in a row or field of its own."""
     return f"{column.name} [{column.unit}]" if column.unit else column.name

@@ -1,7 +1,6 @@
 """Units as recorders write them, and their conversion to those of the channels.
 
-Common units are recognised by their usual spellings; pint knows the others, and is imported
-only for a conversion.
+Common units are recognised by their usual spellings. pint converts the others, and is imported only for that.
 """
 
 from __future__ import annotations
@@ -73,24 +72,24 @@ _PLAIN = {"degC": "°C", "degF": "°F", "kelvin": "K", "um": "µm", "percent": "
 
 
 def known_unit(written: str) -> str:
-    """The unit of which a text is a usual spelling; empty where it is none."""
+    """Return the unit of which a text is a usual spelling; empty if it is not one."""
     text = unicodedata.normalize("NFKC", _DEGREE.sub("deg", written.strip().strip("[]")))
     text = _DEGREE.sub("deg", text).casefold()
     return _ALIAS.get(re.sub(r"[\s._]", "", text), "")
 
 
 def says_no_unit(written: str) -> bool:
-    """Whether a text is what recorders write in place of a unit, as `-` or `(None)`."""
+    """Whether a text is a recorder's mark for a missing unit, such as `-` or `(None)`."""
     return written.strip().casefold() in _NO_UNIT
 
 
 def shown_unit(unit: str) -> str:
-    """A unit as people write it."""
+    """Return a unit as people write it."""
     return _PLAIN.get(unit, unit)
 
 
 def split_name(name: str) -> tuple[str, str]:
-    """A column's name without the unit that it ends in, and that unit as written; empty where it has none."""
+    """Return a column's name without the unit at its end, and that unit as written; empty for none."""
     match = _IN_BRACKETS.match(name)
     if match and known_unit(match["unit"]):
         return match["name"].strip(), match["unit"].strip()
@@ -105,7 +104,7 @@ def split_name(name: str) -> tuple[str, str]:
 
 
 def _split_plain(name: str) -> tuple[str, str]:
-    """A name without brackets and the unit that it ends in."""
+    """Return a name without brackets, without the unit at its end, and that unit."""
     stem, _, last = name.rpartition("_")
     if stem and last in _SUFFIXES:
         return stem, last
@@ -116,12 +115,12 @@ def _split_plain(name: str) -> tuple[str, str]:
             return name[:start].strip(), unit.strip()
     if match := _TEMPERATURE.match(name.strip()):
         return match["name"], match["unit"]
-    alone = len(name.strip()) > 1 and known_unit(name) in ("degC", "degF", "kelvin")
-    return name.strip(), name.strip() if alone else ""
+    is_unit = len(name.strip()) > 1 and known_unit(name) in ("degC", "degF", "kelvin")
+    return name.strip(), name.strip() if is_unit else ""
 
 
 def unit_of_channel(channel: str, kind: ChannelKind) -> str:
-    """The unit that a channel's name ends in, else that of what it measures; empty where neither says."""
+    """Return the unit at the end of a channel's name, else the unit of its kind; empty for neither."""
     return known_unit(split_name(channel)[1]) or EXPECTED[kind]
 
 
@@ -134,7 +133,7 @@ def _registry() -> Any:
 
 @cache
 def resolved(written: str) -> str:
-    """The unit that a text means, for pint; empty for none. Raises `LogError` for an unknown one."""
+    """Return the unit that a text means, for pint; empty for none. Raises `LogError` for an unknown one."""
     if says_no_unit(written):
         return ""
     if unit := known_unit(written):
@@ -155,12 +154,14 @@ def fits(unit: str, to: str) -> bool:
 
 
 def converted(values: FloatArray, unit: str, to: str) -> FloatArray:
-    """Convert values (n,) from one unit to another, both as `resolved` gives them; unknown ones stay."""
+    """Return values (n,) converted from one unit to another, both as `resolved` gives them; unknown ones
+    stay.
+    """
     if unit == to or not unit or not to:
         return values
     return np.asarray(_registry().Quantity(values, unit).to(to).magnitude, dtype=np.float64)
 
 
 def factor(unit: str, to: str) -> float:
-    """The factor from one unit to the other."""
+    """Return the factor from one unit to the other."""
     return float(converted(np.ones(1), unit, to)[0])

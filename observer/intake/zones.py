@@ -1,4 +1,4 @@
-"""Time zones: how far they are ahead of UTC, and the hour that a clock shows twice in autumn."""
+"""Time zones: their offset from UTC, and the hour that a clock shows twice in autumn."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _HEADER_ZONE = re.compile(r"(?:UTC|GMT)\s*[+-]\s*\d{1,2}(?::?\d{2})?|[A-Z]{3,4}|
 
 
 def offset_ns(zone: str) -> int | None:
-    """How far a zone is ahead of UTC, in ns: `GMT-05:00`, `+0100`, `CEST`; None for one not understood."""
+    """Return how far a zone is ahead of UTC, in ns: `GMT-05:00`, `+0100`, `CEST`; None if not understood."""
     written = zone.replace(" ", "").upper()
     if written in ABBREVIATIONS_H or not written:
         return ABBREVIATIONS_H.get(written, 0) * 3_600_000_000_000
@@ -31,7 +31,7 @@ def offset_ns(zone: str) -> int | None:
 
 
 def zone_in(name: str) -> str:
-    """The zone that a column's name gives, as `GMT-05:00` or `Europe/Berlin`; empty for none."""
+    """Return the zone in a column's name, such as `GMT-05:00` or `Europe/Berlin`; empty for none."""
     for match in _HEADER_ZONE.finditer(name):
         if offset_ns(match[0]) is not None or ("/" in match[0] and match[0] in available_timezones()):
             return match[0]
@@ -39,12 +39,12 @@ def zone_in(name: str) -> str:
 
 
 def localised(wall_s: FloatArray, zone: str) -> FloatArray:
-    """Wall-clock times (n,), in s since 1970 as if in UTC, converted to UTC by their zone.
+    """Return wall-clock times (n,), in s since 1970 as if in UTC, converted from their zone to UTC.
 
     The repeated hour in autumn is taken as the first one until the clock goes back.
     """
-    place, there = ZoneInfo(zone), np.isfinite(wall_s)
-    quarters = np.where(there, np.floor(np.where(there, wall_s, 0.0) / 900.0), 0).astype(np.int64)
+    place, is_finite = ZoneInfo(zone), np.isfinite(wall_s)
+    quarters = np.where(is_finite, np.floor(np.where(is_finite, wall_s, 0.0) / 900.0), 0).astype(np.int64)
     unique, back = np.unique(quarters, return_inverse=True)
     offsets = np.array([[_offset_s(int(q) * 900, place, fold) for fold in (0, 1)] for q in unique])[back]
     twice = offsets[:, 0] > offsets[:, 1]
@@ -56,7 +56,7 @@ def localised(wall_s: FloatArray, zone: str) -> FloatArray:
 
 
 def in_repeated_hour(wall_s: FloatArray, zone: str) -> BoolArray:
-    """Which wall-clock times (n,) a zone's clock shows twice, when summer time ends."""
+    """Return which wall-clock times (n,) the zone's clock shows twice, when summer time ends."""
     place, quarters = ZoneInfo(zone), np.floor(wall_s / 900.0).astype(np.int64)
     unique, back = np.unique(quarters, return_inverse=True)
     offsets = [[_offset_s(int(quarter) * 900, place, fold) for fold in (0, 1)] for quarter in unique]
@@ -64,6 +64,7 @@ def in_repeated_hour(wall_s: FloatArray, zone: str) -> BoolArray:
 
 
 def _offset_s(wall_s: int, place: ZoneInfo, fold: int) -> float:
+    """Return the zone's offset from UTC in s at a wall-clock time; `fold` selects the repeated hour."""
     moment = datetime.datetime(1970, 1, 1) + datetime.timedelta(seconds=wall_s)
     offset = moment.replace(tzinfo=place, fold=fold).utcoffset()
     return 0.0 if offset is None else offset.total_seconds()

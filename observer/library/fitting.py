@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from observer.align.aligner import AlignPlan, doubts, frames_of_log, read_in, refuse_implausible
-from observer.align.unit_errors import Misread, read_rightly
+from observer.align.unit_errors import Misread, in_configured_units
 from observer.errors import LogError
 from observer.files.logs import Log
 from observer.fit.parameters import lawless
@@ -37,7 +37,7 @@ def runs_of(logs: Sequence[Log], config: Installation, *, rightly: bool = False)
         paths = [block.path for block in frames]
         read = set[str]().union(*map(read_in, frames))
         odd += [f"{log.path.name}: {sentence}" for sentence in doubts(log, paths, config, read)]
-        right, found = read_rightly(log, config, paths) if rightly else (log, ())
+        right, found = in_configured_units(log, config, paths) if rightly else (log, ())
         refuse_implausible(right, config, laws=True)
         misread |= dict.fromkeys(found)
         runs.append(list(frames_of_log(right, plan)) if found else frames)

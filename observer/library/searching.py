@@ -66,7 +66,7 @@ def searched(
     `alone`, in this process only. Raises `ConfigError` or `LogError`.
     """
     corrected = [Suspect("units", m.channel, m.unit, m.text) for m in runs.misread]
-    with WorkerPool(alone=alone) as pool:
+    with WorkerPool(in_process=alone) as pool:
         found = find(config, runs.frames, progress, pool, corrected)
     document = about(source, names) | discovery_result(found) | {"doubts": runs.odd}
     return SearchedLogs(found, document, configurations(text_of(source), found, document))

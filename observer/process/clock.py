@@ -12,10 +12,9 @@ STEP_S = 0.5
 
 
 class ServiceClock:
-    """The epoch as it was at the start, plus what a monotonic clock has counted since.
+    """The epoch time at the start plus the time that a monotonic clock has counted since.
 
-    When the computer's clock is set, the service's time continues evenly and `offset_s` is the
-    difference of the two.
+    When the computer's clock is set, the service's time continues evenly, and `offset_s` is the difference.
     """
 
     def __init__(
@@ -27,13 +26,13 @@ class ServiceClock:
         self._last_s = -math.inf
 
     def now(self) -> float:
-        """Seconds since the epoch, later than every time given before."""
+        """Return seconds since the epoch, later than every time returned before."""
         now_s = self._epoch_s + self._monotonic()
         self._last_s = now_s if now_s > self._last_s else math.nextafter(self._last_s, math.inf)
         return self._last_s
 
     def offset_s(self) -> float:
-        """How far the computer's clock is ahead of the service's time."""
+        """Return how far the computer's clock is ahead of the service's time, in s."""
         return self._wall() - (self._epoch_s + self._monotonic())
 
     async def sleep_until(self, time_s: float) -> None:
@@ -43,5 +42,5 @@ class ServiceClock:
 
 
 def stepped(offset_s: float) -> str | None:
-    """A sentence if the computer's clock has departed from the service's, else None."""
+    """Return a sentence if the computer's clock has departed from the service's, else None."""
     return f"the computer's clock was set, by {offset_s:+.1f} s" if abs(offset_s) > STEP_S else None

@@ -1,4 +1,6 @@
-"""Memory that the daemon saves: modules that libraries import needlessly, and what only the start needed."""
+"""Memory that the daemon saves: modules that libraries import needlessly, and data that only the start
+needs.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from contextlib import contextmanager, suppress
 def import_sparingly() -> None:
     """Import structlog without rich's tracebacks.
 
-    Garbage collection is off until `leave_in_peace`: what is imported stays.
+    Garbage collection is off until `leave_in_peace`, since imported modules stay.
     """
     gc.disable()
     with not_found("rich"):
@@ -22,7 +24,7 @@ def import_sparingly() -> None:
 
 @contextmanager
 def not_found(*names: str) -> Iterator[None]:
-    """A block in which modules cannot be imported, if they are not there yet."""
+    """Run a block in which these modules cannot be imported, unless they are loaded already."""
     hidden = [name for name in names if name not in sys.modules]
     sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type]  # None says so to `import`
     try:
@@ -33,9 +35,9 @@ def not_found(*names: str) -> Iterator[None]:
 
 
 def import_mf4() -> None:
-    """Make python-can read MF4 even where it was imported under `not_found("asammdf")`.
+    """Make python-can read MF4 even if it was imported under `not_found("asammdf")`.
 
-    Raises `ModuleNotFoundError` where asammdf is not installed.
+    Raises `ModuleNotFoundError` if asammdf is not installed.
     """
     import can.io.mf4  # noqa: PLC0415 - before asammdf, which imports can in the middle of its own import
 
@@ -46,9 +48,9 @@ def import_mf4() -> None:
 
 
 def leave_in_peace() -> None:
-    """Keep what is there now out of all later garbage collections, a full one of which would delay a tick.
+    """Exclude all present objects from later garbage collections, a full one of which would delay a tick.
 
-    Memory that only the start needed goes back to the system.
+    Memory that only the start needed is returned to the system.
     """
     if gc.get_freeze_count():  # of parts that were there before
         gc.unfreeze()

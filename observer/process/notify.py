@@ -11,18 +11,19 @@ _SEND_S = 0.05
 
 
 def reloading() -> str:
-    """The message that a process sends before it is executed anew; `READY=1` follows with its first estimate.
+    """Return the message that a process sends before it is executed anew; `READY=1` follows with its first
+    estimate.
 
-    It also feeds the watchdog, so that the start has all of its time.
+    It also feeds the watchdog, so that the start has the full time.
     """
     return f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}\nWATCHDOG=1"
 
 
 def service_manager() -> Callable[[str], object]:
-    """Return the function that notifies the service manager; if it does not read, a message is dropped after
-    50 ms.
+    """Return the function that notifies the service manager.
 
-    Its socket holds ten messages. A manager that is held up must not hold up the estimator.
+    If the manager does not read, a message is dropped after 50 ms. Its socket holds ten messages. A stalled
+    manager must not delay the estimator.
     """
     notifier = sdnotify.SystemdNotifier()
     if notifier.socket is not None:

@@ -9,7 +9,7 @@ _HEAD = struct.Struct(">HI")
 
 
 def framed(key: str, payload: bytes) -> bytes:
-    """A message as written to the pipe: two lengths, key and payload."""
+    """Return a message as written to the pipe: two lengths, key and payload."""
     name = key.encode()
     return _HEAD.pack(len(name), len(payload)) + name + payload
 

@@ -23,10 +23,14 @@ log = structlog.get_logger()
 
 
 class Restart(NamedTuple):
-    """What a process that is executed anew is told.
+    """The state that a process hands to itself when it is executed anew.
 
-    Why and when it was, and the table of the configuration that was checked; `reload_pending` says that a
-    reload was requested since. At `ends_s` of `time.monotonic()` the process ends, None if never.
+    Attributes:
+        reason: why
+        time_s: when
+        table: the checked table of the configuration
+        reload_pending: whether another reload was requested since
+        ends_s: time of `time.monotonic()` at which the process ends, None if never
     """
 
     reason: str
@@ -36,12 +40,14 @@ class Restart(NamedTuple):
     ends_s: float | None = None
 
     def document(self) -> dict[str, Any]:
-        """The field of health."""
+        """Return the field of health."""
         return {"time_s": self.time_s, "reason": self.reason}
 
 
 def restarted() -> Restart | None:
-    """What this process was told, None after an ordinary start; only the first call returns it."""
+    """Return the state of the process before, None after an ordinary start; only the first call returns
+    it.
+    """
     number = os.environ.pop(_VARIABLE, None)
     if number is None:
         return None
@@ -53,9 +59,9 @@ def restarted() -> Restart | None:
 
 
 def execute_anew(restart: Restart) -> NoReturn:
-    """Execute the process anew; its children are ended before.
+    """Execute the process anew after ending its children.
 
-    Where the program cannot be executed any more, the process ends with exit code 1.
+    If the program can no longer be executed, the process ends with exit code 1.
     """
     _end_children()
     # it would end the new program until that handles it; here it waits until then
@@ -75,7 +81,7 @@ def execute_anew(restart: Restart) -> NoReturn:
 
 
 def _end_children() -> None:
-    """Kill every child process and take its exit code: the new program knows none of them."""
+    """Kill every child process and take its exit code, since the new program does not know them."""
     end_s = time.monotonic() + _CHILDREN_END_S
     while time.monotonic() < end_s:
         for thread in Path("/proc/self/task").iterdir():

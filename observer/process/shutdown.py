@@ -1,6 +1,6 @@
-"""Leaving on SIGTERM or SIGINT within a bound, whatever the process is stuck in; SIGHUP asks to reload.
+"""Leaving on SIGTERM or SIGINT within a limited time, even if the process hangs; SIGHUP requests a reload.
 
-Commands that end by themselves are interrupted by an exception, raised where it is not lost.
+Commands that end without a signal are interrupted by an exception, raised where it is not lost.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ ON_ITS_WAY_S = 1.0
 class StopSignals:
     """Reports the first SIGTERM or SIGINT and leaves the process `GRACE_S` later, or at the second.
 
-    Signals reach a thread through the wake-up descriptor, which the system writes to even while the
-    main thread hangs in compiled code. `flush` is called before the process is left by force. SIGHUP asks for
-    the configuration to be read again; where there is none, or because the terminal has gone, it ends the
+    Signals reach a thread through the wake-up descriptor, which the system writes to even while the main
+    thread hangs in compiled code. `flush` is called before the process is left by force. SIGHUP requests that
+    the configuration be read again. Without a configuration, or if the terminal has closed, it ends the
     process like the others. Only the main thread may enter.
     """
 
@@ -41,13 +41,15 @@ class StopSignals:
         self._terminals = [fd for fd in range(3) if os.isatty(fd)]
 
     def when_asked(self, reload: Callable[[], None]) -> None:
-        """Call `reload` at each SIGHUP from now on, and at one that waits since the process was executed."""
+        """Call `reload` at each SIGHUP from now on, and at one that was pending when the process was
+        executed.
+        """
         self._reload = reload
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGHUP})
 
     @property
     def heard(self) -> bool:
-        """Whether the process is to end."""
+        """Whether a signal to end has come."""
         return self._heard
 
     def when_heard(self, stop: Callable[[], None]) -> None:
@@ -90,7 +92,7 @@ class StopSignals:
         leave(0)
 
     def _next(self, timeout_s: float | None) -> int | None:
-        """The number of the next signal that is listened to; 0 after the end, None when it takes too long."""
+        """Return the number of the next handled signal; 0 after the end, None after the time-out."""
         self._here.settimeout(None if timeout_s is None else max(timeout_s, 1e-3))
         try:
             while (byte := self._here.recv(1)) and byte[0] not in self._handlers:
@@ -113,7 +115,7 @@ _HEARD = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 def _is_hung_up(terminal: int) -> bool:
     poll = select.poll()
     poll.register(terminal, select.POLLIN)
-    return any(what & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, what in poll.poll(0))
+    return any(event & (select.POLLHUP | select.POLLERR | select.POLLNVAL) for _, event in poll.poll(0))
 
 
 def leave(code: int) -> NoReturn:
@@ -127,9 +129,9 @@ def leave(code: int) -> NoReturn:
 
 
 def arriving(act: Callable[[int], object]) -> Callable[[int, FrameType | None], None]:
-    """A handler that calls `act`, which may raise, with the signal's number.
+    """Return a handler that calls `act`, which may raise, with the signal's number.
 
-    Where that would be lost, the signal is raised again a little later, for whoever listens to it by then.
+    Where an exception would be lost, the signal is raised again a little later, for its handler at that time.
     """
 
     def take(number: int, frame: FrameType | None) -> None:
@@ -143,7 +145,9 @@ def arriving(act: Callable[[int], object]) -> Callable[[int, FrameType | None], 
 
 
 def interrupting() -> Callable[[int], None]:
-    """What raises `KeyboardInterrupt`, and not again while that is on its way out, through what tidies up."""
+    """Return a function that raises `KeyboardInterrupt`, but not again while the first one is still being
+    handled.
+    """
     raised_s = -math.inf
 
     def interrupt(_number: int) -> None:
@@ -156,7 +160,7 @@ def interrupting() -> Callable[[int], None]:
 
 
 def _is_lost_in(frame: FrameType | None) -> bool:
-    """Whether an exception may be lost on its way out of a frame, or come out as another one.
+    """Whether an exception may be lost or replaced on its way out of a frame.
 
     Libraries take a module for missing whatever its import raises.
     """

@@ -16,7 +16,7 @@ from observer.align.plausibility import (
     motion_sentence,
     unit_hint,
 )
-from observer.align.unit_errors import read_rightly
+from observer.align.unit_errors import in_configured_units
 from observer.config import ConfigError
 from observer.files.logs import Log
 from observer.frames import Quality, Reading
@@ -119,7 +119,7 @@ def test_a_hint_names_every_cause_that_fits_a_temperature(value, candidates):
 def test_no_unit_is_guessed_where_none_fits():
     assert unit_hint(ChannelKind.SCREW, 9e5, -40.0, 150.0, math.nan) is None
     assert unit_hint(ChannelKind.OTHER, 1e9, -math.inf, math.inf, math.nan) is None
-    assert Breach(0) is Breach.NONE
+    assert Breach(0) is Breach.WITHIN_LIMITS
 
 
 @pytest.mark.parametrize(
@@ -161,7 +161,7 @@ def test_a_screw_that_is_warm_when_a_log_begins_is_believed(place, log_s):
     rejected = sum(int(np.sum(block.quality == Quality.REJECTED)) for block in frames)
     assert rejected == 0
     assert not list(implausible(config, log.values, log.channels))
-    converted, misread = read_rightly(log, config)
+    converted, misread = in_configured_units(log, config)
     assert not misread
     assert converted is log
 
@@ -175,4 +175,4 @@ def test_a_single_channel_in_fahrenheit_is_rejected_in_a_log_of_any_length(log_s
     [(name, share, sentence)] = implausible(config, log.values, log.channels)
     assert (name, share) == ("t15_degC", 1.0)
     assert "looks like °F" in sentence
-    assert [each.unit for each in read_rightly(log, config)[1]] == ["°F"]
+    assert [each.unit for each in in_configured_units(log, config)[1]] == ["°F"]

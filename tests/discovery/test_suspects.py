@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from campaigns.discovery.suspects import judged, suspect_summary, suspects_of, try_suspect
-from observer.align.unit_errors import read_rightly
+from observer.align.unit_errors import in_configured_units
 from observer.discovery.candidates import library, promises, signatures
 from observer.discovery.discover import _counts, discover
 from observer.discovery.log_faults import fit_faults
@@ -98,7 +98,7 @@ def test_an_effect_that_explains_as_much_is_no_fault_of_the_logs() -> None:
     config = machine()
     null = fit_null(problem_of(config, [made_log(truth, 1)]), config)
     best = fit_faults(null)[0]
-    assert best.fault.what == "ambient"
+    assert best.fault.kind == "ambient"
     assert best.values == pytest.approx([2.0], abs=0.1)
     right = fit_effects(null.problem, truth, ())
     rival: Any = SimpleNamespace(
@@ -130,7 +130,7 @@ def test_an_effect_that_was_not_fitted_but_explains_all_logs_is_no_fault_of_them
     found = signatures(null.problem, null.config, motor)
     fitted, everywhere = promises(null, found)[0].drop, promises(null, found, everywhere=True)[0].drop
     assert 100.0 < 2.0 * fitted < everywhere < null.deviance_of_all  # the proof shows more of it
-    clocks = next(w for w in fit_faults(null) if w.fault.what == "heat starts late")
+    clocks = next(w for w in fit_faults(null) if w.fault.kind == "heat starts late")
     suspected = replace(clocks, left=null.deviance_of_all - everywhere + by, drop=everywhere - by)
     assert plain(null, suspected, [])
     assert plain(null, suspected, [], found) is expected
@@ -217,7 +217,7 @@ def test_a_channel_in_another_unit_is_read_in_it(
     }  # fmt: skip
     spoilt = columns | {channel: columns[channel] * factor + more}
     log = Log(Path("log"), time_s, tuple(spoilt), np.column_stack(list(spoilt.values())))
-    read, found = read_rightly(log, config)
+    read, found = in_configured_units(log, config)
     assert [(m.channel, m.unit) for m in found] == ([] if unit is None else [(channel, unit)])
     np.testing.assert_allclose(read.values, np.column_stack(list(columns.values())), atol=1e-9)
 
@@ -227,7 +227,7 @@ def test_a_fault_code_is_no_unit() -> None:
     time_s = np.arange(0.0, 600.0, 2.0)
     names = ("a_degC", "b_degC", "c_degC", "heater_W", "n_rpm")
     values = np.tile([3276.7, 20.0, 20.0, 0.0, 0.0], (len(time_s), 1))
-    assert read_rightly(Log(Path("log"), time_s, names, values), config)[1] == ()
+    assert in_configured_units(Log(Path("log"), time_s, names, values), config)[1] == ()
 
 
 def test_a_machine_that_gets_hot_is_in_no_other_unit() -> None:
@@ -238,7 +238,7 @@ def test_a_machine_that_gets_hot_is_in_no_other_unit() -> None:
     names = ("a_degC", "b_degC", "c_degC", "heater_W", "n_rpm")
     still = np.zeros_like(time_s)
     values = np.column_stack([hot_degC, hot_degC, hot_degC, still + 5.0, still])
-    assert read_rightly(Log(Path("log"), time_s, names, values), config)[1] == ()
+    assert in_configured_units(Log(Path("log"), time_s, names, values), config)[1] == ()
 
 
 @pytest.mark.parametrize(
@@ -289,7 +289,7 @@ def test_the_slice_has_ten_of_each_and_sixty_others() -> None:
 def test_offsets_that_are_alike_are_the_airs(values_K: tuple[float, ...], same: bool) -> None:
     fitted: Any = SimpleNamespace(fault=SimpleNamespace(what="offsets"), values=np.array(values_K))
     assert alike(fitted) is same
-    fitted.fault.what = "ambient"
+    fitted.fault.kind = "ambient"
     assert not alike(fitted)
 
 

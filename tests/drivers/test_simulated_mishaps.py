@@ -15,7 +15,7 @@ def passed(**faults):
     mishaps = Mishaps(written.append, seed=3)
     mishaps.set(Faults(**faults))
     for line in LINES:
-        mishaps.put(line, PERIOD_S)
+        mishaps.send(line, PERIOD_S)
     return [int(number) for number in b"".join(written).split(b",")[:-1]]
 
 
@@ -39,15 +39,15 @@ def test_a_share_of_the_lines_is_dropped_doubled_or_overtaken():
 async def test_a_hold_up_keeps_lines_and_then_delivers_them_at_once():
     written: asyncio.Queue[bytes] = asyncio.Queue()
     mishaps = Mishaps(written.put_nowait, seed=3)
-    mishaps.put(b"before,", PERIOD_S)
+    mishaps.send(b"before,", PERIOD_S)
     mishaps.set(Faults(hold_can_s=0.01))
-    mishaps.put(b"1,", PERIOD_S)
-    mishaps.put(b"2,", PERIOD_S)
+    mishaps.send(b"1,", PERIOD_S)
+    mishaps.send(b"2,", PERIOD_S)
     assert written.get_nowait() == b"before,"
     assert written.empty()
     async with asyncio.timeout(10.0):
         assert await written.get() == b"1,2,"
-    mishaps.put(b"after,", PERIOD_S)
+    mishaps.send(b"after,", PERIOD_S)
     assert written.get_nowait() == b"after,"
 
 
@@ -58,5 +58,5 @@ async def test_hold_ups_come_again_and_again():
     async with asyncio.timeout(20.0):
         while sum(lines.count(b",") > 1 for lines in written) < 3:
             for line in LINES[:5]:
-                mishaps.put(line, PERIOD_S)
+                mishaps.send(line, PERIOD_S)
             await asyncio.sleep(0.0005)

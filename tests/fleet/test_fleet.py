@@ -19,8 +19,8 @@ from typer.testing import CliRunner
 from observer.cli import app
 from observer.errors import UserError
 from observer.fleet import run as running
-from observer.fleet.jobs import given, jobs_of, read_table
-from observer.fleet.journal import DONE, RunOptions
+from observer.fleet.jobs import jobs_of, read_table, rows_of_logs
+from observer.fleet.journal import DONE_FILE, RunOptions
 from tests.logs.machines import configuration
 from tests.logs.simulated import a_fleet, written_log
 from tests.patience import PATIENCE_S, until
@@ -62,7 +62,7 @@ def _run(*arguments: object) -> subprocess.CompletedProcess[str]:
 def _done(output: Path) -> dict[Path, int]:
     """What is done, and when it was. Folders that are in work move, so nobody may walk through them."""
     machines = (folder for folder in output.glob("*/") if folder.name != ".work")
-    return {path: path.stat().st_mtime_ns for folder in machines for path in folder.rglob(DONE)}
+    return {path: path.stat().st_mtime_ns for folder in machines for path in folder.rglob(DONE_FILE)}
 
 
 def _workers(parent: int) -> list[int]:
@@ -99,7 +99,7 @@ def test_a_run_killed_in_the_middle_resumes_and_a_broken_log_is_reported(tmp_pat
     before = _done(output)
     assert 2 <= len(before) < MACHINES * LOGS
     for path in before:
-        assert {p.name for p in path.parent.iterdir()} == {"estimates.parquet", "summary.json", DONE}
+        assert {p.name for p in path.parent.iterdir()} == {"estimates.parquet", "summary.json", DONE_FILE}
         assert pq.read_table(path.parent / "estimates.parquet").num_rows == ROWS
     ended = _run("replay", "--table", table, "--output", output)
     assert ended.returncode == 1, ended.stderr
@@ -142,7 +142,7 @@ def test_the_log_of_a_killed_worker_is_retried_once_and_then_reported(tmp_path, 
             (worker,) = _workers(process.pid)
             os.kill(worker, signal.SIGKILL)
         said, _ = process.communicate(timeout=5 * PATIENCE_S)
-    short, long = output / "m-x/replay/short" / DONE, output / "m-x/replay/long" / DONE
+    short, long = output / "m-x/replay/short" / DONE_FILE, output / "m-x/replay/long" / DONE_FILE
     assert short.exists()
     assert not long.exists()
     assert process.returncode == 1, said
@@ -191,7 +191,7 @@ def test_a_machine_is_calibrated_by_all_of_its_logs(tmp_path, fleet):
     config = fleet.parent / "type-1.toml"
     logs = sorted((fleet.parent / "m000").glob("*.parquet"))[:2]
     how = RunOptions("calibrate", tmp_path / "out")
-    (order,) = jobs_of(given(logs, config), "calibrate")
+    (order,) = jobs_of(rows_of_logs(logs, config), "calibrate")
     from observer.fleet.work import work
 
     (row,) = work([order], how)

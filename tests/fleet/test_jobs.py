@@ -7,7 +7,7 @@ import pytest
 from pyarrow import parquet
 
 from observer.errors import UserError
-from observer.fleet.jobs import Job, TableRow, given, jobs_of, read_table
+from observer.fleet.jobs import Job, TableRow, jobs_of, read_table, rows_of_logs
 from observer.fleet.run import MOST_JOBS, batches
 from tests.logs.machines import RIG as RIG_FOLDER
 
@@ -125,9 +125,9 @@ def test_an_invalid_table(tmp_path):
 
 def test_logs_as_given_are_of_the_machine_of_their_configuration(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert given([Path("a.csv")], RIG) == [TableRow(tmp_path / "a.csv", "rig-x", RIG)]
+    assert rows_of_logs([Path("a.csv")], RIG) == [TableRow(tmp_path / "a.csv", "rig-x", RIG)]
     with pytest.raises(UserError, match=r"a\.csv: named 2 times"):
-        given([Path("a.csv"), Path("./a.csv")], RIG)
+        rows_of_logs([Path("a.csv"), Path("./a.csv")], RIG)
 
 
 def test_a_replay_is_one_order_a_log_and_a_calibration_one_a_machine():

@@ -16,9 +16,9 @@ from observer.fleet.journal import (
     GivenUpError,
     RunOptions,
     begin,
-    done,
     exclusive,
     finish,
+    finished_row,
     provenance,
     rows_in,
 )
@@ -44,9 +44,9 @@ def _do(order: Job, how: RunOptions, number: int = 1) -> None:
 
 
 def test_finished_work_has_its_row_and_results_and_nothing_else_is_left(order, how):
-    assert done(order, how) is None
+    assert finished_row(order, how) is None
     _do(order, how)
-    assert done(order, how) == {"number": 1, "found": {}}
+    assert finished_row(order, how) == {"number": 1, "found": {}}
     assert sorted(p.name for p in (how.output / order.folder).iterdir()) == ["done.json", "estimates.parquet"]
     assert not list((how.output / WORK).iterdir())
     assert list(rows_in(how.output)) == [{"number": 1, "found": {}}]
@@ -58,31 +58,31 @@ def test_a_fresh_copy_of_a_log_is_the_same_and_other_content_is_not(order, how):
     _do(order, how)
     log, config = order.logs[0], order.config
     os.utime(log, (1, 1))
-    assert done(order, how)
+    assert finished_row(order, how)
     log.write_text("time_s\n2\n")
-    assert done(order, how) is None
+    assert finished_row(order, how) is None
     log.write_text("time_s\n1\n")
-    assert done(order, how)
+    assert finished_row(order, how)
     config.write_text("a = 2\n")
-    assert done(order, how) is None
+    assert finished_row(order, how) is None
     config.write_text("a = 1\n")
     log.unlink()
-    assert done(order, how) is None
+    assert finished_row(order, how) is None
 
 
 def test_other_options_are_other_work(order, how):
     _do(order, how)
-    assert done(order, RunOptions("replay", how.output, limit_s=5.0)), (
+    assert finished_row(order, RunOptions("replay", how.output, limit_s=5.0)), (
         "the time that it may take changes no result"
     )
-    assert done(order, RunOptions("replay", how.output, format="csv")) is None
+    assert finished_row(order, RunOptions("replay", how.output, format="csv")) is None
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"made_of": 1, "row": {}}', "null"])
 def test_a_damaged_file_counts_as_not_done(order, how, text):
     _do(order, how)
     (how.output / order.folder / "done.json").write_text(text)
-    assert done(order, how) is None
+    assert finished_row(order, how) is None
     assert list(rows_in(how.output)) in ([], [{}])
 
 
@@ -97,7 +97,7 @@ def test_two_tries_that_died_are_enough(order, how):
 def test_the_second_try_may_succeed_and_nothing_is_left_of_the_first(order, how):
     begin(order, how)
     _do(order, how)
-    assert done(order, how)
+    assert finished_row(order, how)
     assert not list((how.output / WORK).iterdir())
 
 

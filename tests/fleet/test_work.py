@@ -9,7 +9,7 @@ import pytest
 
 from observer.fleet import work as workers
 from observer.fleet.jobs import Job
-from observer.fleet.journal import WHY, WORK, RunOptions, done, exclusive
+from observer.fleet.journal import WHY, WORK, RunOptions, exclusive, finished_row
 from tests.logs.machines import configuration
 from tests.logs.simulated import written_log
 from tests.patience import PATIENCE_S
@@ -78,8 +78,8 @@ def test_whatever_a_log_does_its_row_says_so_and_the_next_is_done(tmp_path, orde
     assert said in first["problem"]
     assert second["problem"] is None
     assert not list((how.output / WORK).iterdir())
-    assert done(broken, how) is None
-    assert done(order, how) == second
+    assert finished_row(broken, how) is None
+    assert finished_row(order, how) == second
 
 
 def test_a_missing_file_is_reported_in_a_sentence(tmp_path, order):
@@ -104,7 +104,7 @@ def test_work_left_when_its_run_has_ended_is_dropped(tmp_path, order, monkeypatc
         monkeypatch.setitem(workers._VERBS, "replay", end_meanwhile)
         (row,) = workers.work([order, *others], how)
         assert row["problem"] is None
-        assert done(order, how) is not None
+        assert finished_row(order, how) is not None
         assert not folder.parent.exists()
 
 

@@ -16,7 +16,7 @@ WORKBOOKS = (".xlsx", ".xlsm", ".xls", ".ods")
 ARROW = (".parquet", ".arrow", ".feather", ".ipc")
 MEASUREMENTS = (".mf4", ".mdf", ".dat")
 TEXTS = (".csv", ".txt", ".tsv", ".dat", ".lvm", ".log", ".shdr", ".lp", ".prn")
-EVERY = (*TEXTS, *WORKBOOKS, *ARROW, ".mf4", ".mdf", ".tdms")
+SUFFIXES = (*TEXTS, *WORKBOOKS, *ARROW, ".mf4", ".mdf", ".tdms")
 
 
 def holds_signals(path: Path) -> bool:
@@ -41,25 +41,25 @@ def is_text_log(path: Path) -> bool:
 
 
 def kind_of(path: Path) -> str:
-    """The suffix of a file without that of its compression, in lower case."""
+    """Return the suffix of a file without that of its compression, in lower case."""
     name = path.name.lower().removesuffix(".gz")
     return Path(name).suffix
 
 
-def read_sheets(path: Path, how: Logs, accept_truncated: bool = False) -> list[Sheet]:
-    """Read every table of a file; `accept_truncated`, without a last row that was cut off.
+def read_sheets(path: Path, options: Logs, accept_truncated: bool = False) -> list[Sheet]:
+    """Read every table of a file; with `accept_truncated`, without a last row that was cut off.
 
     Raises `LogError`, or `ModuleNotFoundError` for a format's package.
     """
     kind = kind_of(path)
-    if kind not in EVERY:
-        raise LogError(f"{path}: unknown kind of log; give one of {', '.join(EVERY)}")
+    if kind not in SUFFIXES:
+        raise LogError(f"{path}: unknown kind of log; give one of {', '.join(SUFFIXES)}")
     try:
         refuse_irregular(path, "a readable log")
         refuse_large(path, path.stat().st_size)
         if kind == ".log" and not is_text_log(path):
             raise LogError(f"{path}: is a recording of a CAN bus; give it to a command with --config")
-        sheets = _read(path, kind, how, accept_truncated)
+        sheets = _read(path, kind, options, accept_truncated)
     except (UserError, ModuleNotFoundError):
         raise
     except FileNotFoundError:
@@ -76,7 +76,8 @@ def read_sheets(path: Path, how: Logs, accept_truncated: bool = False) -> list[S
     return sheets
 
 
-def _read(path: Path, kind: str, how: Logs, accept_truncated: bool) -> list[Sheet]:
+def _read(path: Path, kind: str, options: Logs, accept_truncated: bool) -> list[Sheet]:
+    """Return the sheets of a file by the reader of its format."""
     if kind in MEASUREMENTS and _begins(path, b"MDF "):
         from observer.intake.readers.mdf import read_mdf  # noqa: PLC0415 - each format has its own package
 
@@ -84,7 +85,7 @@ def _read(path: Path, kind: str, how: Logs, accept_truncated: bool) -> list[Shee
     if kind in WORKBOOKS:
         from observer.intake.readers.workbook import read_workbook  # noqa: PLC0415
 
-        return read_workbook(path, how)
+        return read_workbook(path, options)
     if kind in ARROW:
         from observer.intake.readers.arrow import read_arrow  # noqa: PLC0415
 
@@ -95,7 +96,7 @@ def _read(path: Path, kind: str, how: Logs, accept_truncated: bool) -> list[Shee
         return read_tdms(path)
     from observer.intake.readers.text import read_text  # noqa: PLC0415
 
-    return read_text(path, how, accept_truncated)
+    return read_text(path, options, accept_truncated)
 
 
 def _begins(path: Path, mark: bytes) -> bool:

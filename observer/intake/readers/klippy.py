@@ -27,7 +27,7 @@ def recognises(text: str) -> bool:
 def read(path: Path, text: str) -> list[Sheet]:
     """Read the statistics of a log: `chamber.temp`, `heater_bed.target` and so on.
 
-    Times count from 1970 where the log says when the printer started, else from the computer's start.
+    Times count from 1970 if the log has the start of the printer, else from the computer's start.
     """
     rows, lines, times = list[dict[str, float]](), list[int](), list[float]()
     since_1970_s = None
@@ -60,7 +60,7 @@ def read(path: Path, text: str) -> list[Sheet]:
 
 
 def _values(text: str) -> dict[str, float]:
-    """The numbers of a line of statistics by name, as `heater_bed.temp`."""
+    """Return the numbers of a line of statistics by name, such as `heater_bed.temp`."""
     group, values = "", dict[str, float]()
     for word in text.split():
         if word.endswith(":"):

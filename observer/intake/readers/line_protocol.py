@@ -25,14 +25,17 @@ def recognises(text: str) -> bool:
 
 
 def read(path: Path, text: str) -> list[Sheet]:
-    """Read a text as one sheet with a signal in a row: its measurement, tags and field are the name."""
-    times, names, values, lines, odd = [], [], [], [], []
+    """Read a text as one sheet with one value in a row.
+
+    Measurement, tags and field form the name of the signal.
+    """
+    times, names, values, lines, unread_lines = [], [], [], [], []
     for number, line in enumerate(text.split("\n"), 1):
         if not line.strip() or line.startswith("#"):
             continue
         match = _LINE.match(line)
         if match is None:
-            odd.append(number)
+            unread_lines.append(number)
             continue
         measurement, *tags = re.split(r"(?<!\\),", match["series"])
         of_tags = [tag.partition("=")[2] for tag in tags]
@@ -41,7 +44,11 @@ def read(path: Path, text: str) -> list[Sheet]:
             names.append(".".join([measurement, *of_tags, *([field] if field != "value" else [])]))
             values.append(value.strip('"').removesuffix("i").removesuffix("u"))
             lines.append(number)
-    doubts = [f"{len(odd)} lines have no time and were left out, the first is line {odd[0]}"] if odd else []
+    doubts = (
+        [f"{len(unread_lines)} lines have no time and were left out, the first is line {unread_lines[0]}"]
+        if unread_lines
+        else []
+    )
     columns = (
         RawColumn("time", np.array(times)),
         RawColumn("name", pa.array(names, pa.string())),

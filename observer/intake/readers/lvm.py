@@ -37,20 +37,20 @@ def read_lvm(path: Path, text: str) -> list[Sheet]:
     units: dict[tuple[str, ...], Sequence[str]] = {}
     for k, end in enumerate(starts):
         above = cells[(ends[k] if len(ends) > 1 else 0) + 1 : end]
-        about = {row[0].strip(): row[1:] for row in above if row[0].strip()} if len(ends) > 1 else {}
+        segment = {row[0].strip(): row[1:] for row in above if row[0].strip()} if len(ends) > 1 else {}
         names = [name.strip() for name in cells[end + 1]]
         last = starts[k + 1] if k + 1 < len(starts) else len(cells)
         rows = [row for row in cells[end + 2 : last] if _is_row(row)]
-        labels = about.get("Y_Unit_Label", [])
+        labels = segment.get("Y_Unit_Label", [])
         for begin, stop in _clocked(head, names):
-            own = [row[begin:stop] for row in rows if any(cell.strip() for cell in row[begin:stop])]
-            if not own:
+            clock_rows = [row[begin:stop] for row in rows if any(cell.strip() for cell in row[begin:stop])]
+            if not clock_rows:
                 continue
-            time_s, first = _clock(head, about, names[begin:stop], own, decimal)
+            time_s, first = _clock(head, segment, names[begin:stop], clock_rows, decimal)
             at = [i for i in range(first, stop - begin) if names[begin + i] not in ("", "Comment", "X_Value")]
             columns = tuple(names[begin + i] for i in at)
             sheets.setdefault(columns, []).append(
-                (time_s, [[row[i] if i < len(row) else "" for i in at] for row in own])
+                (time_s, [[row[i] if i < len(row) else "" for i in at] for row in clock_rows])
             )
             units[columns] = [labels[begin + i - 1] if 0 < begin + i <= len(labels) else "" for i in at]
     return [
@@ -70,7 +70,7 @@ def _sheet(
     parts: list[tuple[FloatArray, list[list[str]]]],
     units: Sequence[str],
 ) -> Sheet:
-    """Return one segment of the file as a sheet; `head` says how its times and numbers are written."""
+    """Return the segments of the same channels as one sheet; `head` is the header of the file."""
     absolute = head.get("Time_Pref") == "Absolute"
     rows = [row for _, part in parts for row in part]
     columns = tuple(
@@ -94,7 +94,7 @@ def _sheet(
 
 
 def _clocked(head: Mapping[str, str], names: Sequence[str]) -> list[tuple[int, int]]:
-    """Where the columns of each clock begin and end: `X_Columns Multi` gives each signal its own times."""
+    """Return the first and last column of each clock: `X_Columns Multi` gives each signal its own times."""
     at = [i for i, name in enumerate(names) if name == "X_Value"]
     if head.get("X_Columns") != "Multi" or len(at) < 2:
         return [(0, len(names))]
@@ -112,12 +112,15 @@ def _is_row(row: Sequence[str]) -> bool:
 
 def _clock(
     head: Mapping[str, str],
-    about: Mapping[str, Sequence[str]],
+    segment: Mapping[str, Sequence[str]],
     names: Sequence[str],
     rows: Sequence[Sequence[str]],
     decimal: str,
 ) -> tuple[FloatArray, int]:
-    """The times (n,) of a segment, since 1970 where it says when it began, and the first column of values."""
+    """Return the times (n,) of a segment in s, and its first column of values.
+
+    The times count from 1970 if the segment has a date.
+    """
 
     def number(cell: str) -> float:
         return float(cell.strip().replace(decimal, "."))
@@ -127,14 +130,14 @@ def _clock(
     if first and columns != "No" and rows[0][0].strip():
         time_s = np.array([number(row[0]) if row[0].strip() else np.nan for row in rows])
     else:
-        step, begin = about.get("Delta_X", ["1"])[0], about.get("X0", ["0"])[0]
+        step, begin = segment.get("Delta_X", ["1"])[0], segment.get("X0", ["0"])[0]
         time_s = number(begin) + number(step) * np.arange(len(rows))
     if head.get("Time_Pref") == "Absolute" and np.nanmin(time_s) > S_1904:
         return time_s - S_1904, first
     if "Date" not in head:
         return time_s, first
-    date = (about.get("Date") or [head["Date"]])[0].strip() or head["Date"]
-    clock = (about.get("Time") or [head.get("Time", "0:0:0")])[0].strip() or head.get("Time", "0:0:0")
+    date = (segment.get("Date") or [head["Date"]])[0].strip() or head["Date"]
+    clock = (segment.get("Time") or [head.get("Time", "0:0:0")])[0].strip() or head.get("Time", "0:0:0")
     day = datetime.datetime.strptime(date, "%Y/%m/%d").replace(tzinfo=datetime.UTC).timestamp()
     hours, minutes, seconds = clock.replace(",", ".").split(":")
     return day + 3600.0 * float(hours) + 60.0 * float(minutes) + float(seconds) + time_s, first

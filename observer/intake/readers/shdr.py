@@ -23,15 +23,15 @@ def recognises(text: str) -> bool:
 
 
 def read(path: Path, text: str) -> list[Sheet]:
-    """Read the output of an adapter as one sheet with a signal in a row; conditions are left out."""
+    """Read the output of an adapter as one sheet with one value in a row; conditions are left out."""
     times, names, values, lines = list[str](), list[str](), list[str](), list[int]()
-    conditions, odd = 0, list[int]()
+    conditions, unread_lines = 0, list[int]()
     for number, line in enumerate(text.split("\n"), 1):
         if not line.strip() or line.startswith("*"):
             continue
         time, *cells = line.strip().split("|")
         if not _LINE.match(line):
-            odd.append(number)
+            unread_lines.append(number)
         elif is_condition(cells):
             conditions += 1
         else:
@@ -41,8 +41,10 @@ def read(path: Path, text: str) -> list[Sheet]:
                 values.append(value)
                 lines.append(number)
     doubts = [f"{conditions} conditions were left out"] if conditions else []
-    if odd:
-        doubts.append(f"{len(odd)} lines are not SHDR and were left out, the first is line {odd[0]}")
+    if unread_lines:
+        doubts.append(
+            f"{len(unread_lines)} lines are not SHDR and were left out, the first is line {unread_lines[0]}"
+        )
     columns = (
         RawColumn("time", pa.array(times, pa.string())),
         RawColumn("name", pa.array(names, pa.string())),
@@ -52,7 +54,7 @@ def read(path: Path, text: str) -> list[Sheet]:
 
 
 def is_condition(cells: list[str]) -> bool:
-    """Whether the cells after a time are those of one condition: name, level, and four of what it is."""
+    """Whether the cells after a time are those of one condition: name, level, and four more."""
     return (
         len(cells) == _CONDITION_CELLS
         and cells[1].upper() in _LEVELS
@@ -65,5 +67,5 @@ def _is_number(cell: str) -> bool:
 
 
 def _pairs(cells: list[str]) -> Iterator[tuple[str, str]]:
-    """Names and values of a line; an odd cell at its end has no value."""
+    """Yield names and values of a line; a last cell without a partner is left out."""
     return ((name, value) for name, value in zip(cells[::2], cells[1::2], strict=False) if name)

@@ -27,19 +27,19 @@ def _group(path: Path, group: Any) -> list[Sheet]:
     for channel in group.channels():
         if not len(channel):
             continue
-        about = channel.properties
-        start, step = about.get("wf_start_time"), about.get("wf_increment")
+        properties = channel.properties
+        start, step = properties.get("wf_start_time"), properties.get("wf_increment")
         clocked = bool(step)
         key = (len(channel), str(start) if clocked else "", step if clocked else None)
         if key not in clocks:
             time_s = None
-            since = float(about.get("wf_start_offset") or 0.0)
+            since = float(properties.get("wf_start_offset") or 0.0)
             if clocked:
                 time_s = since + float(step) * np.arange(len(channel))
                 if start is not None:
                     time_s += np.datetime64(start, "ns").astype(np.int64) / 1e9
             clocks[key] = (None if time_s is None else np.asarray(time_s, np.float64), start is not None, [])
-        unit = str(about.get("unit_string") or about.get("NI_UnitDescription") or "")
+        unit = str(properties.get("unit_string") or properties.get("NI_UnitDescription") or "")
         clocks[key][2].append(_column(channel, unit))
     return [
         Sheet(

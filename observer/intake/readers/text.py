@@ -55,10 +55,10 @@ MOST_MISFITS = 0.05
 _OTHERS = ["cp1250", "cp1251", "cp932", "gb18030", "cp949", "big5"]
 
 
-def read_text(path: Path, how: Logs, accept_truncated: bool = False) -> list[Sheet]:
+def read_text(path: Path, options: Logs, accept_truncated: bool = False) -> list[Sheet]:
     """Read a text file as one sheet, or a LabVIEW measurement. Raises `LogError` with all that is wrong."""
     data, cut = bytes_of(path)
-    encoding = how.encoding or encoding_of(data)
+    encoding = options.encoding or encoding_of(data)
     if (wide := _WIDTHS.get(encoding.replace("_", "-").lower()[:6], 1)) > 1:
         data, cut = data + b"\0" * (-len(data) % wide), False  # the zeros at its end are of its last sign
     text = decoded(path, data, encoding)
@@ -74,12 +74,12 @@ def read_text(path: Path, how: Logs, accept_truncated: bool = False) -> list[She
         if recognises(text):
             return read(path, text)
     if text.lstrip().startswith(_TOA5):
-        return [sheet_of(path, text, how, header=1)]
-    return [sheet_of(path, text, how)]
+        return [sheet_of(path, text, options, header=1)]
+    return [sheet_of(path, text, options)]
 
 
 def decoded(path: Path, data: bytes, encoding: str) -> str:
-    """The text of a file in an encoding. Raises `LogError`."""
+    """Return the text of a file in an encoding. Raises `LogError`."""
     try:
         return data.decode(encoding).removeprefix("\ufeff")
     except UnicodeError:
@@ -87,7 +87,7 @@ def decoded(path: Path, data: bytes, encoding: str) -> str:
 
 
 def encoding_of(data: bytes) -> str:
-    """The encoding that bytes of text seem to be in."""
+    """Return the likely encoding of bytes of text."""
     for mark, name in _BOMS:
         if data.startswith(mark):
             return name
@@ -116,36 +116,38 @@ class _Misfits:
     texts: list[str]
 
 
-def sheet_of(path: Path, text: str, how: Logs, header: int | None = None) -> Sheet:
-    """The table in a text whose header is in row `header`, if that is known.
+def sheet_of(path: Path, text: str, options: Logs, header: int | None = None) -> Sheet:
+    """Return the table in a text; `header` is the number of its header row, None to find it.
 
     `path` is named in errors (`LogError`).
     """
     lines = text.split("\n", SAMPLE_LINES)[:SAMPLE_LINES]
-    separator = how.separator or separator_of(lines)
+    separator = options.separator or separator_of(lines)
     rows = split_lines([line.replace("\0", "") for line in lines], separator)
-    layout = layout_of(rows, how.skip_rows, how.units_row)
+    layout = layout_of(rows, options.skip_rows, options.units_row)
     if header is not None and len(rows) > header + 2:  # TOA5: names, units, kinds of processing
         layout = TableLayout(header, header + 1, header + 3, len(rows[header]))
-    if layout.width < 1 or (layout.width < 2 and how.separator is None):
+    if layout.width < 1 or (layout.width < 2 and options.separator is None):
         raise several(path, ["holds no recognisable columns of numbers and times; give [log] separator"])
     names = rows[layout.header] if layout.header >= 0 else []
     units = rows[layout.units] if layout.units >= 0 else []
-    decimal = how.decimal or decimal_of(rows[layout.data :])
+    decimal = options.decimal or decimal_of(rows[layout.data :])
     table, misfits = _parsed(text, separator, layout.width, layout.data)
-    problems, doubts = _judged(misfits, layout.width, len(names), layout.data, separator, len(table))
+    problems, doubts = _problems_and_doubts(
+        misfits, layout.width, len(names), layout.data, separator, len(table)
+    )
     if problems:
         raise several(path, problems)
     doubts += above_the_table([i + 1 for i in layout.above])
     numeric = numeric_columns(rows[layout.data :], layout.width)
     repeated, other = repeated_headers(rows_of_text(table.columns, numeric), [names, units], numeric)
-    numbers = _numbered(text, layout.data, misfits.lines, len(table))
+    numbers = _line_numbers(text, layout.data, misfits.lines, len(table))
     doubts += headers_left_out([int(numbers[i]) for i in repeated])
     if other:
         raise several(path, [another_header(int(numbers[other[0]]))])
-    kept = np.setdiff1d(np.arange(len(table)), repeated)
+    data_rows = np.setdiff1d(np.arange(len(table)), repeated)
     columns = [
-        without_units(RawColumn(name, column.combine_chunks().take(kept), unit))
+        without_units(RawColumn(name, column.combine_chunks().take(data_rows), unit))
         for (name, unit), column in zip(names_of(names, units, layout.width), table.columns, strict=True)
         if not (name.startswith("column ") and column.null_count == len(column))
     ]
@@ -155,15 +157,15 @@ def sheet_of(path: Path, text: str, how: Logs, header: int | None = None) -> She
         tuple(columns),
         decimal=decimal,
         first_line=layout.data + 1,
-        lines=numbers[kept],
+        lines=numbers[data_rows],
         left_out=tuple(misfits.lines),
         doubts=tuple(doubts),
         preamble=tuple(lines[: max(layout.header, 0)]),
     )
 
 
-def _numbered(text: str, data: int, left_out: list[int], rows: int) -> NDArray[np.int64]:
-    """The numbers of the lines in which the rows stand, blank lines and those left out not being rows."""
+def _line_numbers(text: str, data: int, left_out: list[int], rows: int) -> NDArray[np.int64]:
+    """Return the line number of each row (n,); blank lines and lines in `left_out` are not rows."""
     consecutive = np.arange(data + 1, data + 1 + rows)
     if "\n\n" not in text.rstrip("\n") and not left_out:
         return consecutive
@@ -173,7 +175,7 @@ def _numbered(text: str, data: int, left_out: list[int], rows: int) -> NDArray[n
 
 
 def _parsed(text: str, separator: str, width: int, skip: int) -> tuple[Any, _Misfits]:
-    """The cells of a text as strings, empty ones null, and the rows that do not fit."""
+    """Return the cells of a text as strings, empty ones null, and the rows with another number of cells."""
     import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
     from pyarrow import csv as pa_csv  # noqa: PLC0415
 
@@ -199,10 +201,13 @@ def _parsed(text: str, separator: str, width: int, skip: int) -> tuple[Any, _Mis
     return table, misfits
 
 
-def _judged(
+def _problems_and_doubts(
     misfits: _Misfits, width: int, named: int, data: int, separator: str, rows: int
 ) -> tuple[list[str], list[str]]:
-    """Errors of rows that do not fit, and mere doubts: a few of them, and text below the table."""
+    """Return errors and doubts about rows with another number of cells.
+
+    A few such rows, and text below the table, are only doubts.
+    """
     if named and width > named and separator == ",":
         return [
             f"line {data + 1} has {width} cells where the header names {named}, which looks like decimal "

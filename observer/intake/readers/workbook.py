@@ -28,16 +28,19 @@ MEMORY_BYTES = 4 << 30
 """Of address space: a sheet of a million rows and ten columns takes half of it."""
 
 
-def read_workbook(path: Path, how: Logs) -> list[Sheet]:
+def read_workbook(path: Path, options: Logs) -> list[Sheet]:
     """Read the tables of a workbook, in a process of its own with bounded memory. Raises `LogError`.
 
-    One cell far from the others makes the reader of workbooks allocate the whole grid between them, which
-    ends a process without an exception.
+    A single cell far from the others makes the reader of workbooks allocate the whole grid between them. This
+    would end the process without an exception.
     """
     import python_calamine  # noqa: F401, PLC0415 - of an extra, whose absence is reported from here
 
     run = subprocess.run(
-        [sys.executable, "-m", __name__], input=pickle.dumps((path, how)), capture_output=True, check=False
+        [sys.executable, "-m", __name__],
+        input=pickle.dumps((path, options)),
+        capture_output=True,
+        check=False,
     )
     if run.returncode != 0:
         raise LogError(
@@ -50,8 +53,8 @@ def read_workbook(path: Path, how: Logs) -> list[Sheet]:
     return list(answer)
 
 
-def _answer(path: Path, how: Logs) -> list[Sheet] | str:
-    """The tables of a workbook, or a sentence on why there are none."""
+def _answer(path: Path, options: Logs) -> list[Sheet] | str:
+    """Return the tables of a workbook, or a sentence why it cannot be read."""
     from python_calamine import CalamineError, CalamineWorkbook  # noqa: PLC0415
 
     try:
@@ -59,7 +62,7 @@ def _answer(path: Path, how: Logs) -> list[Sheet] | str:
         grids = {
             name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in book.sheet_names
         }
-        sheets = {name: sheet for name, grid in grids.items() if (sheet := _sheet(path, name, grid, how))}
+        sheets = {name: sheet for name, grid in grids.items() if (sheet := _sheet(path, name, grid, options))}
     except (CalamineError, OSError, ValueError) as error:
         return f"{path}: damaged or not a workbook ({one_line(str(error))}); save it again"
     except LogError as error:
@@ -69,17 +72,17 @@ def _answer(path: Path, how: Logs) -> list[Sheet] | str:
     return [replace(sheet, name="") for sheet in sheets.values()]
 
 
-def _sheet(path: Path, name: str, grid: Sequence[Sequence[Any]], how: Logs) -> Sheet | None:
-    """The table of a sheet, None where it holds none."""
+def _sheet(path: Path, name: str, grid: Sequence[Sequence[Any]], options: Logs) -> Sheet | None:
+    """Return the table of a sheet; None if it holds no table. Raises `LogError` for a second table."""
     rows = [[shown(cell) for cell in row] for row in grid[:SAMPLE_LINES]]
     rows = [row[: max((i + 1 for i, cell in enumerate(row) if cell), default=0)] for row in rows]
     width = max(map(len, rows), default=0)
     padded = [row + [""] * (width - len(row)) if sum(map(bool, row)) > 1 else row for row in rows]
-    layout = layout_of(padded, how.skip_rows, how.units_row)
+    layout = layout_of(padded, options.skip_rows, options.units_row)
     data = grid[layout.data :]
     if layout.width < 1 or len(data) < _LEAST_ROWS:
         return None
-    kept = [i for i, row in enumerate(data) if any(cell not in ("", None) for cell in row)]
+    filled_rows = [i for i, row in enumerate(data) if any(cell not in ("", None) for cell in row)]
     units = padded[layout.units] if layout.units >= 0 else []
     header = padded[layout.header] if layout.header >= 0 else []
     numeric = numeric_columns(padded[layout.data :], layout.width)
@@ -93,20 +96,20 @@ def _sheet(path: Path, name: str, grid: Sequence[Sequence[Any]], how: Logs) -> S
         raise several(path, [f'"{name}", {another_header(layout.data + 1 + other[0])}'])
     doubts = headers_left_out([layout.data + 1 + i for i in repeated])
     doubts += above_the_table([i + 1 for i in layout.above])
-    kept = [i for i in kept if i not in set(repeated)]
+    filled_rows = [i for i in filled_rows if i not in set(repeated)]
     names = names_of(header, units, layout.width)
     columns = []
     for i, (column, unit) in enumerate(names):
-        cells = [data[k][i] if i < len(data[k]) else "" for k in kept]
+        cells = [data[k][i] if i < len(data[k]) else "" for k in filled_rows]
         if any(cell not in ("", None) for cell in cells):
             columns.append(without_units(RawColumn(column, cells_of(cells), unit)))
-    decimal = how.decimal or decimal_of(padded[layout.data :])
-    lines = np.array(kept, np.int64) + layout.data + 1
+    decimal = options.decimal or decimal_of(padded[layout.data :])
+    lines = np.array(filled_rows, np.int64) + layout.data + 1
     return Sheet(path, name, tuple(columns), decimal=decimal, lines=lines, doubts=tuple(doubts))
 
 
 def shown(cell: Any) -> str:
-    """A cell as text."""
+    """Return a cell as text."""
     if isinstance(cell, datetime.datetime):
         return cell.isoformat(" ")
     if isinstance(cell, float) and cell.is_integer():
@@ -115,7 +118,7 @@ def shown(cell: Any) -> str:
 
 
 def cells_of(cells: Sequence[Any]) -> Any:
-    """Cells of a column as numbers, moments or text, whichever all of them are."""
+    """Return the cells of a column as numbers, moments or text, whichever all of them are."""
     filled = [cell for cell in cells if cell not in ("", None)]
     if all(isinstance(cell, int | float) for cell in filled):
         return np.array([np.nan if cell in ("", None) else float(cell) for cell in cells])
