@@ -1,4 +1,4 @@
-"""A control behind Modbus TCP holding registers, in the layout of docs/how-to/compensate.md.
+"""A control behind Modbus TCP holding registers, in the layout of docs/how-to/compensate-registers.md.
 
 One correction is one request, so that a control never sees half of one. No request is repeated here.
 """

@@ -1,4 +1,4 @@
-"""Draw the pictures of the how-to about variants: Kuznetsov's mountings and Yu's drives."""
+"""Draw the picture of Kuznetsov's mountings for the how-to about variants: `make figures`."""
 
 from __future__ import annotations
 
@@ -9,26 +9,16 @@ import observer
 
 HERE = Path(__file__).parent
 CONFIG = HERE.parents[1] / "config"
-PICTURES = {
-    "compare-mountings": ("kuznetsov-screw", "kuznetsov-mountings"),
-    "compare-drives": ("yu-dual-drive", "yu-drives"),
-}
 
 
-def found(name: str) -> observer.Comparison:
-    """The comparison that a picture shows."""
-    config, variants = PICTURES[name]
-    machine = observer.load(CONFIG / f"{config}.toml")
-    return machine.compare(CONFIG / "variants" / f"{variants}.toml", steady=True)
-
-
-def draw(name: str, target: Path) -> None:
+def draw(target: Path) -> None:
     """Draw it as `observer compare` does."""
+    machine = observer.load(CONFIG / "kuznetsov-screw.toml")
+    compared = machine.compare(CONFIG / "variants" / "kuznetsov-mountings.toml", steady=True)
     with tempfile.TemporaryDirectory() as folder:
-        found(name).write(folder)
+        compared.write(folder)
         target.write_bytes((Path(folder) / "compare.png").read_bytes())
 
 
 if __name__ == "__main__":
-    for picture in PICTURES:
-        draw(picture, HERE / f"{picture}.png")
+    draw(HERE / "compare-mountings.png")

@@ -1,4 +1,4 @@
-"""Draw the figures of docs/how-to/choose-sensors.md and of near and far sensors: `make figures`."""
+"""Draw the figure of near and far sensors: `make figures`."""
 
 from __future__ import annotations
 
@@ -10,16 +10,10 @@ HERE = Path(__file__).parent
 CONFIG = HERE.parents[1] / "config"
 
 
-def draw_housings() -> None:
-    """What sensors on housings, nut, table and screw leave unknown of Li's axis, as its command does."""
-    observer.load(CONFIG / "li-network.toml").place(5).draw(HERE / "place-housings.png")
-
-
 def draw_lathe() -> None:
     """What near and far sensors leave unknown of the heats of a spindle's bearings."""
     observer.load(CONFIG / "lathe-spindle.toml").place(by="heat").draw(HERE / "place-lathe.png")
 
 
 if __name__ == "__main__":
-    draw_housings()
     draw_lathe()

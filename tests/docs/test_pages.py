@@ -121,6 +121,16 @@ def _check(table: dict[str, Any], place: str) -> None:
             SECTIONS[name].model_validate(section)
 
 
+def test_a_page_of_use_fits_two_screens() -> None:
+    """Eighty lines; CONTRIBUTING.md and SECURITY.md, which stand there too, are not how-to pages."""
+    navigation = (ROOT / "zensical.toml").read_text(encoding="utf-8")
+    use = navigation.split('{ "Use" = [', 1)[1].split('{ "Look up" = [', 1)[0]
+    pages = [*re.findall(r'"(docs/[^"]+\.md)"', use), "README.md"]
+    assert len(pages) > 30
+    lines = {page: len((ROOT / page).read_text(encoding="utf-8").splitlines()) for page in pages}
+    assert not {page: count for page, count in lines.items() if count > 80}
+
+
 def test_a_program_that_a_page_shows_is_the_one_beside_it() -> None:
     shown = {body for page in PAGES for _, language, body in blocks(page) if language == "c"}
     for example in (DOCS / "examples").glob("*.c"):

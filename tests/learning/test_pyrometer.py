@@ -54,7 +54,7 @@ def test_with_its_tolerance_sigma_holds_and_the_field_is_better_known_than_witho
 
 @pytest.mark.slow
 def test_on_fresh_machines() -> None:
-    """The figures of docs/how-to/choose-sensors.md; the bounds were set before the seed was drawn."""
+    """Infrared sensors on rough machines; the bounds were set before the seed was drawn."""
     squares, within = dict[str, list[FloatArray]](), dict[str, list[FloatArray]]()
     for number in range(6):
         one = looked_at(FRESH_SEED, number, "abc"[number % 3])
