@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import secrets
 import time
 from dataclasses import dataclass
@@ -13,7 +14,6 @@ from typing import Any
 
 import structlog
 
-from observer.archive.client import Archivist
 from observer.control.compensation import CompensationState, plan_of, valid_s
 from observer.control.compensator import Compensator
 from observer.control.steering import NoControl, Steering
@@ -34,6 +34,9 @@ from observer.live.probing import ProbingAdvisor, is_advised
 from observer.live.restarts import Restarts
 from observer.live.wires import take_short_turns
 from observer.live.zero_signal import ZeroSignal
+from observer.past.asking import PastProcess
+from observer.past.columns import StepSource
+from observer.past.writer import PastWriter
 from observer.process.clock import ServiceClock
 from observer.process.memory import leave_in_peace
 from observer.process.notify import service_manager
@@ -141,6 +144,10 @@ def _service(ready: _Ready, clock: ServiceClock, restarts: Restarts | None, star
         key: partial(publisher.document, key) for key in ("alarms", "compensation", "forecast", "probing")
     }
     observers: list[StepObserver] = []
+    if (folder := config.record.directory) is not None:
+        document = json.loads(config_json(config, instance))
+        source = StepSource(machine.layout, machine.plan.channels, document)
+        observers.append(PastWriter(folder, f"{config.machine.name}-{config.machine.axis}", source))
     if config.compensation.enabled:
         compensation = start.compensation
         if snapshot is not None and snapshot.compensation is not None:
@@ -222,7 +229,9 @@ def _publisher(ready: _Ready, instance: str) -> ZenohPublisher:
         ready.machine.shown.layout(ready.machine.estimator().layout),
         offers=[key for key, runs in offered.items() if runs],
         outlet=None if start is None else Feed(start, in_force.encode()),
-        past=None if folder is None else Archivist(in_force.encode(), folder),
+        past=None
+        if folder is None
+        else PastProcess(folder, f"{name.name}-{name.axis}", config.digest, config.estimator.period_s),
     )
 
 

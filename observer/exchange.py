@@ -339,18 +339,17 @@ def plain_name(text: str, most: int = _NAME_LENGTH) -> str:
 
 
 class PastReply(NamedTuple):
-    """The past as found; or the reason why nothing was, and whether another query continues."""
+    """A page of the past, or the reason why there is none."""
 
     payload: bytes
     reason: str | None = None
-    unfinished: bool = False
 
 
-class Past(Protocol):
+class PastAccess(Protocol):
     """Access to the past."""
 
-    def ask(self, what: str, question: Mapping[str, Any]) -> PastReply:
-        """Ask, and wait for the answer; from any thread."""
+    def ask(self, key: str, asked: Mapping[str, str]) -> PastReply:
+        """Ask for a page of a key, and wait for the answer; from any thread."""
 
     def close(self) -> None:
         """End."""

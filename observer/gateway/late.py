@@ -1,4 +1,4 @@
-"""Sends late what a broker missed: from the recordings, in order, beside the live values.
+"""Sends late what a broker missed: from the published steps, in order, beside the live values.
 
 Any live value may get lost unnoticed. So a retained `true` on `alive` follows them periodically at QoS 1: a
 connection keeps the order of its messages, so its acknowledgement covers everything before it. Late values
@@ -12,12 +12,12 @@ import json
 import math
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import cbor2
 import structlog
 
-from observer.archive.client import Archivist
+from observer.errors import UserError
+from observer.past.pages import LatePage, Pages, Span
 from observer.publish.backlog import STEP_KEYS, Backlog, MissingSpan, holds_a_step
 from observer.publish.codec import decode_estimate
 
@@ -41,26 +41,6 @@ _REPORT_EVERY_S = 1.0
 Send = Callable[[str, bytes], "MQTTMessageInfo"]
 
 log = structlog.get_logger()
-
-
-class PastOfStart:
-    """An outlet's access to the past, created at the first query: the configuration is known by then."""
-
-    def __init__(self, start: Start, latest: Latest) -> None:
-        self._start, self._latest = start, latest
-        self._archivist: Archivist | None = None
-
-    def archivist(self) -> Archivist:
-        """Return the archive's client; only where there is a folder of recordings."""
-        if self._archivist is None:
-            assert self._start.recordings is not None
-            self._archivist = Archivist(self._latest.payload("config") or b"{}", self._start.recordings)
-        return self._archivist
-
-    def close(self) -> None:
-        """End."""
-        if self._archivist is not None:
-            self._archivist.close()
 
 
 class LateSender:
@@ -90,7 +70,8 @@ class LateSender:
         self._marked_s = self._saved_s = self._connected_s = self._resumed_s = self._reported_s = -math.inf
         self._slot = math.nan
         self._went: dict[str, tuple[int, float]] = {}
-        self._past = PastOfStart(start, latest)
+        assert start.past is not None
+        self._past = Pages(start.past)
 
     def connected(self) -> None:
         """Note a connection, from any thread: the next estimate is the first that arrives."""
@@ -189,22 +170,19 @@ class LateSender:
 
     async def _send_span(self, span: MissingSpan) -> None:
         """Send a page of a span."""
-        question: dict[str, Any] = {
-            "from_s": span.from_s,
-            "to_s": span.to_s,
-            "keys": span.keys,
-            "every_s": self._settings.late_every_s,
-        }
-        reply = await asyncio.to_thread(self._past.archivist().ask, "late", question)
-        if reply.reason is not None:
-            if not reply.unfinished:
-                log.warning("late values cannot be read", reason=reply.reason)
-                await asyncio.sleep(_RETRY_S)
+
+        def read() -> LatePage:
+            return self._past.late(Span(span.from_s, span.to_s, self._settings.late_every_s), span.keys)
+
+        try:
+            page, saved_s = await asyncio.to_thread(read), time.monotonic()
+        except UserError as error:
+            log.warning("late values cannot be read", reason=str(error))
+            await asyncio.sleep(_RETRY_S)
             return
-        page, saved_s = cbor2.loads(reply.payload), time.monotonic()
-        for note in page["notes"]:
+        for note in page.notes:
             log.warning("late values", outlet="mqtt", note=note)
-        for time_s, messages in page["steps"]:
+        for time_s, messages in page.steps:
             self._report()
             next_s = time.monotonic() + 1.0 / self._settings.late_rate_Hz
             waiting = [self._send(key, payload) for key, payload in messages.items()]
@@ -215,10 +193,9 @@ class LateSender:
                 saved_s = time.monotonic()
                 await asyncio.to_thread(self.backlog.save)
             await asyncio.sleep(max(0.0, next_s - time.monotonic()))
-        self.backlog.sent(span, span.to_s if page["next"] is None else page["next"])
+        self.backlog.sent(span, span.to_s if page.next_s is None else page.next_s)
         await asyncio.to_thread(self.backlog.save)
 
     def close(self) -> None:
         """Save the progress, and end."""
         self.backlog.save()
-        self._past.close()

@@ -26,7 +26,6 @@ from asyncua.server.server import Server
 from asyncua.ua.status_codes import StatusCodes
 
 from observer.exchange import KEYS, KeyFigure
-from observer.gateway.late import PastOfStart
 from observer.gateway.messages import Latest
 from observer.gateway.opcua_history import PastValues
 from observer.gateway.opcua_server import guarded
@@ -61,8 +60,8 @@ async def serve(start: Start, latest: Latest, report_state: ReportState) -> None
     server = await guarded(start.opcua)
     server.set_endpoint(start.opcua.listen)
     server.set_server_name("Ballscrew Observer")
-    past = PastOfStart(start, latest)
-    storage = None if start.recordings is None else PastValues(past.archivist, _data)
+    past = start.past
+    storage = None if past is None else PastValues(past, _data)
     if storage is not None:
         server.iserver.history_manager.set_storage(storage)
     index = await server.register_namespace(NAMESPACE)
@@ -82,7 +81,6 @@ async def serve(start: Start, latest: Latest, report_state: ReportState) -> None
                 await tree.write(value)
             await asyncio.sleep(PERIOD_S)
     finally:
-        past.close()
         await server.stop()
 
 

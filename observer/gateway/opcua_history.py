@@ -1,7 +1,7 @@
-"""OPC UA's HistoryRead of estimates, raw values only, answered from the recordings.
+"""OPC UA's HistoryRead of estimates, raw values only, answered from the published steps.
 
-asyncua reads histories from a storage. This one stores nothing and asks the archive. A continuation point is
-the time of the next value.
+asyncua reads histories from a storage. This one only reads the past. A continuation point is the time of the
+next value.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any
 
-import cbor2
 from asyncua import ua
 from asyncua.common.node import Node
 from asyncua.common.utils import Buffer, ServiceError
@@ -20,13 +19,12 @@ from asyncua.server.history import HistoryStorageInterface
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes
 
-from observer.archive.client import Archivist
-from observer.archive.series import has_history
-from observer.exchange import PastReply
+from observer.errors import UserError
+from observer.past.series import Series, has_history, series
+from observer.past.store import Past
 
 MOST_VALUES = 5000
 """Of an answer; a continuation point gives the remaining ones."""
-_ATTEMPTS = 5
 _OPEN_S = datetime(1602, 1, 1, tzinfo=UTC).timestamp()
 """An earlier time stands for no time (part 11, 6.5.3.2)."""
 _POINT_BYTES = 8
@@ -39,9 +37,9 @@ Encode = Callable[[Any, str, float], ua.DataValue]
 class PastValues(HistoryStorageInterface):
     """The history of the nodes with a recorded past; `encode` makes a value with its status."""
 
-    def __init__(self, archivist: Callable[[], Archivist], encode: Encode) -> None:
+    def __init__(self, past: Past, encode: Encode) -> None:
         super().__init__(MOST_VALUES)
-        self._archivist, self._encode = archivist, encode
+        self._past, self._encode = past, encode
         self._paths: dict[ua.NodeId, tuple[str, ...]] = {}
 
     async def init(self) -> None:
@@ -75,31 +73,20 @@ class PastValues(HistoryStorageInterface):
         low, high = (end_s, start_s) if backwards else (start_s, end_s)
         if start_s is None:
             low, high = -math.inf, end_s
-        question = {
-            "node": self._paths[node_id],
-            "from_s": _bounded(low, -_LATEST_S),
-            "to_s": _bounded(high, _LATEST_S) + _TICK_S,
-            "most": min(nb_values or MOST_VALUES, MOST_VALUES),
-            "backwards": backwards,
-        }
-        answer = await self._ask(question)
-        rows = zip(answer["values"], answer["quality"], answer["time_s"], strict=True)
-        values = [self._encode(value, quality, time_s) for value, quality, time_s in rows]
-        goes_on = answer["next"] is not None and not (None in (start_s, end_s) and nb_values)
-        return values, _moment(answer["next"]) if goes_on else None
+        path, most = self._paths[node_id], min(nb_values or MOST_VALUES, MOST_VALUES)
+        from_s, to_s = _bounded(low, -_LATEST_S), _bounded(high, _LATEST_S) + _TICK_S
 
-    async def _ask(self, question: dict[str, Any]) -> dict[str, Any]:
-        """Query the archive, again while it is still reading; raises `ServiceError`."""
-        reply = PastReply(b"")
-        for _ in range(_ATTEMPTS):
-            reply = await asyncio.to_thread(self._archivist().ask, "series", question)
-            if not reply.unfinished:
-                break
-        if reply.reason is not None:
-            unfinished = StatusCodes.BadTimeout, StatusCodes.BadHistoryOperationUnsupported
-            raise ServiceError(unfinished[0] if reply.unfinished else unfinished[1])
-        answer: dict[str, Any] = cbor2.loads(reply.payload)
-        return answer
+        def read() -> Series:
+            return series(self._past, path, from_s, to_s, most, backwards=backwards)
+
+        try:
+            answer = await asyncio.to_thread(read)
+        except UserError:
+            raise ServiceError(StatusCodes.BadHistoryOperationUnsupported) from None
+        rows = zip(answer.values, answer.quality, answer.time_s, strict=True)
+        values = [self._encode(value, quality, time_s) for value, quality, time_s in rows]
+        goes_on = answer.next_s is not None and not (None in (start_s, end_s) and nb_values)
+        return values, None if answer.next_s is None or not goes_on else _moment(answer.next_s)
 
 
 def check_continuation_point(point: bytes, details: ua.ReadRawModifiedDetails) -> None:

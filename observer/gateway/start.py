@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict
 
+from observer.past.store import Past
 from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
 
 if TYPE_CHECKING:
@@ -53,6 +54,11 @@ class Start(BaseModel):
             forecast_s=config.forecast.period_s if forecasts else None,
             **outlets,
         )
+
+    @property
+    def past(self) -> Past | None:
+        """The published steps of the axis, None where nothing is recorded."""
+        return None if self.recordings is None else Past(self.recordings, f"{self.machine}-{self.axis}")
 
     @property
     def prefix(self) -> str:

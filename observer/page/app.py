@@ -33,9 +33,8 @@ from starlette.types import ASGIApp
 from observer.errors import LogError
 from observer.gateway.start import Start
 from observer.page.guard import COOKIE, Guard, Logins
-from observer.page.history import Digests, history
 from observer.page.stream import Stream
-from observer.record.spans import Recorded, recordings
+from observer.past.bins import history
 from observer.tables.gateway import host_and_port
 
 Acknowledge = Callable[[str, str], None]
@@ -66,7 +65,7 @@ def application(
             Route("/assets/{name}", pages.asset),
             Route("/events", pages.events),
             Route("/recent.json", pages.recent),
-            Route("/recordings.json", pages.recordings),
+            Route("/past.json", pages.past),
             Route("/history.json", pages.history),
             Route("/acknowledge", pages.acknowledge, methods=["POST"]),
             Route("/login", pages.login, methods=["GET", "POST"]),
@@ -103,7 +102,7 @@ class _Pages:
         self._login, self._acknowledge = login, acknowledge
         # one reader for all viewers: concurrent requests take neither more memory nor another core
         self._reader = ThreadPoolExecutor(1, "recordings", _give_way)
-        self._digests, self._turn = Digests(), asyncio.Lock()
+        self._turn = asyncio.Lock()
         self._packing, self._recent = asyncio.Lock(), (b"", b"")
         folder = files("observer.page") / "assets"
         self._assets = {entry.name: entry.read_bytes() for entry in folder.iterdir() if entry.is_file()}
@@ -138,23 +137,22 @@ class _Pages:
         headers["content-encoding"] = "gzip"
         return Response(self._recent[1], media_type="application/json", headers=headers)
 
-    async def recordings(self, _: Request) -> Response:
-        """The list of recordings."""
+    async def past(self, _: Request) -> Response:
+        """The times of the first and the last published step, or the reason why there is none."""
+        past = self._start.past
+        if past is None:
+            return _Json({"reason": "nothing is recorded; name a folder in record.directory"})
         try:
-            files_of_axis = await run_in_threadpool(self._recordings)
+            from_s, to_s = await run_in_threadpool(past.span_s)
         except LogError as error:
-            return _Json({"reason": str(error), "files": []})
-        listed = [{"name": r.path.name, "from_s": r.from_s, "to_s": r.to_s} for r in files_of_axis]
-        off = (
-            None
-            if self._start.recordings is not None
-            else "nothing is recorded; name a folder in record.directory"
-        )
-        return _Json({"reason": off, "files": listed})
+            return _Json({"reason": str(error)})
+        if from_s is None:
+            return _Json({"reason": "Nothing has been recorded yet."})
+        return _Json({"reason": None, "from_s": from_s, "to_s": to_s})
 
     async def history(self, request: Request) -> Response:
-        """Readings of a span, decimated."""
-        query = request.query_params
+        """Minimum, mean and maximum of each channel in the parts of a span."""
+        query, past = request.query_params, self._start.past
         try:
             from_s, to_s = float(query["from"]), float(query["to"])
             points = int(query.get("points", str(_POINTS)))
@@ -162,18 +160,13 @@ class _Pages:
                 if await request.is_disconnected():  # the viewer has moved on
                     return Response(status_code=204)
                 document = await asyncio.get_running_loop().run_in_executor(
-                    self._reader, lambda: history(self._recordings(), from_s, to_s, points, self._digests)
+                    self._reader, lambda: history(past, from_s, to_s, points)
                 )
         except KeyError as error:
             return PlainTextResponse(f"{error} is missing; give from and to in seconds since 1970\n", 400)
         except (ValueError, LogError) as error:
             return PlainTextResponse(f"{error}\n", 400)
         return _Json(document)
-
-    def _recordings(self) -> list[Recorded]:
-        if (folder := self._start.recordings) is None:
-            return []
-        return recordings(folder, f"{self._start.machine}-{self._start.axis}")
 
     async def acknowledge(self, request: Request) -> Response:
         """Report to the service that somebody has acknowledged an alarm."""

@@ -27,7 +27,7 @@ from observer.exchange import (
     Command,
     Key,
     Outcome,
-    Past,
+    PastAccess,
     PastReply,
     plain_name,
 )
@@ -70,7 +70,7 @@ class Responder:
     """Answers queries about one axis, and takes commands from authorised clients."""
 
     def __init__(
-        self, prefix: str, config_json: bytes, history: int, instance: str, past: Past | None = None
+        self, prefix: str, config_json: bytes, history: int, instance: str, past: PastAccess | None = None
     ) -> None:
         """Take what stays; `config_json` has the `hash` that every command must name.
 

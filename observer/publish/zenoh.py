@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, Protocol
 import structlog
 import zenoh
 
-from observer.exchange import KEYS, Command, Past, PublishStatus
+from observer.exchange import KEYS, Command, PastAccess, PublishStatus
 from observer.frames import EstimateBlock, FrameBlock, Layout
 from observer.publish.answers import Responder
 from observer.publish.codec import EstimateEncoder, to_json
@@ -106,7 +106,7 @@ class ZenohPublisher:
         *,
         offers: Collection[str] = (),
         outlet: Outlet | None = None,
-        past: Past | None = None,
+        past: PastAccess | None = None,
     ) -> None:
         """Prepare to publish; `offers` are those of `compensation`, `forecast` and `probing` that run.
 

@@ -29,6 +29,8 @@ STATE_SUFFIX = ".state"
 """Beside a file that goes on with a full one: where aligner and estimator stood, to the last bit."""
 CONFIG_SUFFIX = ".config"
 """Beside every file: the document `config` of the service that wrote it, with a `checksum`."""
+STEPS_SUFFIX = ".steps"
+"""The published steps of the hour in progress; `.parquet` follows it once the hour is closed and packed."""
 _BESIDE = (START_SUFFIX, STATE_SUFFIX, CONFIG_SUFFIX)
 _MOST_CONFIG_BYTES = 10_000_000
 CLOCK_SET_S = 1_600_000_000.0
@@ -85,7 +87,7 @@ def to_remove(
 def tidy(folder: Path, name: str, keep: Retention, now_s: float, *, by_age: bool) -> tuple[Path, ...]:
     """Remove what is not kept; returns what went. Raises `OSError`."""
     gone, disk = [], shutil.disk_usage(folder)
-    files = recordings(folder, name)
+    files = recordings(folder, name, rf"(\.csv|{re.escape(STEPS_SUFFIX)}(\.parquet)?)")
     for file in to_remove(files, keep, disk.total, disk.free, now_s, by_age=by_age):
         if not is_being_written(file.path):
             file.path.unlink(missing_ok=True)
@@ -107,9 +109,9 @@ def shortage(folder: Path, keep: Retention) -> str | None:
     )
 
 
-def recordings(folder: Path, name: str) -> list[Recording]:
+def recordings(folder: Path, name: str, ending: str = r"\.csv") -> list[Recording]:
     """The files that services of this name have written; links and files of other names are none."""
-    own = re.compile(rf"{re.escape(name)}-\d{{8}}T\d{{6}}Z(-\d+)?\.csv")
+    own = re.compile(rf"{re.escape(name)}-\d{{8}}T\d{{6}}Z(-\d+)?{ending}")
     found = []
     for path in folder.iterdir():
         try:

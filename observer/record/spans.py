@@ -1,20 +1,17 @@
-"""Which recordings there are of an axis, and from when to when each lasts; where a time is in a file."""
+"""Which recordings there are of an axis, and from when to when each lasts."""
 
 from __future__ import annotations
 
-import csv
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from observer.errors import LogError
-from observer.files.logs import FLAGS, LATE, STEP, TIME
 
 _STAMPED = r"-\d{8}T\d{6}Z[^/]*\.csv"
 """How the recorder names a file after its machine and axis; what somebody has appended to it may stay."""
 _LINE_BYTES = 1 << 16
 _LATEST_S = 1e11  # the year 5138
-_OWN = {TIME, STEP, LATE, FLAGS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,35 +41,6 @@ def recordings(folder: Path, name: str) -> list[Recorded]:
         if times_s is not None:
             found.append(Recorded(path, *times_s))
     return sorted(found, key=lambda recorded: recorded.from_s)
-
-
-def header(path: Path) -> tuple[list[str], int]:
-    """The names of a file's columns, and where its first row begins. Raises `OSError`."""
-    with path.open("rb") as file:
-        line = file.readline(_LINE_BYTES)
-        return next(csv.reader([line.decode("utf-8", "replace")]), []), file.tell()
-
-
-def channels_of(columns: list[str]) -> list[str]:
-    """Those columns that are channels."""
-    return [name for name in columns if name not in _OWN]
-
-
-def offset(path: Path, begin: int, time_s: float) -> int:
-    """Where a row begins before which all are older than a time, by halving the file. Raises `OSError`."""
-    with path.open("rb") as file:
-        low, high = begin, path.stat().st_size
-        while high - low > _LINE_BYTES:
-            middle = (low + high) // 2
-            file.seek(middle)
-            file.readline(_LINE_BYTES)
-            start = file.tell()
-            found_s = _time(file.readline(_LINE_BYTES))
-            if found_s is None or found_s >= time_s:
-                high = middle
-            else:
-                low = start
-    return max(begin, low)
 
 
 def ends(path: Path) -> tuple[float, float] | None:

@@ -20,8 +20,8 @@ from observer.gateway.messages import Latest
 from observer.gateway.start import Start
 from observer.publish.codec import config_json, decode_estimate
 from observer.tables.gateway import Mqtt
-from tests.archive.lived import configuration, lived
 from tests.gateway.test_mqtt import TOPIC, broker, pytestmark  # noqa: F401  (the marks hold here, too)
+from tests.past.lived import configuration, lived
 from tests.patience import PATIENCE_S, eventually
 from tests.publish.router import free_port
 

@@ -13,8 +13,8 @@ from asyncua import Client, ua
 from observer.gateway.opcua import NAMESPACE, STATUS
 from observer.publish.codec import config_json, decode_estimate
 from observer.tables.gateway import Opcua
-from tests.archive.lived import BEGIN_S, configuration, lived
 from tests.gateway.feeding import fed_gateway
+from tests.past.lived import BEGIN_S, configuration, lived
 from tests.patience import eventually, until
 from tests.publish.router import free_port
 

@@ -41,7 +41,7 @@ def page():
 
 async def test_everything_is_sealed(page):
     client, _ = page()
-    for path in ("/", "/assets/main.js", "/recordings.json", "/none"):
+    for path in ("/", "/assets/main.js", "/past.json", "/none"):
         answer = await client.get(path)
         assert answer.headers["content-security-policy"] == POLICY
         assert answer.headers["x-content-type-options"] == "nosniff"
@@ -142,7 +142,7 @@ async def test_a_login_that_others_can_read_says_so(listen, tls, clear):
 
 async def test_no_recording_is_said_with_what_to_do(page):
     client, _ = page()
-    assert "record.directory" in (await client.get("/recordings.json")).json()["reason"]
+    assert "record.directory" in (await client.get("/past.json")).json()["reason"]
     assert (await client.get("/history.json?from=1")).status_code == 400
     assert (await client.get("/history.json?from=1&to=x")).status_code == 400
 

@@ -12,9 +12,6 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from observer.frames import Reading
-from observer.record.recorder import Recorder
-from tests.gateway.test_opcua_floods import own_MB
 from tests.page.gateway import gateway
 from tests.patience import PATIENCE_S, until
 
@@ -161,42 +158,3 @@ def test_sixty_viewers_who_ask_for_the_last_hour_at_once_get_it_compressed_once(
         document = json.loads(gzip.decompress(bodies.pop()))
         assert {"every_s", "rows", "keys", "appearance"} == document.keys()
         assert httpx.get(f"{url}recent.json", headers={"accept-encoding": "identity"}).json() == document
-
-
-LONG_BYTES = 200_000_000
-MOST_MB = 60.0
-
-
-@pytest.mark.parametrize("place", ["middle", "end"])
-def test_a_recording_with_a_line_of_200_MB_is_shown_without_it_and_with_a_sentence(tmp_path, place):
-    recorder = Recorder(tmp_path, "lathe-z", ("t1_degC",), 1e9, 5.0)
-    for k in range(4000):
-        recorder.reading(Reading(1000.0 + k, {"t1_degC": 20.0}))
-        recorder.tick(1000.0 + k)
-    assert recorder.close(PATIENCE_S)
-    (path,) = tmp_path.glob("*.csv")
-    rows = path.read_bytes().splitlines(keepends=True)
-    half = len(rows) // 2 if place == "middle" else len(rows)
-    with path.open("wb") as file:
-        file.writelines(rows[:half])
-        for _ in range(LONG_BYTES // 1_000_000):
-            file.write(b"1" * 1_000_000)
-        file.write(b",7,7\n")
-        file.writelines(rows[half:])
-    with gateway(recordings=tmp_path) as (url, process):
-        httpx.get(f"{url}recordings.json", timeout=PATIENCE_S)
-        before_MB = own_MB(process.pid)
-        for points in (20, 2000):  # from bins, and from the rows
-            shares = until(
-                lambda points=points: _whole(f"{url}history.json?from=1000&to=5000&points={points}")
-            )
-            values = shares["channels"]["t1_degC"]["mean"]
-            assert {value for value in values if value is not None} == {20.0}
-            assert values[0] == values[points - 1 if place == "middle" else points // 2] == 20.0
-            assert "a line of more than 512 kB" in shares["notes"][0]
-        assert own_MB(process.pid) - before_MB < MOST_MB
-
-
-def _whole(address: str) -> dict | None:
-    document = httpx.get(address, timeout=PATIENCE_S).json()
-    return document if document["read"] == 1.0 else None

@@ -13,6 +13,7 @@ import pytest
 
 from tests.page.browser import CHROMIUM, SIZES, chromium
 from tests.page.gateway import DOCUMENTS, HEAD, NOW_S, PLACES_M, estimate, gateway, send, send_all
+from tests.past.steps import write_steps
 from tests.patience import PATIENCE_S
 
 pytestmark = [
@@ -48,12 +49,10 @@ PAST = [_row(k) for k in range(ROWS)]
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """A recording of 100,000 rows."""
+    """A past of 100,000 steps."""
     path = tmp_path_factory.mktemp("recordings")
     time_s = NOW_S - 2.0 * POINTS + 2.0 * np.arange(POINTS)
-    rows = "".join(f"{t:.3f},{20 + k % 100},{0.5},,,\n" for k, t in enumerate(time_s.tolist()))
-    file = path / f"{MACHINE}-z-20261101T000000Z.csv"
-    file.write_text(f"time_s,t3_degC,nut_position_m,step,late_s,flags\n{rows}", encoding="utf-8")
+    write_steps(path, f"{MACHINE}-z", time_s, t3_degC=20.0 + np.arange(POINTS) % 100, nut_position_m=0.5)
     return path
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from observer.kernels import read_rows
-from observer.page.history import blocks
-from observer.record.spans import channels_of, header
 
 PLACE = np.array([0, -1, 1], np.intp)
 
@@ -57,14 +54,3 @@ def test_anything_but_a_number_is_missing(cell):
 
 def test_rows_with_other_cells_are_left_out():
     assert _read("1,2\n3,4,5\n6,7,8,9\n\n10,,11\n12,13,1") == [[3.0, 5.0], [10.0, 11.0]]
-
-
-def test_damaged_rows_cost_no_others(tmp_path: Path):
-    path = tmp_path / "a.csv"
-    path.write_bytes(b"time_s,t1_degC,step,flags\n1,20,,\n2,\xff\xfe,,\n3\0\0\n4,21,1,t1=open\n5,22,,")
-    columns, begin = header(path)
-    assert channels_of(columns) == ["t1_degC"]
-    (block,) = blocks(path, columns, begin)
-    assert block.time_s.tolist() == [1.0, 2.0, 4.0]
-    assert block.values[:, 0].tolist() == pytest.approx([20.0, math.nan, 21.0], nan_ok=True)
-    assert block.end == path.stat().st_size - len("5,22,,")

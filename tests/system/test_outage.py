@@ -28,6 +28,8 @@ MOSQUITTO = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
 pytestmark = pytest.mark.system
 needs_broker = pytest.mark.skipif(not Path(MOSQUITTO).exists(), reason="needs Debian's package mosquitto")
 OUTAGE_STEPS = 30
+MOST_UNRECORDED_S = 1.0
+"""A recorder hands its rows to the system every 0.2 s; a busy computer may delay that."""
 
 
 class Broker:
@@ -130,8 +132,10 @@ def _assert_whole(plant: Plant, daemon: Daemon, outages: int) -> None:
     for key in ("heat", "estimate", "readings"):
         times_s = plant.times_s(key)
         wanted = [t for t in daemon.ticks_s() if min(times_s) <= t <= max(times_s)]
-        assert sorted(set(times_s)) == wanted, key
-        assert len(times_s) - len(wanted) <= outages
+        assert set(times_s) >= set(wanted), key
+        assert len(times_s) - len(set(times_s)) <= outages
+        unrecorded = set(times_s) - set(wanted)  # the killed service had published them, and not yet recorded
+        assert not unrecorded or max(unrecorded) - min(unrecorded) < MOST_UNRECORDED_S
         for kind in (plant.times_s(key, _late), plant.times_s(key, _live)):
             assert all(a < b for a, b in itertools.pairwise(kind))
 

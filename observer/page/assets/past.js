@@ -6,7 +6,7 @@ import { offer } from "./tools.js";
 import { newView, note } from "./views.js";
 
 const LEAST_S = 2, MOST_S = 31e6;
-let files = [], to_s = null, length_s = 3600, charts = [], shown = "", last = null, asked = new AbortController();
+let recorded = null, to_s = null, length_s = 3600, charts = [], shown = "", last = null, asked = new AbortController();
 export const pastView = Object.assign(newView("p8", "span-past"), {
   get: () => (to_s === null ? null : [to_s - length_s, to_s]), days: () => length_s > 86400,
   set: (range) => { if (range === null) whole(); else move(...range); },
@@ -105,7 +105,7 @@ function move(from, to) {
   clearTimeout(waiting);
   waiting = setTimeout(show, 120);
 }
-function whole() { if (files.length) move(Math.min(...files.map((f) => f.from_s)), Math.max(...files.map((f) => f.to_s), files[0].from_s + LEAST_S)); }
+function whole() { if (recorded) move(recorded.from_s, Math.max(recorded.to_s, recorded.from_s + LEAST_S)); }
 function pan(by) { if (to_s !== null) { to_s += by * length_s / 4; show(); } }
 export function openPast(from, to) { length_s = Math.min(MOST_S, Math.max(LEAST_S, to - from)); to_s = to; if (seen) { seen.disconnect(); seen = null; } list(false).then(() => byId("p8").scrollIntoView({ behavior: "instant" })); }
 
@@ -116,12 +116,12 @@ function table() {
 
 async function list(thenNewest) {
   if (!store.appearance) await new Promise((heard) => { onNews(["rows"], heard); });
-  const listed = await (await fetch("/recordings.json")).json();
-  files = listed.files;
-  if (!files.length) { say("past-words", listed.reason ?? "Nothing has been recorded yet."); return; }
+  const answer = await (await fetch("/past.json")).json();
+  if (answer.reason) { say("past-words", answer.reason); return; }
+  recorded = answer;
   if (to_s === null || thenNewest) {
-    to_s = files.at(-1).to_s;
-    const all_s = to_s - files[0].from_s;
+    to_s = recorded.to_s;
+    const all_s = to_s - recorded.from_s;
     if (!thenNewest) length_s = all_s < 3600 ? Math.max(60, all_s) : 3600;
   }
   await show();

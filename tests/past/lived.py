@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from functools import partial
@@ -14,6 +15,8 @@ from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
 from observer.estimate.pipeline import MachineModel
 from observer.frames import Reading
 from observer.installation import Installation, load
+from observer.past.columns import StepSource
+from observer.past.files import StepAppender
 from observer.publish.codec import EstimateEncoder, config_json
 from observer.record.recorder import Companions, Recorder
 
@@ -38,24 +41,29 @@ def lived(
     instance: str = "00000001",
     start: Snapshot | None = None,
     resets: tuple[int, ...] = (),
+    keeps_steps: bool = True,
 ) -> tuple[list[bytes], list[bytes], Snapshot]:
     """Do as the loop does; returns estimates, readings as they were published, and where it stood at the end.
 
-    A thermocouple falls silent now and then, another fails, readings come late.
+    A thermocouple falls silent now and then, another fails, readings come late. Without `keeps_steps` only
+    the readings are recorded.
     """
     machine = MachineModel.of(config, learns=True)
     fit, pipeline = CheckpointFit.of(machine), machine.pipeline()
     aligner = Aligner(machine.plan, math.nan if start is None else start.tick_s)
     if start is not None:
         pipeline.restore(start.drive, start.estimator, start.gap)
+    name = f"{config.machine.name}-{config.machine.axis}"
     recorder = Recorder(
-        config.record.directory, f"{config.machine.name}-{config.machine.axis}", config.channels,
+        config.record.directory, name, config.channels,
         rotate_bytes, 5.0, None,
         Companions(
             None if start is None else pack(start, fit), config_json(config, instance).encode(),
             partial(pack, fit=fit),
         ),
     )  # fmt: skip
+    source = StepSource(machine.layout, machine.plan.channels, json.loads(config_json(config, instance)))
+    steps = StepAppender(config.record.directory, name, source)
     encoder, dice = EstimateEncoder(pipeline.layout, instance), np.random.default_rng(int(begin_s))
     sensors = [sensor.channel for sensor in config.sensor]
     estimates, readings, standing = [], [], start
@@ -76,9 +84,12 @@ def lived(
         block = pipeline.step(frame)
         estimates.append(encoder.cbor(block, 0, k))
         readings.append(encoder.readings(frame, 0, k))
+        if keeps_steps:
+            assert steps.append(source.rows(frame, block, k)) == 1
         standing = Snapshot(tick_s, *pipeline.snapshot())
         known = {"walk": aligner.memory, "test": pipeline.test_state, "sequence": k + 1}
         recorder.tick(float(frame.time_s[0]), partial(replace, standing, **known))
     assert recorder.close(10.0)
+    steps.close()
     assert standing is not None
     return estimates, readings, standing

@@ -1,0 +1,63 @@
+"""The service's access to the past: each query is answered by a process of low priority that ends with it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+
+from observer.exchange import PastReply
+
+_PATIENCE_S = 30.0
+_MOST_WAITING = 4
+_REFUSED = 2
+
+
+class PastProcess:
+    """Queries the past of an axis; from any thread, one query at a time."""
+
+    def __init__(self, folder: Path, name: str, in_force: str, period_s: float) -> None:
+        """Take the recordings' folder, `<machine>-<axis>`, the hash of the configuration, and the period."""
+        self._command = (sys.executable, "-m", "observer.past", "answer", str(folder), name)
+        self._question = {"in_force": in_force, "gap_s": 2.5 * period_s}
+        self._lock, self._waiting = threading.Lock(), threading.BoundedSemaphore(_MOST_WAITING)
+        self._child: subprocess.Popen[bytes] | None = None
+        self._is_closed = False
+
+    def ask(self, key: str, asked: Mapping[str, str]) -> PastReply:
+        """Ask for a page of `estimate` or `readings`, and wait for the answer."""
+        if not self._waiting.acquire(blocking=False):
+            return PastReply(b"", "too many requests at once; ask again in a second")
+        try:
+            with self._lock:
+                return self._ask(json.dumps(self._question | {"key": key, "asked": asked}).encode())
+        finally:
+            self._waiting.release()
+
+    def _ask(self, question: bytes) -> PastReply:
+        if self._is_closed:
+            return PastReply(b"", "the service ends")
+        pipe = subprocess.PIPE
+        with subprocess.Popen(
+            self._command, stdin=pipe, stdout=pipe, stderr=pipe, start_new_session=True
+        ) as child:
+            self._child = child
+            try:
+                found, words = child.communicate(question, _PATIENCE_S)
+            except subprocess.TimeoutExpired:
+                child.kill()
+                return PastReply(b"", "the past could not be read in time; ask for less")
+        if child.returncode == 0:
+            return PastReply(found)
+        if child.returncode == _REFUSED:
+            return PastReply(b"", words.decode())
+        return PastReply(b"", "the query failed; ask for another span")
+
+    def close(self) -> None:
+        """End what runs."""
+        self._is_closed = True
+        if (child := self._child) is not None and child.poll() is None:
+            child.kill()

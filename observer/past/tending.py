@@ -1,0 +1,86 @@
+"""What is done for the files of the past beside the loop: closed hours are packed, lost steps are made again.
+
+Steps are lost where a service was killed before it had written them, or where it wrote none. The readings
+give them again, to the same bits, from the state beside their recording.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from observer.errors import UserError
+from observer.estimate.checkpoint import CheckpointFit
+from observer.estimate.pipeline import MachineModel, Pipeline
+from observer.estimate.replay import estimates_of, start_of
+from observer.files.logs import read_log
+from observer.installation import parse
+from observer.past.columns import StepSource
+from observer.past.files import StepAppender, pack_closed
+from observer.past.store import Past
+from observer.record.retention import CONFIG_SUFFIX, is_being_written, recorded_config
+from observer.record.spans import Recorded, recordings
+
+_LOST_PERIODS = 1.5
+_PERIOD_S = 0.05
+"""A recording whose last step is stored so shortly before its end has lost none."""
+
+
+def tend(folder: Path, name: str) -> None:
+    """Pack closed hours, and make the steps again that the recordings have and the past has not.
+
+    Without pyarrow the hours stay as they were written. Raises `OSError`, `LogError`.
+    """
+    with suppress(ModuleNotFoundError):
+        pack_closed(folder, name)
+    past, has_rebuilt = Past(folder, name), False
+    for recorded in recordings(folder, name):
+        if is_being_written(recorded.path):
+            continue
+        stored_s = past.newest_s(recorded.from_s, recorded.to_s + 1.0)
+        if recorded.to_s - stored_s > _PERIOD_S:
+            with suppress(UserError):  # a recording that cannot be replayed gives no steps
+                has_rebuilt |= rebuild(past, recorded, stored_s)
+    if has_rebuilt:
+        with suppress(ModuleNotFoundError):
+            pack_closed(folder, name)
+
+
+def rebuild(past: Past, recorded: Recorded, after_s: float) -> bool:
+    """Write the steps of a recording after a time; returns whether there were any.
+
+    A recording without the configuration beside it gives none. Raises `UserError` for one that cannot be
+    replayed.
+    """
+    document = recorded_config(recorded.path)
+    if "config" not in document:
+        return False
+    config = parse(document["config"], recorded.path.stem + CONFIG_SUFFIX)
+    if recorded.to_s - after_s < _LOST_PERIODS * config.estimator.period_s:
+        return False
+    machine = MachineModel.of(config, learns=True)
+    pipeline = Pipeline(
+        machine.drive, machine.estimator(), machine.self_test(), occasional=machine.occasional
+    )
+    log = read_log(recorded.path, machine.plan.channels, accept_truncated=True)
+    start, words = start_of(log, CheckpointFit.of(machine))
+    note = (
+        "" if start is not None or words == "cold" else f"{recorded.path.name}: made again, started {words}"
+    )
+    config_document = {key: value for key, value in document.items() if key != "checksum"}
+    source = StepSource(machine.layout, machine.plan.channels, config_document, note)
+    files = StepAppender(past.folder, past.name, source)
+    sequence, has_written = 0 if start is None else start.sequence, False
+    try:
+        for frames, block in estimates_of(log, machine.plan, pipeline, lambda *_: None, start):
+            rows = source.rows(frames, block, sequence)
+            sequence += len(rows)
+            rows = rows[np.searchsorted(rows["time_s"], after_s, side="right") :]
+            while len(rows):
+                rows = rows[files.append(rows) :]
+                has_written = True
+    finally:
+        files.close()
+    return has_written

@@ -1,0 +1,130 @@
+"""Writes each step once it is published, in a thread of its own: a slow or full disk holds up nothing."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+import sys
+import threading
+from collections import deque
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import structlog
+from numpy.typing import NDArray
+
+from observer.estimate.checkpoint import Snapshot
+from observer.live.observers import Step, StepObserver
+from observer.past.columns import StepSource
+from observer.past.files import StepAppender, hour_end_s
+from observer.record.retention import STEPS_SUFFIX, recordings
+
+_RETRY_S = 1.0
+_MOST_ROWS = 20_000
+
+log = structlog.get_logger()
+
+
+class PastWriter(StepObserver):
+    """Appends every step to the file of its hour, and has closed hours packed.
+
+    Steps wait in memory while the disk refuses them; beyond a bound the oldest are dropped. The next start
+    makes them again from the readings.
+    """
+
+    def __init__(self, folder: Path, name: str, source: StepSource) -> None:
+        self._source, self._files = source, StepAppender(folder, name, source)
+        self._tend = (sys.executable, "-m", "observer.past", "tend", str(folder), name)
+        self._folder, self._has_earlier = folder, False
+        with suppress(OSError):  # there is no folder yet
+            self._has_earlier = bool(recordings(folder, name, rf"(\.csv|{re.escape(STEPS_SUFFIX)})"))
+        self._steps: deque[Step] = deque(maxlen=_MOST_ROWS)
+        self._hour_s = math.inf
+        self._reason: str | None = None
+        self._tending: subprocess.Popen[bytes] | None = None
+        self._closing, self._awake = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="past", daemon=True)
+
+    def begin(self) -> None:
+        """Start to write, and to tend what an earlier service has left."""
+        self._thread.start()
+
+    def follow(self, step: Step) -> None:
+        """Take a step."""
+        self._steps.append(step)
+        self._awake.set()
+
+    def notices(self) -> tuple[str, ...]:
+        """Report why steps are not written."""
+        if not self._thread.is_alive() and not self._closing.is_set():
+            return ("published steps: the thread that writes them has ended; restart the service",)
+        return () if self._reason is None else (self._reason,)
+
+    def finish(self, snapshot: Snapshot | None) -> None:
+        """Begin to end."""
+        del snapshot
+        self._closing.set()
+        self._awake.set()
+
+    def finished(self, timeout_s: float) -> str | None:
+        """Wait until everything is written."""
+        if self._thread.ident is not None:
+            self._thread.join(timeout_s)
+        if self._tending is not None and self._tending.poll() is None:
+            self._tending.kill()
+            self._tending.wait(timeout_s)
+        return "the last published steps were not written in time" if self._thread.is_alive() else None
+
+    def _run(self) -> None:
+        rows: NDArray[Any] = np.zeros(0, self._source.dtype)
+        if self._has_earlier:
+            self._start_tending()
+        while True:
+            if self._reason is None:
+                self._awake.wait()
+            else:
+                self._closing.wait(_RETRY_S)
+            self._awake.clear()
+            is_last = self._closing.is_set()
+            steps = [self._steps.popleft() for _ in range(len(self._steps))]
+            rows = np.concatenate([rows, *(self._row(step) for step in steps)])[-_MOST_ROWS:]
+            try:
+                while len(rows):
+                    rows = rows[self._files.append(rows) :]
+                self._reason = None
+            except OSError as error:
+                self._reason = (
+                    f"{self._folder}: published steps cannot be written ({error.strerror}); "
+                    "free space or repair it"
+                )
+            if steps:
+                self._look_at_hour(float(steps[-1].frame.time_s[0]))
+            if is_last:
+                self._files.close()
+                return
+
+    def _row(self, step: Step) -> NDArray[Any]:
+        return self._source.rows(step.frame, step.estimate, step.sequence)
+
+    def _look_at_hour(self, time_s: float) -> None:
+        """Have the last hour packed when a new one has begun."""
+        if time_s >= self._hour_s:
+            self._start_tending()
+        self._hour_s = hour_end_s(time_s)
+
+    def _start_tending(self) -> None:
+        if self._tending is not None:
+            if self._tending.poll() is None:
+                return
+            if self._tending.returncode:
+                log.warning("published steps could not be packed", exit_code=self._tending.returncode)
+        nothing = subprocess.DEVNULL
+        try:
+            self._tending = subprocess.Popen(
+                self._tend, stdin=nothing, stdout=nothing, stderr=nothing, start_new_session=True
+            )
+        except OSError as error:
+            log.warning("published steps could not be packed", reason=error.strerror)
