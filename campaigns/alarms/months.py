@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from observer.alarms.bands import WINDOW_S, Window
+from observer.quality.bands import WINDOW_S, Window
 
 DAY_S = 86_400.0
 MOST = 2.2  # what has worn so far is not run on

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from campaigns.alarms.months import Story, months
-from observer.alarms import bands
+from observer.quality import bands
 from observer.tables.publishing import AlarmSettings
 
 SEED, MACHINES = 12_000, 64

@@ -32,8 +32,9 @@ from observer.installation import Installation, parse
 from observer.live.commands import Commands
 from observer.live.observers import CompensationObserver, Keeper, Step, stored
 from observer.quality.alarms import AlarmDesk
-from observer.quality.conditions import Condition, Facts
+from observer.quality.conditions import Facts
 from observer.quality.health import assess
+from observer.quality.kinds import Condition
 
 PERIOD_S = 0.5
 HOLD_S = 5.0

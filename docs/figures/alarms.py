@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from campaigns.alarms.months import Story, months
 from campaigns.alarms.trial import SEED
-from observer.alarms import bands
+from observer.quality import bands
 from observer.report.panels import CATEGORIES
 from observer.tables.publishing import AlarmSettings
 

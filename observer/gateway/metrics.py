@@ -16,12 +16,13 @@ from prometheus_client import CollectorRegistry, make_asgi_app
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from observer.alarms.states import Severity, State
 from observer.exchange import KEYS, KeyFigure
 from observer.frames import EstimateQuality
 from observer.gateway.messages import Latest
 from observer.gateway.server import served
 from observer.gateway.start import ReportState, Start
+from observer.quality.alarm_classes import SEVERITIES
+from observer.quality.alarm_states import State
 
 _SHOWN = ("good", "starting", "degraded")
 Rows = list[tuple[dict[str, str], float]]
@@ -71,7 +72,7 @@ class _Figures(Collector):
         shown = [state for state in get_args(State) if state != "pending"]
         return [
             ({"severity": severity, "state": state}, float(raised.count((severity, state))))
-            for severity, state in product(get_args(Severity), shown)
+            for severity, state in product(SEVERITIES, shown)
         ]
 
     def _family(self, name: str, words: str, rows: Rows, *, counter: bool = False) -> Metric:

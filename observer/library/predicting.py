@@ -29,7 +29,6 @@ from observer.library.packages import in_words
 from observer.library.signals import SignalTable
 from observer.live.forecasting import Learner, forecast_columns, program_bins
 from observer.quality.conditions import of_finding
-from observer.quality.reasons import sentence
 from observer.report.collect import Decimator, simulated
 from observer.report.panels import Panel
 from observer.tables.estimator import AHEAD_H
@@ -171,7 +170,7 @@ def forecast_run(
     lines = sentences(found, machine.plant, settings.within_um)
     if content["reason"] is not None:
         lines.append(f"Doubtful: {content['reason']}.")
-    odd = *doubts(log, paths, config, read), *(sentence(of_finding(f)) for f in pipeline.findings)
+    odd = *doubts(log, paths, config, read), *(of_finding(f).sentence for f in pipeline.findings)
     table = arrow_table({TIME: found.now_s + found.ahead.time_s, **forecast_columns(layout, found)})
     title = f"{config.machine.name}, axis {config.machine.axis}: forecast from the end of {log.path.name}"
     return ForecastRun(table, title, tuple(lines), odd, content, found, layout.position_m, settings.within_um)

@@ -28,8 +28,9 @@ from observer.live.observers import Step, StepObserver
 from observer.live.restarts import Restarts
 from observer.live.wires import Wires
 from observer.process.notify import reloading
-from observer.quality.conditions import Condition, Facts
+from observer.quality.conditions import Facts
 from observer.quality.health import HEALTH_PERIOD_S, Health, assess
+from observer.quality.kinds import Condition
 from observer.record.recorder import NoRecorder, Recorder
 
 _LOOK_S = 0.5

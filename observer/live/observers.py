@@ -22,9 +22,9 @@ from observer.files.folders import make_folder, write_whole
 from observer.frames import EstimateBlock, FrameBlock, Inputs, Reading
 from observer.live.zero_signal import ZeroSignal
 from observer.quality.alarms import AlarmDesk
-from observer.quality.conditions import Condition, Trouble
 from observer.quality.gap import GapState
 from observer.quality.health import HEALTH_PERIOD_S
+from observer.quality.kinds import Condition, ConditionKind
 
 _CONTROL_END_S = 0.3
 
@@ -196,9 +196,11 @@ class CompensationObserver(StepObserver):
         """The last release, until a person arms or disarms, and a zero that was refused."""
         state, conditions = self._compensator.state, []
         if state.released:
-            conditions.append(Condition(Trouble.RELEASED, detail=state.released, since_s=state.released_s))
+            conditions.append(
+                Condition(ConditionKind.RELEASED, detail=state.released, since_s=state.released_s)
+            )
         if state.zero.missed and state.reason != state.released:
-            conditions.append(Condition(Trouble.NOT_ZEROED, detail=state.reason or ""))
+            conditions.append(Condition(ConditionKind.NOT_ZEROED, detail=state.reason or ""))
         return tuple(conditions)
 
     def remember(self, snapshot: Snapshot) -> Snapshot:

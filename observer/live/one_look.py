@@ -17,7 +17,7 @@ from typing import Any
 from drivers.protocol import Driver
 from observer.frames import Reading
 from observer.process.clock import ServiceClock
-from observer.quality.reasons import remedy_for
+from observer.quality.alarm_classes import remedy_for
 
 LOOK_S = 5.0
 """Time allowed for a value of every channel; one and a half periods, where that is longer."""

@@ -13,15 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import structlog
 
-from observer.alarms import bands, states
-from observer.alarms.bands import Band, Window
-from observer.alarms.states import KINDS, Alarm, AlarmCause, KnownOffset, acknowledged, advance, alarm_of
 from observer.config import Config
-from observer.estimators.selftest import Fault
 from observer.files.folders import make_folder, write_whole
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout
-from observer.quality.conditions import Condition, Trouble
-from observer.quality.reasons import sentence
+from observer.quality import alarm_states, bands
+from observer.quality.alarm_classes import ALARM_CLASSES, channel_fault
+from observer.quality.alarm_states import Alarm, AlarmCause, KnownOffset, acknowledged, advance, alarm_of
+from observer.quality.bands import Band, Window
+from observer.quality.kinds import Condition, ConditionKind
 from observer.tables.publishing import AlarmSettings
 from observer.tables.sections import law_channels
 
@@ -31,38 +30,6 @@ _LOOK_S = 60.0
 """Learnt offsets are checked after this time of good estimates."""
 _BELIEVED = (EstimateQuality.GOOD, EstimateQuality.DEGRADED)
 _FORMAT = 1
-_STUCK, _DISCONNECTED = "stuck", "disconnected"
-_RESTLESS = 3.0
-"""Scatter beyond this multiple of the configured noise raises an alarm."""
-
-_ALARMS: dict[Trouble | Fault, tuple[str, str, str | None]] = {
-    Trouble.STEP_FAILED: ("estimate", "estimator", None),
-    Trouble.CHANNEL: ("sensor_fault", "", None),
-    Trouble.DRIVER: ("wire", "", None),
-    Trouble.SILENT: ("wire", "", None),
-    Trouble.DEPARTED: ("model_inconsistent", "", None),
-    Trouble.RECORDING: ("disk", "recording", None),
-    Trouble.CLOCK: ("clock", "computer", None),
-    Fault.NOISY: ("sensor_disagrees", "", "noisy"),
-    Fault.REFUSED: ("sensor_disagrees", "", "refused"),
-    Trouble.OFFSET_MOVED: ("sensor_disagrees", "", "drifting"),
-    Fault.OFF_LAW: ("heat_off_law", "", None),
-    Fault.ALL_OFF_LAW: ("heat_off_law", "all", None),
-    Trouble.HEAT_HIGH: ("heat_high", "", None),
-    Trouble.HEAT_LOW: ("heat_low", "", None),
-    Trouble.HEATS_TOGETHER: ("heat_off_law", "", None),
-    Trouble.RELEASED: ("compensation", "released", None),
-}
-"""For each condition that calls somebody to the machine: the kind of alarm, its target where the condition
-has none, and the name that distinguishes it from others of its kind.
-"""
-_FOUND = ("value", "expected", "since_s")
-_EVIDENCE: dict[Trouble | Fault, tuple[str, ...]] = {
-    **dict.fromkeys((Fault.NOISY, Fault.REFUSED, Fault.OFF_LAW, Fault.ALL_OFF_LAW), _FOUND),
-    Trouble.DEPARTED: ("rms_K", "allowed_K", "since_s"),
-    Trouble.OFFSET_MOVED: ("offset_K", "usual_K"),
-}
-"""The names of a condition's figures in the document."""
 
 log = structlog.get_logger()
 
@@ -152,7 +119,7 @@ class AlarmDesk:
         hours, self._good_s = self._good_s / 3600.0, 0.0
         for sensor in self._known:
             if sensor.learned is not None:
-                self._offsets[sensor.name] = states.taken(
+                self._offsets[sensor.name] = alarm_states.taken(
                     self._offsets[sensor.name],
                     float(estimate.learned[0, sensor.learned]),
                     float(estimate.learned_sigma[0, sensor.learned]),
@@ -180,7 +147,7 @@ class AlarmDesk:
 
     def move(self, by_s: float) -> None:
         """Move all times by the step of the computer's clock."""
-        self._alarms = {name: states.moved(alarm, by_s) for name, alarm in self._alarms.items()}
+        self._alarms = {name: alarm_states.moved(alarm, by_s) for name, alarm in self._alarms.items()}
         self._bands = {n: band._replace(at_s=band.at_s + by_s) for n, band in self._bands.items()}
 
     def acknowledge(self, name: str | None) -> str | None:
@@ -193,10 +160,11 @@ class AlarmDesk:
         return None
 
     def document(self, time_s: float) -> dict[str, Any]:
-        """The published document: the raised alarms, and the state of the heats."""
+        """The published document: the raised alarms, the worst first, and the state of the heats."""
+        raised = sorted(self._raised, key=lambda name: self._alarms[name].rank)
         return {
             "time_s": time_s,
-            "alarms": [_document_of(name, alarm) for name, alarm in self._alarms.items() if alarm.is_raised],
+            "alarms": [_document_of(name, self._alarms[name]) for name in raised],
             "bands": {name: self._band_document(band) for name, band in self._bands.items()},
         }
 
@@ -229,17 +197,19 @@ class AlarmDesk:
             if known.moved:
                 now_K, usual_K = round(known.now_K, 3), round(known.usual_K, 3)
                 learn_h = f"{self._settings.learn_h:g}"
-                yield Condition(Trouble.OFFSET_MOVED, sensor.name, learn_h, value=now_K, expected=usual_K)
+                yield Condition(
+                    ConditionKind.OFFSET_MOVED, sensor.name, learn_h, value=now_K, expected=usual_K
+                )
 
     def _heats(self) -> Iterator[Condition]:
         """Heats that are not within their bands: the ratio to the usual one, and the trend a day."""
         learn_h, together = f"{self._settings.learn_h:g}", self._off_together()
         for channel, own in together.items():
             ratio = math.exp(np.mean([bands.more_than_usual(self._bands[name]) for name in own]))
-            yield Condition(Trouble.HEATS_TOGETHER, channel, learn_h, value=ratio)
+            yield Condition(ConditionKind.HEATS_TOGETHER, channel, learn_h, value=ratio)
         for name, band in self._bands.items():
             if band.side != 0 and not any(name in own for own in together.values()):
-                kind = Trouble.HEAT_HIGH if band.side > 0 else Trouble.HEAT_LOW
+                kind = ConditionKind.HEAT_HIGH if band.side > 0 else ConditionKind.HEAT_LOW
                 about = self._band_document(band)
                 trend = math.nan if about["trend_per_day"] is None else about["trend_per_day"]
                 yield Condition(kind, name, learn_h, value=about["ratio"], expected=trend)
@@ -259,25 +229,21 @@ class AlarmDesk:
         The self-test judges the quality of an estimate, which a hundredth of a kelvin can lower: means
         and correlations of innovations are reasons for the quality, not alarms.
         """
-        kind, target, name = _ALARMS.get(condition.kind, (None, "", None))
-        about = condition.about or target
-        if condition.kind is Trouble.CHANNEL and condition.quality is not None:
-            name, about = condition.detail or condition.quality.label, self._sensors.get(about, about)
-            if name == _DISCONNECTED:  # the driver has an alarm of its own
-                return None
-            kind = "sensor_stuck" if name == _STUCK else kind
-        restless = condition.kind is not Fault.NOISY or condition.value >= _RESTLESS
-        if kind is None or not restless:
+        record = condition.kind.value
+        alarm, target, name = record.alarm, condition.about or record.target, record.alarm_name
+        if condition.kind is ConditionKind.CHANNEL and condition.quality is not None:
+            target, name = self._sensors.get(target, target), condition.detail or condition.quality.label
+            alarm = channel_fault(name).alarm
+        if alarm is None or condition.value < record.alarm_from:
             return None
-        return AlarmCause(kind, about, sentence(condition), name, self._evidence(condition))
+        return AlarmCause(alarm.name, target, condition.sentence, name, self._evidence(condition))
 
     def _evidence(self, condition: Condition) -> dict[str, Any] | None:
         """The figures that an alarm rests on, None where it has none."""
-        if condition.kind in (Trouble.HEAT_HIGH, Trouble.HEAT_LOW):
+        if condition.kind in (ConditionKind.HEAT_HIGH, ConditionKind.HEAT_LOW):
             return self._band_document(self._bands[condition.about])
-        names = _EVIDENCE.get(condition.kind, ())
         values = (condition.value, condition.expected, condition.since_s)
-        pairs = zip(names, values, strict=False)
+        pairs = zip(condition.kind.value.figures, values, strict=False)
         return {name: value if math.isfinite(value) else None for name, value in pairs} or None
 
     def _keep(self, time_s: float, *, now: bool) -> None:
@@ -320,22 +286,22 @@ class AlarmDesk:
                 self._bands[source.name] = bands.band_of(band)
         for sensor in self._known:
             if (offset := kept["offsets"].get(sensor.name)) is not None and offset["said"] == sensor.said:
-                self._offsets[sensor.name] = states.offset_of(offset)
+                self._offsets[sensor.name] = alarm_states.offset_of(offset)
         self._alarms = {name: alarm_of(alarm) for name, alarm in kept["alarms"].items()}
         self._reported = self._raised
 
 
 def _document_of(name: str, alarm: Alarm) -> dict[str, Any]:
-    condition, kind = alarm.condition, KINDS[alarm.condition.kind]
+    condition, alarm_class = alarm.condition, ALARM_CLASSES[alarm.condition.kind]
     return {
         "id": name,
         "kind": condition.kind,
         "target": condition.target,
-        "severity": kind.severity,
+        "severity": alarm_class.severity,
         "state": alarm.state,
         "since_s": alarm.since_s,
         "reason": condition.reason,
-        "remedy": kind.remedy,
+        "remedy": alarm_class.remedy,
         "evidence": condition.evidence,
     }
 

@@ -1,15 +1,13 @@
 """Problems as one list of typed conditions, from which health, alarms and sentences are made.
 
-A condition is identified by its kind and by what it is about. Its sentence is made last (`quality.reasons`)
-and is never compared or parsed.
+A condition is identified by its kind and its subject. Its sentence (`quality.kinds`) is made last and is
+never compared or parsed.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from enum import Enum, auto
 from typing import Any
 
 from drivers.protocol import DriverStatus
@@ -18,72 +16,8 @@ from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, FrameBlock, Quality
 from observer.process.clock import STEP_S
 from observer.quality.gap import Departure
+from observer.quality.kinds import KIND_OF_FAULT, Condition, ConditionKind
 from observer.record.recorder import RecordStatus
-
-
-class Trouble(Enum):
-    """Kinds of conditions beside those that the self-test and the screening find (`Fault`)."""
-
-    STEP_FAILED = auto()
-    CHANNEL = auto()
-    DRIVER = auto()
-    SILENT = auto()
-    BUS = auto()
-    RECORDING = auto()
-    PUBLISHING = auto()
-    DEPARTED = auto()
-    NOTICE = auto()
-    CLOCK = auto()
-    NO_ESTIMATE = auto()
-    JUST_BEGUN = auto()
-    UNEXPLAINED = auto()
-    OFFSET_MOVED = auto()
-    HEAT_HIGH = auto()
-    HEAT_LOW = auto()
-    HEATS_TOGETHER = auto()
-    RELEASED = auto()
-    NOT_ZEROED = auto()
-
-
-OF_COMPENSATION = (Trouble.RELEASED, Trouble.NOT_ZEROED)
-BESIDE_THE_ERROR = (*OF_COMPENSATION, Fault.UNKNOWN)
-"""The kinds that say nothing of field and thermal error; of heats alone the last one does."""
-
-
-@dataclass(frozen=True, slots=True)
-class Condition:
-    """One problem.
-
-    `about` is the sensor, channel, source or driver, and `other` one that shares it; `detail` a fault or a
-    phase in one word, or the words of whoever reports it; `value`, `expected` and `unit` as in `Finding`, NaN
-    without; `quality` that of a channel or of the estimate; `returns_s` as in `Finding`.
-    """
-
-    kind: Trouble | Fault
-    about: str = ""
-    detail: str = ""
-    since_s: float = math.nan
-    value: float = math.nan
-    expected: float = math.nan
-    other: str = ""
-    quality: Quality | EstimateQuality | None = None
-    unit: str = "K"
-    returns_s: float = math.nan
-
-    @property
-    def identity(self) -> tuple[Any, ...]:
-        """The identity of the condition, whatever its present figures."""
-        returns = math.isfinite(self.returns_s)
-        return self.kind, self.about, self.other, self.detail, self.quality, returns
-
-    def document(self, reason: str) -> dict[str, Any]:
-        """The condition as it is published, with its sentence."""
-        return {
-            "kind": self.kind.name.lower(),
-            "about": [name for name in (self.about, self.other) if name],
-            "since_s": self.since_s if math.isfinite(self.since_s) else None,
-            "reason": reason,
-        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,35 +63,42 @@ class Facts:
         return tuple(name for name in self.sensors.values() if name not in used)
 
 
-def of_finding(found: Finding, service: str = "") -> Condition:
-    """The condition that the self-test or the screening has found; `service` are options of a command."""
-    detail = service if found.fault is Fault.LEAPT else ""
+def of_finding(finding: Finding, service: str = "") -> Condition:
+    """Return the condition of a finding; `service` are the options of a command."""
+    detail = service if finding.fault is Fault.LEAPT else ""
     return Condition(
-        found.fault, found.subject, detail, found.since_s, found.value, found.expected, found.other,
-        unit=found.unit, returns_s=found.returns_s,
+        KIND_OF_FAULT[finding.fault], finding.subject, detail, finding.since_s, finding.value,
+        finding.expected, finding.other, unit=finding.unit, returns_s=finding.returns_s,
     )  # fmt: skip
 
 
-def of_departure(found: Departure) -> Condition:
-    """The condition that the prediction has departed from a sensor."""
-    return Condition(Trouble.DEPARTED, found.sensor, found.phase, found.since_s, found.rms_K, found.allowed_K)
+def of_departure(departure: Departure) -> Condition:
+    """Return the condition that the prediction has departed from a sensor."""
+    return Condition(
+        ConditionKind.DEPARTED,
+        departure.sensor,
+        departure.phase,
+        departure.since_s,
+        departure.rms_K,
+        departure.allowed_K,
+    )
 
 
 def of_channel(name: str, quality: Quality, fault: str | None = None) -> Condition:
-    """The condition of a channel that is not good: its quality, and its driver's or aligner's fault."""
-    return Condition(Trouble.CHANNEL, name, fault or "", quality=quality)
+    """Return the condition of a channel that is not good, by quality and fault."""
+    return Condition(ConditionKind.CHANNEL, name, fault or "", quality=quality)
 
 
 def conditions(facts: Facts) -> tuple[Condition, ...]:
-    """All problems; an unexplained one only where nothing is found that concerns field and thermal error."""
-    found = tuple(_found(facts))
-    is_explained = any(condition.kind not in BESIDE_THE_ERROR for condition in found)
-    return found if is_explained else (*found, *_unexplained(facts))
+    """Return all problems; an unexplained one only if no other one concerns field and thermal error."""
+    problems = tuple(_problems(facts))
+    is_explained = not all(condition.kind.value.is_beside_the_error for condition in problems)
+    return problems if is_explained else (*problems, *_unexplained(facts))
 
 
-def _found(facts: Facts) -> Iterator[Condition]:
+def _problems(facts: Facts) -> Iterator[Condition]:
     if facts.failure:
-        yield Condition(Trouble.STEP_FAILED, detail=facts.failure)
+        yield Condition(ConditionKind.STEP_FAILED, detail=facts.failure)
     if (frame := facts.frame) is not None:
         for name, quality in zip(frame.channels, frame.quality[-1].tolist(), strict=True):
             if quality != Quality.GOOD:
@@ -165,28 +106,28 @@ def _found(facts: Facts) -> Iterator[Condition]:
     yield from (of_finding(finding, facts.service) for finding in facts.findings)
     for name, (status, _) in facts.drivers.items():
         if not status.connected:
-            kind = Trouble.SILENT if status.is_silent else Trouble.DRIVER
+            kind = ConditionKind.SILENT if status.is_silent else ConditionKind.DRIVER
             yield Condition(kind, name, status.last_error or "")
         if status.bus_error:
-            yield Condition(Trouble.BUS, name, status.bus_error, value=status.error_frames)
+            yield Condition(ConditionKind.BUS, name, status.bus_error, value=status.error_frames)
     if facts.record and facts.record.reason:
-        yield Condition(Trouble.RECORDING, detail=facts.record.reason)
+        yield Condition(ConditionKind.RECORDING, detail=facts.record.reason)
     if facts.publish.reason:
-        yield Condition(Trouble.PUBLISHING, detail=facts.publish.reason)
+        yield Condition(ConditionKind.PUBLISHING, detail=facts.publish.reason)
     if facts.departure is not None:
         yield of_departure(facts.departure)
     yield from facts.observed
     for notice in facts.notices:
-        yield Condition(Trouble.NOTICE, detail=notice)
+        yield Condition(ConditionKind.NOTICE, detail=notice)
     if abs(facts.clock_offset_s) > STEP_S:
-        yield Condition(Trouble.CLOCK, value=facts.clock_offset_s)
+        yield Condition(ConditionKind.CLOCK, value=facts.clock_offset_s)
 
 
 def _unexplained(facts: Facts) -> Iterator[Condition]:
-    """The condition of an estimate that is not good although nothing else is found."""
+    """The condition of an estimate that is not good although no other problem explains it."""
     if facts.frame is None or facts.estimate is None:
-        yield Condition(Trouble.NO_ESTIMATE)
+        yield Condition(ConditionKind.NO_ESTIMATE)
     elif facts.estimate == EstimateQuality.STARTING:
-        yield Condition(Trouble.JUST_BEGUN)
+        yield Condition(ConditionKind.JUST_BEGUN)
     elif facts.estimate != EstimateQuality.GOOD:
-        yield Condition(Trouble.UNEXPLAINED, quality=facts.estimate)
+        yield Condition(ConditionKind.UNEXPLAINED, quality=facts.estimate)

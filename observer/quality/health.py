@@ -9,14 +9,12 @@ from typing import Any
 
 from observer.estimators.selftest import Fault
 from observer.frames import EstimateQuality, Quality
-from observer.quality.conditions import BESIDE_THE_ERROR, Condition, Facts, Trouble, conditions
-from observer.quality.reasons import sentence
+from observer.quality.conditions import Facts, conditions
+from observer.quality.kinds import KIND_OF_FAULT, Condition, ConditionKind
 from observer.record.recorder import RecordStatus
 
 HEALTH_PERIOD_S = 5.0
 _DIGITS, _DIGITS_OF_DISPLACEMENT = 4, 9
-_LEFT_OUT = {Fault.EXCLUDED: "K", Fault.SWAPPED: "K", Fault.LEAPT: "m"}
-"""The findings that exclude a channel, and the unit of its excess."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,14 +43,14 @@ class Health:
     @property
     def reasons(self) -> tuple[str, ...]:
         """The sentences, each once."""
-        return tuple(dict.fromkeys(map(sentence, self.conditions)))
+        return tuple(dict.fromkeys(condition.sentence for condition in self.conditions))
 
     @property
     def essence(self) -> tuple[Any, ...]:
         """The part of a report whose change is sent at once: all but ages, counts and figures."""
-        found = tuple(condition.identity for condition in self.conditions)
+        identities = tuple(condition.identity for condition in self.conditions)
         channels = tuple((name, channel["quality"]) for name, channel in self.channels.items())
-        return self.state, self.quality, found, channels, self.degraded_sensors
+        return self.state, self.quality, identities, channels, self.degraded_sensors
 
     def document(self) -> dict[str, Any]:
         """The report as it is published."""
@@ -63,13 +61,13 @@ class Health:
             "degraded_sensors": self.degraded_sensors,
             "error_known_to_um": self.error_known_to_um,
         }
-        found = [condition.document(sentence(condition)) for condition in self.conditions]
-        return {**head, **sensors, "conditions": found, "channels": self.channels, **self.counts}
+        documents = [condition.document for condition in self.conditions]
+        return {**head, **sensors, "conditions": documents, "channels": self.channels, **self.counts}
 
 
 def assess(facts: Facts) -> Health:
-    """Judge the facts."""
-    found = conditions(facts)
+    """Return the health report of the facts."""
+    problems = conditions(facts)
     record = facts.record or RecordStatus()
     counts = {
         "drivers": {
@@ -98,10 +96,10 @@ def assess(facts: Facts) -> Health:
         "clock_offset_s": round(facts.clock_offset_s, 3),
         "gap": facts.gap,
     }
-    state = _state(facts, found)
+    state = _state(facts, problems)
     known_to_um = None if facts.error_known_to_um is None else round(facts.error_known_to_um, 3)
     return Health(
-        facts.time_s, state, _quality(facts).label, found, _channels(facts), counts, len(facts.sensors),
+        facts.time_s, state, _quality(facts).label, problems, _channels(facts), counts, len(facts.sensors),
         facts.degraded_sensors, known_to_um,
     )  # fmt: skip
 
@@ -113,25 +111,27 @@ def _quality(facts: Facts) -> EstimateQuality:
     return facts.estimate
 
 
-def _state(facts: Facts, found: Iterable[Condition]) -> str:
+def _state(facts: Facts, problems: Iterable[Condition]) -> str:
     """The state of the service: good as long as all problems are beside the estimates."""
     if facts.failure:
         return EstimateQuality.INVALID.label
     if facts.estimate is None or (facts.estimate == EstimateQuality.INVALID and not facts.had_estimate):
         return "starting"
-    if facts.estimate == EstimateQuality.GOOD and not all(_is_beside_the_estimates(c, facts) for c in found):
+    is_unaffected = all(_is_beside_the_estimates(condition, facts) for condition in problems)
+    if facts.estimate == EstimateQuality.GOOD and not is_unaffected:
         return EstimateQuality.DEGRADED.label
     return facts.estimate.label
 
 
 def _is_beside_the_estimates(condition: Condition, facts: Facts) -> bool:
     """Whether a condition is about the compensation or a heat alone, or about sensors that are not used."""
-    if condition.kind in BESIDE_THE_ERROR:
+    if condition.kind.value.is_beside_the_error:
         return True
-    if condition.kind is Trouble.CHANNEL:
+    if condition.kind is ConditionKind.CHANNEL:
         return facts.sensors.get(condition.about) in facts.degraded_sensors
     names = {condition.about, condition.other} - {""}
-    return condition.kind in (Fault.EXCLUDED, Fault.SWAPPED) and names <= set(facts.degraded_sensors)
+    excludes_sensors = condition.kind.value.excess_unit == "K"
+    return excludes_sensors and names <= set(facts.degraded_sensors)
 
 
 def _channels(facts: Facts) -> dict[str, dict[str, Any]]:
@@ -155,15 +155,17 @@ def _channels(facts: Facts) -> dict[str, dict[str, Any]]:
 def _excess(facts: Facts) -> dict[str, dict[str, Any]]:
     """The excess of excluded channels."""
     channels = {sensor: channel for channel, sensor in facts.sensors.items()}
-    found = {}
+    excesses = {}
     for finding in facts.findings:
-        if (unit := _LEFT_OUT.get(finding.fault)) is not None:
+        if (unit := KIND_OF_FAULT[finding.fault].value.excess_unit) is not None:
             name = finding.subject if finding.fault is Fault.LEAPT else channels.get(finding.subject, "")
             # a displacement's excess is in m, as a position's
-            moved = finding.unit == "um"
-            size, digits = (1e-6, _DIGITS_OF_DISPLACEMENT) if moved else (1.0, _DIGITS)
+            is_displacement = finding.unit == "um"
+            size, digits = (1e-6, _DIGITS_OF_DISPLACEMENT) if is_displacement else (1.0, _DIGITS)
             value = round(size * finding.value, digits) if math.isfinite(finding.value) else None
             has_sigma = finding.expected > 0.0 and finding.fault is not Fault.LEAPT
             sigma = round(size * finding.expected, digits) if has_sigma else None
-            found[name] = {"excess": {"value": value, "sigma": sigma, "unit": "m" if moved else unit}}
-    return found
+            excesses[name] = {
+                "excess": {"value": value, "sigma": sigma, "unit": "m" if is_displacement else unit}
+            }
+    return excesses

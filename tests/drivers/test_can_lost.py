@@ -12,8 +12,7 @@ from contextlib import contextmanager
 import can
 import pytest
 
-from observer.quality.conditions import Condition, Trouble
-from observer.quality.reasons import sentence
+from observer.quality.kinds import Condition, ConditionKind
 from tests.drivers.harness import running
 from tests.drivers.test_can import Adapter, frame, settings, virtual_bus
 from tests.patience import eventually
@@ -186,7 +185,7 @@ async def test_a_silent_udp_bus_is_not_connected():
     async with running(driver) as axis:
         await axis.until(lambda _: driver.status.state == "silent")
         assert "no frame has come for 0.5 s" in driver.status.last_error
-        told = sentence(Condition(Trouble.SILENT, "axis", driver.status.last_error))
+        told = Condition(ConditionKind.SILENT, "axis", driver.status.last_error).sentence
         assert "bit rate" in told
 
 
@@ -234,7 +233,7 @@ async def test_errors_of_a_socketcand_server_are_counted():
 
 
 def test_the_sentence_of_bus_errors_names_every_candidate():
-    told = sentence(Condition(Trouble.BUS, "axis", "error frames", value=12))
+    told = Condition(ConditionKind.BUS, "axis", "error frames", value=12).sentence
     for words in ("12 error frames", "bit rate", "terminator", "wire", "acknowledges"):
         assert words in told
 

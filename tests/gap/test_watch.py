@@ -22,7 +22,6 @@ from observer.live.observers import stored
 from observer.model.cycle import PHASES
 from observer.quality.conditions import of_departure
 from observer.quality.gap import BREAK_S, Departure, GapWatch
-from observer.quality.reasons import sentence
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, config_of, day, draw, work
 from tests.truth.machine.cycles import START_m, programme
@@ -221,11 +220,11 @@ def _without_a_law(config):
 
 def test_the_reason_says_which_since_when_and_what_to_do() -> None:
     found = Departure("t3", 1.8e9, "heat_up", 1.84, 0.61)
-    assert sentence(of_departure(found)) == (
+    assert of_departure(found).sentence == (
         "the model's prediction has departed from sensor t3 since 2027-01-15 08:00 UTC, most while heating "
         "up: 1.8 K rms where its tolerances allow 0.6 K; run `observer discover --recent 8h`"
     )
-    assert "since 7200 s," in sentence(of_departure(found._replace(since_s=7200.0)))
+    assert "since 7200 s," in of_departure(found._replace(since_s=7200.0)).sentence
 
 
 def test_a_nut_failing_at_work_is_reported_by_a_replay_of_the_whole_day(tmp_path) -> None:

@@ -18,7 +18,6 @@ from observer.estimators.selftest import Fault as Found
 from observer.files.logs import Log
 from observer.frames import EstimateBlock, EstimateQuality, Quality
 from observer.quality.conditions import of_finding
-from observer.quality.reasons import sentence
 from tests.learning.cover import estimates, log_of
 from tests.learning.machines import config_of
 from tests.learning.probing import PROBE, probed_log
@@ -43,7 +42,7 @@ def judged(name: str, number: int) -> tuple[Verdict, dict[Found, str]]:
     pipeline, day = pipeline_of(machine), day_of(number, new_stroke=name == NEW_PROGRAM)
     frames_of_day = frames_of_log(log_of(faulty(day, fault, number)), machine.plan)
     block = EstimateBlock.joined([pipeline.step(frames) for frames in frames_of_day])
-    said = {finding.fault: sentence(of_finding(finding)) for finding, _ in pipeline.history}
+    said = {finding.fault: of_finding(finding).sentence for finding, _ in pipeline.history}
     return verdict(block, day, fault), said
 
 
@@ -131,7 +130,7 @@ def test_a_nut_homed_again_is_not_good_until_temperatures_agree(name: str, numbe
     machine, fault, day = MachineModel.of(config_of(RIG), learns=True), catalogue()[name], day_of(number)
     pipeline, log = pipeline_of(machine), polled_log(day, faulty(day, fault, number))
     block = EstimateBlock.joined([pipeline.step(frames) for frames in frames_of_log(log, machine.plan)])
-    said = {finding.fault: sentence(of_finding(finding)) for finding, _ in pipeline.history}
+    said = {finding.fault: of_finding(finding).sentence for finding, _ in pipeline.history}
     assert f"jumped by {'-' if '-' in name else '+'}0.05" in said[Found.LEAPT]
     since_s = block.time_s - day.time_s[0] - FAULT_S
     good = block.quality == EstimateQuality.GOOD
@@ -259,6 +258,6 @@ def test_plugs_that_stay_exchanged_are_not_used_when_the_machine_has_cooled() ->
     """What they read meets as heat leaves, and proves nothing."""
     since_s, pipeline, block = swapped_and_put_right(None)
     assert (block.sensor_quality[since_s > 60.0, :2] == Quality.EXCLUDED).all()
-    (said,) = {sentence(of_finding(f)) for f in pipeline.findings if f.fault is Found.SWAPPED}
+    (said,) = {of_finding(f).sentence for f in pipeline.findings if f.fault is Found.SWAPPED}
     assert "put their plugs right" in said
     assert "`observer reset`" in said

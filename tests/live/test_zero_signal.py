@@ -13,7 +13,7 @@ from observer.frames import Reading
 from observer.live.commands import Commands
 from observer.live.observers import CompensationObserver, Step
 from observer.live.zero_signal import ZeroSignal
-from observer.quality.conditions import Trouble
+from observer.quality.kinds import ConditionKind
 from observer.record.recorder import Recorder
 from tests.control.test_compensate import GRID, at, estimate, machine
 from tests.logs.recordings import CHANNELS
@@ -91,10 +91,10 @@ def test_a_rise_zeroes_and_is_recorded_as_a_command_and_silence_disarms(tmp_path
     silent = loop.step()
     assert silent["reason"].endswith(": homed, which reports a new zero, has no value; arm again")
     (released,) = loop.observer.conditions()
-    assert (released.kind, released.detail) == (Trouble.RELEASED, silent["reason"])
+    assert (released.kind, released.detail) == (ConditionKind.RELEASED, silent["reason"])
     loop.step(1.0, quality=2)
     _, refused = loop.observer.conditions()
-    assert refused.kind is Trouble.NOT_ZEROED
+    assert refused.kind is ConditionKind.NOT_ZEROED
     assert refused.detail.startswith("zero refused: the estimate is degraded")
     assert recorder.close(5.0)
     (path,) = tmp_path.glob("*.csv")

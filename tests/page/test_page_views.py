@@ -142,7 +142,7 @@ def test_an_acknowledged_alarm_is_quiet_and_one_that_comes_back_is_new(opened, s
         assert said == {"acknowledge": "sensor.t3.open_circuit", "by": "page"}
         other = {**alarm, "id": "b", "severity": "minor", "reason": "another"}
         send(
-            process, "alarms", {**DOCUMENTS["alarms"], "alarms": [{**alarm, "state": "acknowledged"}, other]}
+            process, "alarms", {**DOCUMENTS["alarms"], "alarms": [other, {**alarm, "state": "acknowledged"}]}
         )
         page.wait_for_function("() => document.querySelector('#hero-alarm b').textContent === 'another'")
         send(process, "alarms", {**DOCUMENTS["alarms"], "alarms": [{**alarm, "state": "acknowledged"}]})

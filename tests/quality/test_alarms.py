@@ -13,7 +13,8 @@ from observer.estimators.selftest import Fault, Finding
 from observer.exchange import PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Layout
 from observer.quality.alarms import AlarmDesk
-from observer.quality.conditions import Condition, Facts, Trouble, conditions, of_finding
+from observer.quality.conditions import Facts, conditions, of_finding
+from observer.quality.kinds import Condition, ConditionKind
 from observer.tables.publishing import AlarmSettings
 from tests.learning.machines import CONFIG, config_of
 from tests.patience import PATIENCE_S
@@ -152,7 +153,20 @@ def test_an_unreadable_file_is_discarded(tmp_path, spoilt):
     assert _desk(file).document(0.0)["alarms"] == []
 
 
-CLOCK_STEPPED = Condition(Trouble.CLOCK, value=3600.0)
+def test_the_worst_alarm_comes_first_and_acknowledged_ones_last():
+    desk = _desk()
+    problems = tuple(Condition(kind, "t3") for kind in (ConditionKind.CLOCK, ConditionKind.DRIVER))
+    failed = Condition(ConditionKind.STEP_FAILED)
+    for time_s in (0.0, 10.0):
+        desk.look(time_s, (*problems, failed))
+    order = [alarm["severity"] for alarm in desk.document(10.0)["alarms"]]
+    assert order == ["invalid", "major", "minor"]
+    assert desk.acknowledge("estimate.estimator") is None
+    order = [alarm["severity"] for alarm in desk.document(10.0)["alarms"]]
+    assert order == ["major", "minor", "invalid"]
+
+
+CLOCK_STEPPED = Condition(ConditionKind.CLOCK, value=3600.0)
 
 
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])

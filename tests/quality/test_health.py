@@ -14,9 +14,9 @@ from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, Quality, Reading
 from observer.model.build import build_plant
 from observer.publish.codec import EstimateEncoder, to_json
-from observer.quality.conditions import Condition, Facts, Trouble, of_finding
+from observer.quality.conditions import Facts, of_finding
 from observer.quality.health import assess
-from observer.quality.reasons import sentence
+from observer.quality.kinds import Condition, ConditionKind
 from observer.record.recorder import RecordStatus
 from tests.logs.machines import config_of
 from tests.logs.recordings import CHANNELS, plan
@@ -164,7 +164,7 @@ def test_an_excluded_channel_has_its_excess(finding, channel, excess):
     channels, health = _left_out(finding)
     assert channels.pop(channel) == {"quality": "excluded", "age_s": 0.1, "fault": None, "excess": excess}
     assert all(other == {"quality": "good", "age_s": 0.1, "fault": None} for other in channels.values())
-    assert health.reasons == (sentence(of_finding(finding)),)  # which says it once
+    assert health.reasons == (of_finding(finding).sentence,)  # which says it once
     assert health.essence != assess(_facts()).essence
 
 
@@ -198,8 +198,8 @@ def test_figures_within_a_reason_are_no_change_worth_reporting():
 
 
 def test_every_kind_of_condition_has_its_sentence():
-    for kind in (*Trouble, *Fault):
-        assert sentence(Condition(kind, "t1", "x", 5.0, 1.5, 0.5, quality=Quality.STALE))
+    for kind in ConditionKind:
+        assert Condition(kind, "t1", "x", 5.0, 1.5, 0.5, quality=Quality.STALE).sentence
 
 
 def test_conditions_say_for_programs_what_the_reasons_say_for_people():
@@ -214,7 +214,7 @@ def test_conditions_say_for_programs_what_the_reasons_say_for_people():
 
 def test_a_correlation_in_time_is_not_a_percentage():
     """A mean product in σ² may be more than one: "it repeats by 170 %" is nothing that anyone can picture."""
-    said = sentence(of_finding(Finding(Fault.COLOURED, "t3", 12.0, 1.7, 0.0)))
+    said = of_finding(Finding(Fault.COLOURED, "t3", 12.0, 1.7, 0.0)).sentence
     assert "%" not in said
     assert "each sample deviates as the last did (mean product +1.7 σ²" in said
 
@@ -258,10 +258,10 @@ def test_a_sensor_that_falls_out_is_reported_at_once():
 
 
 def excluded(
-    value: float, sigma: float, returns_s: float = float("nan"), kind: Fault = Fault.EXCLUDED
+    value: float, sigma: float, returns_s: float = float("nan"), kind: ConditionKind = ConditionKind.EXCLUDED
 ) -> str:
     """The sentence of an excluded sensor."""
-    return sentence(Condition(kind, "t1", "", 10.0, value, sigma, returns_s=returns_s))
+    return Condition(kind, "t1", "", 10.0, value, sigma, returns_s=returns_s).sentence
 
 
 def test_an_excluded_sensor_says_when_it_is_used_again_or_the_command():
@@ -274,10 +274,10 @@ def test_an_excluded_sensor_says_when_it_is_used_again_or_the_command():
     perhaps = excluded(0.8, 6.3)
     assert "+0.8 ± 6.3 K off, which may be right" in perhaps
     assert "run `observer reset`" in perhaps
-    assert "put their plugs right" in excluded(3.0, 0.3, kind=Fault.SWAPPED)
-    assert "agrees again and is used in 7 min" in excluded(0.0, 0.3, 400.0, Fault.SWAPPED)
+    assert "put their plugs right" in excluded(3.0, 0.3, kind=ConditionKind.SWAPPED)
+    assert "agrees again and is used in 7 min" in excluded(0.0, 0.3, 400.0, ConditionKind.SWAPPED)
 
 
 def test_a_sensor_that_agrees_again_is_news():
-    out, back = (Condition(Fault.EXCLUDED, "t1", returns_s=s) for s in (float("nan"), 400.0))
+    out, back = (Condition(ConditionKind.EXCLUDED, "t1", returns_s=s) for s in (float("nan"), 400.0))
     assert out.identity != back.identity

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.places import CAN_INPUTS, MODBUS_INPUTS, can_input, modbus_input
-from observer.quality.reasons import remedy_for
+from observer.quality.alarm_classes import remedy_for
 
 UNKNOWN = remedy_for("no_such_fault", None)
 

@@ -21,7 +21,6 @@ from observer.estimate.pipeline import MachineModel
 from observer.frames import EstimateBlock, FloatArray, Reading
 from observer.installation import load
 from observer.quality.conditions import of_finding
-from observer.quality.reasons import sentence
 
 DEMO = Path(__file__).parents[2] / "config" / "demo.toml"
 EPOCH_S = 1.8e9
@@ -89,7 +88,7 @@ def ride(config: Config, arrivals: Arrivals, wires: Wires = in_time) -> Ride:
         while at_s > tick_s:
             blocks.append(pipeline.step(aligner.tick(tick_s)))
             faults = (f"{name}: {fault}" for name, fault in aligner.faults.items())
-            reasons.append((*faults, *(sentence(of_finding(f)) for f in pipeline.findings)))
+            reasons.append((*faults, *(of_finding(f).sentence for f in pipeline.findings)))
             truth.append(tick_s)
             tick_s += period_s
         aligner.ingest(reading)

@@ -16,7 +16,6 @@ from observer.estimate.pipeline import MachineModel
 from observer.files.logs import Log
 from observer.frames import PARTS, EstimateQuality, Reading
 from observer.quality.conditions import of_finding
-from observer.quality.reasons import sentence
 from tests.reference import live
 from tests.reference.live import Arrivals, Ride
 from tests.truth.shifts import Axis, record, work
@@ -185,7 +184,7 @@ def as_configured(days: float, seed: int) -> tuple[int, dict[str, int]]:
         bad += int(np.sum(late & (block.quality != GOOD)))
         before += len(block)
     found = {
-        sentence(of_finding(f)): n for f, n in pipeline.history if f.fault.name not in {"UNKNOWN", "REFUSED"}
+        of_finding(f).sentence: n for f, n in pipeline.history if f.fault.name not in {"UNKNOWN", "REFUSED"}
     }
     return bad, found
 

@@ -2,11 +2,8 @@
 import { byId, known, make, number, when } from "./format.js";
 import { onNews, store } from "./store.js";
 
-const SEVERITIES = ["invalid", "major", "minor"];
-const rank = ({ state, severity }) => (state === "acknowledged" ? 10 : 0) + SEVERITIES.indexOf(severity);
-
-// what nobody has acknowledged comes first, then by severity
-export const worst = () => [...(store.documents.alarms?.alarms ?? [])].sort((a, b) => rank(a) - rank(b))[0] ?? null;
+// the service publishes the worst first: what nobody has acknowledged, then by severity
+export const worst = () => store.documents.alarms?.alarms[0] ?? null;
 
 async function acknowledge(id, button) {
   button.disabled = true;

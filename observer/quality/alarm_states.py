@@ -1,7 +1,6 @@
-"""Alarms: their kinds, and their life by ISA-18.2 (2016): raised, acknowledged, returned, gone.
+"""The life of an alarm by ISA-18.2 (2016): raised, acknowledged, returned, gone; and moved sensor offsets.
 
-Severities are those of EPICS; *invalid* means that a value cannot be used at all. Pure: conditions and times
-go in, frozen alarms come out.
+Pure: conditions and times go in, frozen alarms come out.
 """
 
 from __future__ import annotations
@@ -12,79 +11,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
-Severity = Literal["minor", "major", "invalid"]
+from observer.quality.alarm_classes import ALARM_CLASSES, SEVERITIES
 
-
-class AlarmKind(NamedTuple):
-    """A kind of alarm.
-
-    It is raised once its condition has held for `on_s` and returns to normal once it has not held for
-    `off_s`; one that is `latched` stays until it is acknowledged. `remedy` says what to do.
-    """
-
-    severity: Severity
-    on_s: float
-    off_s: float
-    latched: bool
-    remedy: str
-
-
-KINDS: dict[str, AlarmKind] = {
-    "sensor_fault": AlarmKind(
-        "major", 5.0, 10.0, False,
-        "check the sensor's plug, its cable and the module's status; the estimate continues without it",
-    ),
-    "sensor_stuck": AlarmKind(
-        "major", 0.0, 60.0, True,
-        "the value no longer changes: check whether the sensor has come loose or the module hangs",
-    ),
-    "sensor_disagrees": AlarmKind(
-        "minor", 600.0, 600.0, True,
-        "compare the sensor with another thermometer while the machine is cold; put its offset_K into the "
-        "configuration, or replace it",
-    ),
-    "heat_high": AlarmKind(
-        "major", 0.0, 3600.0, True,
-        "more heat than learnt for this speed and temperature: check lubrication, preload and bearing "
-        "before the next shift; the trend shows how much time is left",
-    ),
-    "heat_low": AlarmKind(
-        "minor", 0.0, 3600.0, True,
-        "less heat than learnt for this speed and temperature, as when preload or belt tension is lost: "
-        "measure the backlash, check the preload of nut and bearings",
-    ),
-    "heat_off_law": AlarmKind(
-        "minor", 600.0, 86_400.0, False,
-        "check unit and position of the channels that this heat's law reads; `observer calibrate` "
-        "refits the law",
-    ),
-    "model_inconsistent": AlarmKind(
-        "minor", 0.0, 600.0, True,
-        "run `observer discover --recent 8h`, which names the missing effect",
-    ),
-    "wire": AlarmKind(
-        "major", 5.0, 10.0, False,
-        "check power, cable and address of the device; the service retries automatically",
-    ),
-    "disk": AlarmKind(
-        "major", 10.0, 60.0, False, "free space or fix the folder that recordings are written to"
-    ),
-    "compensation": AlarmKind(
-        "major", 0.0, 0.0, True,
-        "remove the cause that the alarm names, check that `observer health` shows good estimates, then arm "
-        "again with `observer arm`",
-    ),
-    "clock": AlarmKind(
-        "minor", 0.0, 60.0, True,
-        "check the computer's time service; compare times before and after with care",
-    ),
-    "estimate": AlarmKind(
-        "invalid", 0.0, 10.0, True,
-        "the estimator failed: keep the recording and the log, restart the service",
-    ),
-}  # fmt: skip
-
-_STRANGE = re.compile(r"[^A-Za-z0-9_.-]")
+_NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9_.-]")
 
 State = Literal["pending", "unacknowledged", "acknowledged", "returned"]
 
@@ -105,7 +34,7 @@ class AlarmCause:
     @property
     def id(self) -> str:
         """The alarm's id: the same whenever the same condition returns."""
-        return _STRANGE.sub("_", ".".join(filter(None, (self.kind, self.target, self.name))))
+        return _NOT_IN_AN_ID.sub("_", ".".join(filter(None, (self.kind, self.target, self.name))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +50,12 @@ class Alarm:
     def is_raised(self) -> bool:
         """Whether it is shown: a condition that has not lasted long enough is not."""
         return self.state != "pending"
+
+    @property
+    def rank(self) -> tuple[bool, int]:
+        """The place among raised alarms, the worst first: new before acknowledged, then by severity."""
+        severity = ALARM_CLASSES[self.condition.kind].severity
+        return self.state == "acknowledged", -SEVERITIES.index(severity)
 
 
 Alarms = Mapping[str, Alarm]
@@ -154,14 +89,14 @@ def _with(alarm: Alarm | None, condition: AlarmCause, time_s: float) -> Alarm:
     state, since_s = alarm.state, alarm.since_s
     if state == "returned":
         state, since_s = "unacknowledged", time_s
-    if state == "pending" and time_s - since_s >= KINDS[condition.kind].on_s:
+    if state == "pending" and time_s - since_s >= ALARM_CLASSES[condition.kind].on_s:
         state = "unacknowledged"
     return Alarm(state, since_s, time_s, condition)
 
 
 def _without(alarm: Alarm, time_s: float) -> Alarm | None:
     """The alarm while its condition does not hold; None once it is gone."""
-    kind = KINDS[alarm.condition.kind]
+    kind = ALARM_CLASSES[alarm.condition.kind]
     if not alarm.is_raised:
         return None
     if alarm.state == "returned" or time_s - alarm.seen_s < kind.off_s:
@@ -183,7 +118,7 @@ def moved(alarm: Alarm, by_s: float) -> Alarm:
 def alarm_of(plain: Mapping[str, Any]) -> Alarm:
     """An alarm from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is not one."""
     condition = AlarmCause(**plain["condition"])
-    if condition.kind not in KINDS:
+    if condition.kind not in ALARM_CLASSES:
         raise ValueError(f"kind {condition.kind}")
     return Alarm(plain["state"], float(plain["since_s"]), float(plain["seen_s"]), condition)
 

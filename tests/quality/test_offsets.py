@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from observer.alarms.states import KnownOffset, taken
+from observer.quality.alarm_states import KnownOffset, taken
 
 LEARN_H, LIMIT_K = 30.0, 0.5
 

@@ -8,8 +8,8 @@ import pytest
 
 from campaigns.alarms.months import Story
 from campaigns.alarms.trial import watched
-from observer.alarms import bands
-from observer.alarms.bands import Window
+from observer.quality import bands
+from observer.quality.bands import Window
 from observer.tables.publishing import AlarmSettings
 
 
