@@ -7,7 +7,7 @@ a machine tool; `[limits]` overrides them for single channels.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -18,7 +18,7 @@ from observer.config import Config
 from observer.frames import BoolArray, FloatArray, NutPath
 from observer.kernels.selftest import DISAGREE, FALLS_SHORT
 from observer.kernels.walk import GRADUAL_K, WARMED
-from observer.physics.constants import RPM_IN, ZERO_DEGC_K
+from observer.units import Unit, others_of
 
 SCREW_RANGE_DEGC = (-40.0, 150.0)
 AMBIENT_RANGE_DEGC = (-20.0, 60.0)
@@ -200,29 +200,18 @@ def _grown(config: Config, channel: str) -> tuple[float, float]:
     return (-most_m / units_m[0], most_m / units_m[0]) if units_m else (-math.inf, math.inf)
 
 
-Unit = tuple[str, Callable[[float], float]]
-_TEMPERATURES: tuple[Unit, ...] = (
-    ("°F", lambda v: (v - 32.0) / 1.8),
-    ("K", lambda v: v - ZERO_DEGC_K),
-    ("tenths of °C", lambda v: v / 10.0),
-    ("hundredths of °C", lambda v: v / 100.0),
-)
-_UNITS: Mapping[ChannelKind, tuple[Unit, ...]] = {
-    ChannelKind.POSITION: (
-        ("mm", lambda v: v / 1000.0),
-        ("µm", lambda v: v / 1e6),
-        ("inches", lambda v: v * 0.0254),
-        ("cm", lambda v: v / 100.0),
-    ),
-    ChannelKind.SPEED: (("degrees a second", lambda v: v / 6.0), ("revolutions an hour", lambda v: v / 60.0)),
+UNIT_OF_KIND = dict.fromkeys(ChannelKind, "degC") | {
+    ChannelKind.POSITION: "m",
+    ChannelKind.DISPLACEMENT: "m",
+    ChannelKind.SPEED: "rpm",
+    ChannelKind.OTHER: "",
 }
+"""The unit in which the configuration expects a channel whose name does not give one."""
 
 
 def units_of(kind: ChannelKind) -> tuple[Unit, ...]:
-    """Return the units in which a device may report a quantity, each with its conversion to the configured
-    unit.
-    """
-    return _TEMPERATURES if kind in TEMPERATURES else _UNITS.get(kind, ())
+    """Return the other units in which a device may report a quantity."""
+    return () if kind is ChannelKind.DISPLACEMENT else others_of(UNIT_OF_KIND[kind])
 
 
 _FAULT_CODES = (32767.0, 32768.0, 3276.7, 3276.8, 327.67, 327.68, 2047.9375, 9999.0, 999.9)
@@ -242,7 +231,7 @@ def unit_hint(kind: ChannelKind, value: float, low: float, high: float, ambient_
         centre = 22.0 if math.isnan(ambient_degC) or not -20.0 < ambient_degC < 60.0 else ambient_degC
         candidates = list(_temperature_candidates(value, centre))
     else:
-        candidates = [name for name, to in units_of(kind) if low <= to(value) <= high]
+        candidates = [unit.in_words for unit in units_of(kind) if low <= unit.to_base(value) <= high]
     if not candidates:
         return None
     *first, last = candidates
@@ -259,13 +248,16 @@ def _temperature_candidates(value: float, centre_degC: float) -> Iterator[str]:
             signed_degC = value - 2.0**bits * step_K
             if signed_degC < 0.0 and abs(signed_degC - centre_degC) <= ABOVE_AMBIENT_K:
                 yield f'{signed_degC:.4g} °C read as an unsigned number (type = "int{bits}")'
-    for name, to in _TEMPERATURES:
-        if -_LIKELY_BELOW_K <= to(value) - centre_degC <= ABOVE_AMBIENT_K:
-            yield name
+    for unit in others_of("degC"):
+        if -_LIKELY_BELOW_K <= unit.to_base(value) - centre_degC <= ABOVE_AMBIENT_K:
+            yield unit.in_words
 
 
 _RATIOS = (
-    *((factor, f"the speed looks like {unit} where rpm is expected") for unit, factor in RPM_IN.items()),
+    *(
+        (unit.size, f"the speed looks like {unit.in_words} where rpm is expected")
+        for unit in others_of("rpm")
+    ),
     (1000.0, "the position looks like mm where m is expected"),
     (0.001, "the position looks like km, or lead_m like mm"),
 )

@@ -6,7 +6,7 @@ such a machine, and in another unit all of them are within.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ from observer.align.plausibility import (
 from observer.config import Config
 from observer.files.logs import Log
 from observer.frames import FloatArray, NutPath
-from observer.physics.constants import RPM_IN
+from observer.units import BY_NAME, Unit, others_of
 
 MOSTLY, SOMETIMES, ALL = 0.5, 0.05, 0.99
 """Fractions of a channel's values: beyond its limits (a speed is 0 at rest), and within them once converted.
@@ -74,8 +74,8 @@ def in_configured_units(
         warm = warm_enough(limits, j, cells_of(config, log.values, log.channels), air_degC)
         likely = None if warm.any() else likely_unit(limits, j, column, air_degC)
         if likely is not None:
-            log = _with(log, name, np.asarray(likely[1](column)))  # type: ignore[arg-type]
-            misread.append(Misread(name, likely[0], _EXPECTED[limits.kinds[j]]))
+            log = _with(log, name, likely.to_base(column))
+            misread.append(Misread(name, likely.in_words, BY_NAME[likely.base].shown))
     if misread or paths is None:
         paths = [block.path for block in frames_of_log(log, AlignPlan.of(config))]
     for channel, unit, factor in _speeds_in_other_units(config, paths):
@@ -84,23 +84,11 @@ def in_configured_units(
     return log, tuple(misread)
 
 
-_EXPECTED = dict.fromkeys(ChannelKind, "°C") | {
-    ChannelKind.POSITION: "m",
-    ChannelKind.SPEED: "rpm",
-    ChannelKind.OTHER: "its unit",
-}
-
-
 _BEGIN_ANYWHERE = (ChannelKind.POSITION, ChannelKind.SPEED, ChannelKind.OTHER)
 
 
-def likely_unit(
-    limits: Limits, j: int, column: FloatArray, air_degC: float
-) -> tuple[str, Callable[[float], float]] | None:
-    """Return the unit in which a column (n,) of channel number j is plausible, and its conversion.
-
-    None if the configured unit is plausible, or if no other one is.
-    """
+def likely_unit(limits: Limits, j: int, column: FloatArray, air_degC: float) -> Unit | None:
+    """Return the unit in which a column (n,) of channel number j is plausible, None if there is none."""
     values = column[np.isfinite(column)]
     if len(values) == 0 or np.ptp(values) == 0.0:  # nothing, or a device's code for a fault
         return None
@@ -109,10 +97,10 @@ def likely_unit(
         return None
     if limits.kinds[j] not in _BEGIN_ANYWHERE and _share_beyond(limits, j, values[:FIRST], air_degC) < ALL:
         return None  # it became so hot; in another unit it would have been from the first row on
-    for unit, back in units_of(limits.kinds[j]):
-        ours = np.asarray(back(values))  # type: ignore[arg-type]
+    for unit in units_of(limits.kinds[j]):
+        ours = unit.to_base(values)
         if _share_beyond(limits, j, ours, air_degC) <= 1.0 - ALL and _usual(limits, j, ours):
-            return unit, back
+            return unit
     return None
 
 
@@ -144,10 +132,10 @@ def _speeds_in_other_units(
         ratio = way_ratio(
             [part[str(source.position_channel)] for part in paths], stroke_of_m(config, source.stroke_m)
         )
-        for unit, factor in RPM_IN.items():
-            if ratio is not None and abs(ratio / factor - 1.0) < LIKE and channel not in reported:
+        for unit in others_of("rpm"):
+            if ratio is not None and abs(ratio / unit.size - 1.0) < LIKE and channel not in reported:
                 reported.add(channel)
-                yield channel, unit, factor
+                yield channel, unit.in_words, unit.size
 
 
 def _with(log: Log, channel: str, column: FloatArray) -> Log:

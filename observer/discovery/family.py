@@ -29,8 +29,9 @@ from observer.fit.problem import Problem
 from observer.fit.runs import mean_over
 from observer.frames import BoolArray, FloatArray
 from observer.model.law import heat_law
-from observer.physics.constants import ZERO_DEGC_K, STEFAN_BOLTZMANN_W_m2K4
+from observer.physics.constants import STEFAN_BOLTZMANN_W_m2K4
 from observer.tables.sections import law_channels
+from observer.units import ZERO_DEGC_K
 
 SurfaceTerm = Film | StretchFilm | SpeedLoss | Radiation | RisingFilm
 

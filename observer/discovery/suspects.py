@@ -22,7 +22,7 @@ from observer.effects.base import EffectTable
 from observer.effects.terms import AmbientShift, SensorOffset
 from observer.fit.hypothesis import Fit
 from observer.fit.problem import Problem
-from observer.physics.constants import RPM_IN
+from observer.units import others_of
 
 LEAST = 30.0
 """Least score, over all logs, for a suspect to be reported."""
@@ -46,8 +46,6 @@ ALIKE = 2.0
 """Offsets whose mean exceeds this multiple of their spread count as equal."""
 SLOWLY = 5
 """Half minutes within which a sensor that follows a heat shows its full effect."""
-FACTORS = {"rpm": RPM_IN, "W": {"kW": 1000.0, "mW": 0.001}}
-"""Factors on an input that was logged in another unit."""
 LIKE = 0.5
 """Largest difference of natural logarithms between a heat's factor and a unit's."""
 
@@ -290,10 +288,10 @@ def misscaled(null: Fit) -> Iterator[Suspect]:
         ratios.setdefault(source.power_channel or source.speed_channel or "", []).extend(factors_of)
     for channel, ours in sorted(units.items(), key=lambda item: item[1], reverse=True):
         own_ratios = ratios.get(channel, [])
-        for unit, factor in FACTORS[ours].items() if own_ratios and min(own_ratios) > 0.0 else ():
-            if all(abs(np.log(r / factor)) < LIKE for r in own_ratios):
+        for unit in others_of(ours) if own_ratios and min(own_ratios) > 0.0 else ():
+            if all(abs(np.log(r / unit.size)) < LIKE for r in own_ratios):
                 text = (
-                    f"{channel} looks like {unit} where {ours} is expected: the temperatures require "
-                    f"{factor:.3g} times the heat that its laws give; log it in {ours}"
+                    f"{channel} looks like {unit.in_words} where {ours} is expected: the temperatures "
+                    f"require {unit.size:.3g} times the heat that its laws give; log it in {ours}"
                 )
-                yield Suspect("units", channel, unit, text)
+                yield Suspect("units", channel, unit.in_words, text)

@@ -23,6 +23,7 @@ from observer.model.discretise import StepMatrices, quantise, step_matrices
 from observer.model.drive import Drive
 from observer.model.plant import MovingSource
 from observer.model.rod.moving import TABLE_POINTS, columns_at
+from observer.units import unit_of
 
 UNLIMITED = 1e30
 _STALE_PERIODS = 2.0
@@ -32,7 +33,6 @@ _SANE = 1e6
 """A state beyond this (K, W) is invalid; the observer then restarts."""
 _PARTS_OF_NUT = 4
 """Of its length, as far apart as the places at most for which a nut's columns are tabulated."""
-UNITS = ("degC", "K", "m", "um", "N", "rpm", "W", "s")
 
 
 class Exportable:
@@ -222,11 +222,6 @@ def _commands(machine: Exportable) -> list[Slot]:
         Slot("enable", "bool", "input", "rises to arm the compensation; false lets it go to zero"),
         Slot("heartbeat", "int", "input", "differs from step to step while who delivers the inputs is alive"),
     ]
-
-
-def unit_of(name: str) -> str:
-    """Return the unit at the end of a channel's name; empty if it is not one of `UNITS`."""
-    return name.rpartition("_")[2] if name.rpartition("_")[2] in UNITS else ""
 
 
 def _support_constants(machine: Exportable) -> dict[str, float]:

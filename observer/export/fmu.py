@@ -15,18 +15,13 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from observer.export.c99 import c99_files
 from observer.export.form import Form, Kind, Slot
+from observer.units import BY_SUFFIX
 
 _TYPES: dict[Kind, tuple[str, str]] = {
     "real": ("Float64", "0.0"),
     "int": ("Int32", "0"),
     "bool": ("Boolean", "false"),
 }
-_UNITS = {
-    "degC": {"K": "1", "offset": "273.15"}, "K": {"K": "1"}, "m": {"m": "1"},
-    "um": {"m": "1", "factor": "1e-6"}, "s": {"s": "1"}, "W": {"kg": "1", "m": "2", "s": "-3"},
-    "N": {"kg": "1", "m": "1", "s": "-2"},
-    "rpm": {"rad": "1", "s": "-1", "factor": "0.10471975511965977"},
-}  # fmt: skip
 _BOTH_WAYS = """
 Float32 Int8 UInt8 Int16 UInt16 UInt32 Int64 UInt64 String Binary Clock IntervalDecimal IntervalFraction
 ShiftDecimal ShiftFraction ContinuousStates
@@ -136,7 +131,7 @@ def _model_description(form: Form, places: list[FmuVariable], token: str) -> byt
     units = SubElement(root, "UnitDefinitions")
     for unit in dict.fromkeys(p.slot.unit(p.at) for p in places):
         if unit:
-            SubElement(SubElement(units, "Unit", name=unit), "BaseUnit", _UNITS[unit])
+            SubElement(SubElement(units, "Unit", name=unit), "BaseUnit", BY_SUFFIX[unit].si or {})
     SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(form.period_s))
     listed, structure = SubElement(root, "ModelVariables"), Element("ModelStructure")
     SubElement(

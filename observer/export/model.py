@@ -14,10 +14,11 @@ import numpy as np
 
 from observer.config import Config
 from observer.export import sequence
-from observer.export.data import Exportable, force_slots, plant_constants, unit_of
+from observer.export.data import Exportable, force_slots, plant_constants
 from observer.export.form import Form, Kind, Slot, identifiers
 from observer.files.documents import write_json
 from observer.model.generator import generator, known_columns, output_names
+from observer.units import unit_of
 
 
 def model_form(config: Config) -> Form:

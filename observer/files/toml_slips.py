@@ -10,12 +10,12 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator
 
+from observer.units import spelled
+
 _AT_LINE = re.compile(r"\(at line (\d+), column \d+\)")
 _COMMENT = re.compile(r"""((?:[^#"']|"(?:[^"\\]|\\.)*"|'[^']*')*)(#.*)?""", re.DOTALL)
 _MOST_SHOWN, _MOST_LINE, _MOST_TEXT = 80, 300, 100_000
 _YES, _NO = ("true", "yes", "on", "ja", "ein", "wahr"), ("false", "no", "off", "nein", "aus", "falsch")
-_METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "µm": 1e-6, "um": 1e-6}
-_SECONDS = {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0}
 _NUMBER = r"[+-]?\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?"
 _WITH_UNIT = re.compile(rf"({_NUMBER})\s*([^\d\s.\"',;\[\]{{}}][^\"',;\[\]{{}}]*)")
 
@@ -76,10 +76,9 @@ def without_quotes(key: str, text: str) -> str:
         return number
     if unit == "%":
         return f"{float(number) / 100.0:.9g}"
-    for target_unit, factors in (("m", _METRES), ("s", _SECONDS)):
-        if target == target_unit and unit in factors:
-            return f"{float(number) * factors[unit]:.9g}"
-    return number if target == "degC" and unit.replace(" ", "") in ("°C", "C") else ""
+    written = spelled(unit)
+    is_convertible = written is not None and written.base == target in ("m", "s", "degC")
+    return f"{written.to_base(float(number)):.9g}" if written is not None and is_convertible else ""
 
 
 def truth(text: str) -> str:

@@ -9,9 +9,8 @@ from __future__ import annotations
 import re
 import unicodedata
 
-from observer.physics.constants import ZERO_DEGC_K
+from observer.units import BY_NAME, spelled
 
-_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254, '"': 0.0254}
 _NUMBER = r"\d+(?:\.\d+)?(?:e[+-]?\d+)?"
 _UNIT = r"[a-zµ\"]+"
 _ITEM = re.compile(rf"({_NUMBER})\s*({_UNIT})?", re.IGNORECASE)
@@ -67,10 +66,10 @@ def places_m(text: str, count: int | None = None) -> tuple[float, ...]:
 
 def _in_m(value: str, unit: str) -> float:
     """A length by its number and unit."""
-    factor = _M.get(unit.lower())
-    if factor is None:
+    length = spelled(unit)
+    if length is None or length.base != "m":
         raise ValueError(f"{unit} is not a unit of length; use m, mm, cm or in")
-    found_m = round(float(value) * factor, 9)
+    found_m = round(length.to_base(float(value)), 9)
     if found_m > MOST_M:
         slip = f"; did you mean {value} mm?" if unit.lower() == "m" else ""
         raise ValueError(f"{found_m:g} m is longer than any ball screw{slip}")
@@ -82,8 +81,8 @@ def degC(text: str) -> float:
     found = re.fullmatch(_DEGC, text.strip().replace(",", "."))
     if found is None:
         raise ValueError("give a temperature with its unit, such as 21.5 °C, or input")
-    value, unit = float(found[1]), (found[2] or "c").lower()[-1]
-    return round({"c": value, "f": (value - 32.0) / 1.8, "k": value - ZERO_DEGC_K}[unit], 6)
+    unit = spelled(found[2] or "degC") or BY_NAME["degC"]
+    return round(unit.to_base(float(found[1])), 6)
 
 
 def screw_name(text: str) -> str:

@@ -9,16 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from drivers.protocol import modicon
-from observer.physics.constants import ZERO_DEGC_K
-
-
-@dataclass(frozen=True, slots=True)
-class Unit:
-    """A unit that people write by mistake: the key's own unit = factor · value + offset."""
-
-    name: str
-    factor: float
-    offset: float = 0.0
+from observer.units import BY_NAME, Unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,30 +27,35 @@ class TypicalRange:
 
     def meant(self, value: float) -> list[tuple[float, Unit]]:
         """The usual values that it may stand for, and in which unit it is then."""
-        found = [(unit.factor * value + unit.offset, unit) for unit in self.units]
+        found = [(unit.to_base(value), unit) for unit in self.units]
         return [(v, unit) for v, unit in found if v != 0.0 and self.holds(v)]
 
 
-_MM = (Unit("mm", 1e-3),)
-_AIR = TypicalRange(-40.0, 60.0, (Unit("K", 1.0, -ZERO_DEGC_K), Unit("°F", 1 / 1.8, -32 / 1.8)), signed=True)
-_PERCENT = TypicalRange(0.0, 1.0, (Unit("%", 1e-2),))
+def _of(symbol: str, size: float) -> Unit:
+    """A unit that people write by mistake, in those of the key."""
+    return Unit(symbol, factor=size)
+
+
+_MM, _UM, _MS, _MW = (BY_NAME["mm"],), (BY_NAME["um"],), (BY_NAME["ms"],), (BY_NAME["mW"],)
+_AIR = TypicalRange(-40.0, 60.0, (BY_NAME["kelvin"], BY_NAME["degF"]), signed=True)
+_PERCENT = TypicalRange(0.0, 1.0, (_of("%", 1e-2),))
 _PLACE = TypicalRange(0.0, 15.0, _MM)
 _CONDUCTIVITY = TypicalRange(
-    3.0, 450.0, (Unit("kW/mK", 1e3), Unit("W/cmK", 1e2), Unit("W/mmK", 1e3), Unit("mW/mK", 1e-3))
+    3.0, 450.0, (_of("kW/mK", 1e3), _of("W/cmK", 1e2), _of("W/mmK", 1e3), _of("mW/mK", 1e-3))
 )
-_FILM = TypicalRange(0.5, 500.0, (Unit("kW/m²K", 1e3), Unit("W/cm²K", 1e4), Unit("W/mm²K", 1e6)))
-_STIFFNESS = TypicalRange(1e6, 1e11, (Unit("N/µm", 1e6), Unit("N/mm", 1e3)))
-_TORQUE = TypicalRange(1e-4, 50.0, (Unit("Nmm", 1e-3), Unit("Ncm", 1e-2)))
-_FORCE = TypicalRange(0.1, 1e6, (Unit("kN", 1e3),))
+_FILM = TypicalRange(0.5, 500.0, (_of("kW/m²K", 1e3), _of("W/cm²K", 1e4), _of("W/mm²K", 1e6)))
+_STIFFNESS = TypicalRange(1e6, 1e11, (_of("N/µm", 1e6), _of("N/mm", 1e3)))
+_TORQUE = TypicalRange(1e-4, 50.0, (_of("Nmm", 1e-3), _of("Ncm", 1e-2)))
+_FORCE = TypicalRange(0.1, 1e6, (BY_NAME["kN"],))
 _LEAD = TypicalRange(5e-4, 0.12, _MM)
 
 TYPICAL: dict[str, TypicalRange] = {
     "screw.length_m": TypicalRange(0.005, 15.0, _MM),
     "screw.diameter_m": TypicalRange(0.002, 1.5, _MM),
     "screw.conductivity_W_mK": _CONDUCTIVITY,
-    "screw.density_kg_m3": TypicalRange(1000.0, 20e3, (Unit("g/cm³", 1e3),)),
-    "screw.specific_heat_J_kgK": TypicalRange(120.0, 2500.0, (Unit("kJ/kgK", 1e3), Unit("kcal/kgK", 4187.0))),
-    "screw.expansion_1_K": TypicalRange(5e-7, 5e-5, (Unit("· 10⁻⁶/K", 1e-6), Unit("mm/(m K)", 1e-3))),
+    "screw.density_kg_m3": TypicalRange(1000.0, 20e3, (_of("g/cm³", 1e3),)),
+    "screw.specific_heat_J_kgK": TypicalRange(120.0, 2500.0, (_of("kJ/kgK", 1e3), _of("kcal/kgK", 4187.0))),
+    "screw.expansion_1_K": TypicalRange(5e-7, 5e-5, (_of("· 10⁻⁶/K", 1e-6), _of("mm/(m K)", 1e-3))),
     "surface.convection_W_m2K": _FILM,
     "surface.air_degC": _AIR,
     "surface.gap_m": TypicalRange(1e-4, 0.5, _MM),
@@ -78,40 +74,38 @@ TYPICAL: dict[str, TypicalRange] = {
     "source.lead_m": _LEAD,
     "source.torque_Nm": _TORQUE,
     "source.nut_torque_Nm": _TORQUE,
-    "source.heat_W_rpm": TypicalRange(0.0, 2.0, (Unit("mW/rpm", 1e-3),)),
-    "source.heat_W": TypicalRange(1e-3, 5e3, (Unit("mW", 1e-3),)),
+    "source.heat_W_rpm": TypicalRange(0.0, 2.0, (_of("mW/rpm", 1e-3),)),
+    "source.heat_W": TypicalRange(1e-3, 5e3, _MW),
     "source.share": _PERCENT,
     "source.duty": _PERCENT,
     "source.bearing.mean_diameter_m": TypicalRange(0.003, 1.0, _MM),
     "source.bearing.load_N": _FORCE,
     "source.bearing.axial_load_N": _FORCE,
-    "source.bearing.static_rating_N": TypicalRange(100.0, 1e7, (Unit("kN", 1e3),)),
+    "source.bearing.static_rating_N": TypicalRange(100.0, 1e7, (BY_NAME["kN"],)),
     "source.nut_friction.lead_m": _LEAD,
     "source.nut_friction.preload_N": _FORCE,
     "source.nut_friction.axial_load_N": _FORCE,
-    "source.nut_friction.efficiency": TypicalRange(0.5, 1.0, (Unit("%", 1e-2),)),
-    "node.capacity_J_K": TypicalRange(0.1, 1e7, (Unit("kJ/K", 1e3),)),
-    "link.area_m2": TypicalRange(1e-8, 20.0, (Unit("mm²", 1e-6), Unit("cm²", 1e-4))),
+    "source.nut_friction.efficiency": TypicalRange(0.5, 1.0, (_of("%", 1e-2),)),
+    "node.capacity_J_K": TypicalRange(0.1, 1e7, (_of("kJ/K", 1e3),)),
+    "link.area_m2": TypicalRange(1e-8, 20.0, (_of("mm²", 1e-6), _of("cm²", 1e-4))),
     "link.length_m": TypicalRange(1e-5, 5.0, _MM),
     "link.inner_diameter_m": TypicalRange(1e-3, 2.0, _MM),
     "link.outer_diameter_m": TypicalRange(1e-3, 2.0, _MM),
-    "link.gap_m": TypicalRange(1e-8, 0.01, (Unit("µm", 1e-6), *_MM)),
-    "link.conductivity_W_mK": TypicalRange(0.01, 450.0, (Unit("mW/mK", 1e-3),)),
+    "link.gap_m": TypicalRange(1e-8, 0.01, (*_UM, *_MM)),
+    "link.conductivity_W_mK": TypicalRange(0.01, 450.0, (_of("mW/mK", 1e-3),)),
     "sensor.position_m": _PLACE,
-    "sensor.noise_K": TypicalRange(1e-4, 5.0, (Unit("mK", 1e-3),)),
-    "estimator.period_s": TypicalRange(0.001, 120.0, (Unit("ms", 1e-3),)),
+    "sensor.noise_K": TypicalRange(1e-4, 5.0, (_of("mK", 1e-3),)),
+    "estimator.period_s": TypicalRange(0.001, 120.0, _MS),
     "supports.stiffness_first_N_m": _STIFFNESS,
     "supports.stiffness_second_N_m": _STIFFNESS,
-    "supports.elastic_modulus_Pa": TypicalRange(1e10, 1e12, (Unit("GPa", 1e9), Unit("MPa", 1e6))),
-    "supports.gap_m": TypicalRange(1e-9, 0.01, (Unit("µm", 1e-6), *_MM)),
+    "supports.elastic_modulus_Pa": TypicalRange(1e10, 1e12, (_of("GPa", 1e9), _of("MPa", 1e6))),
+    "supports.gap_m": TypicalRange(1e-9, 0.01, (*_UM, *_MM)),
     "supports.preload_N": _FORCE,
     "compensation.travel_m": _PLACE,
     "compensation.reference_m": _PLACE,
-    "drivers.*.period_s": TypicalRange(0.005, 60.0, (Unit("ms", 1e-3),)),
-    "drivers.*.timeout_s": TypicalRange(0.01, 60.0, (Unit("ms", 1e-3),)),
-    "drivers.*.counts_per_m": TypicalRange(
-        1e4, 1e12, (Unit("counts per mm", 1e3), Unit("counts per µm", 1e6))
-    ),
+    "drivers.*.period_s": TypicalRange(0.005, 60.0, _MS),
+    "drivers.*.timeout_s": TypicalRange(0.01, 60.0, _MS),
+    "drivers.*.counts_per_m": TypicalRange(1e4, 1e12, (_of("counts per mm", 1e3), _of("counts per µm", 1e6))),
 }
 
 
@@ -128,7 +122,7 @@ def hint(path: tuple[int | str, ...], value: object) -> str:
     found = _candidates(path, value)
     if not found:
         return ""
-    return f"; did you mean {' or '.join(f'{v:g} ({value:g} {unit.name})' for v, unit in found)}?"
+    return f"; did you mean {' or '.join(f'{v:g} ({value:g} {unit.shown})' for v, unit in found)}?"
 
 
 def doubt(path: tuple[int | str, ...], value: float) -> str | None:

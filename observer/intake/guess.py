@@ -192,9 +192,10 @@ def _with_unit(
     finite = candidate.values[np.isfinite(candidate.values)]
     shown = f"{np.median(finite):.4g}" if len(finite) else ""
     doubts[channel] = (
-        f'"{candidate.name}" looks like {likely[0]}, not {shown_unit(unit)}: it says {shown} in the middle'
+        f'"{candidate.name}" looks like {likely.in_words}, not {shown_unit(unit)}: '
+        f"it says {shown} in the middle"
     )
-    if meant := known_unit(likely[0]):
+    if meant := known_unit(likely.in_words):
         columns[channel] = LogColumn(column=candidate.name, unit=meant)
 
 

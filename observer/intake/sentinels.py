@@ -11,8 +11,8 @@ from observer.files.log_checks import Words
 from observer.files.logs import Log
 from observer.frames import BoolArray, FloatArray
 from observer.intake.units import known_unit, split_name
-from observer.physics.constants import ZERO_DEGC_K
 from observer.tables.logs import Logs
+from observer.units import BY_NAME, ZERO_DEGC_K
 
 OVERLOAD = 9e36
 """Meters write 9.9E+37 for an overload and 9.91E+37 for no value; no quantity of a machine is so large."""
@@ -32,9 +32,8 @@ def without_sentinels(
     is_sentinel = np.abs(values) >= OVERLOAD
     for number in _numbers(missing):
         is_sentinel |= np.isclose(values, number, rtol=1e-6, atol=0.0) | (values == number)
-    to_degC = {"degC": lambda v: v, "degF": lambda v: (v - 32.0) / 1.8, "kelvin": lambda v: v - ZERO_DEGC_K}
-    if unit in to_degC:
-        degC = to_degC[unit](np.where(is_sentinel, np.nan, values))
+    if unit in ("degC", "degF", "kelvin"):
+        degC = BY_NAME[unit].to_base(np.where(is_sentinel, np.nan, values))
         is_sentinel |= degC < -ZERO_DEGC_K
         degC[is_sentinel] = np.nan
         for code_degC in _OF_SENSORS_DEGC:

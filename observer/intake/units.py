@@ -6,76 +6,28 @@ Common units are recognised by their usual spellings. pint converts the others, 
 from __future__ import annotations
 
 import re
-import unicodedata
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from observer.align.plausibility import ChannelKind
+from observer.align.plausibility import UNIT_OF_KIND, ChannelKind
 from observer.errors import LogError
 from observer.frames import FloatArray
+from observer.units import BY_NAME, BY_SUFFIX, spelled
 
-_WRITTEN = {
-    "degC": "degc c celsius degcelsius gradc gradcelsius degreec degreesc degreecelsius degreescelsius "
-    "centigrade tempc oc",
-    "degF": "degf f fahrenheit fahr degfahrenheit degfahr gradf gradfahrenheit degreef degreesf "
-    "degreefahrenheit degreesfahrenheit tempf of",
-    "kelvin": "k kelvin kelvins degk gradk degreek tempk",
-    "rpm": "rpm u/min 1/min min-1 min^-1 upm r/min rev/min /min umdr/min",
-    "revolution/second": "1/s hz rps rev/s u/s",
-    "degree/second": "deg/s",
-    "radian/second": "rad/s",
-    "m": "m meter metre",
-    "mm": "mm",
-    "cm": "cm",
-    "um": "μm um micron microns",
-    "inch": 'in inch inches " zoll',
-    "W": "w watt watts",
-    "kW": "kw",
-    "N*m": "nm n·m n*m",
-    "s": "s sec secs second seconds sek sekunde sekunden",
-    "ms": "ms msec millisecond milliseconds millisekunden",
-    "us": "us μs microsecond microseconds",
-    "ns": "ns nanoseconds",
-    "min": "min mins minute minutes minuten",
-    "h": "h hr hrs hour hours std stunde stunden",
-    "d": "d day days tag tage",
-    "percent": "%",
-    "V": "v volt volts",
-    "mV": "mv mvolt mvolts millivolt millivolts",
-    "A": "a ampere amperes amps",
-    "mA": "ma milliampere",
-    "kWh": "kwh",
-    "ohm": "ohm ohms ω",
-    "bar": "bar",
-}
-_ALIAS = {written: unit for unit, ways in _WRITTEN.items() for written in ways.split()}
 _NO_UNIT = ("", "-", "--", "–", "1", "none", "(none)", "n/a", "na", "ts", "rn", "count")
 """What recorders write in place of a unit where a column has none."""
-_DEGREE = re.compile(r"^(?:[Ââ]?[°º˚∘⁰]|\*|\?|\ufffd)\s*(?=[CcFfKk])|[°º˚∘⁰]")
-"""A degree sign, one that was typed or decoded as another."""
-_SUFFIXES = ("degC", "degF", "K", "F", "C", "m", "mm", "cm", "um", "in", "rpm", "W", "kW", "Nm", "s", "ms",
-             "us", "ns", "min", "h", "V", "mV", "A", "bar", "Hz")  # fmt: skip
 _IN_BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[({<](?P<unit>[^\[\](){}<>]{1,80})[\])}>]\s*$")
 _MARKS = re.compile(r"\s+/\s*|\s*,\s*|\s+in\s+|\s+|(?<=\w)/(?=[°º˚])|^(?=[^\W\d]\w*/)\w+(?P<slash>/)", re.I)
 _TEMPERATURE = re.compile(r"^(?P<name>.*temp(?:eratur(?:e)?)?)[ .]?(?P<unit>[CFK])$", re.I)
 _LONGEST_UNIT = 24
-EXPECTED = dict.fromkeys(ChannelKind, "degC") | {
-    ChannelKind.POSITION: "m",
-    ChannelKind.DISPLACEMENT: "m",
-    ChannelKind.SPEED: "rpm",
-    ChannelKind.OTHER: "",
-}
-"""The unit of a channel whose name does not give it."""
-_PLAIN = {"degC": "°C", "degF": "°F", "kelvin": "K", "um": "µm", "percent": "%", "N*m": "Nm"}
 
 
 def known_unit(written: str) -> str:
     """Return the unit of which a text is a usual spelling; empty if it is not one."""
-    text = unicodedata.normalize("NFKC", _DEGREE.sub("deg", written.strip().strip("[]")))
-    text = _DEGREE.sub("deg", text).casefold()
-    return _ALIAS.get(re.sub(r"[\s._]", "", text), "")
+    unit = spelled(written)
+    return "" if unit is None else unit.name
 
 
 def says_no_unit(written: str) -> bool:
@@ -85,7 +37,7 @@ def says_no_unit(written: str) -> bool:
 
 def shown_unit(unit: str) -> str:
     """Return a unit as people write it."""
-    return _PLAIN.get(unit, unit)
+    return BY_NAME[unit].shown if unit in BY_NAME else unit
 
 
 def split_name(name: str) -> tuple[str, str]:
@@ -106,7 +58,7 @@ def split_name(name: str) -> tuple[str, str]:
 def _split_plain(name: str) -> tuple[str, str]:
     """Return a name without brackets, without the unit at its end, and that unit."""
     stem, _, last = name.rpartition("_")
-    if stem and last in _SUFFIXES:
+    if stem and last in BY_SUFFIX:
         return stem, last
     for mark in _MARKS.finditer(name):
         unit = name[mark.end() :]
@@ -121,7 +73,7 @@ def _split_plain(name: str) -> tuple[str, str]:
 
 def unit_of_channel(channel: str, kind: ChannelKind) -> str:
     """Return the unit at the end of a channel's name, else the unit of its kind; empty for neither."""
-    return known_unit(split_name(channel)[1]) or EXPECTED[kind]
+    return known_unit(split_name(channel)[1]) or UNIT_OF_KIND[kind]
 
 
 @cache

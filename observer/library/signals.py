@@ -17,20 +17,14 @@ from observer.files.writer import TableWriter
 from observer.frames import FloatArray
 from observer.library.packages import in_words
 from observer.report.panels import Panel
+from observer.units import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _ALONG = re.compile(r"(field|error)_([\d.]+)_(.+)")
-_UNITS = {"degC", "K", "W", "um", "m", "rpm", "s", "Nm"}
 _SHOWN = 12
-
-
-def unit_of(name: str) -> str:
-    """The unit that ends a signal's name, empty where none does."""
-    last = name.rpartition("_")[2]
-    return last if last in _UNITS else ""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -18,7 +18,7 @@ from drivers.places import ByteOrder, ModbusChannel, Place
 from observer.align.plausibility import Limits
 from observer.installation import Installation
 from observer.live.one_look import look
-from observer.physics.constants import ZERO_DEGC_K
+from observer.units import BY_NAME, ZERO_DEGC_K
 
 WORKSHOP_DEGC, MACHINE_DEGC = (3.0, 45.0), (3.0, 95.0)
 """The air of a workshop, and what stands on a machine in it."""
@@ -38,8 +38,8 @@ _UNITS: tuple[tuple[str, str, Callable[[float], float]], ...] = (
     ("ten times a temperature", "a tenth of the scale", lambda v: v / 10.0),
     ("a hundred times a temperature", "a hundredth of the scale", lambda v: v / 100.0),
     ("a tenth of a temperature", "ten times the scale", lambda v: v * 10.0),
-    ("a temperature in °F", "scale = 0.5556 and offset = -17.78", lambda v: (v - 32.0) / 1.8),
-    ("a temperature in K", "offset = -273.15", lambda v: v - ZERO_DEGC_K),
+    ("a temperature in °F", "scale = 0.5556 and offset = -17.78", BY_NAME["degF"].to_base),
+    ("a temperature in K", "offset = -273.15", BY_NAME["kelvin"].to_base),
     ("tenths of K", "scale = 0.1 and offset = -273.15", lambda v: v / 10.0 - ZERO_DEGC_K),
 )
 

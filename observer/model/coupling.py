@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from observer.frames import FloatArray
 from observer.kernels.layout import aligned_zeros, padded_width
-from observer.physics.constants import ZERO_DEGC_K
+from observer.units import ZERO_DEGC_K
 
 _REGISTER = 8
 

@@ -21,8 +21,8 @@ from observer.model.plant import AMBIENT, BED, LEFT, REFERENCE, RIGHT, Plant
 from observer.model.realise import realise
 from observer.model.rod.moving import NutTable, columns_at
 from observer.model.rod.screw import surface_rate
-from observer.physics.constants import ZERO_DEGC_K
 from observer.tables.sections import Source, law_channels
+from observer.units import ZERO_DEGC_K
 
 PHASES = ("isothermal", "heat_up", "steady", "dwell", "cool_down")
 DWELL_S = 1500.0

@@ -10,9 +10,9 @@ import numpy as np
 from observer.frames import FloatArray
 from observer.kernels.codes import OF_CHANNEL, OF_NOTHING, OF_SPEED
 from observer.physics import friction
-from observer.physics.constants import RAD_S_PER_RPM
 from observer.tables.laws import SPEED_LAWS, BearingFriction
 from observer.tables.sections import Source, owner, part_of_heat
+from observer.units import RAD_S_PER_RPM
 
 Law = Callable[..., FloatArray]
 """Heat in W from the law's channels, one array (k,) each, in the order of `law_channels`."""

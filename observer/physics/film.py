@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.frames import FloatArray
-from observer.physics.constants import GRAVITY_M_S2, RAD_S_PER_RPM, ZERO_DEGC_K, STEFAN_BOLTZMANN_W_m2K4
+from observer.physics.constants import GRAVITY_M_S2, STEFAN_BOLTZMANN_W_m2K4
+from observer.units import RAD_S_PER_RPM, ZERO_DEGC_K
 
 _PRESSURE_PA = 101_325.0
 _GAS_CONSTANT_J_kgK = 287.058

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.frames import FloatArray
-from observer.physics.constants import RAD_S_PER_RPM, ZERO_DEGC_K
+from observer.units import RAD_S_PER_RPM, ZERO_DEGC_K
 
 SWITCH_MM2_S_RPM = 2000.0
 """Below this product of viscosity and speed the lubricant's torque no longer falls with the speed."""

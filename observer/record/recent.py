@@ -27,12 +27,12 @@ from observer.installation import Installation
 from observer.record.recorder import flags_of
 from observer.record.retention import START_SUFFIX, Recording, recordings
 from observer.tables.publishing import RecordSettings
+from observer.units import BY_NAME
 
 PAUSE_S = 30.0
 """A longer pause parts two stretches."""
 ROTATED_S = 2.0
 """A file that begins so soon after another one, without a start of its own, goes on with it."""
-_UNITS_S = {"min": 60.0, "h": 3600.0, "d": 86_400.0}
 _STAMP = re.compile(r"-(\d{8}T\d{6}Z)(?:-(\d+))?\.csv$")
 
 
@@ -66,7 +66,7 @@ def duration_s(text: str) -> float:
         raise ConfigError(
             f"--recent: {text!r} is not a duration; give a number and min, h or d, as in 90min or 8h"
         )
-    return float(found[1]) * _UNITS_S[found[2]]
+    return BY_NAME[found[2]].to_base(float(found[1]))
 
 
 def stretches(record: RecordSettings, name: str, plan: AlignPlan, last_s: float) -> list[RecordedStretch]:

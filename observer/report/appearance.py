@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from observer.units import SYMBOLS
+
 TEMPERATURE_COLOURS = (
     "#000004", "#0b0724", "#210c4a", "#3d0965", "#57106e", "#71196e", "#8a226a", "#a32c61", "#bc3754",
     "#d24644", "#e45a31", "#f1731d", "#f98e09", "#fcac11", "#f9cb35", "#f2ea69", "#fcffa4",
@@ -14,8 +16,6 @@ TEMPERATURE_COLOURS = (
 """From cold to hot: inferno (van der Walt and Smith, 2015), at sixteenths."""
 MM_PER_M = 1000.0
 """Positions are shown in mm."""
-SYMBOLS = {"degC": "°C", "um": "µm", "Nm": "N m", "m_s": "m/s", "W_m2K": "W/(m² K)"}
-"""The spelling of a unit where it differs from the end of a name."""
 
 
 def document() -> dict[str, Any]:

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from observer.report.sensitivity import IN_BOUND, SHIFT_SAID, advice, buys
+from observer.units import symbol_of
 
 
 def as_text(found: dict[str, Any]) -> RenderableType:
@@ -139,10 +140,6 @@ def _spans(numbers: list[int]) -> str:
     return ", ".join(map(str, numbers))
 
 
-UNITS = {"degC": "°C", "um": "µm"} | {unit: unit for unit in ("m", "mm", "rpm", "W", "K", "s", "Nm")}
-"""How the unit that ends a channel's name is shown."""
-
-
 def wires_as_text(found: dict[str, Any]) -> RenderableType:
     """Lay out the readings: a line for each driver, below it one for each of its channels."""
     table = Table(show_header=False, box=None, pad_edge=False)
@@ -164,13 +161,8 @@ def wires_as_text(found: dict[str, Any]) -> RenderableType:
     return Group(table, Text(verdict, style="green" if found["good"] else "yellow"), *lines)
 
 
-def unit_of(channel: str) -> str:
-    """The unit by the name's last part, empty where it has none."""
-    return UNITS.get(channel.rsplit("_", 1)[-1], "") if "_" in channel else ""
-
-
 def _cells(channel: str, one: dict[str, Any]) -> tuple[str, str, str, str]:
-    value = "–" if one["value"] is None else f"{one['value']:.6g} {unit_of(channel)}".rstrip()
+    value = "–" if one["value"] is None else f"{one['value']:.6g} {symbol_of(channel)}".rstrip()
     age = "" if one["age_s"] is None else f"{one['age_s']:.2f} s old"
     return f"  {channel}", value, age, one["fault"] or one["implausible"] or ""
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from observer import units
 from observer.effects.catalogue import KINDS, LIBRARY
 from observer.model.cycle import PHASES
 from observer.physics import constants
@@ -53,7 +54,7 @@ def known_of_effects(tree: ast.Module) -> set[str]:
 
 def constants_of_nature(tree: ast.Module) -> set[float]:
     """The constants of nature that a file holds by itself, also in other digits."""
-    known = [value for value in vars(constants).values() if isinstance(value, float)]
+    known = [v for module in (constants, units) for v in vars(module).values() if isinstance(v, float)]
     numbers = {value for value in constants_in(tree) if isinstance(value, float)}
     return {v for v in numbers if any(math.isclose(v, k, rel_tol=2e-3) for k in known)}
 
@@ -65,8 +66,9 @@ def test_nothing_else_knows_an_effect() -> None:
 
 def test_a_constant_of_nature_stands_once() -> None:
     held = {p: constants_of_nature(parsed(p)) for p in PRODUCT if not p.is_relative_to(SIMULATED)}
-    assert {path for path, numbers in held.items() if numbers} == {Path(constants.__file__), ABSOLUTE_ZERO}
-    assert held[ABSOLUTE_ZERO] == {constants.ZERO_DEGC_K}
+    files = {Path(constants.__file__), Path(units.__file__), ABSOLUTE_ZERO}
+    assert {path for path, numbers in held.items() if numbers} == files
+    assert held[ABSOLUTE_ZERO] == {units.ZERO_DEGC_K}
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ function drawSensors() {
   const body = byId("sensors"), rows = [];
   estimate.sensors.forEach((name, i) => {
     const sensor = store.config?.sensor?.find((s) => s.name === name), channel = sensor?.channel;
-    const reading = readings.channels[channel], unit = sensor?.kind === "displacement" ? channel.split("_").pop().replace("um", "µm") : "°C", small = sensor?.kind === "displacement" ? "µm" : "K";
+    const reading = readings.channels[channel], suffix = channel?.split("_").pop(), unit = sensor?.kind === "displacement" ? store.appearance.symbols[suffix] ?? suffix : "°C", small = sensor?.kind === "displacement" ? "µm" : "K";
     const quality = estimate.sensor_quality[i], why = (health?.conditions ?? []).filter(({ about }) => about.includes(channel) || about.includes(name)).map(({ reason }) => reason);
     // what came last, unless the service says that nothing comes: not every step has a reading
     const last = ["missing", "stale"].includes(quality) ? undefined : estimate.innovations?.[name];
