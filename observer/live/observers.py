@@ -18,7 +18,7 @@ from observer.estimate.checkpoint import CheckpointFit, Snapshot, UnfitError, lo
 from observer.estimate.pipeline import MachineModel
 from observer.estimate.screw_state import ScrewState
 from observer.exchange import Command
-from observer.files.folders import make_folder, write_whole
+from observer.files.state import save_state
 from observer.frames import EstimateBlock, FrameBlock, Inputs, Reading
 from observer.live.zero_signal import ZeroSignal
 from observer.quality.alarms import AlarmDesk
@@ -329,11 +329,7 @@ class Keeper(StepObserver):
                     self._machine, snapshot.estimator, last.inputs, last.estimate, last.frame
                 )
                 snapshot = replace(snapshot, screw=screw)
-            make_folder(self._path.parent)
-            write_whole(self._path, pack(snapshot, self._fit))
-            self._reason = None
-        except OSError as error:
-            self._reason = f"{self._path}: cannot be written ({error.strerror}); free space or repair it"
+            self._reason = save_state(self._path, pack(snapshot, self._fit))
         except Exception as error:  # a defect: the service continues, but health says it cannot resume
             self._reason = f"{self._path}: cannot be written ({error!r}); report this"
             log.error("checkpoint failed", exc_info=True)

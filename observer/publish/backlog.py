@@ -6,19 +6,17 @@ one after it is sent late, from the recordings (store and forward, as in Ignitio
 
 from __future__ import annotations
 
-import json
 import math
 import threading
-from contextlib import suppress
+from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import structlog
 
-from observer.files.folders import make_folder, write_whole
+from observer.files.state import StateFile
 
 _MOST_SPANS = 1000
-_FORMAT = 2
 STEP_KEYS = ("estimate", "readings", "heat", "field", "error")
 """The keys whose messages are sent late: those that are made of every step."""
 
@@ -40,18 +38,20 @@ class Backlog:
     """
 
     def __init__(self, path: Path, destination: str) -> None:
-        """Continue from a file; one of another destination, or a damaged one, is discarded."""
-        self._path, self._destination = path, destination
+        """Continue from a file; the spans of another destination are discarded."""
+        self._file = StateFile(path, f"messages that {destination} lacks", version=2)
+        self._destination = destination
         self._lock = threading.Lock()
         self._got_s: float | None = None
         self._missing: list[MissingSpan] = []
-        with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
-            kept = json.loads(path.read_bytes())
-            if (kept["format"], kept["destination"]) == (_FORMAT, destination):
-                self._missing = [
-                    MissingSpan(float(a), float(b), tuple(keys)) for a, b, keys in kept["missing"]
-                ]
-                self._got_s = None if kept["got_s"] is None else float(kept["got_s"])
+        self._file.restore(self._take)
+
+    def _take(self, document: Mapping[str, Any]) -> None:
+        """Continue from a document, if it is of this destination."""
+        if document["destination"] == self._destination:
+            got_s = document["got_s"]
+            spans = [MissingSpan(float(a), float(b), tuple(keys)) for a, b, keys in document["missing"]]
+            self._missing, self._got_s = spans, None if got_s is None else float(got_s)
 
     @property
     def first(self) -> MissingSpan | None:
@@ -107,17 +107,12 @@ class Backlog:
     def save(self) -> None:
         """Write the file, whole or not at all."""
         with self._lock:
-            kept = {
-                "format": _FORMAT,
+            document = {
                 "destination": self._destination,
                 "got_s": self._got_s,
                 "missing": self._missing,
             }
-            try:
-                make_folder(self._path.parent)
-                write_whole(self._path, json.dumps(kept).encode())
-            except OSError as error:
-                log.warning("what was sent cannot be kept", path=str(self._path), reason=error.strerror)
+            self._file.save(self._file.encoded(document))
 
 
 def _is_of(missing: MissingSpan, span: MissingSpan) -> bool:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +13,7 @@ import numpy as np
 import structlog
 
 from observer.config import Config
-from observer.files.folders import make_folder, write_whole
+from observer.files.state import StateFile
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout
 from observer.quality import alarm_states, bands
 from observer.quality.alarm_classes import ALARM_CLASSES, channel_fault
@@ -29,7 +28,6 @@ _MOST_STEP_S = 30.0
 _LOOK_S = 60.0
 """Learnt offsets are checked after this time of good estimates."""
 _BELIEVED = (EstimateQuality.GOOD, EstimateQuality.DEGRADED)
-_FORMAT = 1
 
 log = structlog.get_logger()
 
@@ -79,12 +77,12 @@ class AlarmDesk:
         self._offsets = {sensor.name: KnownOffset() for sensor in self._known}
         self._good_s = 0.0
         self._alarms: dict[str, Alarm] = {}
-        self._file = file
+        self._file = None if file is None else StateFile(file, "alarms and usual heats", version=1)
         self._reported: dict[str, str] = {}
         self._kept_s = -math.inf
         self._writing: threading.Thread | None = None
-        if file is not None:
-            self._restore(file)
+        if self._file is not None:
+            self._file.restore(self._take)
 
     def see(self, estimate: EstimateBlock, frame: FrameBlock, air_degC: float) -> None:
         """Take one estimate, to learn the usual heats and offsets."""
@@ -255,39 +253,26 @@ class AlarmDesk:
                 return
             self._writing.join(_KEPT_S)
         self._kept_s = time_s
-        data = json.dumps(self._plain()).encode()
-        self._writing = threading.Thread(target=_write, args=(self._file, data), name="alarms", daemon=True)
+        data = self._file.encoded(self._plain())
+        self._writing = threading.Thread(target=self._file.save, args=(data,), name="alarms", daemon=True)
         self._writing.start()
 
     def _plain(self) -> dict[str, Any]:
         return {
-            "format": _FORMAT,
             "bands": {s.name: {"law": s.law, **bands.plain_of(self._bands[s.name])} for s in self._sources},
             "offsets": {s.name: {"said": s.said, **self._offsets[s.name]._asdict()} for s in self._known},
             "alarms": {n: asdict(alarm) for n, alarm in self._alarms.items() if alarm.is_raised},
         }
 
-    def _restore(self, file: Path) -> None:
-        """Take over the saved state of an earlier service, as far as it fits; the rest starts again."""
-        try:
-            kept = json.loads(file.read_bytes())
-            if kept["format"] != _FORMAT:
-                raise ValueError(f"format {kept['format']}")
-            self._take(kept)
-        except FileNotFoundError:
-            return
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            log.warning("what was kept of alarms cannot be used", file=str(file), reason=str(error))
-
-    def _take(self, kept: dict[str, Any]) -> None:
-        """Take over what is kept of the sources and sensors that are described as they were."""
+    def _take(self, document: Mapping[str, Any]) -> None:
+        """Take over the state of the sources and sensors whose tables of the configuration are unchanged."""
         for source in self._sources:
-            if (band := kept["bands"].get(source.name)) is not None and band["law"] == source.law:
+            if (band := document["bands"].get(source.name)) is not None and band["law"] == source.law:
                 self._bands[source.name] = bands.band_of(band)
         for sensor in self._known:
-            if (offset := kept["offsets"].get(sensor.name)) is not None and offset["said"] == sensor.said:
+            if (offset := document["offsets"].get(sensor.name)) is not None and offset["said"] == sensor.said:
                 self._offsets[sensor.name] = alarm_states.offset_of(offset)
-        self._alarms = {name: alarm_of(alarm) for name, alarm in kept["alarms"].items()}
+        self._alarms = {name: alarm_of(alarm) for name, alarm in document["alarms"].items()}
         self._reported = self._raised
 
 
@@ -304,11 +289,3 @@ def _document_of(name: str, alarm: Alarm) -> dict[str, Any]:
         "remedy": alarm_class.remedy,
         "evidence": condition.evidence,
     }
-
-
-def _write(file: Path, data: bytes) -> None:
-    try:
-        make_folder(file.parent)
-        write_whole(file, data)
-    except OSError as error:
-        log.warning("alarms cannot be kept", file=str(file), reason=error.strerror)

@@ -61,5 +61,5 @@ def test_kept_alarms_that_nest_without_end_are_set_aside_in_words(tmp_path):
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
             until(lambda: daemon.process.poll() is not None or seen.documents.get("alarms"))
             assert daemon.process.poll() is None, daemon.said()[-500:]
-            assert "what was kept of alarms cannot be used" in daemon.said()
+            assert "alarms and usual heats: no state restored" in daemon.said()
             assert "Traceback" not in daemon.said()

@@ -1,0 +1,65 @@
+"""State files, from which a service continues after a restart.
+
+They are replaced whole or not at all, and say in which version of its format each is written. A damaged file,
+or one of another version, is reported in a sentence, and what it holds starts cold.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import structlog
+
+from observer.files.folders import make_folder, write_whole
+
+_VERSION = "format"
+log = structlog.get_logger()
+
+
+def save_state(path: Path, data: bytes) -> str | None:
+    """Replace a state file, in a folder that is made; return None, or in a sentence why it was not done."""
+    try:
+        make_folder(path.parent)
+        write_whole(path, data)
+    except OSError as error:
+        return f"{path}: cannot be written ({error.strerror}); free space or repair it"
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class StateFile:
+    """A state file in JSON. `content` names what it holds, for the log; `version` is that of its format."""
+
+    path: Path
+    content: str
+    version: int
+
+    def restore(self, take: Callable[[Mapping[str, Any]], None]) -> None:
+        """Call `take` with the document, if there is one.
+
+        `take` raises `ValueError`, `KeyError`, `TypeError` or `AttributeError` for a document that it cannot
+        use. This and a damaged file are logged.
+        """
+        try:
+            document = json.loads(self.path.read_bytes())
+            if document[_VERSION] != self.version:
+                raise ValueError(f"format {document[_VERSION]} instead of {self.version}")
+            take(document)
+        except FileNotFoundError:
+            return
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            reason = f"{self.path}: cannot be used ({error!r}); it starts anew"
+            log.warning(f"{self.content}: no state restored", reason=reason)
+
+    def encoded(self, document: Mapping[str, Any]) -> bytes:
+        """Return a document as the file holds it."""
+        return json.dumps({_VERSION: self.version, **document}).encode()
+
+    def save(self, data: bytes) -> None:
+        """Replace the file by an `encoded` document; a failure is logged."""
+        if (reason := save_state(self.path, data)) is not None:
+            log.warning(f"{self.content}: state not saved", reason=reason)
