@@ -14,10 +14,11 @@ from observer.cli.machines import _USUAL
 from observer.discovery.discover import discover
 from observer.errors import UserError
 from observer.fit.parameters import lawless
-from observer.installation import first_configuration, parse
+from observer.installation import first_template, parse
 from observer.installation.catalogue import CONTROLS, MODULES, SCREWS, STEELS, Answers, option
 from observer.installation.examine import examine
-from observer.installation.first_configuration import agreed, answers, compose, write_new
+from observer.installation.first_configuration import agreed, answers, write_new
+from observer.installation.first_template import filled
 
 GIVEN = {
     "length_m": "1.0",
@@ -65,8 +66,8 @@ def test_every_module_with_every_control_passes_the_check(module, control, tmp_p
 
 @pytest.mark.parametrize("installed", [True, False])
 def test_the_page_is_configured_only_where_its_packages_are(installed, monkeypatch):
-    monkeypatch.setattr(first_configuration, "has_extra", lambda name: installed and name == "page")
-    assert ("page" in tomllib.loads(compose(answers(GIVEN, None)))) == installed
+    monkeypatch.setattr(first_template, "has_extra", lambda name: installed and name == "page")
+    assert ("page" in tomllib.loads(filled(answers(GIVEN, None)))) == installed
 
 
 @pytest.mark.parametrize("screw", SCREWS)
@@ -74,7 +75,7 @@ def test_every_screw_of_every_steel_loads(screw):
     lead_mm = float(screw.split("x")[1])
     for steel in STEELS:
         given = GIVEN | {"screw": screw, "steel": steel, "control": "modbus"} | OF_CONTROL["modbus"]
-        config = parse(tomllib.loads(compose(answers(given, None))))
+        config = parse(tomllib.loads(filled(answers(given, None))))
         assert config.source[0].lead_m == pytest.approx(lead_mm / 1000)
         assert (
             0.8 * float(screw.split("x")[0]) / 1000
@@ -84,17 +85,17 @@ def test_every_screw_of_every_steel_loads(screw):
 
 
 def test_the_ambient_may_be_the_modules_next_input():
-    config = parse(tomllib.loads(compose(answers(GIVEN | {"ambient": "input"}, None))))
+    config = parse(tomllib.loads(filled(answers(GIVEN | {"ambient": "input"}, None))))
     assert config.drivers["thermocouples"].channels == {"t1_degC": 0, "t2_degC": 1, "ambient_degC": 2}
 
 
 def test_without_a_control_the_heats_have_no_law_and_a_search_says_so():
-    config = parse(tomllib.loads(compose(answers(GIVEN, None))))
+    config = parse(tomllib.loads(filled(answers(GIVEN, None))))
     assert str(lawless(config)).startswith("no heat has a law, so a prediction takes it as 0 W")
     with pytest.raises(UserError, match="no heat has a law"):
         discover(config, [])
     whole = {"control": "modbus", "control_at": "h", "counts_per_m": "1e6", "speed_register": "2"}
-    assert lawless(parse(tomllib.loads(compose(answers(GIVEN | whole, None))))) is None
+    assert lawless(parse(tomllib.loads(filled(answers(GIVEN | whole, None))))) is None
 
 
 ON_HOUSINGS = {name: text for name, text in GIVEN.items() if name != "sensors_m"} | {"housings": "all"}
@@ -104,7 +105,7 @@ ON_HOUSINGS = {name: text for name, text in GIVEN.items() if name != "sensors_m"
 @pytest.mark.parametrize("control", ["none", "modbus"])
 def test_thermocouples_on_housings_stand_on_bodies_of_the_screws_size(screw, control):
     given = ON_HOUSINGS | {"screw": screw, "control": control} | OF_CONTROL[control]
-    config = parse(tomllib.loads(compose(answers(given, None))))
+    config = parse(tomllib.loads(filled(answers(given, None))))
     bodies = ["nut_body", "left_housing", "right_housing"]
     assert [node.name for node in config.node] == [sensor.on for sensor in config.sensor] == bodies
     assert not config.screw_is_seen
@@ -120,7 +121,7 @@ def test_thermocouples_on_housings_stand_on_bodies_of_the_screws_size(screw, con
 
 def test_masses_that_are_known_are_taken_and_hold_more_than_typical_ones():
     given = ON_HOUSINGS | {"housings": "left nut", "nut_kg": "2,5 kg", "sensors_m": "500 mm"}
-    config = parse(tomllib.loads(compose(answers(given, None))))
+    config = parse(tomllib.loads(filled(answers(given, None))))
     nut, left = config.node
     assert (nut.capacity_J_K, nut.tolerance) == (1175.0, None)
     assert left.tolerance == pytest.approx(0.2)
@@ -141,7 +142,7 @@ def test_a_housing_is_asked_for_its_mass_and_needs_no_place_on_the_screw():
 
 
 def test_a_register_pair_is_scaled_to_metres():
-    found = parse(tomllib.loads(compose(answers(GIVEN | {"control": "modbus"} | OF_CONTROL["modbus"], None))))
+    found = parse(tomllib.loads(filled(answers(GIVEN | {"control": "modbus"} | OF_CONTROL["modbus"], None))))
     place = found.drivers["axis"].channels["nut_position_m"]
     assert (place.type, place.scale) == ("int32", pytest.approx(-1e-6))
     assert found.drivers["axis"].port == 1502

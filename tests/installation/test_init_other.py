@@ -12,7 +12,8 @@ import pytest
 from observer.errors import UserError
 from observer.installation import Installation, parse
 from observer.installation.catalogue import SCREWS, screw_of
-from observer.installation.first_configuration import answers, compose
+from observer.installation.first_configuration import answers
+from observer.installation.first_template import filled
 from observer.live.wire_doubts import wires_of
 from tests.drivers.harness import device
 
@@ -23,13 +24,13 @@ CONTROL = {"control": "modbus", "control_at": "192.168.0.21", "counts_per_m": "1
 
 def written(**given: str) -> Installation:
     """The configuration that init writes by these options."""
-    return parse(tomllib.loads(compose(answers(GIVEN | given, None))))
+    return parse(tomllib.loads(filled(answers(GIVEN | given, None))))
 
 
 def refused(**given: str) -> str:
     """Why init refuses these options."""
     with pytest.raises(UserError) as said:
-        compose(answers(GIVEN | given, None))
+        filled(answers(GIVEN | given, None))
     return str(said.value)
 
 
@@ -127,7 +128,7 @@ def test_a_question_offers_its_default_also_where_that_is_zero():
 
 def test_a_bus_that_no_driver_speaks_leaves_a_configuration_for_logs_that_says_so():
     given = {name: text for name, text in GIVEN.items() if name != "module_at"}
-    text = compose(answers(given | {"module": "other", "module_bus": "other", "control": "other"}, None))
+    text = filled(answers(given | {"module": "other", "module_bus": "other", "control": "other"}, None))
     assert "No driver speaks the bus of the module and the control" in text
     assert parse(tomllib.loads(text)).drivers == {}
 
@@ -146,7 +147,7 @@ def test_a_screw_of_any_size_has_its_lead_and_a_root_below_its_diameter(typed, l
     config = written(screw=typed, housings="all", **CONTROL)
     assert config.source[0].lead_m == pytest.approx(lead_m)
     assert root_mm[0] < 1000 * config.screw.diameter_m < root_mm[1]
-    assert "scaled from the nearest size" in compose(answers(GIVEN | {"screw": typed}, None))
+    assert "scaled from the nearest size" in filled(answers(GIVEN | {"screw": typed}, None))
 
 
 @pytest.mark.parametrize("name", SCREWS)

@@ -8,7 +8,8 @@ import pytest
 
 from observer.errors import UserError
 from observer.installation.examine import examine
-from observer.installation.first_configuration import answers, compose
+from observer.installation.first_configuration import answers
+from observer.installation.first_template import filled
 from observer.report.check import doubts
 
 MODULE = """
@@ -35,7 +36,7 @@ GIVEN = {
 
 def configuration() -> str:
     """The text of a good configuration, with a module by its registers."""
-    head, _, below = compose(answers(GIVEN, None)).partition("[drivers.thermocouples]")
+    head, _, below = filled(answers(GIVEN, None)).partition("[drivers.thermocouples]")
     return f"{head}{below[below.index('[publish]') :]}{MODULE}"
 
 

@@ -17,7 +17,8 @@ from observer.estimators.bank import Bank
 from observer.estimators.fault_search import MISFIT
 from observer.estimators.packing import Running
 from observer.installation import Installation, parse
-from observer.installation.first_configuration import answers, compose
+from observer.installation.first_configuration import answers
+from observer.installation.first_template import filled
 from observer.kernels.screening import DRIFT_K_S, JUMP_SIGMA
 from observer.model.build import build_plant
 from observer.report import check, sensitivity
@@ -177,7 +178,7 @@ def housings() -> Installation:
         "ambient": "21",
     }
     control = {"control": "modbus", "control_at": "h", "counts_per_m": "1e6", "speed_register": "2"}
-    return parse(tomllib.loads(compose(answers(given | control, None))))
+    return parse(tomllib.loads(filled(answers(given | control, None))))
 
 
 def test_on_a_machine_with_housings_no_thermocouple_on_the_turning_screw_is_advised() -> None:
