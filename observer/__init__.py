@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # `import observer` alone loads nothing, since it also starts
     from observer.library.given import read_log
     from observer.library.heats import IdentifiedHeats
     from observer.library.importing import extract_log, import_log
+    from observer.library.looking_back import PublishedSteps, past
     from observer.library.machine import (
         CalibrationResult,
         DiscoveryResult,
@@ -71,6 +72,7 @@ __all__ = [
     "LogError",
     "Machine",
     "PlacedSensors",
+    "PublishedSteps",
     "ReportGrid",
     "SensorPlaces",
     "ServiceAlarm",
@@ -92,6 +94,7 @@ __all__ = [
     "extract_log",
     "import_log",
     "load",
+    "past",
     "read_log",
 ]
 
@@ -106,6 +109,7 @@ _MODULES = {
     "library.given": ("read_log",),
     "library.heats": ("IdentifiedHeats",),
     "library.importing": ("extract_log", "import_log"),
+    "library.looking_back": ("PublishedSteps", "past"),
     "library.machine": (
         "CalibrationResult",
         "DiscoveryResult",

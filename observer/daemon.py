@@ -34,9 +34,6 @@ from observer.live.probing import ProbingAdvisor, is_advised
 from observer.live.restarts import Restarts
 from observer.live.wires import take_short_turns
 from observer.live.zero_signal import ZeroSignal
-from observer.past.asking import PastProcess
-from observer.past.columns import StepSource
-from observer.past.writer import PastWriter
 from observer.process.clock import ServiceClock
 from observer.process.memory import leave_in_peace
 from observer.process.notify import service_manager
@@ -49,6 +46,9 @@ from observer.quality.alarms import AlarmDesk
 from observer.quality.gap import GapState
 from observer.record.recorder import Companions, NoRecorder, Recorder
 from observer.record.retention import Retention, refuse_shared
+from observer.steps.asking import PastProcess
+from observer.steps.columns import StepSource
+from observer.steps.writer import PastWriter
 
 log = structlog.get_logger()
 

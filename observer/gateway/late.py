@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 import structlog
 
 from observer.errors import UserError
-from observer.past.pages import LatePage, Pages, Span
 from observer.publish.backlog import STEP_KEYS, Backlog, MissingSpan, holds_a_step
 from observer.publish.codec import decode_estimate
+from observer.steps.pages import LatePage, Pages, Span
 
 if TYPE_CHECKING:
     from paho.mqtt.client import MQTTMessageInfo

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict
 
-from observer.past.store import Past
+from observer.steps.store import Past
 from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
 
 if TYPE_CHECKING:

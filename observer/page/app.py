@@ -34,7 +34,7 @@ from observer.errors import LogError
 from observer.gateway.start import Start
 from observer.page.guard import COOKIE, Guard, Logins
 from observer.page.stream import Stream
-from observer.past.bins import history
+from observer.steps.bins import history
 from observer.tables.gateway import host_and_port
 
 Acknowledge = Callable[[str, str], None]

@@ -21,9 +21,9 @@ from observer.gateway.start import Start
 from observer.publish.codec import config_json, decode_estimate
 from observer.tables.gateway import Mqtt
 from tests.gateway.test_mqtt import TOPIC, broker, pytestmark  # noqa: F401  (the marks hold here, too)
-from tests.past.lived import configuration, lived
 from tests.patience import PATIENCE_S, eventually
 from tests.publish.router import free_port
+from tests.steps.lived import configuration, lived
 
 EVERY_S = 0.04
 OUTAGE_STEPS = 25

@@ -14,9 +14,9 @@ from observer.gateway.opcua import NAMESPACE, STATUS
 from observer.publish.codec import config_json, decode_estimate
 from observer.tables.gateway import Opcua
 from tests.gateway.feeding import fed_gateway
-from tests.past.lived import BEGIN_S, configuration, lived
 from tests.patience import eventually, until
 from tests.publish.router import free_port
+from tests.steps.lived import BEGIN_S, configuration, lived
 
 pytestmark = pytest.mark.system
 HEAT = ("lathe", "z", "Heat", "nut", "Heat_W")

@@ -13,8 +13,8 @@ import pytest
 
 from tests.page.browser import CHROMIUM, SIZES, chromium
 from tests.page.gateway import DOCUMENTS, HEAD, NOW_S, PLACES_M, estimate, gateway, send, send_all
-from tests.past.steps import write_steps
 from tests.patience import PATIENCE_S
+from tests.steps.made import write_steps
 
 pytestmark = [
     pytest.mark.system,

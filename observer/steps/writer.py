@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from observer.estimate.checkpoint import Snapshot
 from observer.live.observers import Step, StepObserver
-from observer.past.columns import StepSource
-from observer.past.files import StepAppender, hour_end_s
 from observer.record.retention import STEPS_SUFFIX, recordings
+from observer.steps.columns import StepSource
+from observer.steps.files import StepAppender, hour_end_s
 
 _RETRY_S = 1.0
 _MOST_ROWS = 20_000
@@ -37,7 +37,7 @@ class PastWriter(StepObserver):
 
     def __init__(self, folder: Path, name: str, source: StepSource) -> None:
         self._source, self._files = source, StepAppender(folder, name, source)
-        self._tend = (sys.executable, "-m", "observer.past", "tend", str(folder), name)
+        self._tend = (sys.executable, "-m", "observer.steps", "tend", str(folder), name)
         self._folder, self._has_earlier = folder, False
         with suppress(OSError):  # there is no folder yet
             self._has_earlier = bool(recordings(folder, name, rf"(\.csv|{re.escape(STEPS_SUFFIX)})"))

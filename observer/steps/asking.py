@@ -21,7 +21,7 @@ class PastProcess:
 
     def __init__(self, folder: Path, name: str, in_force: str, period_s: float) -> None:
         """Take the recordings' folder, `<machine>-<axis>`, the hash of the configuration, and the period."""
-        self._command = (sys.executable, "-m", "observer.past", "answer", str(folder), name)
+        self._command = (sys.executable, "-m", "observer.steps", "answer", str(folder), name)
         self._question = {"in_force": in_force, "gap_s": 2.5 * period_s}
         self._lock, self._waiting = threading.Lock(), threading.BoundedSemaphore(_MOST_WAITING)
         self._child: subprocess.Popen[bytes] | None = None

@@ -9,9 +9,9 @@ import sys
 import numpy as np
 import pytest
 
-from observer.past.bins import history
-from observer.past.store import Past
-from tests.past.steps import write_steps
+from observer.steps.bins import history
+from observer.steps.store import Past
+from tests.steps.made import write_steps
 
 SECONDS = 9000
 START_S = 7199.75
@@ -100,7 +100,7 @@ MOST_GATEWAY_kB = 150_000
 def test_looking_back_does_not_make_the_process_large(past):
     script = (
         "from pathlib import Path\nimport observer.gateway.process, observer.page.outlet\n"
-        "from observer.past.bins import history\nfrom observer.past.store import Past\n"
+        "from observer.steps.bins import history\nfrom observer.steps.store import Past\n"
         f"past = Past(Path({str(past.folder)!r}), 'lathe-z')\n"
         f"for points in (15, 2000):\n    history(past, {BEGIN_S}, {BEGIN_S + SECONDS}, points)\n"
         "import sys\nassert 'pandas' not in sys.modules  # pyarrow would import it\n"

@@ -8,7 +8,7 @@ import numpy as np
 
 from observer.exchange import KEYS, KeyFigure
 from observer.frames import PARTS, EstimateBlock, EstimateQuality, Layout, Quality
-from observer.past.store import Past
+from observer.steps.store import Past
 
 _QUALITY = [quality.label for quality in EstimateQuality]
 _SENSOR = [quality.label for quality in Quality]

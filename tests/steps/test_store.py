@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from observer.errors import ConfigError, LogError
-from observer.past.columns import StepRows
-from observer.past.files import StepAppender, pack, pack_closed, step_files
-from observer.past.pages import LONGEST_S, Pages, Span, time_of
-from observer.past.store import Past
-from observer.past.tending import tend
 from observer.publish.codec import decode, decode_estimate
 from observer.record.retention import CONFIG_SUFFIX, START_SUFFIX, STATE_SUFFIX, Retention, tidy
-from tests.past.lived import BEGIN_S, PERIOD_S, configuration, lived
+from observer.steps.columns import StepRows
+from observer.steps.files import StepAppender, pack, pack_closed, step_files
+from observer.steps.pages import LONGEST_S, Pages, Span, time_of
+from observer.steps.store import Past
+from observer.steps.tending import tend
+from tests.steps.lived import BEGIN_S, PERIOD_S, configuration, lived
 
 NAME = "demo-x"
 HOUR_S = 3600.0 * math.ceil(BEGIN_S / 3600.0)
@@ -105,7 +105,7 @@ def test_one_step_of_each_interval(shift):
 
 def test_a_page_has_an_end_and_says_where_to_go_on(shift, monkeypatch):
     config, folder, estimates, _ = shift
-    monkeypatch.setattr("observer.past.pages._MOST_BYTES", 100_000)
+    monkeypatch.setattr("observer.steps.pages._MOST_BYTES", 100_000)
     found, heads = _estimates(_pages(folder, config), HOUR_S - 300.0, HOUR_S + 300.0)
     _assert_same(found, estimates)
     assert len(heads) > 5
@@ -172,11 +172,15 @@ def test_recordings_of_a_service_that_kept_no_steps_give_them(tmp_path):
     _assert_same(found, estimates + more)
 
 
-def test_steps_that_are_not_as_published_say_so(tmp_path):
+@pytest.mark.parametrize("is_removed", [True, False])
+def test_steps_that_are_not_as_published_say_so(tmp_path, is_removed):
     config = configuration(tmp_path)
     lived(config, 600, rotate_bytes=20_000, keeps_steps=False)
     for path in [*tmp_path.glob(f"*{STATE_SUFFIX}"), *tmp_path.glob(f"*{START_SUFFIX}")]:
-        path.write_bytes(b"of another version")
+        if is_removed:
+            path.unlink()
+        else:
+            path.write_bytes(b"of another version")
     tend(tmp_path, NAME)
     found, heads = _estimates(_pages(tmp_path, config), BEGIN_S, BEGIN_S + 300.0)
     assert len(found) == 600

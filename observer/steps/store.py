@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.errors import LogError
-from observer.past.columns import StepRows
-from observer.past.files import StepFile, read_columns, read_steps, step_files
+from observer.steps.columns import StepRows
+from observer.steps.files import StepFile, read_columns, read_steps, step_files
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +56,13 @@ class Past:
                         yield piece
             except LogError as error:
                 _note(notes, f"{error}; it is left out")
+
+    def channels(self) -> tuple[str, ...]:
+        """Return the channels of the newest file."""
+        for file in self.files()[::-1]:
+            with suppress(LogError, FileNotFoundError):
+                return read_columns(file, math.inf, math.inf, ())[0]
+        return ()
 
     def span_s(self) -> tuple[float, float] | tuple[None, None]:
         """Return the times of the first and the last step, None without any."""

@@ -1,4 +1,4 @@
-"""`python -m observer.past`, as the service starts it: for one query, or to tend the files of an axis.
+"""`python -m observer.steps`, as the service starts it: for one query, or to tend the files of an axis.
 
 Its memory is released when it ends, and it shares nothing with the loop.
 """
@@ -23,12 +23,12 @@ def main() -> None:
         os.nice(_GIVES_WAY)
     command, folder, name, *_ = sys.argv[1:]
     if command == "tend":
-        from observer.past.tending import tend  # noqa: PLC0415 - a query does not wait for the mathematics
+        from observer.steps.tending import tend  # noqa: PLC0415 - a query does not wait for the mathematics
 
         tend(Path(folder), name)
         return
-    from observer.past.pages import Pages, Span  # noqa: PLC0415
-    from observer.past.store import Past  # noqa: PLC0415
+    from observer.steps.pages import Pages, Span  # noqa: PLC0415
+    from observer.steps.store import Past  # noqa: PLC0415
 
     question = json.load(sys.stdin)
     pages = Pages(Past(Path(folder), name), question["in_force"], question["gap_s"])

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from observer.errors import LogError
 from observer.files.folders import OWNER_ONLY, make_folder
-from observer.past.columns import FIELDS, StepRows, StepSource
 from observer.record.retention import STEPS_SUFFIX, is_being_written
+from observer.steps.columns import FIELDS, StepRows, StepSource
 
 FILE_S = 3600.0
 """The length of the time that a file covers."""
@@ -32,6 +32,7 @@ _ABOUT = b"ballscrew.steps"
 _GROUP_ROWS = 1800
 _MOST_ABOUT_BYTES = 1 << 24
 _STAMP = "%Y%m%dT%H%M%SZ"
+_STAMPED = re.compile(r"(.+)-(\d{8}T\d{6}Z)(?:-(\d+))?\.steps(?:\.parquet)?")
 
 
 class StepFile(NamedTuple):
@@ -49,21 +50,27 @@ class StepFile(NamedTuple):
 
 def step_files(folder: Path, name: str) -> list[StepFile]:
     """Return the files of an axis in the order of time; raises `LogError` for an unreadable folder."""
-    stamped = rf"-(\d{{8}}T\d{{6}}Z)(?:-(\d+))?{re.escape(STEPS_SUFFIX)}(?:{re.escape(_PACKED)})?"
-    pattern = re.compile(re.escape(name) + stamped)
+    found: dict[str, tuple[float, int, Path]] = {}
+    for file in _names(folder):  # the packed one of two that are the same comes last
+        if (match := _STAMPED.fullmatch(file)) is not None and match[1] == name:
+            with suppress(ValueError):
+                from_s = datetime.strptime(match[2], _STAMP).replace(tzinfo=UTC).timestamp()
+                found[file.removesuffix(_PACKED)] = from_s, int(match[3] or 1), folder / file
+    return [StepFile(path, from_s, hour_end_s(from_s)) for from_s, _, path in sorted(found.values())]
+
+
+def axes_of(folder: Path) -> list[str]:
+    """Return the names of the axes with steps in a folder; raises `LogError` for an unreadable folder."""
+    return sorted({match[1] for file in _names(folder) if (match := _STAMPED.fullmatch(file))})
+
+
+def _names(folder: Path) -> list[str]:
     try:
-        names = sorted(os.listdir(folder))
+        return sorted(os.listdir(folder))
     except FileNotFoundError:
         return []
     except OSError as error:
         raise LogError(f"{folder}: cannot be read ({error.strerror}); fix record.directory") from None
-    found: dict[str, tuple[float, int, Path]] = {}
-    for file in names:  # the packed one of two that are the same comes last
-        if (match := pattern.fullmatch(file)) is not None:
-            with suppress(ValueError):
-                from_s = datetime.strptime(match[1], _STAMP).replace(tzinfo=UTC).timestamp()
-                found[file.removesuffix(_PACKED)] = from_s, int(match[2] or 1), folder / file
-    return [StepFile(path, from_s, hour_end_s(from_s)) for from_s, _, path in sorted(found.values())]
 
 
 def hour_end_s(time_s: float) -> float:

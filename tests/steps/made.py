@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from observer.frames import Layout
-from observer.past.columns import StepSource
-from observer.past.files import StepAppender, pack_closed
+from observer.steps.columns import StepSource
+from observer.steps.files import StepAppender, pack_closed
 
 LAYOUT = Layout(("nut",), np.linspace(0.0, 1.0, 21), ("t1",), has_error=True)
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.errors import LogError
-from observer.past.files import StepFile, read_columns
-from observer.past.store import Past
+from observer.steps.files import StepFile, read_columns
+from observer.steps.store import Past
 
 _BIN_S = 60.0
 _MOST_HOURS = 1500

@@ -15,10 +15,10 @@ from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
 from observer.estimate.pipeline import MachineModel
 from observer.frames import Reading
 from observer.installation import Installation, load
-from observer.past.columns import StepSource
-from observer.past.files import StepAppender
 from observer.publish.codec import EstimateEncoder, config_json
 from observer.record.recorder import Companions, Recorder
+from observer.steps.columns import StepSource
+from observer.steps.files import StepAppender
 
 DEMO = Path(__file__).parents[2] / "config" / "demo.toml"
 BEGIN_S = 1_700_000_000.0

@@ -9,10 +9,10 @@ from contextlib import closing
 
 import pytest
 
-from observer.past.asking import PastProcess
 from observer.publish.codec import decode
-from tests.past.lived import BEGIN_S, configuration, lived
+from observer.steps.asking import PastProcess
 from tests.patience import until
+from tests.steps.lived import BEGIN_S, configuration, lived
 
 pytestmark = pytest.mark.system
 SPAN = {"from": f"{BEGIN_S}", "to": f"{BEGIN_S + 5.0}"}

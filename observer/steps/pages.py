@@ -12,9 +12,9 @@ import cbor2
 
 from observer.errors import ConfigError
 from observer.frames import EstimateBlock, FrameBlock
-from observer.past.columns import StepSource
-from observer.past.store import Past
 from observer.publish.codec import EstimateEncoder, array_of, late, late_json, to_json
+from observer.steps.columns import StepSource
+from observer.steps.store import Past
 
 LONGEST_S = 3600.0
 """Of a page."""

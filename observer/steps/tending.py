@@ -7,6 +7,7 @@ give them again, to the same bits, from the state beside their recording.
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +18,34 @@ from observer.estimate.pipeline import MachineModel, Pipeline
 from observer.estimate.replay import estimates_of, start_of
 from observer.files.logs import read_log
 from observer.installation import parse
-from observer.past.columns import StepSource
-from observer.past.files import StepAppender, pack_closed
-from observer.past.store import Past
-from observer.record.retention import CONFIG_SUFFIX, is_being_written, recorded_config
-from observer.record.spans import Recorded, recordings
+from observer.record.retention import CONFIG_SUFFIX, is_being_written, recorded_config, recordings
+from observer.steps.columns import StepSource
+from observer.steps.files import StepAppender, pack_closed
+from observer.steps.store import Past
 
+_LINE_BYTES = 1 << 16
 _LOST_PERIODS = 1.5
 _PERIOD_S = 0.05
 """A recording whose last step is stored so shortly before its end has lost none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """A recording, and the times of its first and last row in s since 1970."""
+
+    path: Path
+    from_s: float
+    to_s: float
+
+    @classmethod
+    def of(cls, path: Path) -> Recorded | None:
+        """Return the times of a file, None where its first or last whole row tells none. Raises `OSError`."""
+        with suppress(ValueError, FileNotFoundError), path.open("rb") as file:
+            lines = [file.readline(_LINE_BYTES), file.readline(_LINE_BYTES)]
+            file.seek(max(0, path.stat().st_size - _LINE_BYTES))
+            lines += file.read(_LINE_BYTES).split(b"\n")[:-1]
+            return cls(path, *(float(line.split(b",", 1)[0]) for line in (lines[1], lines[-1])))
+        return None
 
 
 def tend(folder: Path, name: str) -> None:
@@ -36,23 +56,24 @@ def tend(folder: Path, name: str) -> None:
     with suppress(ModuleNotFoundError):
         pack_closed(folder, name)
     past, has_rebuilt = Past(folder, name), False
-    for recorded in recordings(folder, name):
-        if is_being_written(recorded.path):
-            continue
-        stored_s = past.newest_s(recorded.from_s, recorded.to_s + 1.0)
+    closed = [Recorded.of(f.path) for f in recordings(folder, name) if not is_being_written(f.path)]
+    before = None
+    for recorded in sorted((file for file in closed if file is not None), key=lambda file: file.from_s):
+        stored_s = past.newest_s(recorded.from_s, recorded.to_s + _PERIOD_S)
         if recorded.to_s - stored_s > _PERIOD_S:
             with suppress(UserError):  # a recording that cannot be replayed gives no steps
-                has_rebuilt |= rebuild(past, recorded, stored_s)
+                has_rebuilt |= rebuild(past, recorded, stored_s, before)
+        before = recorded
     if has_rebuilt:
         with suppress(ModuleNotFoundError):
             pack_closed(folder, name)
 
 
-def rebuild(past: Past, recorded: Recorded, after_s: float) -> bool:
+def rebuild(past: Past, recorded: Recorded, after_s: float, before: Recorded | None) -> bool:
     """Write the steps of a recording after a time; returns whether there were any.
 
-    A recording without the configuration beside it gives none. Raises `UserError` for one that cannot be
-    replayed.
+    `before` is the recording that precedes it. A recording without the configuration beside it gives no step.
+    Raises `UserError` for one that cannot be replayed.
     """
     document = recorded_config(recorded.path)
     if "config" not in document:
@@ -66,9 +87,9 @@ def rebuild(past: Past, recorded: Recorded, after_s: float) -> bool:
     )
     log = read_log(recorded.path, machine.plan.channels, accept_truncated=True)
     start, words = start_of(log, CheckpointFit.of(machine))
-    note = (
-        "" if start is not None or words == "cold" else f"{recorded.path.name}: made again, started {words}"
-    )
+    continues = before is not None and recorded_config(before.path).get("instance") == document["instance"]
+    is_as_published = start is not None or (words == "cold" and not continues)
+    note = "" if is_as_published else f"{recorded.path.name}: made again, started {words}"
     config_document = {key: value for key, value in document.items() if key != "checksum"}
     source = StepSource(machine.layout, machine.plan.channels, config_document, note)
     files = StepAppender(past.folder, past.name, source)
