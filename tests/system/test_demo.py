@@ -119,7 +119,7 @@ def test_the_live_view_shows_estimates_beside_the_truth(demo):
     assert all("truth" in line for line in lines[2:])
 
 
-def test_the_readme_subscriber_prints_heats_and_temperatures(demo):
+def test_the_page_subscriber_prints_heats_and_temperatures(demo):
     assert demo["readme"].returncode == 0, demo["readme"].stderr
     assert demo["readme"].stderr == ""
     *heats, field = [ast.literal_eval(line) for line in demo["readme"].stdout.splitlines()]
