@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from drivers.places import OpcUaChannel, check_channels
 from drivers.polled import PolledTable
 from drivers.protocol import ChannelName, PollPeriod, Text, Timeout
-from observer.tables.quantities import File, together
+from observer.tables.quantities import File, all_or_none
 
 
 class OpcUaSettings(PolledTable):
@@ -35,8 +35,8 @@ class OpcUaSettings(PolledTable):
     password_file: File | None = None
     channels: dict[ChannelName, OpcUaChannel] = Field(min_length=1)
 
-    _files = together("certificate", "private_key", "server_certificate")
-    _login = together("user", "password_file")
+    _files = all_or_none("certificate", "private_key", "server_certificate")
+    _login = all_or_none("user", "password_file")
 
     @model_validator(mode="after")
     def _sensible(self) -> OpcUaSettings:

@@ -11,7 +11,7 @@ import typer
 from observer.cli import clients, intake, logs, machines
 from observer.cli.fleet import fleet
 from observer.cli.options import quietable
-from observer.cli.output import say
+from observer.cli.output import print_error
 from observer.errors import UserError
 from observer.process import shutdown
 
@@ -30,9 +30,9 @@ for _verbs in (machines.verbs, logs.verbs, intake.verbs, clients.verbs):
 app.add_typer(fleet, name="fleet")
 
 
-def _version(asked: bool) -> None:
+def _version(requested: bool) -> None:
     """Print the version, and end."""
-    if asked:
+    if requested:
         from importlib.metadata import version
 
         typer.echo(f"ballscrew-observer {version('ballscrew-observer')}")
@@ -40,7 +40,7 @@ def _version(asked: bool) -> None:
 
 
 @app.callback()
-def about(
+def root(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
@@ -64,13 +64,13 @@ def main() -> None:
             _leave()
         raise
     except UserError as error:
-        say(error)
+        print_error(error)
         sys.exit(2)
     except Exception as error:
         sentence = _sentence(error)
         if sentence is None:
             raise
-        say(UserError(sentence))
+        print_error(UserError(sentence))
         shutdown.leave(2)  # a daemon may have started threads by then
 
 

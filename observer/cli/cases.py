@@ -28,19 +28,19 @@ def case_as_table(case: CaseFigures) -> RenderableType:
 def cases_as_table(
     cases: Sequence[CaseFigures], unknown: Sequence[LeftUnknown | None] = ()
 ) -> RenderableType:
-    """Cases side by side, a column each, in as many tables as the width asks for."""
+    """Return cases side by side, a column each, in as many tables as the width of the terminal needs."""
     names = [case.name for case in cases]
-    said: list[str] = []
+    captions: list[str] = []
     if sum(map(len, names)) > _ROOM:
-        said = [f"{i}  {name}" for i, name in enumerate(names, 1)]
+        captions = [f"{i}  {name}" for i, name in enumerate(names, 1)]
         names = [str(i) for i in range(1, len(names) + 1)]
-    return _SideBySide(said, names, list(_rows(cases, unknown)))
+    return _SideBySide(captions, names, list(_rows(cases, unknown)))
 
 
 class _SideBySide(NamedTuple):
     """Columns under names, and sentences above them; rows have a title and a text for each column."""
 
-    said: Sequence[str]
+    captions: Sequence[str]
     names: Sequence[str]
     rows: Sequence[tuple[str, list[str]]]
 
@@ -48,7 +48,7 @@ class _SideBySide(NamedTuple):
         from rich.table import Table
         from rich.text import Text
 
-        yield from map(Text, self.said)
+        yield from map(Text, self.captions)
         room = options.max_width - max(len(title) for title, _ in self.rows) - _BORDER - 1
         columns = [[name, *(cells[i] for _, cells in self.rows)] for i, name in enumerate(self.names)]
         wide = [max(map(len, column)) + _BORDER for column in columns]
@@ -70,7 +70,7 @@ class _SideBySide(NamedTuple):
 def _rows(
     cases: Sequence[CaseFigures], unknown: Sequence[LeftUnknown | None]
 ) -> Iterator[tuple[str, list[str]]]:
-    """What is said of each case: a title, and a text for each."""
+    """Yield the rows of the table: a title, and a text for each case."""
 
     def row(title: str, values: Sequence[float | None], form: str) -> tuple[str, list[str]]:
         return title, ["–" if value is None else format(value, form) for value in values]
@@ -102,16 +102,16 @@ def _last(case: CaseFigures) -> float | None:
     return float(case.error_um[-1]) if len(case.error_um) else None
 
 
-def comparison_as_text(found: Comparison) -> RenderableType:
+def comparison_as_text(comparison: Comparison) -> RenderableType:
     """Variants side by side, then the best way to mount each."""
     from rich.console import Group
 
-    unknown = [found.unknown.get(case.name) for case in found.cases] if found.unknown else ()
+    unknown = [comparison.unknown.get(case.name) for case in comparison.cases] if comparison.unknown else ()
     alike: dict[tuple[MountedScrew, ...], list[str]] = {}
-    for name, best in found.mounted.items():
+    for name, best in comparison.mounted.items():
         alike.setdefault(tuple(best), []).append(name)
     tables = [_mounted_as_table("; ".join(names), best) for best, names in alike.items()]
-    return Group(cases_as_table(found.cases, unknown), *tables)
+    return Group(cases_as_table(comparison.cases, unknown), *tables)
 
 
 def _mounted_as_table(name: str, best: Sequence[MountedScrew]) -> Table:
@@ -123,11 +123,11 @@ def _mounted_as_table(name: str, best: Sequence[MountedScrew]) -> Table:
         title=f"least error of {name}", title_justify="left",
     )  # fmt: skip
     for one in best:
-        held = one.supports
-        tuned = held.mounting == "L-III"
+        supports = one.supports
+        tuned = supports.mounting == "L-III"
         table.add_row(
-            held.mounting, held.first, f"{held.preload_N:.0f}" if tuned else "–",
-            f"{1e6 * held.gap_m:.1f}" if tuned else "–", f"{one.error_um:.2f}",
+            supports.mounting, supports.first, f"{supports.preload_N:.0f}" if tuned else "–",
+            f"{1e6 * supports.gap_m:.1f}" if tuned else "–", f"{one.error_um:.2f}",
             f"{1000.0 * one.position_m:.0f}", f"{round(one.force_N) or 0}",
         )  # fmt: skip
     return table

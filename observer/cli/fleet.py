@@ -150,13 +150,13 @@ def _run(
         conclude(options.output, rows)
         raise KeyboardInterrupt(f"ended with {len(rows)} of {len(jobs)} done") from None
     failures = conclude(options.output, rows)
-    earlier = f", {before} of them before" if before else ""
-    echo(f"{len(rows) - len(failures)} done{earlier}, {len(failures)} could not be done")
+    resumed = f", {before} of them before" if before else ""
+    echo(f"{len(rows) - len(failures)} done{resumed}, {len(failures)} could not be done")
     warn([row["problem"] for row in failures[:MOST_SHOWN]])
     if len(failures) > MOST_SHOWN:
         warn([f"… and {len(failures) - MOST_SHOWN} more, in results.parquet"])
-    each = "each machine" if options.verb in OF_SEVERAL else "each log"
-    echo(f"written to {output}: {each} in its folder, results.parquet, report.html")
+    per_folder = "each machine" if options.verb in OF_SEVERAL else "each log"
+    echo(f"written to {output}: {per_folder} in its folder, results.parquet, report.html")
     if failures:
         raise typer.Exit(2 if len(failures) == len(rows) else 1)
 

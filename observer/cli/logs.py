@@ -318,8 +318,8 @@ def discover(
     warn(result["doubts"])
     for sentence in discovery.sentences:
         show_sentence(sentence)
-    more = "config.toml, " if result["effects"] else "candidate.toml, " if result["partial"] else ""
-    echo(f"written to {output}: {more}result.json, report.html")
+    written = "config.toml, " if result["effects"] else "candidate.toml, " if result["partial"] else ""
+    echo(f"written to {output}: {written}result.json, report.html")
     step = result["next"]
     show_sentence(f"next: {step['text']}{':' if step['command'] else '.'}")
     if step["command"]:
@@ -346,8 +346,8 @@ def adopt(
     from observer.installation import adopt as adoptions
 
     if folder is None:
-        found = adoptions.undo(config) if undo else adoptions.adoption_of(config)
-        echo(f"{config}: " + ("nothing was adopted" if found is None else found.sentence()))
+        last = adoptions.undo(config) if undo else adoptions.adoption_of(config)
+        echo(f"{config}: " + ("nothing was adopted" if last is None else last.sentence()))
         return
     adoption = adoptions.adopt(folder, config, time.time(), candidate=candidate)
     echo(

@@ -19,7 +19,7 @@ from observer.cli.options import (
     picture,
     with_parameters,
 )
-from observer.cli.output import advancing, counting, say, show
+from observer.cli.output import advancing, counting, print_error, show
 from observer.errors import UserError
 from observer.files.folders import results_in
 from observer.process import shutdown
@@ -89,7 +89,7 @@ def run(
         with not_found("asammdf"):
             serve_file(config[0], seconds)
     except UserError as error:
-        say(error)
+        print_error(error)
         shutdown.leave(2)  # threads of parts that had been started may hang at the interpreter's exit
     shutdown.leave(0)
 
@@ -171,7 +171,7 @@ def init(
     output: Annotated[
         Path, typer.Option("--output", "-o", help="File to write; an existing one is not overwritten.")
     ] = Path("observer.toml"),
-    **given: str | None,
+    **answers: str | None,
 ) -> None:
     """Write a first configuration; asks for whatever is not given as an option."""
     from observer.installation.first_configuration import write_new
@@ -181,7 +181,7 @@ def init(
             echo(trouble)
         return str(typer.prompt(_QUESTIONS[name], default=usual))
 
-    write_new(output, given, ask if sys.stdin.isatty() else None)
+    write_new(output, answers, ask if sys.stdin.isatty() else None)
     echo(
         f'written: {output}. Values marked "look" in it are typical ones. Next:\n'
         f"  observer check --config {output}           what it means\n"
@@ -218,9 +218,9 @@ def check(
     if wires:
         from observer.live.wire_doubts import wires_of
 
-        found = wires_of(settings)
-        show(found, as_json, wires_as_text)
-        shutdown.leave(0 if found["good"] else 1)
+        wires_document = wires_of(settings)
+        show(wires_document, as_json, wires_as_text)
+        shutdown.leave(0 if wires_document["good"] else 1)
     from observer.report.check import findings
 
     show(findings(settings), as_json, as_text)
@@ -273,13 +273,13 @@ def place(
     picture(plot)
     machine = load(config)
     with advancing("place") as progress:
-        found = machine.place(
+        placed = machine.place(
             sensors, budget=budget, candidates=candidates, by=by, keep=keep, spacing_m=spacing_m,
             progress=progress,
         )  # fmt: skip
     if plot is not None:
-        found.draw(plot)
-    show(found.document, as_json, as_text)
+        placed.draw(plot)
+    show(placed.document, as_json, as_text)
 
 
 @verbs.command()

@@ -17,12 +17,12 @@ from observer.errors import UserError
 
 
 def with_parameters(
-    verb: Callable[..., None], more: Iterable[Parameter] = (), without: Collection[str] = ("given",)
+    verb: Callable[..., None], extra: Iterable[Parameter] = (), without: Collection[str] = ("answers",)
 ) -> Callable[..., None]:
-    """Return a verb that shows further options, and not those that it is without."""
-    own = signature(verb, eval_str=True)
-    kept = [option for name, option in own.parameters.items() if name not in without]
-    verb.__signature__ = own.replace(parameters=[*kept, *more])  # type: ignore[attr-defined]
+    """Return a verb whose signature has `extra` options, and lacks those named in `without`."""
+    verb_signature = signature(verb, eval_str=True)
+    options = [option for name, option in verb_signature.parameters.items() if name not in without]
+    verb.__signature__ = verb_signature.replace(parameters=[*options, *extra])  # type: ignore[attr-defined]
     return verb
 
 
@@ -85,16 +85,16 @@ HashOption = Annotated[
 
 def assignments(texts: Iterable[str]) -> dict[str, float]:
     """Return `name=value` options as numbers by name. Raises `UserError`."""
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for text in texts:
         name, _, value = text.partition("=")
         try:
-            found[name.strip()] = float(value)
+            values[name.strip()] = float(value)
         except ValueError:
             raise UserError(
                 f"--at {text}: give a channel and its value, such as --at speed_rpm=500"
             ) from None
-    return found
+    return values
 
 
 def _flag(name: str, option: str, words: str) -> Parameter:
@@ -107,12 +107,12 @@ def quietable(verb: Callable[..., None]) -> Callable[..., None]:
     """Give a verb an option to print nothing but warnings and errors."""
 
     @wraps(verb)
-    def run(*, quiet: bool, **given: Any) -> None:
+    def run(*, quiet: bool, **arguments: Any) -> None:
         with silent() if quiet else nullcontext():
-            verb(**given)
+            verb(**arguments)
 
-    more = _flag("quiet", "--quiet", "Print nothing but warnings and errors.")
-    return with_parameters(run, [more], without=())
+    quiet_option = _flag("quiet", "--quiet", "Print nothing but warnings and errors.")
+    return with_parameters(run, [quiet_option], without=())
 
 
 def accepting(verb: Callable[..., None]) -> Callable[..., None]:
@@ -121,5 +121,5 @@ def accepting(verb: Callable[..., None]) -> Callable[..., None]:
         "accept_truncated": "Drop a last row that was cut off.",
         "accept_damaged": "Drop rows whose checksum is wrong.",
     }
-    more = [_flag(name, f"--{name.replace('_', '-')}", words) for name, words in options.items()]
-    return with_parameters(verb, more, without=("accept",))
+    parameters = [_flag(name, f"--{name.replace('_', '-')}", words) for name, words in options.items()]
+    return with_parameters(verb, parameters, without=("accept",))

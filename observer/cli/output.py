@@ -1,4 +1,4 @@
-"""What verbs print for people: progress, warnings, tables, and the sentence of an error."""
+"""Output of verbs for people: progress, warnings, tables, and the sentence of an error."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _REGIMES = {
 }
 
 
-def say(error: UserError) -> None:
-    """Print the sentence of the error that ends a command."""
+def print_error(error: UserError) -> None:
+    """Print the sentence of the error that ends a command, on standard error."""
     sys.stdout.flush()
     echo(_fitted(f"observer: {error}", sys.stderr), err=True)
 
 
 def warn(sentences: list[str]) -> None:
-    """Print what is doubtful about a result."""
+    """Print each sentence as a warning, on standard error."""
     for sentence in sentences:
         echo(_fitted(f"warning: {sentence}", sys.stderr), err=True)
 
@@ -85,16 +85,16 @@ def silent() -> Iterator[None]:
 
 
 @contextmanager
-def counting(name: str, doing: str, then: str) -> Iterator[Callable[[int, int], None]]:
+def counting(name: str, doing: str, afterwards: str) -> Iterator[Callable[[int, int], None]]:
     """Show a bar for work of known length: call with the rows done and their total; `doing` and
-    `then` name the work until all are done, and afterwards.
+    `afterwards` name the work until all are done, and afterwards.
     """
     with _bar() as bar:
         task = bar.add_task(f"{name}: reading", total=None)
 
-        def update(done: int, total: int) -> None:
-            phase = doing if done < total else then
-            bar.update(task, completed=done, total=total, description=f"{name}: {phase}")
+        def update(completed: int, total: int) -> None:
+            phase = doing if completed < total else afterwards
+            bar.update(task, completed=completed, total=total, description=f"{name}: {phase}")
 
         yield update
 
@@ -111,9 +111,9 @@ def advancing(name: str) -> Iterator[Callable[..., None]]:
         task = bar.add_task(name, total=None)
         print_line = lines(name) if bar.disable and _Shown.progress else None
 
-        def update(text: str, done: float | None = None) -> None:
-            total, shown = None if done is None else 1.0, f"{name}: {escape(printable(text))}"
-            bar.update(task, completed=done, total=total, description=shown)
+        def update(text: str, share: float | None = None) -> None:
+            total, shown = None if share is None else 1.0, f"{name}: {escape(printable(text))}"
+            bar.update(task, completed=share, total=total, description=shown)
             if print_line is not None:
                 print_line(text)
 
@@ -121,7 +121,7 @@ def advancing(name: str) -> Iterator[Callable[..., None]]:
 
 
 def lines(name: str, clock: Callable[[], float] = time.monotonic) -> Callable[[str], None]:
-    """Return what prints the stage of long work to standard error, at most every `LINE_S`."""
+    """Return a function that prints the stage of long work to standard error, at most every `LINE_S`."""
     begun_s = last_s = clock()
 
     def print_line(text: str) -> None:
@@ -144,9 +144,9 @@ def _bar() -> Progress:
     return Progress(*columns, console=console, transient=True, disable=not watched)
 
 
-def show(found: Any, as_json: bool, as_text: Callable[[Any], RenderableType]) -> None:
-    """Print what was found, for programs or for people."""
+def show(result: Any, as_json: bool, as_text: Callable[[Any], RenderableType]) -> None:
+    """Print a result, as JSON for programs or as text for people."""
     if as_json:
-        echo(result_text(found))
+        echo(result_text(result))
         return
-    print_for_people(as_text(found))
+    print_for_people(as_text(result))

@@ -1,7 +1,7 @@
-"""The configuration file: the machine, and the drivers that deliver its channels; problems are described in
-words.
+"""The configuration file: the machine, and the drivers that deliver its channels.
 
-The file is TOML with the unit in the name of each key. `load` returns frozen objects.
+The file is TOML with the unit in the name of each key. `load` returns frozen objects; problems are described
+in sentences.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Installation(Config):
-    """A whole configuration: the machine, its drivers, and what the service stores and reports."""
+    """A whole configuration: the machine, its drivers, and the service's outputs."""
 
     drivers: dict[Name, DriverSettings] = Field(default_factory=dict, max_length=64)
     publish: Publish = Publish()
@@ -64,7 +64,10 @@ class Installation(Config):
         }
 
     def open_drivers(self) -> tuple[Driver, ...]:
-        """Make every driver; a CAN bus with on-change senders alone is left open between their heartbeats."""
+        """Return all drivers, opened.
+
+        A CAN bus whose senders all send only on change is reopened only after their longest heartbeat.
+        """
         return tuple(
             settings.open(name)
             if (quiet_s := _quiet_s(self, settings)) is None or not isinstance(settings, CanTable)
@@ -74,23 +77,28 @@ class Installation(Config):
 
     @property
     def checkpoint_file(self) -> Path | None:
-        """The file of the service's checkpoint, if there is to be one."""
+        """The file of the service's checkpoint, None where it saves none."""
         place, name = self.checkpoint.place(self.record), self.machine
         return None if place is None else place / f"{name.name}-{name.axis}.checkpoint"
 
     @property
     def alarms_file(self) -> Path | None:
-        """The file beside the checkpoint in which alarms and what is learnt for them are kept."""
+        """The file of the alarms and of their learnt limits, beside the checkpoint; None without a
+        checkpoint.
+        """
         file = self.checkpoint_file
         return None if file is None else file.with_suffix(".alarms.json")
 
     def undelivered(self) -> list[str]:
-        """Report channels that are read but delivered by no driver, as far as drivers name theirs."""
+        """Return a sentence that names the channels in use that no driver delivers; empty without any.
+
+        Empty, too, where a driver does not list its channels.
+        """
         offers = [driver.delivered for driver in self.drivers.values()]
         offered = {channel for offer in offers for channel in offer or ()}
-        wanted = dict.fromkeys((*self.channels, self.compensation.zero_channel))
+        read_channels = dict.fromkeys((*self.channels, self.compensation.zero_channel))
         offered |= self.derived_channels
-        missing = [] if None in offers else [c for c in wanted if c is not None and c not in offered]
+        missing = [] if None in offers else [c for c in read_channels if c is not None and c not in offered]
         if not missing:
             return []
         return [
@@ -127,7 +135,7 @@ def _wires_disagree(config: Installation) -> Iterator[str]:
 
 
 def _quiet_s(config: Installation, driver: DriverSettings) -> float | None:
-    """Return the longest heartbeat of a driver whose channels all send only on change, None of any other."""
+    """Return a driver's longest heartbeat, s, if all its channels send only on change, else None."""
     heartbeats_s = [config.heartbeats_s.get(channel) for channel in driver.delivered or ()]
     known_s = [heartbeat_s for heartbeat_s in heartbeats_s if heartbeat_s is not None]
     return max(known_s) if known_s and len(known_s) == len(heartbeats_s) else None
@@ -168,11 +176,11 @@ def load_candidates(path: Path, config: Config) -> tuple[SensorCandidate, ...]:
 
 def parse_candidates(table: dict[str, Any], place: str, config: Config) -> tuple[SensorCandidate, ...]:
     """Check candidates given as a table; `place` is named in errors (`ConfigError`)."""
-    found = _checked(CandidateFile, table, place).candidate
+    candidates = _checked(CandidateFile, table, place).candidate
     nodes = [node.name for node in config.node]
-    if problems := list(candidate_problems(found, config.screw.length_m, nodes)):
+    if problems := list(candidate_problems(candidates, config.screw.length_m, nodes)):
         raise ConfigError(as_message(place, problems))
-    return found
+    return candidates
 
 
 def parse(table: dict[str, Any], place: str = "configuration") -> Installation:
@@ -193,9 +201,9 @@ def _checked(model: type[Model], table: dict[str, Any], place: str) -> Model:
 def write_back(text: str, values: Mapping[str, float]) -> str:
     """Return the text with the values of the given keys replaced or added.
 
-    Keys are dotted; a source is addressed by its name and a link by those of its ends. Comments, order and
-    spacing stay. Values are rounded to five digits, far below any interval. Raises `ConfigError` for one that
-    the text does not have.
+    Keys are dotted; a source is addressed by its name, a link by the names of its ends. Comments, order and
+    spacing stay. Values are rounded to five digits, far below any interval. Raises `ConfigError` for a source
+    or link that the text does not have.
     """
     document = tomlkit.parse(text.removeprefix("\ufeff"))
     for key, value in values.items():
@@ -219,7 +227,7 @@ def with_effects(text: str, effects: Sequence[EffectTable]) -> str:
 
 
 def _owner(document: Any, key: str) -> tuple[Any, str]:
-    """The table that holds a key, made where it is not there yet, and the key's last part."""
+    """Return the table that holds a key, made if missing, and the last part of the key."""
     head, *middle, last = key.split(".")
     section = document.setdefault(head, tomlkit.table())
     if isinstance(section, AoT | Array):

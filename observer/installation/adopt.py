@@ -46,7 +46,7 @@ class Adoption(BaseModel):
 
 
 def adoption_of(config: Path) -> Adoption | None:
-    """The last adoption in place of a configuration, None without one.
+    """Return the record of the last adoption in place of a configuration, None without one.
 
     Raises `ConfigError` where the record cannot be read or is invalid.
     """
@@ -64,15 +64,14 @@ def adoption_of(config: Path) -> Adoption | None:
 
 
 def adopt(folder: Path, config: Path, now_s: float, *, candidate: bool = False) -> Adoption:
-    """Put the configuration written by a search in place of the one it has searched.
+    """Replace a configuration by the one that a search or a calibration wrote into a folder.
 
-    The `candidate` of an unknown is put there only on demand.
-
-    Raises `UserError` where there is none, where the configuration is not the one that was searched any more,
-    where the new one cannot be loaded or is of another machine, or where the files cannot be written.
+    `candidate` takes `candidate.toml`, which explains part of an unknown gap. Raises `UserError` where the
+    folder has no such file, or where `config` has changed since the search. It is also raised where the new
+    one cannot be loaded or is of another machine, or a file cannot be written.
     """
     config = config.resolve()
-    path = _found(folder, config, candidate=candidate)
+    path = _adoptable(folder, config, candidate=candidate)
     refuse_unlike(load(config), load(path), path)
     text, backup = path.read_bytes(), _free(config)
     adoption = Adoption(
@@ -84,10 +83,10 @@ def adopt(folder: Path, config: Path, now_s: float, *, candidate: bool = False) 
 
 
 def undo(config: Path) -> Adoption:
-    """Restore the configuration from before the last adoption; returns the record then.
+    """Restore the configuration from before the last adoption; return the new record.
 
-    Raises `UserError` where there is nothing to undo, where somebody has changed the configuration since,
-    which is left as it is then, or where a file is missing or cannot be written.
+    Raises `UserError` without an adoption, or where a file is missing or cannot be written. It is also raised
+    where the configuration has changed since the adoption; that one is kept then.
     """
     config = config.resolve()
     adoption = adoption_of(config)
@@ -109,13 +108,13 @@ def undo(config: Path) -> Adoption:
 
 
 def before_of(config: Path, adoption: Adoption) -> Path:
-    """The path of the configuration that an adopted one has replaced."""
+    """Return the path of the configuration that an adopted one has replaced."""
     return config.with_name(Path(adoption.before).name)
 
 
 def record_of(config: Path) -> Path:
-    """The path of the record of the last adoption in place of a configuration."""
-    return _beside(config, RECORD)
+    """Return the path of the record of the last adoption in place of a configuration."""
+    return _sibling(config, RECORD)
 
 
 def refuse_unlike(before: Installation, new: Installation, place: Path) -> None:
@@ -135,15 +134,18 @@ def refuse_unlike(before: Installation, new: Installation, place: Path) -> None:
 
 
 def sha256(path: Path) -> str:
-    """The SHA-256 of a file, in hexadecimal digits; raises `ConfigError` where it cannot be read."""
+    """Return the SHA-256 of a file, in hexadecimal digits. Raises `ConfigError` where it cannot be read."""
     try:
         return hashlib.sha256(read_regular(path, MOST_BYTES, "a configuration")).hexdigest()
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error.strerror}); put it back") from None
 
 
-def _found(folder: Path, config: Path, *, candidate: bool) -> Path:
-    """The configuration in a folder of results, if it was found for this one."""
+def _adoptable(folder: Path, config: Path, *, candidate: bool) -> Path:
+    """Return the path of the configuration to adopt in a folder of results.
+
+    Raises `ConfigError` without one, or where another configuration was searched.
+    """
     result = _result(folder)
     path = folder / ("candidate.toml" if candidate else "config.toml")
     offered = _table(result.get("partial")).get("candidate") is not None
@@ -177,14 +179,14 @@ def _table(value: object) -> Mapping[str, Any]:
 
 
 def _result(folder: Path) -> Mapping[str, Any]:
-    """The result of a search; the newer one, where two were written into a folder."""
-    there = [folder / name for name in RESULTS if (folder / name).is_file()]
-    if not there:
+    """Return the content of the newest result in a folder. Raises `ConfigError` without a valid one."""
+    result_files = [folder / name for name in RESULTS if (folder / name).is_file()]
+    if not result_files:
         raise ConfigError(
             f"{folder}: holds no {' or '.join(RESULTS)}; name a folder that `observer discover` or "
             "`observer calibrate` has written"
         )
-    newest = max(there, key=lambda path: path.stat().st_mtime_ns)
+    newest = max(result_files, key=lambda path: path.stat().st_mtime_ns)
     try:
         document = json.loads(newest.read_bytes())
     except (OSError, ValueError, RecursionError):
@@ -194,16 +196,16 @@ def _result(folder: Path) -> Mapping[str, Any]:
     return document
 
 
-def _beside(config: Path, suffix: str) -> Path:
+def _sibling(config: Path, suffix: str) -> Path:
     return config.resolve().with_name(config.resolve().name + suffix)
 
 
 def _free(config: Path) -> Path:
-    """An unused name for the previous configuration: nothing is lost by adopting twice."""
-    path, number = _beside(config, BEFORE), 1
+    """Return an unused name for the copy of the previous configuration."""
+    path, number = _sibling(config, BEFORE), 1
     while path.exists():
         number += 1
-        path = _beside(config, f"{BEFORE}-{number}")
+        path = _sibling(config, f"{BEFORE}-{number}")
     return path
 
 

@@ -19,11 +19,13 @@ from observer.installation import typed
 class CatalogueScrew:
     """A ball screw by nominal diameter and lead.
 
-    `root_mm` is the diameter between the grooves: nominal less 0.8 times the usual ball of that size (pitch
-    circle 0.2 balls above nominal, groove one ball deep; ISO 3408-2 for diameters and leads). Torque and
-    bearing heat are usual of a preloaded nut and a pair of angular contact bearings at that size: priors of
-    an estimator that finds the heats itself, not data of a maker. So are the masses of a flanged nut (outer
-    diameters of DIN 69051-5) and of a fixed bearing's unit, and the conductance from rings to housing.
+    `root_mm` is the diameter between the grooves: nominal less 0.8 times the usual ball of that size. The
+    pitch circle is 0.2 balls above nominal and the groove one ball deep (ISO 3408-2 for diameters and leads).
+
+    Torque and bearing heat are usual for a preloaded nut and a pair of angular contact bearings of that size.
+    They are priors of an estimator that finds the heats itself, not data of a maker. The same holds for the
+    masses of a flanged nut (outer diameters of DIN 69051-5) and of a fixed bearing's unit, and for the
+    conductance from rings to housing.
     """
 
     lead_mm: float
@@ -140,12 +142,12 @@ TYPES = ("int16", "uint16", "int32", "uint32", "float32", "float64")
 
 
 def _typed(read: Callable[[str], Any]) -> BeforeValidator:
-    """Parses typed text; a value passes unchanged."""
-    return BeforeValidator(lambda given: read(given) if isinstance(given, str) else given)
+    """Return a validator that parses typed text; other values pass unchanged."""
+    return BeforeValidator(lambda value: read(value) if isinstance(value, str) else value)
 
 
 def _air(text: str) -> object:
-    """A temperature, or the word for an input of the module."""
+    """Return a temperature in °C, or the word `input` for an input of the module."""
     word = text.strip().lower()
     return word if word == "input" else typed.degC(text)
 
@@ -207,38 +209,38 @@ def _code(text: str) -> str:
 def _shown_at_ends(text: str) -> tuple[float, float] | None:
     if not text.strip():
         return None
-    found = re.fullmatch(
+    match = re.fullmatch(
         r"\s*([+-]?\d+(?:[.,]\d+)?)\s*(mm|m)?[\s;]+(?:to |bis |and |und )?([+-]?\d+(?:[.,]\d+)?)\s*(mm|m)\s*",
         text,
     )
-    if found is None:
+    if match is None:
         raise ValueError("give both readings with their unit, that of the left end first, such as 0 650 mm")
-    left, right = (float(found[k].replace(",", ".")) for k in (1, 3))
-    factor = 1e-3 if found[4] == "mm" else 1.0
+    left, right = (float(match[k].replace(",", ".")) for k in (1, 3))
+    factor = 1e-3 if match[4] == "mm" else 1.0
     if left == right:
         raise ValueError("both readings are the same; give that of the left end, then that of the right")
     return round(left * factor, 9), round(right * factor, 9)
 
 
 def _one_of(names: Collection[str]) -> AfterValidator:
-    def known(given: str) -> str:
-        if given not in names:
+    def checked_name(text: str) -> str:
+        if text not in names:
             raise ValueError(f"not in the list; give one of {', '.join(names)}")
-        return given
+        return text
 
-    return AfterValidator(known)
+    return AfterValidator(checked_name)
 
 
 @dataclass(frozen=True, slots=True)
-class Of:
-    """To which answers of an earlier question, or of one of `Answers`' properties, a question belongs."""
+class BelongsTo:
+    """The answers to an earlier question, or the values of a property of `Answers`, that a question needs."""
 
     question: str
     answers: tuple[str, ...]
 
-    def belongs(self, given: Answers) -> str:
-        """To what a question belongs that is not to be asked; empty where it is."""
-        answer = getattr(given, self.question)
+    def reason_to_skip(self, earlier_answers: Answers) -> str:
+        """Return why the question is not asked after these answers, empty where it is asked."""
+        answer = getattr(earlier_answers, self.question)
         if {answer} & set(self.answers) if isinstance(answer, str) else set(answer) & set(self.answers):
             return ""
         return f"belongs to {_CALLED.get(self.question, option(self.question))} {' or '.join(self.answers)}"
@@ -249,8 +251,12 @@ _CALLED = {"wire": "a module on", "described_on": "--module other on", "reads_pa
 
 @dataclass(frozen=True, slots=True)
 class Housing:
-    """A body that may carry a thermocouple: its node, the source whose place on the screw it touches, and
-    what of its heat goes to the air: W/K per kg^(2/3), in a film of about 10 W/m²K.
+    """A body that may carry a thermocouple.
+
+    Attributes:
+        node: its name in the configuration.
+        source: the source whose place on the screw it touches.
+        air_W_K: conductance to the air, W/K per kg^(2/3), for a film of about 10 W/m²K.
     """
 
     node: str
@@ -277,7 +283,7 @@ _SIDES = {"upper": "left", "top": "left", "lower": "right", "bottom": "right"}
 
 
 def _housings(text: str) -> tuple[str, ...]:
-    """Some of `HOUSINGS`, in their order."""
+    """Return the typed names of `HOUSINGS`, in their order. Raises `ValueError` for an unknown one."""
     words = [_SIDES.get(word, word) for word in text.lower().replace(",", " ").split() if word != "and"]
     if words in ([], ["none"]):
         return ()
@@ -289,23 +295,24 @@ def _housings(text: str) -> tuple[str, ...]:
 
 
 def option(name: str) -> str:
-    """The command-line option of a field of `Answers`."""
+    """Return the command-line option of a field of `Answers`."""
     return f"--{name.replace('_', '-')}"
 
 
-_BY_NAME = Of("control", ("can", "opcua", "mtconnect"))
-_BY_COUNT = Of("control", ("canopen", "modbus"))
-_MODBUS = Of("control", ("modbus",))
-_DESCRIBED = Of("described_on", ("modbus",))
+_BY_NAME = BelongsTo("control", ("can", "opcua", "mtconnect"))
+_BY_COUNT = BelongsTo("control", ("canopen", "modbus"))
+_MODBUS = BelongsTo("control", ("modbus",))
+_DESCRIBED = BelongsTo("described_on", ("modbus",))
 
 
 class Answers(BaseModel):
-    """One machine's answers, in the order in which they are asked; lengths count from the screw's left end.
+    """The answers for one machine, in the order of the questions; lengths count from the screw's left end.
 
     `sensors_m` may be left out where `housings` carry thermocouples, which are the module's first inputs.
-    `ambient` is a temperature in °C, or `"input"`: the module's next input after the sensors. Of a module
-    that is not in the list, `first_register` and the answers after it say where its values are.
-    `shown_at_ends_m` is what the control shows with the nut at the left and the right end of its stroke.
+    `ambient` is a temperature in °C, or `"input"`: the module's next input after the sensors.
+
+    If the module is not in the list, `first_register` and the answers after it locate its values.
+    `shown_at_ends_m` are the control's readings with the nut at the left and the right end of its stroke.
     """
 
     model_config = ConfigDict(validate_assignment=True)
@@ -320,23 +327,26 @@ class Answers(BaseModel):
     ]
     mounting: Annotated[str, _one_of((*MOUNTINGS, "unknown"))] = "unknown"
     fixed_end: Annotated[
-        str, _typed(_side), _one_of(("left", "right")), Of("mounting", ("fixed-supported", "fixed-free"))
+        str,
+        _typed(_side),
+        _one_of(("left", "right")),
+        BelongsTo("mounting", ("fixed-supported", "fixed-free")),
     ] = "left"
     housings: Annotated[tuple[str, ...], _typed(_housings)] = ()
-    nut_kg: Annotated[float | None, _typed(_mass_kg), Of("housings", ("nut",))] = None
-    housing_kg: Annotated[float | None, _typed(_mass_kg), Of("housings", ("left", "right"))] = None
+    nut_kg: Annotated[float | None, _typed(_mass_kg), BelongsTo("housings", ("nut",))] = None
+    housing_kg: Annotated[float | None, _typed(_mass_kg), BelongsTo("housings", ("left", "right"))] = None
     sensors_m: Annotated[tuple[float, ...], _typed(_places_or_none)] = ()
     module: Annotated[str, _one_of((*MODULES, OTHER))] = "wago_750_458"
-    module_bus: Annotated[str, _one_of(("modbus", OTHER)), Of("module", (OTHER,))] = "modbus"
-    module_at: Annotated[str, Of("module_bus", ("modbus",))]
+    module_bus: Annotated[str, _one_of(("modbus", OTHER)), BelongsTo("module", (OTHER,))] = "modbus"
+    module_at: Annotated[str, BelongsTo("module_bus", ("modbus",))]
     transport: Annotated[
-        str, _typed(_transport), _one_of(("tcp", "rtu-over-tcp")), Of("wire", ("ethernet",))
+        str, _typed(_transport), _one_of(("tcp", "rtu-over-tcp")), BelongsTo("wire", ("ethernet",))
     ] = "tcp"
-    module_unit: Annotated[int, Field(ge=0, le=255), Of("wire", ("ethernet", "serial"))] = 1
+    module_unit: Annotated[int, Field(ge=0, le=255), BelongsTo("wire", ("ethernet", "serial"))] = 1
     function: Annotated[str, _typed(_function), _one_of(("holding", "input")), _DESCRIBED] = "input"
     first_register: Annotated[int, Field(ge=0, le=0xFFFF), _DESCRIBED] = 0
     type: Annotated[str, _typed(_number_type), _one_of(TYPES), _DESCRIBED] = "int16"
-    word_order: Annotated[str, _one_of(("big", "little")), Of("reads_pairs", TYPES[2:])] = "big"
+    word_order: Annotated[str, _one_of(("big", "little")), BelongsTo("reads_pairs", TYPES[2:])] = "big"
     degrees_per_count: Annotated[float | None, _typed(typed.number), Field(ge=1e-9, le=1e3), _DESCRIBED] = (
         None
     )
@@ -345,20 +355,20 @@ class Answers(BaseModel):
     fault_code: Annotated[str, _typed(_code), _DESCRIBED] = ""
     ambient: Annotated[float | Literal["input"], _typed(_air)] = "input"
     control: Annotated[str, _one_of(CONTROLS)] = "none"
-    control_at: Annotated[str, Of("control", (*_BY_COUNT.answers, *_BY_NAME.answers))]
-    node_id: Annotated[int, Of("control", ("canopen",))]
+    control_at: Annotated[str, BelongsTo("control", (*_BY_COUNT.answers, *_BY_NAME.answers))]
+    node_id: Annotated[int, BelongsTo("control", ("canopen",))]
     counts_per_m: Annotated[float, _typed(typed.number), _BY_COUNT]
     position_register: Annotated[int, _MODBUS] = 0
     position_type: Annotated[str, _typed(_number_type), _one_of(TYPES), _MODBUS] = "int32"
     position_word_order: Annotated[str, _one_of(("big", "little")), _MODBUS] = "big"
     speed_register: Annotated[int | None, _MODBUS] = None
-    dbc: Annotated[str, Of("control", ("can",))]
+    dbc: Annotated[str, BelongsTo("control", ("can",))]
     position_signal: Annotated[str, _BY_NAME]
     speed_signal: Annotated[str, _BY_NAME] = ""
     shown_at_ends_m: Annotated[
         tuple[float, float] | None,
         _typed(_shown_at_ends),
-        Of("control", (*_BY_COUNT.answers, *_BY_NAME.answers)),
+        BelongsTo("control", (*_BY_COUNT.answers, *_BY_NAME.answers)),
     ] = None
 
     @property
@@ -374,7 +384,7 @@ class Answers(BaseModel):
 
     @property
     def described_on(self) -> str:
-        """The bus of a module that is not in the list, empty for one that is."""
+        """The bus of a module outside the list, empty for a listed one."""
         return self.module_bus if self.module == OTHER else ""
 
     @property
@@ -384,7 +394,7 @@ class Answers(BaseModel):
 
     @property
     def wire(self) -> str:
-        """What the module's address belongs to: `ethernet`, `serial`, `can`, or none yet."""
+        """The kind of the module's wire: `ethernet`, `serial` or `can`; empty for a bus without a driver."""
         if self.module in CAN_INPUTS or (self.module == OTHER and self.module_bus == OTHER):
             return "can" if self.module in CAN_INPUTS else ""
         return "serial" if typed.is_serial(getattr(self, "module_at", "")) else "ethernet"
@@ -399,5 +409,5 @@ class Answers(BaseModel):
 
     @property
     def scale(self) -> float:
-        """The degrees of one count of a described module: usual ones where they were not given."""
+        """The degrees per count of a described module, the usual ones where not given."""
         return self.degrees_per_count or (1.0 if self.type.startswith("float") else 0.1)

@@ -43,7 +43,7 @@ def examine(path: Path) -> Installation:
 
 
 def _drivers(table: dict[str, Any]) -> Iterator[tuple[str, DriverSettings]]:
-    """The valid drivers of an invalid configuration."""
+    """Yield the valid drivers of an invalid configuration, by name."""
     drivers = table.get("drivers")
     for name, settings in drivers.items() if isinstance(drivers, dict) else ():
         try:
@@ -53,7 +53,7 @@ def _drivers(table: dict[str, Any]) -> Iterator[tuple[str, DriverSettings]]:
 
 
 def _may_be_written(directory: Path) -> bool:
-    """Whether a directory exists and is writable, or could be made."""
+    """Return whether a directory exists and is writable, or could be made."""
     at = directory.absolute()
     while not os.path.lexists(at) and at != at.parent:
         at = at.parent
@@ -61,19 +61,21 @@ def _may_be_written(directory: Path) -> bool:
 
 
 def paths_in(part: BaseModel, place: str = "") -> Iterator[tuple[str, Path]]:
-    """Every path that a configuration, or a table of it at `place`, names, with its key."""
+    """Yield every path in a configuration, or in its table at `place`, with its dotted key."""
     for name, value in part:
         inner = value.items() if isinstance(value, dict) else [(None, value)]
-        for word, each in inner:
+        for word, entry in inner:
             key = f"{place}{name}" if word is None else f"{place}{name}.{word}"
-            if isinstance(each, Path):
-                yield key, each
-            elif isinstance(each, BaseModel):
-                yield from paths_in(each, f"{key}.")
+            if isinstance(entry, Path):
+                yield key, entry
+            elif isinstance(entry, BaseModel):
+                yield from paths_in(entry, f"{key}.")
 
 
 def file_problems(config: BaseModel) -> Iterator[str]:
-    """Report files that this user cannot read; drivers report theirs, and folders are created."""
+    """Yield a sentence for each file that this user cannot read; drivers report theirs, and folders are
+    made.
+    """
     for key, path in paths_in(config):
         if key.startswith("drivers.") or key.endswith((".directory", ".reports")):
             continue

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from observer.errors import UserError
 from observer.installation import parse
-from observer.installation.catalogue import Answers, Of, option
+from observer.installation.catalogue import Answers, BelongsTo, option
 from observer.installation.first_template import filled
 from observer.installation.first_wires import check_wires
 
@@ -22,75 +22,78 @@ Ask = Callable[[str, str | None, str], str]
 """Asks for a field of `Answers`, with its default and what is wrong so far; returns what was typed."""
 
 
-def agreed(given: Mapping[str, str | None], ask: Ask | None) -> Answers:
-    """Complete the answers until a configuration can be composed; whoever is asked may correct them.
+def agreed(options: Mapping[str, str | None], ask: Ask | None) -> Answers:
+    """Complete the answers until a configuration can be composed; ask again where they do not fit together.
 
-    Raises `UserError` where an option is invalid, nobody can be asked, or the answers are unchanged.
+    Raises `UserError` where an option is invalid, no terminal is there to ask, or the answers stay the same.
     """
-    said: dict[str, str] = {}
+    typed_before: dict[str, str] = {}
     trouble = ""
     while True:
-        before = dict(said)
+        before = dict(typed_before)
         try:
-            found = answers(given, ask, said, trouble)
-            checked(found)
+            completed = answers(options, ask, typed_before, trouble)
+            checked(completed)
         except UserError as error:
-            if ask is None or said == before:
+            if ask is None or typed_before == before:
                 raise
             trouble = f"{error}\nTry again; Enter keeps your answer.\n"
         else:
-            return found
+            return completed
 
 
 def answers(
-    given: Mapping[str, str | None], ask: Ask | None, said: dict[str, str] | None = None, trouble: str = ""
+    options: Mapping[str, str | None],
+    ask: Ask | None,
+    typed_before: dict[str, str] | None = None,
+    trouble: str = "",
 ) -> Answers:
-    """Complete what was not given by asking or, if nobody can be asked, by defaults.
+    """Complete the options by asking or, without `ask`, by defaults.
 
-    Earlier answers in `said` are offered as defaults and updated; `trouble` is shown before the first
-    question. Raises `UserError` for an invalid option and, if nobody can be asked, for missing ones.
+    Earlier answers in `typed_before` are offered as defaults and updated; `trouble` is shown before the first
+    question. Raises `UserError` for an invalid option and, without `ask`, for missing ones.
     """
-    said = {} if said is None else said
-    found, missing = Answers.model_construct(), []
+    typed_before = {} if typed_before is None else typed_before
+    partial_answers, missing = Answers.model_construct(), []
     for name, field in Answers.model_fields.items():
-        text = given.get(name)
-        needed = field.is_required() or (name == "sensors_m" and not found.housings)
-        if belongs := _belongs(found, field.metadata):
+        text = options.get(name)
+        is_required = field.is_required() or (name == "sensors_m" and not partial_answers.housings)
+        if belongs := _reason_to_skip(partial_answers, field.metadata):
             if text is not None:
                 raise UserError(f"{option(name)}: {belongs}; leave it out")
         elif text is not None:
-            if problem := _set(found, name, text):
+            if problem := _set_answer(partial_answers, name, text):
                 raise UserError(f"{option(name)}: {problem}")
         elif ask is not None:
-            default = said.get(name, None if needed else _offered(field.default))
+            default = typed_before.get(name, None if is_required else _offered(field.default))
             while True:
                 text = ask(name, default, trouble).strip()
-                if text == "" == default or not (trouble := _set(found, name, text)):
+                if text == "" == default or not (trouble := _set_answer(partial_answers, name, text)):
                     break
-            trouble, said[name] = "", text
-        elif needed:
+            trouble, typed_before[name] = "", text
+        elif is_required:
             missing.append(option(name))
     if missing:
         raise UserError(f"init: no terminal to ask on; give {', '.join(missing)}")
-    return found
+    return partial_answers
 
 
 def _offered(default: object) -> str:
-    """A default as it is offered, empty where there is none."""
+    """Return a default as the text to offer, empty without one."""
     return "" if default is None or default == () else str(default)
 
 
-def _belongs(found: Answers, metadata: Sequence[object]) -> str:
-    """To which other answer a question belongs that is not to be asked; empty where it is."""
-    reasons = (of.belongs(found) for of in metadata if isinstance(of, Of))
+def _reason_to_skip(partial_answers: Answers, metadata: Sequence[object]) -> str:
+    """Return why a question is not asked after the answers so far, empty where it is asked."""
+    reasons = (of.reason_to_skip(partial_answers) for of in metadata if isinstance(of, BelongsTo))
     return next(filter(None, reasons), "")
 
 
-def _set(found: Answers, name: str, text: str) -> str:
-    """Set a field from text; returns what is wrong with it, or with it and the answers before, or nothing."""
+def _set_answer(partial_answers: Answers, name: str, text: str) -> str:
+    """Set a field from text; return a sentence on why it is invalid or does not fit, else an empty text."""
     try:
-        setattr(found, name, text)
-        _fits(found, name)
+        setattr(partial_answers, name, text)
+        _refuse_unfit(partial_answers, name)
     except ValidationError as error:
         problem = error.errors()[0]["msg"].removeprefix("Value error, ")
         return f"{text!r}: {problem[0].lower()}{problem[1:]}"
@@ -99,21 +102,21 @@ def _set(found: Answers, name: str, text: str) -> str:
     return ""
 
 
-def _fits(found: Answers, name: str) -> None:
+def _refuse_unfit(partial_answers: Answers, name: str) -> None:
     """Raise `UserError` where the answer just given does not fit those before it."""
-    places_m = getattr(found, name) if name in ("stroke_m", "sensors_m") else ()
-    if name == "sensors_m" and not places_m and not found.housings:
+    places_m = getattr(partial_answers, name) if name in ("stroke_m", "sensors_m") else ()
+    if name == "sensors_m" and not places_m and not partial_answers.housings:
         raise UserError("there is no thermocouple yet; give a place on the screw, or name --housings")
-    if (beyond_m := max(places_m, default=0.0)) > getattr(found, "length_m", math.inf):
-        raise UserError(f"{beyond_m:g} m is beyond the screw's end, at {found.length_m:g} m")
-    check_wires(found, name)
+    if (beyond_m := max(places_m, default=0.0)) > getattr(partial_answers, "length_m", math.inf):
+        raise UserError(f"{beyond_m:g} m is beyond the screw's end, at {partial_answers.length_m:g} m")
+    check_wires(partial_answers, name)
 
 
-def write_new(path: Path, given: Mapping[str, str | None], ask: Ask | None) -> None:
+def write_new(path: Path, options: Mapping[str, str | None], ask: Ask | None) -> None:
     """Write a configuration by the answers. Raises `UserError` if the file exists, or cannot be written."""
     if path.exists():  # before anything is asked
         raise UserError(f"{path}: already exists and is not overwritten; give another file with --output")
-    content = checked(agreed(given, ask))
+    content = checked(agreed(options, ask))
     try:
         path.write_text(content, encoding="utf-8")
     except OSError as error:
@@ -123,7 +126,10 @@ def write_new(path: Path, given: Mapping[str, str | None], ask: Ask | None) -> N
 
 
 def checked(answers: Answers) -> str:
-    """The configuration as text. Raises `UserError` where the answers do not fit together."""
+    """Return the configuration as text, after loading it.
+
+    Raises `UserError` where the answers do not fit together.
+    """
     content = filled(answers)
     parse(tomllib.loads(content), "init")
     return content

@@ -13,24 +13,24 @@ from observer.installation.catalogue import OTHER, Answers, option
 from observer.installation.typed import is_serial
 
 
-def check_wires(found: Answers, name: str) -> None:
+def check_wires(answers: Answers, name: str) -> None:
     """Raise `UserError` where the answer `name`, just given, does not fit the module or the control."""
-    if name == "inputs" or (name == "module" and found.module != OTHER):
-        _inputs(found, len(found.thermocouples))
+    if name == "inputs" or (name == "module" and answers.module != OTHER):
+        _inputs(answers, len(answers.thermocouples))
     if name == "ambient":
-        _inputs(found, len(found.thermocouples) + (found.ambient == "input"))
-    if name == "module_at" and found.wire == "ethernet":
-        modbus_place(found.module_at)
+        _inputs(answers, len(answers.thermocouples) + (answers.ambient == "input"))
+    if name == "module_at" and answers.wire == "ethernet":
+        modbus_place(answers.module_at)
     if name == "first_register":
-        register_on_wire(found.first_register, found.function)
-    if name == "control_at" and found.control == "modbus" and not is_serial(found.control_at):
-        modbus_place(found.control_at, name)
-    if name == "control_at" and found.control in _LIKE:
-        url_of(found)
-    if name in ("position_signal", "speed_signal") and found.control == "can" and getattr(found, name):
-        message_and_signal(found, name)
+        register_on_wire(answers.first_register, answers.function)
+    if name == "control_at" and answers.control == "modbus" and not is_serial(answers.control_at):
+        modbus_place(answers.control_at, name)
+    if name == "control_at" and answers.control in _LIKE:
+        url_of(answers)
+    if name in ("position_signal", "speed_signal") and answers.control == "can" and getattr(answers, name):
+        message_and_signal(answers, name)
     if name == "shown_at_ends_m":
-        direction_of_counts(found)
+        direction_of_counts(answers)
 
 
 def register_on_wire(number: int, function: str) -> int:
@@ -43,12 +43,12 @@ def register_on_wire(number: int, function: str) -> int:
     return of_manual[1]
 
 
-def _inputs(answers: Answers, needed: int) -> None:
-    """Raise `UserError` where the module has fewer inputs than are needed."""
+def _inputs(answers: Answers, count: int) -> None:
+    """Raise `UserError` where the module has fewer than `count` inputs."""
     module = answers.reader
-    if answers.wire and needed > module.inputs:
+    if answers.wire and count > module.inputs:
         raise UserError(
-            f"{needed} inputs are needed (sensors, and the air where it is an input) and {module.title} has "
+            f"{count} inputs are needed (sensors, and the air where it is an input) and {module.title} has "
             f"{module.inputs}; leave some out, and add another module to the file afterwards"
         )
 
@@ -114,10 +114,10 @@ def direction_of_counts(answers: Answers) -> float:
 
 def message_and_signal(answers: Answers, name: str) -> tuple[str, str]:
     """The message and the signal of a DBC file that an answer names."""
-    given = str(getattr(answers, name))
-    message, _, signal = given.partition(".")
+    answer = str(getattr(answers, name))
+    message, _, signal = answer.partition(".")
     if not message or not signal:
-        raise UserError(f"{option(name)}: {given!r} names no signal; write it as AxisStatus.NutPosition")
+        raise UserError(f"{option(name)}: {answer!r} names no signal; write it as AxisStatus.NutPosition")
     return message, signal
 
 

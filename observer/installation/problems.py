@@ -1,4 +1,4 @@
-"""What is wrong with a configuration: one sentence for each problem, likely typos first."""
+"""The problems of a configuration: one sentence for each, likely typos first."""
 
 from __future__ import annotations
 
@@ -54,20 +54,20 @@ def problems_of(table: dict[str, Any], model: type[BaseModel]) -> list[str]:
 
 
 def _sentences(detail: ErrorDetails, path: Path) -> Sequence[str]:
-    """What one error of pydantic says, in words: a check of several keys may find several problems."""
+    """Return an error of pydantic in words; a check of several keys may find several problems."""
     cause = detail.get("ctx", {}).get("error")
     return cause.problems if isinstance(cause, SeveralError) else [_words(detail, path)]
 
 
 def as_message(place: str, problems: Sequence[str]) -> str:
-    """One sentence for one problem, a list for several."""
+    """Return one sentence for one problem, a list for several."""
     if len(problems) == 1:
         return f"{place}: {problems[0]}"
     return f"{place}: {len(problems)} problems\n" + "\n".join(f"  {p}" for p in problems)
 
 
 def _without_consequences(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
-    """The errors without those that count too few entries only because an entry is itself wrong."""
+    """Return the errors without those on too few entries that come only from another wrong entry."""
     return [
         e
         for e in errors
@@ -77,78 +77,80 @@ def _without_consequences(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
 
 
 def _words(detail: ErrorDetails, path: Path) -> str:
-    """What is wrong, in words."""
-    kind, given, message = detail["type"], detail["input"], detail["msg"].removeprefix("Value error, ")
+    """Return the problem and its remedy, without the key."""
+    kind, value, message = detail["type"], detail["input"], detail["msg"].removeprefix("Value error, ")
     if kind == "value_error":
-        return message + hint(path, given)
+        return message + hint(path, value)
     if kind == "missing":
         return "is missing; add it"
     message = f"{message[0].lower()}{message[1:]}"
     if detail["loc"] and detail["loc"][-1] == _KEY:
         message = f"the name {shown(path[-1])} is not valid ({message}); change it"
     elif kind.startswith("union_tag"):
-        named = given.get("kind") if isinstance(given, dict) else None
+        named = value.get("kind") if isinstance(value, dict) else None
         stated = "kind is missing" if named is None else f"unknown kind {shown(named)}"
         group, ours = ("effects", KINDS) if path[0] == "effect" else ("drivers", DRIVER_KINDS)
         message = f"{stated}; give one of {', '.join((*ours, *entry_names(group), 'module:Class'))}"
     elif kind in {"model_type", "model_attributes_type", "dict_type"}:
-        message = f"must be a table, not {shown(given)}; write [{key_of(path, {})}] and its keys below"
-    elif kind in {"too_short", "too_long"} and isinstance(given, list | tuple | dict):
+        message = f"must be a table, not {shown(value)}; write [{key_of(path, {})}] and its keys below"
+    elif kind in {"too_short", "too_long"} and isinstance(value, list | tuple | dict):
         limit = int(detail["ctx"].get("min_length") or detail["ctx"].get("max_length") or 0)
         least = "at least" if kind == "too_short" else "at most"
-        message = f"has {len(given)} entries where {least} {limit} are expected; {_shorter(given, limit)}"
-    elif kind in {"list_type", "tuple_type"} and isinstance(given, dict):
+        message = f"has {len(value)} entries where {least} {limit} are expected; {_shorter(value, limit)}"
+    elif kind in {"list_type", "tuple_type"} and isinstance(value, dict):
         message = f"there may be several of this table; write [[{key_of(path, {})}]], in two brackets"
-    elif isinstance(given, int | float | str | bool):
-        message = f"{message}, not {shown(given)}{_meant(detail, path) or hint(path, given)}"
+    elif isinstance(value, int | float | str | bool):
+        message = f"{message}, not {shown(value)}{_meant(detail, path) or hint(path, value)}"
     return message
 
 
-def _shorter(given: Sequence[object] | Mapping[str, object], limit: int) -> str:
-    """What to do about a list of another length: a decimal comma makes two numbers of each."""
-    if len(given) != 2 * limit or not all(type(part) is int for part in given):
+def _shorter(entries: Sequence[object] | Mapping[str, object], limit: int) -> str:
+    """Return a remedy for a list of the wrong length; twice the length hints at decimal commas."""
+    if len(entries) != 2 * limit or not all(type(part) is int for part in entries):
         return "change the list"
-    pairs = zip(*[iter(given)] * 2, strict=True)
+    pairs = zip(*[iter(entries)] * 2, strict=True)
     return f"with decimal points write [{', '.join(f'{whole}.{part}' for whole, part in pairs)}]"
 
 
 def _meant(detail: ErrorDetails, path: Path) -> str:
-    """“; write …”: a number, a truth or a choice as it was probably meant; empty where nothing is likely."""
-    kind, given, key = detail["type"], detail["input"], str(path[-1]) if path else ""
+    """Return “; write …” with the number, truth or choice that was probably meant, else an empty text."""
+    kind, value, key = detail["type"], detail["input"], str(path[-1]) if path else ""
     meant = ""
-    if kind.startswith(("float_", "int_", "decimal_")) and isinstance(given, str):
-        meant = without_quotes(key, given) or "the number alone, without quotes"
+    if kind.startswith(("float_", "int_", "decimal_")) and isinstance(value, str):
+        meant = without_quotes(key, value) or "the number alone, without quotes"
     elif kind.startswith("bool_"):
-        meant = truth(str(given)) or {"1": "true", "0": "false"}.get(str(given), "true or false")
-    elif kind in ("list_type", "tuple_type") and isinstance(given, str):
-        meant = f'["{given}"], in square brackets'
+        meant = truth(str(value)) or {"1": "true", "0": "false"}.get(str(value), "true or false")
+    elif kind in ("list_type", "tuple_type") and isinstance(value, str):
+        meant = f'["{value}"], in square brackets'
     elif kind == "string_type":
-        meant = f'"{given}", in quotes'
+        meant = f'"{value}", in quotes'
     elif kind == "string_pattern_mismatch" and key in ("name", "axis"):
         with contextlib.suppress(ValueError):
-            meant = f'"{key_name(str(given))}": letters, digits, _ . and - are allowed'
+            meant = f'"{key_name(str(value))}": letters, digits, _ . and - are allowed'
     elif kind == "literal_error":
-        meant = _choice(key, str(given), str(detail["ctx"]["expected"]))
+        meant = _choice(key, str(value), str(detail["ctx"]["expected"]))
     return f"; write {meant}" if meant else ""
 
 
-def _choice(key: str, given: str, expected: str) -> str:
-    """The choice that a word, or a Modbus function code, probably stands for; empty where none is near."""
-    if key == "function" and (code := given.lstrip("0")) in ("3", "4"):
+def _choice(key: str, written: str, expected: str) -> str:
+    """Return the choice that a word, or a Modbus function code, probably stands for; empty without a near
+    one.
+    """
+    if key == "function" and (code := written.lstrip("0")) in ("3", "4"):
         return '"holding", which is function 3' if code == "3" else '"input", which is function 4'
-    if key == "byte_order" and given in ("big", "little"):
-        return f'word_order = "{given}", or byte_order = "{"CDAB" if given == "little" else "ABCD"}"'
+    if key == "byte_order" and written in ("big", "little"):
+        return f'word_order = "{written}", or byte_order = "{"CDAB" if written == "little" else "ABCD"}"'
     choices = re.findall(r"'([^']*)'", expected)
     by_lower = {choice.lower(): choice for choice in choices}
     word = {"real": "float32", "float": "float32", "int": "int16", "word": "uint16", "dint": "int32"}.get(
-        given.lower(), given.lower()
+        written.lower(), written.lower()
     )
     close = difflib.get_close_matches(word, list(by_lower), n=1)
     return f'"{by_lower[close[0]]}"' if close else ""
 
 
 def shown(value: object) -> str:
-    """A value as it was written, cut short where it is long."""
+    """Return a value as it was written, cut short where it is long."""
     try:
         text = repr(value)
     except (ValueError, RecursionError):  # a number of thousands of digits, tables in tables
@@ -162,15 +164,15 @@ def _line(path: Path, words: str, table: dict[str, Any]) -> str:
 
 
 def _path(location: Sequence[int | str], table: Any) -> Path:
-    """A place in the file, without what pydantic inserts: kinds of drivers and effects, and `[key]`."""
+    """Return a place in the file, without the parts that pydantic inserts: kinds and `[key]`."""
     parts: list[int | str] = []
     for part in location:
         inserted = (*UNION_TAGS, table.get("kind") if isinstance(table, dict) else None)
-        there = isinstance(table, dict) and part in table
-        if part == _KEY or (isinstance(part, str) and part in inserted and not there):
+        is_key = isinstance(table, dict) and part in table
+        if part == _KEY or (isinstance(part, str) and part in inserted and not is_key):
             continue
         parts.append(part)
-        table = within(table, part)
+        table = entry_at(table, part)
     return tuple(parts)
 
 
@@ -178,13 +180,13 @@ def key_of(path: Path, table: object) -> str:
     """Return the dotted key of a place; list entries go by their name where they have one."""
     parts: list[str] = []
     for part in path:
-        table = within(table, part)
+        table = entry_at(table, part)
         if isinstance(part, str):
             parts.append(_readable(part))
             continue
         name = table.get("name") if isinstance(table, dict) else None
-        known = isinstance(name, str) and _readable(name) == name
-        parts[-1:] = [f'{parts[-1]} "{name}"' if known else f"{parts[-1]}[{part}]"]
+        is_readable = isinstance(name, str) and _readable(name) == name
+        parts[-1:] = [f'{parts[-1]} "{name}"' if is_readable else f"{parts[-1]}[{part}]"]
     return ".".join(parts)
 
 
@@ -192,8 +194,8 @@ def _readable(name: str) -> str:
     return name if name.isprintable() and len(name) <= 64 else shown(name)
 
 
-def within(table: Any, part: int | str) -> Any:
-    """The value at a key of a table or an index of a list, None where there is none."""
+def entry_at(table: Any, part: int | str) -> Any:
+    """Return the value at a key of a table or an index of a list, None without one."""
     if isinstance(part, int):
         return table[part] if isinstance(table, list | tuple) and part < len(table) else None
     return table.get(part) if isinstance(table, dict) else None
@@ -204,17 +206,17 @@ def _question(key: str | None) -> str:
 
 
 def _meant_key(path: Path, table: Any, model: type[BaseModel]) -> str | None:
-    """The key that an unknown one probably stands for, None where none is near."""
+    """Return the valid key nearest to an unknown one, None without a near one."""
     *place, key = path
     return _closest(str(key).lower()[:80], _keys_at(place, table, model))
 
 
-def _closest(key: str, known: Sequence[str]) -> str | None:
-    """The known key that was probably meant by a misspelt one in lower case.
+def _closest(key: str, keys: Sequence[str]) -> str | None:
+    """Return the valid key that a misspelt one in lower case probably means, None without a near one.
 
     Capitals, a missing or other unit and a beginning count as close: `Length`, `length`, `length_mm`, `temp`.
     """
-    by_lower = {name.lower(): name for name in sorted(known, reverse=True)}
+    by_lower = {name.lower(): name for name in sorted(keys, reverse=True)}
     names = sorted(by_lower)
     stem = key.rsplit("_", 1)[0]
     likely = (
@@ -224,36 +226,36 @@ def _closest(key: str, known: Sequence[str]) -> str | None:
         [name for name in names if len(key) >= 3 and name.startswith(key)],
         difflib.get_close_matches(key, names, n=1),
     )
-    return next((by_lower[found[0]] for found in likely if found), None)
+    return next((by_lower[matches[0]] for matches in likely if matches), None)
 
 
 def _keys_at(path: Sequence[int | str], table: Any, model: type[BaseModel]) -> list[str]:
-    """The keys that the table at a place may have."""
+    """Return the valid keys of the table at a place."""
     models: list[type[BaseModel]] = [model]
     for part in path:
-        table = within(table, part)
+        table = entry_at(table, part)
         fields = [f for m in models for name, f in m.model_fields.items() if (f.alias or name) == part]
         if fields:  # else an index of a list or a name in a table of tables, which has the same models
             models = [m for f in fields for m in _models_in(f.annotation)]
     kind = table.get("kind") if isinstance(table, dict) else None
-    if own := _model_outside(kind, "effects" if path[:1] == ["effect"] else "drivers"):
-        models = [own]
+    if outside_model := _model_outside(kind, "effects" if path[:1] == ["effect"] else "drivers"):
+        models = [outside_model]
     kinds = [(m, m.model_fields["kind"]) for m in models if "kind" in m.model_fields]
     chosen = [m for m, field in kinds if kind in get_args(field.annotation)]
     return [f.alias or name for m in chosen or models for name, f in m.model_fields.items()]
 
 
 def _model_outside(kind: object, group: str) -> type[BaseModel] | None:
-    """The model from outside that a `kind` names, if it does."""
+    """Return the model from outside with this `kind`, None without one."""
     try:
-        own = outside(kind, group) if is_outside(kind, group) else None
+        model = outside(kind, group) if is_outside(kind, group) else None
     except ValueError:  # reported where the table was validated
         return None
-    return own if isinstance(own, type) and issubclass(own, BaseModel) else None
+    return model if isinstance(model, type) and issubclass(model, BaseModel) else None
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    """The models that a type is made of."""
+    """Yield the models within a type annotation."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for part in get_args(annotation):

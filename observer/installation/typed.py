@@ -1,4 +1,4 @@
-"""What people type for a length, a place, a temperature, a screw or a name, as a configuration needs it.
+"""Parsers of typed lengths, places, temperatures, screws and names, as a configuration needs them.
 
 A number alone is in the unit that was asked for; a decimal comma is as good as a point. Every function raises
 `ValueError` with the reason, in words for whoever has typed.
@@ -31,17 +31,17 @@ def number(text: str) -> float:
 
 def length_m(text: str) -> float:
     """Return one length in m: `1000 mm`, `1,0` and `1 m` are the same."""
-    found = re.fullmatch(_ITEM, text.strip().replace(",", "."))
-    if found is None:
+    match = re.fullmatch(_ITEM, text.strip().replace(",", "."))
+    if match is None:
         raise ValueError("give a length with its unit, such as 1000 mm or 1.0 m")
-    return _in_m(found[1], found[2] or "m")
+    return _in_m(match[1], match[2] or "m")
 
 
 def places_m(text: str, count: int | None = None) -> tuple[float, ...]:
-    """Return several lengths in m, `count` of them where that is known: `50, 500, 950 mm`, `0,15 0,80`.
+    """Return several lengths in m: `50, 500, 950 mm`, `0,15 0,80`; `count` of them if given.
 
     The last unit holds for all without one. A comma separates where a blank follows it, or where nothing else
-    separates; where both readings are possible and `count` does not decide, that is refused.
+    separates. Raises `ValueError` where both readings are possible and `count` does not decide.
     """
     between = r"(?<=[\w\"])\s*(?:-|–|…|\.\.+|\bto\b|\bbis\b|\band\b|\bund\b)\s*(?=\d)"
     plain = re.sub(r",\s+", "; ", re.sub(between, " ", text.strip()))
@@ -51,21 +51,21 @@ def places_m(text: str, count: int | None = None) -> tuple[float, ...]:
     if len(readings) > 1 and others:
         readings = [decimal]
     lists = [_ITEM.findall(r) if re.fullmatch(_LIST, r) else [] for r in readings]
-    lists = [each for each in lists if each and count in (None, len(each))]
+    lists = [number_units for number_units in lists if number_units and count in (None, len(number_units))]
     if len(lists) > 1:
-        one, two = (" ".join(value for value, _ in each) for each in lists)
+        one, two = (" ".join(value for value, _ in number_units) for number_units in lists)
         raise ValueError(f"is it {one} or {two}? use a decimal point, and separate numbers by spaces")
     if not lists:
-        many = "the places" if count is None else f"{count} places"
+        noun = "the places" if count is None else f"{count} places"
         raise ValueError(
-            f"write {many} with their unit, as {'50 500 950' if count is None else '150 800'} mm"
+            f"write {noun} with their unit, as {'50 500 950' if count is None else '150 800'} mm"
         )
     last = next((unit for _, unit in reversed(lists[0]) if unit), "m")
     return tuple(_in_m(value, unit or last) for value, unit in lists[0])
 
 
 def _in_m(value: str, unit: str) -> float:
-    """A length by its number and unit."""
+    """Return a length in m from its number and unit."""
     length = spelled(unit)
     if length is None or length.base != "m":
         raise ValueError(f"{unit} is not a unit of length; use m, mm, cm or in")
@@ -78,30 +78,30 @@ def _in_m(value: str, unit: str) -> float:
 
 def degC(text: str) -> float:
     """Return a temperature in °C: `12 °C`, `12,5`, `68 °F`, `293 K`."""
-    found = re.fullmatch(_DEGC, text.strip().replace(",", "."))
-    if found is None:
+    match = re.fullmatch(_DEGC, text.strip().replace(",", "."))
+    if match is None:
         raise ValueError("give a temperature with its unit, such as 21.5 °C, or input")
-    unit = spelled(found[2] or "degC") or BY_NAME["degC"]
-    return round(unit.to_base(float(found[1])), 6)
+    unit = spelled(match[2] or "degC") or BY_NAME["degC"]
+    return round(unit.to_base(float(match[1])), 6)
 
 
 def screw_name(text: str) -> str:
-    """Return nominal diameter and lead in mm as the catalogue spells them: `40 x 10`, `16x2,5 mm`."""
+    """Return nominal diameter and lead in mm in the catalogue's spelling: `40 x 10`, `16x2,5 mm`."""
     number = r"(\d+(?:[.,]\d+)?)"
-    found = re.fullmatch(rf"ø?\s*{number}\s*(?:mm)?\s*[x×*/]\s*{number}\s*(?:mm)?", text.strip().lower())
-    if found is None:
+    match = re.fullmatch(rf"ø?\s*{number}\s*(?:mm)?\s*[x×*/]\s*{number}\s*(?:mm)?", text.strip().lower())
+    if match is None:
         return text.strip()
-    return "x".join(f"{float(size.replace(',', '.')):g}" for size in found.groups())
+    return "x".join(f"{float(size.replace(',', '.')):g}" for size in match.groups())
 
 
 def is_serial(place: str) -> bool:
-    """Whether an address is that of a serial port."""
+    """Return whether an address is that of a serial port."""
     return place.startswith("/") or place.upper().startswith("COM")
 
 
 def key_name(text: str) -> str:
-    """Return a name as keys of Zenoh may have it, one that they may unchanged: `Drehmaschine 7` becomes
-    `drehmaschine-7`.
+    """Return a valid name for Zenoh keys: `Drehmaschine 7` becomes `drehmaschine-7`; valid names are
+    unchanged.
     """
     text = text.strip()
     if re.fullmatch(r"[A-Za-z0-9_.-]{1,64}", text):

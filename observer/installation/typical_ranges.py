@@ -22,13 +22,13 @@ class TypicalRange:
     signed: bool = False
 
     def holds(self, value: float) -> bool:
-        """Whether a value is usual."""
+        """Return whether a value is usual."""
         return value == 0.0 or self.low <= (value if self.signed else abs(value)) <= self.high
 
     def meant(self, value: float) -> list[tuple[float, Unit]]:
-        """The usual values that it may stand for, and in which unit it is then."""
-        found = [(unit.to_base(value), unit) for unit in self.units]
-        return [(v, unit) for v, unit in found if v != 0.0 and self.holds(v)]
+        """Return the usual values that it may stand for, in the key's unit, each with the mistaken unit."""
+        converted = [(unit.to_base(value), unit) for unit in self.units]
+        return [(v, unit) for v, unit in converted if v != 0.0 and self.holds(v)]
 
 
 def _of(symbol: str, size: float) -> Unit:
@@ -110,7 +110,7 @@ TYPICAL: dict[str, TypicalRange] = {
 
 
 def pattern_of(path: tuple[int | str, ...]) -> str:
-    """The key of a place in `TYPICAL`."""
+    """Return the key in `TYPICAL` of a place in the configuration."""
     parts = [part for part in path if isinstance(part, str)]
     if parts[:1] in (["drivers"], ["boundary"]) and len(parts) > 1:
         parts[1] = "*"
@@ -118,15 +118,15 @@ def pattern_of(path: tuple[int | str, ...]) -> str:
 
 
 def hint(path: tuple[int | str, ...], value: object) -> str:
-    """“; did you mean 0.04 (40 mm)?”, or nothing where the value is usual or no unit explains it."""
-    found = _candidates(path, value)
-    if not found:
+    """Return “; did you mean 0.04 (40 mm)?”, empty where the value is usual or no unit explains it."""
+    candidates = _candidates(path, value)
+    if not candidates:
         return ""
-    return f"; did you mean {' or '.join(f'{v:g} ({value:g} {unit.shown})' for v, unit in found)}?"
+    return f"; did you mean {' or '.join(f'{v:g} ({value:g} {unit.shown})' for v, unit in candidates)}?"
 
 
 def doubt(path: tuple[int | str, ...], value: float) -> str | None:
-    """Why a value looks wrong, None where it is usual."""
+    """Return a sentence on a value outside its usual range, None for a usual value."""
     if str(path[-1]) in ("register", "status_register", "first_register") and (words := modicon(int(value))):
         return f"{value:g} {words}; leave it only if the manual counts on the wire"
     typical = TYPICAL.get(pattern_of(path))

@@ -33,7 +33,14 @@ _NAMES = {"effect": "kind", "link": "between"}
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """A configuration with a name, values of input channels that last, and which keys it has of its own."""
+    """A variant of a configuration.
+
+    Attributes:
+        name: as in the file, or made of a sweep's values.
+        config: the configuration with the overrides.
+        inputs: constant values by input channel.
+        changed: the dotted keys that it overrides or removes.
+    """
 
     name: str
     config: Installation
@@ -42,7 +49,7 @@ class Variant:
 
 
 def variants_of(table: Mapping[str, Any], place: str, base: Mapping[str, Any]) -> tuple[Variant, ...]:
-    """Return the variants in a table, in its order, sweeps last, of the configuration in another table.
+    """Return the variants of `base` in a table, in its order, sweeps last.
 
     Raises `ConfigError`, a sentence for each problem that names `place`, variant, key and remedy.
     """
@@ -60,25 +67,29 @@ def variants_of(table: Mapping[str, Any], place: str, base: Mapping[str, Any]) -
             "shorten a sweep"
         )
     common = _table(table.get(_INPUTS, {}), f"{place}: {_INPUTS}")
-    found = tuple(_variant(name, own, base, common, place) for name, own in named)
-    for name in (v.name for v in found):
-        if sum(v.name == name for v in found) > 1:
+    variants = tuple(_variant(name, overrides, base, common, place) for name, overrides in named)
+    for name in (v.name for v in variants):
+        if sum(v.name == name for v in variants) > 1:
             raise ConfigError(f'{place}: two variants are called "{name}"; give each its own name')
-    return found
+    return variants
 
 
 def _named(table: Mapping[str, Any], place: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Each variant's name and overrides; those of a sweep go by their values."""
-    for name, own in _table(table.get("variant", {}), f"{place}: variant").items():
-        yield name, _table(own, f'{place}: variant "{name}"')
-    for name, own in _table(table.get("sweep", {}), f"{place}: sweep").items():
-        here = f'{place}: sweep "{name}"'
-        swept = list(_leaves(_table(own, here)))
+    """Yield each variant's name and overrides; a sweep's variants are named by their values."""
+    for name, named_table in _table(table.get("variant", {}), f"{place}: variant").items():
+        yield name, _table(named_table, f'{place}: variant "{name}"')
+    for name, named_table in _table(table.get("sweep", {}), f"{place}: sweep").items():
+        sweep_place = f'{place}: sweep "{name}"'
+        swept = list(_leaves(_table(named_table, sweep_place)))
         if not swept:
-            raise ConfigError(f"{here}: sweeps nothing; give a key a list of values, or remove the table")
+            raise ConfigError(
+                f"{sweep_place}: sweeps nothing; give a key a list of values, or remove the table"
+            )
         for path, values in swept:
             if not isinstance(values, list) or not values:
-                raise ConfigError(f"{here}: {'.'.join(path)}: give a list of values, one for each variant")
+                raise ConfigError(
+                    f"{sweep_place}: {'.'.join(path)}: give a list of values, one for each variant"
+                )
         for values in itertools.product(*(values for _, values in swept)):
             named = [f"{path[-1]} {_short(v)}" for (path, _), v in zip(swept, values, strict=True)]
             words = f"{name}: {', '.join(named)}" if len(named) > 1 else f"{name} {_short(values[0])}"
@@ -106,42 +117,42 @@ def _leaves(table: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[tu
 def _nested(paths: list[tuple[str, ...]], values: tuple[Any, ...]) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for (*owners, last), value in zip(paths, values, strict=True):
-        own = table
+        owner = table
         for key in owners:
-            own = own.setdefault(key, {})
-        own[last] = value
+            owner = owner.setdefault(key, {})
+        owner[last] = value
     return table
 
 
 def _variant(
-    name: str, own: Mapping[str, Any], base: Mapping[str, Any], common: Mapping[str, Any], place: str
+    name: str, own_table: Mapping[str, Any], base: Mapping[str, Any], common: Mapping[str, Any], place: str
 ) -> Variant:
-    here = f'{place}: variant "{name}"'
-    overrides = {key: value for key, value in own.items() if key not in (_INPUTS, _WITHOUT)}
+    variant_place = f'{place}: variant "{name}"'
+    overrides = {key: value for key, value in own_table.items() if key not in (_INPUTS, _WITHOUT)}
     table = copy.deepcopy(dict(base))
-    without = own.get(_WITHOUT, [])
+    without = own_table.get(_WITHOUT, [])
     if not isinstance(without, list) or not all(isinstance(path, str) for path in without):
-        raise ConfigError(f'{here}: {_WITHOUT}: give a list of keys, as ["sensor.t3", "supports"]')
+        raise ConfigError(f'{variant_place}: {_WITHOUT}: give a list of keys, as ["sensor.t3", "supports"]')
     for path in without:
-        _take_away(table, path, here)
-    _put(table, overrides, here)
-    config = parse(table, here)
-    inputs = dict(common) | dict(_table(own.get(_INPUTS, {}), f"{here}: {_INPUTS}"))
-    check_inputs(config, inputs, f"{here}: {_INPUTS}")
-    changed = (*without, *(".".join(path) for path, _ in _leaves(own) if path[0] != _WITHOUT))
+        _remove(table, path, variant_place)
+    _apply_overrides(table, overrides, variant_place)
+    config = parse(table, variant_place)
+    inputs = dict(common) | dict(_table(own_table.get(_INPUTS, {}), f"{variant_place}: {_INPUTS}"))
+    check_inputs(config, inputs, f"{variant_place}: {_INPUTS}")
+    changed = (*without, *(".".join(path) for path, _ in _leaves(own_table) if path[0] != _WITHOUT))
     return Variant(name, config, {c: float(v) for c, v in inputs.items()}, changed)
 
 
-def _put(table: dict[str, Any], overrides: Mapping[str, Any], here: str) -> None:
-    """Put overrides into a configuration's table; entries of lists of tables go by their names."""
+def _apply_overrides(table: dict[str, Any], overrides: Mapping[str, Any], place: str) -> None:
+    """Apply overrides to a configuration's table; entries of lists of tables are addressed by their names."""
     for key, value in overrides.items():
-        there = table.get(key)
-        if isinstance(value, Mapping) and (_is_list(there) or key in ("effect", "sensor", "node", "link")):
+        current = table.get(key)
+        if isinstance(value, Mapping) and (_is_list(current) or key in ("effect", "sensor", "node", "link")):
             entries = table.setdefault(key, [])
-            for name, own in value.items():
-                _entry_of(entries, key, name, _table(own, f"{here}: {key}.{name}"), here)
-        elif isinstance(value, Mapping) and isinstance(there, dict):
-            _put(there, value, here)
+            for name, entry_overrides in value.items():
+                _override_entry(entries, key, name, _table(entry_overrides, f"{place}: {key}.{name}"), place)
+        elif isinstance(value, Mapping) and isinstance(current, dict):
+            _apply_overrides(current, value, place)
         else:
             table[key] = value
 
@@ -150,49 +161,55 @@ def _is_list(value: Any) -> bool:
     return isinstance(value, list) and all(isinstance(entry, dict) for entry in value)
 
 
-def _called(key: str, entry: Mapping[str, Any]) -> str:
-    """The name of a list's entry; that of a link has both its ends."""
+def _entry_name(key: str, entry: Mapping[str, Any]) -> str:
+    """Return the name of a list's entry; a link's has both its ends."""
     name = entry.get(_NAMES.get(key, "name"), "")
     return " - ".join(map(str, name)) if isinstance(name, list) else str(name)
 
 
-def _entry_of(entries: list[Any], key: str, name: str, own: Mapping[str, Any], here: str) -> None:
-    """Put overrides into the named entry, or add an entry that gives its own name."""
-    found = [entry for entry in entries if _called(key, entry) == name]
-    if not found and _called(key, own) == name:
-        entries.append(dict(own))
+def _override_entry(
+    entries: list[Any], key: str, name: str, overrides: Mapping[str, Any], place: str
+) -> None:
+    """Override the named entry, or add an entry that gives its own name. Raises `ConfigError` for an
+    unknown one.
+    """
+    matching = [entry for entry in entries if _entry_name(key, entry) == name]
+    if not matching and _entry_name(key, overrides) == name:
+        entries.append(dict(overrides))
         return
-    if not found:
+    if not matching:
         raise ConfigError(
-            f"{here}: {key}.{name}: {_unknown(entries, key, name)}; a new one gives its name too"
+            f"{place}: {key}.{name}: {_unknown(entries, key, name)}; a new one gives its name too"
         )
-    for entry in found:
-        _put(entry, own, here)
+    for entry in matching:
+        _apply_overrides(entry, overrides, place)
 
 
 def _unknown(entries: list[Any], key: str, name: str) -> str:
-    known = [_called(key, entry) for entry in entries]
-    return f'no {key} is called "{name}"{meant(name, known)}; there are {", ".join(known) or "none"}'
+    names = [_entry_name(key, entry) for entry in entries]
+    return f'no {key} is called "{name}"{meant(name, names)}; there are {", ".join(names) or "none"}'
 
 
-def _take_away(table: dict[str, Any], path: str, here: str) -> None:
-    """Remove a key, a table or an entry."""
+def _remove(table: dict[str, Any], path: str, place: str) -> None:
+    """Remove a key, a table or an entry. Raises `ConfigError` where it does not exist."""
     owner: Any = table
     parts = path.split(".")
     for i, part in enumerate(parts):
         if isinstance(owner, dict) and _is_list(owner.get(part)) and i + 1 < len(parts):
             entries, name = owner[part], ".".join(parts[i + 1 :])
-            whole = [entry for entry in entries if _called(part, entry) == name]
+            whole = [entry for entry in entries if _entry_name(part, entry) == name]
             if whole:
                 owner[part] = [entry for entry in entries if entry not in whole]
                 return
-            entry = next((e for e in entries if _called(part, e) == parts[i + 1]), None)
+            entry = next((e for e in entries if _entry_name(part, e) == parts[i + 1]), None)
             if entry is None:
-                raise ConfigError(f"{here}: {_WITHOUT}: {path}: {_unknown(entries, part, name)}")
-            _take_away(entry, ".".join(parts[i + 2 :]), here)
+                raise ConfigError(f"{place}: {_WITHOUT}: {path}: {_unknown(entries, part, name)}")
+            _remove(entry, ".".join(parts[i + 2 :]), place)
             return
         if not isinstance(owner, dict) or part not in owner:
-            raise ConfigError(f'{here}: {_WITHOUT}: the configuration does not give "{path}"; remove it here')
+            raise ConfigError(
+                f'{place}: {_WITHOUT}: the configuration does not give "{path}"; remove it here'
+            )
         if i + 1 == len(parts):
             del owner[part]
             return

@@ -27,15 +27,22 @@ from observer.model.survey import NODE, Growth, Survey, displaced, growth_of, su
 
 @dataclass(frozen=True, slots=True)
 class CaseFigures:
-    """The compared figures of a machine in a case.
+    """The compared figures of a machine in a case: its steady state, or the maxima over a cycle.
 
-    In the steady state: temperatures along the screw at `position_m` (g,), `field_degC` (g,), and of sensors
-    and nodes by name; heats by source; the thermal error (g,), empty without an expansion coefficient; the
-    axial force, tension positive; the slowest time constant, None for a cycle.
-    Of a cycle: the highest temperature at each place, the mean heats, and error and force where they are
-    largest by size. `warmest_degC` and `coldest_degC` are of the whole screw, between the places too.
-    `largest_error_um` is the largest by size within the travel, at `largest_at_m`. `biot` is the Biot number
-    of the screw in the largest film of the case.
+    Attributes:
+        name: of the variant or case.
+        position_m: the places along the screw, (g,).
+        field_degC: temperature at these, (g,); over a cycle the highest at each place.
+        warmest_degC: highest temperature of the whole screw, between the places too.
+        coldest_degC: lowest temperature of the whole screw, between the places too.
+        temperature_degC: by the names of sensors and nodes; over a cycle the highest.
+        heat_W: by source; over a cycle the mean.
+        error_um: thermal error, (g,), largest by size; empty without an expansion coefficient.
+        force_N: axial force, largest by size, tension positive.
+        largest_error_um: the largest error by size within the travel.
+        largest_at_m: its place.
+        slowest_s: slowest time constant, None for a cycle.
+        biot: Biot number of the screw in the largest film of the case.
     """
 
     name: str
@@ -54,24 +61,30 @@ class CaseFigures:
 
     @property
     def columns(self) -> dict[str, float]:
-        """The figures by the names of their columns."""
+        """The figures by the column names of `compare.csv`, such as `heat_nut_W`, `field_250_degC` and
+        `biot`.
+        """
         layout = Layout((), self.position_m, (), has_error=bool(len(self.error_um)))
-        found = {f"heat_{name}_W": heat_W for name, heat_W in self.heat_W.items()}
-        found["heat_total_W"] = sum(self.heat_W.values())
-        found |= {f"{name}_degC": value for name, value in self.temperature_degC.items()}
-        found |= {k: float(v[0]) for k, v in layout.along(field__degC=self.field_degC[None]).items()}
-        found |= {"warmest_degC": self.warmest_degC, "coldest_degC": self.coldest_degC}
+        columns = {f"heat_{name}_W": heat_W for name, heat_W in self.heat_W.items()}
+        columns["heat_total_W"] = sum(self.heat_W.values())
+        columns |= {f"{name}_degC": value for name, value in self.temperature_degC.items()}
+        columns |= {k: float(v[0]) for k, v in layout.along(field__degC=self.field_degC[None]).items()}
+        columns |= {"warmest_degC": self.warmest_degC, "coldest_degC": self.coldest_degC}
         if layout.has_error:
-            found |= {k: float(v[0]) for k, v in layout.along(error__um=self.error_um[None]).items()}
-            found |= {"largest_error_um": self.largest_error_um, "largest_at_m": self.largest_at_m}
-            found["force_N"] = self.force_N
-        found["biot"] = self.biot
-        return found if self.slowest_s is None else found | {"slowest_s": self.slowest_s}
+            columns |= {k: float(v[0]) for k, v in layout.along(error__um=self.error_um[None]).items()}
+            columns |= {"largest_error_um": self.largest_error_um, "largest_at_m": self.largest_at_m}
+            columns["force_N"] = self.force_N
+        columns["biot"] = self.biot
+        return columns if self.slowest_s is None else columns | {"slowest_s": self.slowest_s}
 
 
 class SurveyedCase(NamedTuple):
-    """Figures, and what they were made of: the growth of the free screw over time, (K, g) and (K,), None
-    without an expansion coefficient, and which places of the grid (g,) the nuts travel over.
+    """The figures of a case, and the inputs of a search for a mounting.
+
+    Attributes:
+        figures: the compared figures.
+        growth: of the free screw, (K, g) and (K,), µm; None without an expansion coefficient.
+        travel: whether the nuts travel over a place of the grid, (g,).
     """
 
     figures: CaseFigures
@@ -95,9 +108,9 @@ def steady_case(
         program = with_inputs(log, inputs, survey)
         frames = frames_of_log(program, _plan(survey, inputs))
         point = mean_point(survey.plant, inputs_of(frames, Drive(survey.config, survey.plant)))
-    found = settled(survey.plant, point)
-    growth = growth_of(survey, found.rows[None])
-    outcome = _Outcome(found.rows, growth, found.heat_W, point.loss_1_s, found.slowest_s)
+    steady = settled(survey.plant, point)
+    growth = growth_of(survey, steady.rows[None])
+    outcome = _Outcome(steady.rows, growth, steady.heat_W, point.loss_1_s, steady.slowest_s)
     return _case(name, config, survey, outcome)
 
 
@@ -113,8 +126,8 @@ def cycle_case(name: str, config: Installation, inputs: Mapping[str, float], log
     hottest, grown = np.full(len(survey.plant.rows.C), -np.inf), list[Growth]()
     heat_J, duration_s, loss_1_s = np.zeros(len(survey.plant.source_names)), 0.0, 0.0
     for frames in frames_of_log(program, _plan(survey, inputs)):
-        if (found := loop.run(frames)) is not None:
-            driven, rows = found
+        if (predicted := loop.run(frames)) is not None:
+            driven, rows = predicted
             hottest = np.maximum(hottest, rows.max(axis=0))
             if (growth := growth_of(survey, rows)) is not None:
                 grown.append(growth)
@@ -129,7 +142,7 @@ def cycle_case(name: str, config: Installation, inputs: Mapping[str, float], log
 
 
 def _refuse_implausible(config: Installation, inputs: Mapping[str, float]) -> None:
-    """Raise `ConfigError` where a value that lasts is beyond what would be believed of a reading."""
+    """Raise `ConfigError` where a constant input is beyond the limits of a plausible reading."""
     limits = Limits.of(config)
     for channel, value in inputs.items():
         if (doubt := limits.doubt(config.channels.index(channel), value)) is not None:
@@ -137,24 +150,33 @@ def _refuse_implausible(config: Installation, inputs: Mapping[str, float]) -> No
 
 
 def _plan(survey: Survey, inputs: Mapping[str, float]) -> AlignPlan:
-    """The plan of a program in which positions among `inputs` are held, however fast the screw turns."""
+    """Return the plan for a program that holds positions among `inputs`, however fast the screw turns."""
     plan = AlignPlan.of(survey.config)
-    held = [Position(p.column) if plan.channels[p.column] in inputs else p for p in plan.positions]
-    return replace(plan, positions=tuple(held))
+    positions = [Position(p.column) if plan.channels[p.column] in inputs else p for p in plan.positions]
+    return replace(plan, positions=tuple(positions))
 
 
 def with_inputs(log: Log, inputs: Mapping[str, float], survey: Survey) -> Log:
-    """A log as a program, with constant inputs in place of its own channels. Raises `LogError`."""
-    own = [c for c in log.channels if c not in inputs]
-    columns = [log[c] for c in own] + [np.full(len(log), value) for value in inputs.values()]
-    whole = replace(log, channels=(*own, *inputs), values=np.column_stack(columns))
+    """Return the log as a program, with constant `inputs` in place of its own channels of these names.
+
+    Raises `LogError` where a channel that the model needs has no value.
+    """
+    kept_channels = [c for c in log.channels if c not in inputs]
+    columns = [log[c] for c in kept_channels] + [np.full(len(log), value) for value in inputs.values()]
+    whole = replace(log, channels=(*kept_channels, *inputs), values=np.column_stack(columns))
     refuse_empty(program := program_of(whole, survey.config), survey.config, sensors=False)
     return program
 
 
 class _Outcome(NamedTuple):
-    """The highest outputs (R,), the growth, the heats (m,), the largest loss that goes with the speed, and
-    the slowest time constant, None for a cycle.
+    """The highest outputs and other results of a case.
+
+    Attributes:
+        hottest: highest value of each row of the plant's outputs, (R,), °C.
+        growth: of the free screw, None without an expansion coefficient.
+        heat_W: mean heat of each source, (m,).
+        loss_1_s: largest loss rate that comes with the speed.
+        slowest_s: slowest time constant, None for a cycle.
     """
 
     hottest: FloatArray
@@ -177,7 +199,7 @@ def _case(name: str, config: Installation, survey: Survey, outcome: _Outcome) ->
         largest = float(error_um[at])
     names = [s.name.removeprefix(NODE) for s in survey.config.sensor]
     machine = realise(survey.config).config
-    given = {s.name for s in machine.source if s.law != "heat_W" or s.heat_W}
+    heat_sources = {s.name for s in machine.source if s.law != "heat_W" or s.heat_W}
     film_W_m2K = machine.surface.convection_W_m2K + outcome.loss_1_s / surface_rate(machine.screw)
     figures = CaseFigures(
         name=name,
@@ -186,7 +208,11 @@ def _case(name: str, config: Installation, survey: Survey, outcome: _Outcome) ->
         warmest_degC=float(field_degC.max()),
         coldest_degC=float(field_degC.min()),
         temperature_degC=dict(zip(names, hottest[plant.rows.sensor_slice].tolist(), strict=True)),
-        heat_W={n: w for n, w in zip(plant.source_names, outcome.heat_W.tolist(), strict=True) if n in given},
+        heat_W={
+            n: w
+            for n, w in zip(plant.source_names, outcome.heat_W.tolist(), strict=True)
+            if n in heat_sources
+        },
         error_um=error_um,
         force_N=force_N,
         largest_error_um=largest,
@@ -198,12 +224,15 @@ def _case(name: str, config: Installation, survey: Survey, outcome: _Outcome) ->
 
 
 def largest_of(values: FloatArray) -> FloatArray:
-    """The value of each column (K, c) that is largest by size, (c,), with its sign."""
+    """Return the value of each column (K, c) that is largest by size, (c,), with its sign."""
     return np.asarray(values[np.abs(values).argmax(axis=0), np.arange(values.shape[1])])
 
 
 def as_document(figures: CaseFigures) -> dict[str, Any]:
-    """The figures for programs."""
+    """Return the figures as in `steady.json` and `compare.json`.
+
+    Error and force are None without an expansion coefficient.
+    """
     with_error = bool(len(figures.error_um))
     return {
         "name": figures.name,

@@ -44,7 +44,7 @@ class ServiceStream(Generic[Message]):
         self._silent_s = silent_s
         self._message: Message | None = None
         self._count, self._arrived_s, self._gap_s = 0, 0.0, 0.0
-        self._arrived = asyncio.Event()
+        self._new_message = asyncio.Event()
 
     @property
     def last(self) -> Message | None:
@@ -61,7 +61,7 @@ class ServiceStream(Generic[Message]):
         return self._arrived_s + max(self._silent_s, 3.0 * self._gap_s)
 
     def _take(self, data: bytes | Mapping[str, Any]) -> None:
-        """Take a message, in the thread of the loop."""
+        """Take a message; runs in the thread of the event loop. An invalid message is ignored."""
         message = message_from(self._kind, data)
         if message is None:
             return
@@ -69,21 +69,23 @@ class ServiceStream(Generic[Message]):
         self._gap_s = now_s - self._arrived_s if self._count else 0.0
         self._message, self._arrived_s = message, now_s
         self._count += 1
-        arrived, self._arrived = self._arrived, asyncio.Event()
-        arrived.set()
+        old_event, self._new_message = self._new_message, asyncio.Event()
+        old_event.set()
 
     async def __aiter__(self) -> AsyncIterator[Message]:
-        seen, was_stale = 0, False
+        count_read, was_stale = 0, False
         while True:
-            arrived, last = self._arrived, self.last
+            new_message, last = self._new_message, self.last
             is_stale = last is not None and last is not self._message
-            if last is not None and (self._count != seen or (is_stale and not was_stale)):
-                seen, was_stale = self._count, is_stale
+            if last is not None and (self._count != count_read or (is_stale and not was_stale)):
+                count_read, was_stale = self._count, is_stale
                 yield last
                 continue
             wait_s = None if self._message is None or is_stale else self._stale_s - time.monotonic()
             try:
-                await asyncio.wait_for(arrived.wait(), None if wait_s is None else max(wait_s, 0.0) + 0.01)
+                await asyncio.wait_for(
+                    new_message.wait(), None if wait_s is None else max(wait_s, 0.0) + 0.01
+                )
             except TimeoutError:
                 continue
 
@@ -92,7 +94,7 @@ class ServiceClient:
     """A running service: `async with observer.connect(…) as service`.
 
     `machine` and `axis` identify it, `command` gives it commands. `heat`, `field`, `error`, `health` and
-    `alarms` are streams, each with its `last` message, there from the beginning where the service has one.
+    `alarms` are streams. Each has the service's last message in `last` when the client is connected.
     """
 
     machine: str
@@ -150,8 +152,11 @@ class ServiceClient:
     def _address(self) -> Address:
         return Address(self._endpoint, self.machine, self.axis)
 
-    async def _ask(self, wanted: str, timeout_s: float) -> dict[str, Any]:
-        reply = await asyncio.to_thread(ask, self._address, wanted, timeout_s)
+    async def _ask(self, key: str, timeout_s: float) -> dict[str, Any]:
+        """Return the document under a key, and adopt the machine and axis of the reply. Raises
+        `UserError`.
+        """
+        reply = await asyncio.to_thread(ask, self._address, key, timeout_s)
         if reply.document is None:
             raise UserError(reply.problem)
         self.machine, self.axis = reply.source
@@ -180,13 +185,16 @@ class ServiceClient:
         return f"ballscrew/{self.machine}/{self.axis}"
 
     def _answer(self, key: str) -> bytes | None:
-        """The last message of a key, None without one."""
+        """Return the last message of a key, None without one."""
         for reply in self._session.get(f"{self._prefix}/{key}", timeout=self._timeout_s):
             if reply.ok is not None:
                 return bytes(reply.ok.payload.to_bytes())
         return None
 
     def _estimate(self) -> dict[str, dict[str, Any]]:
+        """Return the documents of the last estimate by stream, empty where it is missing or cannot be
+        decoded.
+        """
         data = self._answer("estimate")
         try:
             return {} if data is None else documents_of(decode_estimate(data))
@@ -195,7 +203,7 @@ class ServiceClient:
 
     @staticmethod
     def _join(stream: ServiceStream[Any], data: bytes | Mapping[str, Any]) -> None:
-        """Begin with the last message, unless a newer one has come already."""
+        """Begin the stream with this message, unless it has received a newer one."""
         if stream.last is None:
             stream._take(data)
 

@@ -38,8 +38,12 @@ GivenVariants = str | Path | Mapping[str, Any]
 
 
 class LeftUnknown(NamedTuple):
-    """Mean σ over the standard shift: of each estimated heat, W, of the field, K, of the thermal error, µm,
-    None without an expansion coefficient.
+    """The mean standard deviations over the standard shift.
+
+    Attributes:
+        heat_W: of each estimated heat, by source.
+        field_K: of the temperature along the screw.
+        error_um: of the thermal error, None without an expansion coefficient.
     """
 
     heat_W: dict[str, float]
@@ -49,9 +53,14 @@ class LeftUnknown(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """Variants side by side: `cases`, their figures; `unknown`, the σ that remain of each where variants
-    differ in sensors, else none; `mounted`, by variant the best of each mounting, the best first, where that
-    was asked for; `sentences` about how; `document`, the content of `compare.json`.
+    """Variants side by side.
+
+    Attributes:
+        cases: the figures of each variant.
+        unknown: the σ that remain, by variant; empty unless variants differ in sensors.
+        mounted: by variant the best of each mounting, the best first; empty unless minimised.
+        sentences: what the search for mountings leaves unchanged.
+        document: the content of `compare.json`.
     """
 
     cases: tuple[CaseFigures, ...]
@@ -78,7 +87,7 @@ class Comparison:
         )
 
     def _rows(self) -> list[dict[str, float]]:
-        """The figures of each variant by their columns, with the σ that remain where they are known."""
+        """Return the figures of each variant by column, with the σ that remain where they were computed."""
         return [case.columns | _sigma_columns(self.unknown.get(case.name)) for case in self.cases]
 
     @in_words
@@ -112,31 +121,38 @@ class Comparison:
 def compared(
     config: Installation,
     source: bytes,
-    given: GivenVariants,
+    variants_given: GivenVariants,
     log: GivenLog | None,
     *,
     steady: bool = False,
     minimise: Aim | None = None,
-    progress: Callable[[str, float], None] = lambda _text, _done: None,
+    progress: Callable[[str, float], None] = lambda _text, _share: None,
 ) -> Comparison:
-    """Compare variants of a configuration with its text `source`: those of a file, or of the table of one.
+    """Compare variants of a configuration, whose text is `source`, from a file or from the content of one.
 
-    They are compared in their steady states, or over a log's cycle. Raises `ConfigError` or `LogError`.
+    They are compared in their steady states, or over a log's cycle. `progress` gets the name of the variant
+    and the share of the work that is done, 0 to 1. Raises `ConfigError` or `LogError`.
     """
     if minimise is not None:
         check_choice("minimise", minimise, get_args(Aim))
     if log is None and not steady:
         raise ConfigError("compare: ask for the steady state, or give a log of a cycle")
-    of_file = isinstance(given, str | Path)
-    table = read_toml(Path(given), "variants") if isinstance(given, str | Path) else given
-    variants = variants_of(table, str(given) if of_file else "variants", tomllib.loads(source.decode()))
+    of_file = isinstance(variants_given, str | Path)
+    table = (
+        read_toml(Path(variants_given), "variants")
+        if isinstance(variants_given, str | Path)
+        else variants_given
+    )
+    variants = variants_of(
+        table, str(variants_given) if of_file else "variants", tomllib.loads(source.decode())
+    )
     spare = {channel for variant in variants for channel in variant.inputs}
     program = None if log is None else as_program(log, config, "log", spare)
-    found, mounted, sentences = [], {}, dict[str, None]()
+    figures, mounted, sentences = [], {}, dict[str, None]()
     for i, variant in enumerate(variants):
         progress(variant.name, i / len(variants))
         case = _case(variant, program, steady=steady)
-        found.append(case.figures)
+        figures.append(case.figures)
         if minimise is not None:
             mounted[variant.name] = _mounted(variant, case)
             sentences |= dict.fromkeys(_kept_fixed(variant.config))
@@ -146,12 +162,12 @@ def compared(
     document = {
         "steady": steady,
         "log": None if program is None else program.path.name,
-        "variants": [_document(v, case, unknown) for v, case in zip(variants, found, strict=True)],
+        "variants": [_document(v, case, unknown) for v, case in zip(variants, figures, strict=True)],
         "minimised": {name: [_as_row(m) for m in best] for name, best in mounted.items()},
         "sentences": list(sentences),
     }
     title = f"{machine.name}, axis {machine.axis}: variants"
-    return Comparison(tuple(found), unknown, mounted, tuple(sentences), document, title, words)
+    return Comparison(tuple(figures), unknown, mounted, tuple(sentences), document, title, words)
 
 
 def _case(variant: Variant, log: Log | None, *, steady: bool) -> SurveyedCase:
@@ -164,21 +180,23 @@ def _case(variant: Variant, log: Log | None, *, steady: bool) -> SurveyedCase:
 
 
 def _mounted(variant: Variant, case: SurveyedCase) -> list[MountedScrew]:
-    """The best of each mounting of a variant."""
+    """Return the best of each mounting of a variant. Raises `ConfigError` without an expansion
+    coefficient.
+    """
     screw, growth = variant.config.screw, case.growth
     if growth is None:
         raise ConfigError(
             f'variant "{variant.name}": there is no thermal error to minimise; give screw.expansion_1_K'
         )
-    given = variant.config.supports
-    permitted_N = None if given is None else given.permitted_load_N
+    supports = variant.config.supports
+    permitted_N = None if supports is None else supports.permitted_load_N
     grid_m = case.figures.position_m
     problem = MountingProblem(screw, grid_m, case.travel, growth.along_um, growth.whole_um, permitted_N)
-    return best_of_each(problem, given)
+    return best_of_each(problem, supports)
 
 
 def _kept_fixed(config: Installation) -> Iterator[str]:
-    """What a search for the best mounting leaves unchanged, a sentence each."""
+    """Yield a sentence for each thing that a search for the best mounting leaves unchanged."""
     yield "L-I lets the screw slide at both ends: its error counts from the screw's middle"
     for source in config.source:
         if source.nut_friction is not None and source.nut_friction.preload_N:
@@ -191,14 +209,21 @@ def _kept_fixed(config: Installation) -> Iterator[str]:
                 f"the heat of {source.name} stays that of its configured load: what the axial force adds "
                 "to its friction is not in the errors"
             )
-    if (held := config.supports) is None or held.mounting != "L-III" or held.stiffness_first_N_m is None:
+    if (
+        (supports := config.supports) is None
+        or supports.mounting != "L-III"
+        or supports.stiffness_first_N_m is None
+    ):
         yield "a support without a stiffness is taken as rigid, which overstates force and understates error"
 
 
 def _left_unknown(
     variants: Sequence[Variant], progress: Callable[[str, float], None]
 ) -> dict[str, LeftUnknown | None]:
-    """The σ that remain, where variants differ in what is measured or known."""
+    """Return the σ that remain by variant, None where undefined.
+
+    Empty unless variants differ in sensors or in known parameters.
+    """
     if not any(key.split(".")[0] in _OF_SENSORS for variant in variants for key in variant.changed):
         return {}
     unknown = dict[str, LeftUnknown | None]()
@@ -206,16 +231,16 @@ def _left_unknown(
         progress(f"what {variant.name} leaves unknown", 1.0)
         config = few_modes(variant.config)
         plant = build_plant(config, learns=True)
-        every = np.ones((1, len(plant.parameters.kind)))
-        found = spread(plant, config.estimator, standard_shift(config, plant), every)
+        all_parameters = np.ones((1, len(plant.parameters.kind)))
+        sigmas = spread(plant, config.estimator, standard_shift(config, plant), all_parameters)
         names = [s.name for s in config.source if s.estimate]
         unknown[variant.name] = (
             None
-            if isinstance(found, NotDefined)
+            if isinstance(sigmas, NotDefined)
             else LeftUnknown(
-                dict(zip(names, found.heat_W[0].tolist(), strict=True)),
-                float(found.field_K[0]),
-                None if found.error_um is None else float(found.error_um[0]),
+                dict(zip(names, sigmas.heat_W[0].tolist(), strict=True)),
+                float(sigmas.field_K[0]),
+                None if sigmas.error_um is None else float(sigmas.error_um[0]),
             )
         )
     return unknown
@@ -224,9 +249,9 @@ def _left_unknown(
 def _sigma_columns(left: LeftUnknown | None) -> dict[str, float]:
     if left is None:
         return {}
-    found = {f"heat_{name}_sigma_W": sigma for name, sigma in left.heat_W.items()}
-    found["field_sigma_K"] = left.field_K
-    return found if left.error_um is None else found | {"error_sigma_um": left.error_um}
+    columns = {f"heat_{name}_sigma_W": sigma for name, sigma in left.heat_W.items()}
+    columns["field_sigma_K"] = left.field_K
+    return columns if left.error_um is None else columns | {"error_sigma_um": left.error_um}
 
 
 def _document(variant: Variant, case: CaseFigures, unknown: dict[str, LeftUnknown | None]) -> dict[str, Any]:

@@ -56,9 +56,9 @@ def exported(
 ) -> ExportedFiles:
     """Return a configuration's observer as code, its plant, or the compensation at a log's end as a table.
 
-    With a log the reference of the code in Python runs over it, beside the configured estimator, into
-    `reference.csv`. `control` and `axis` are those of a table; `single` takes REAL in structured text. Raises
-    `ConfigError` where a controller could not follow the model, `LogError` or `UserError`.
+    With a log, the code's reference in Python runs over it beside the configured estimator, and
+    `reference.csv` has both. `control` and `axis` concern a table; `single` takes REAL in structured text.
+    Raises `ConfigError` where a controller could not follow the model, `LogError` or `UserError`.
     """
     check_choice("format", format, get_args(ExportFormat))
     check_choice("control", control, get_args(Control))
@@ -122,11 +122,11 @@ def _reference(config: Installation, form: Form, log: Log, part: Path, progress:
     from observer.files.writer import write_log
 
     samples = sampled(log, config.channels, form.period_s)
-    found = run(form, samples)
-    write_log(part / "reference.csv", samples.time_s, columns_of(form, samples, found))
+    outputs = run(form, samples)
+    write_log(part / "reference.csv", samples.time_s, columns_of(form, samples, outputs))
     block = _estimates(config, log, progress)
     at = np.clip(np.searchsorted(block.time_s, samples.time_s + 1e-6, side="right") - 1, 0, None)
-    both = (found["quality"] == 0) & (block.quality[at] == EstimateQuality.GOOD)
+    both = (outputs["quality"] == 0) & (block.quality[at] == EstimateQuality.GOOD)
     if not both.any():
         return [f"In {log.path.name} both are never good at the same step, so they cannot be compared."]
     steps = f"Over {log.path.name}, {int(both.sum())} steps at which both are good"
@@ -136,8 +136,8 @@ def _reference(config: Installation, form: Form, log: Log, part: Path, progress:
         ("field_degC", block.field_degC),
         ("error_um", block.error_um),
     ):
-        if name in found:
-            apart = found[name][both] - other[at][both]
+        if name in outputs:
+            apart = outputs[name][both] - other[at][both]
             facts.append(f"  {name}: {np.sqrt(np.mean(apart**2)):.3g}, at most {np.abs(apart).max():.3g}")
     return facts
 
@@ -197,8 +197,8 @@ def _table(config: Installation, control: Control, axis: str, block: EstimateBlo
     if control == "linuxcnc":
         return control_tables.linuxcnc(plan.machine_m, last_um, title, axis).leaving(left_um)
     if control == "sinumerik":
-        found = control_tables.sinumerik(plan.machine_m, last_um, title, axis, plan.reference)
-        return found.leaving(left_um)
+        table = control_tables.sinumerik(plan.machine_m, last_um, title, axis, plan.reference)
+        return table.leaving(left_um)
     good = block.quality == EstimateQuality.GOOD
     sensor_m = np.array([s.position_m or 0.0 for s in config.sensor])
     at_degC = np.array([np.interp(sensor_m, grid_m, field) for field in block.field_degC[good]])

@@ -45,7 +45,7 @@ def effects_in(effects: Iterable[Mapping[str, Any]]) -> tuple[FoundEffect, ...]:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class CheckFindings:
-    """What a configuration means; `document` is what `observer check --json` prints."""
+    """The findings of a check of a configuration; `document` is the output of `observer check --json`."""
 
     document: Mapping[str, Any]
 

@@ -19,69 +19,84 @@ from observer.installation import Installation, write_back
 
 
 class RunsOfLogs(NamedTuple):
-    """The frames of each log, the doubts about the logs as they are, and the channels in another unit."""
+    """The runs of logs.
+
+    Attributes:
+        frames: the blocks of frames of each log.
+        doubts: sentences about the logs, before any conversion.
+        misread: the channels that were recorded in another unit than configured.
+    """
 
     frames: list[list[FrameBlock]]
-    odd: list[str]
+    doubts: list[str]
     misread: tuple[Misread, ...] = ()
 
 
-def runs_of(logs: Sequence[Log], config: Installation, *, rightly: bool = False) -> RunsOfLogs:
-    """The runs of logs; `rightly`, those in which a channel is in another unit in the one expected."""
+def runs_of(logs: Sequence[Log], config: Installation, *, convert_units: bool = False) -> RunsOfLogs:
+    """Return the runs of logs.
+
+    With `convert_units` a channel recorded in another unit than configured is converted. Raises `LogError`
+    where two logs are identical or a log is implausible.
+    """
     _refuse_twice(logs)
     plan, runs = AlignPlan.of(config), []
-    odd = [words] if (words := lawless(config)) is not None else []
+    sentences = [words] if (words := lawless(config)) is not None else []
     misread: dict[Misread, None] = {}
     for log in logs:
         frames = list(frames_of_log(log, plan))
         paths = [block.path for block in frames]
         read = set[str]().union(*map(read_in, frames))
-        odd += [f"{log.path.name}: {sentence}" for sentence in doubts(log, paths, config, read)]
-        right, found = in_configured_units(log, config, paths) if rightly else (log, ())
-        refuse_implausible(right, config, laws=True)
-        misread |= dict.fromkeys(found)
-        runs.append(list(frames_of_log(right, plan)) if found else frames)
-    return RunsOfLogs(runs, odd, tuple(misread))
+        sentences += [f"{log.path.name}: {sentence}" for sentence in doubts(log, paths, config, read)]
+        converted, wrong_units = in_configured_units(log, config, paths) if convert_units else (log, ())
+        refuse_implausible(converted, config, laws=True)
+        misread |= dict.fromkeys(wrong_units)
+        runs.append(list(frames_of_log(converted, plan)) if wrong_units else frames)
+    return RunsOfLogs(runs, sentences, tuple(misread))
 
 
 def recent_runs(config: Installation, last_s: float) -> tuple[RunsOfLogs, list[str]]:
-    """Return what the service has recorded in the last seconds, a run for each stretch, with their names.
+    """Return a run for each stretch that the service has recorded in the last seconds, and the stretches'
+    names.
 
-    Raises `ConfigError` where it records nothing, `LogError` where that is too short.
+    Raises `ConfigError` if the service records nothing, `LogError` if the stretches are too short.
     """
     from observer.align.plausibility import doubts_of_log
     from observer.record.recent import stretches
 
     name = f"{config.machine.name}-{config.machine.axis}"
-    runs, odd, names = [], [], []
+    runs, sentences, names = [], [], []
     for stretch in stretches(config.record, name, AlignPlan.of(config), last_s):
         frames = stretch.frames
         runs.append([frames])
         names.append(str(stretch))
         doubts_of_run = doubts_of_log(config, frames.values, frames.channels, [frames.path])
-        odd += [f"{names[-1]}: {sentence}" for sentence in doubts_of_run]
-    return RunsOfLogs(runs, odd), names
+        sentences += [f"{names[-1]}: {sentence}" for sentence in doubts_of_run]
+    return RunsOfLogs(runs, sentences), names
 
 
 def _refuse_twice(logs: Sequence[Log]) -> None:
-    """Raise `LogError` where two logs are identical: one would prove what was found in itself."""
-    seen: dict[bytes, Path] = {}
+    """Raise `LogError` where two logs are identical, as the second could not prove what was found in the
+    first.
+    """
+    path_by_digest: dict[bytes, Path] = {}
     for log in logs:
         content = hashlib.sha256(log.time_s.tobytes())
         content.update(log.values.tobytes())
-        if content.digest() in seen:
-            before = seen[content.digest()]
+        if content.digest() in path_by_digest:
+            before = path_by_digest[content.digest()]
             raise LogError(f"{log.path}: holds the same as {before}; give each log once")
-        seen[content.digest()] = log.path
+        path_by_digest[content.digest()] = log.path
 
 
 def text_of(source: bytes) -> str:
-    """The text of a configuration's file, whatever ends its lines."""
+    r"""Return the text of a configuration's file, its lines ended by `\n`."""
     return source.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
 
 
-def about(source: bytes, names: Sequence[str]) -> dict[str, Any]:
-    """The inputs of a result: program, logs, and the text of the configuration."""
+def provenance(source: bytes, names: Sequence[str]) -> dict[str, Any]:
+    """Return the inputs of a result: version, date, names of the logs, and the SHA-256 of the
+    configuration.
+    """
     return {
         "version": version("ballscrew-observer"),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -120,8 +135,8 @@ def fitted(
     better, noise = calibration.kept is None, dict[str, float]()
     if better:
         noise = fit_noise(calibration.config, frames, lambda n: progress(f"process noise, trial {n} of 110"))
-    result = calibration_result(calibration, noise) | {"doubts": runs.odd, "kept": calibration.kept}
+    result = calibration_result(calibration, noise) | {"doubts": runs.doubts, "kept": calibration.kept}
     result["left_out"] = left_out
     result["nut_path"] = {log.path.name: nut_paths(config, log) for log in logs}
-    result = about(source, [log.path.name for log in logs]) | result
+    result = provenance(source, [log.path.name for log in logs]) | result
     return result, write_back(text_of(source), calibration.written | noise) if better else None

@@ -25,11 +25,13 @@ GivenLog = str | Path | Log | SignalTable | Mapping[str, Any] | Any
 def read_log(path: str | Path, *, accept_truncated: bool = False, accept_damaged: bool = False) -> Log:
     """Read a log, with all of its channels.
 
-    One in our own form, or any other that `observer import` reads without asking: its channels then have the
-    names and units of the file's columns, as `"Temp1 [°F]"`, and `doubts` says what was assumed of its times.
-    A machine that is given the path instead reads the file by its `[log]`. `accept_truncated` drops a last
-    row that was cut off, `accept_damaged` the rows of a recording that do not have the checksum they were
-    recorded with. Raises `LogError` with one sentence that names the file, the row or column, and the remedy.
+    Logs in another form are read as by `observer import` without options. Their channels have the names and
+    units of the file's columns, as `"Temp1 [°F]"`; `doubts` states what was assumed of their times. Give the
+    path to a machine instead to have the file read by the configuration's `[log]`.
+
+    `accept_truncated` drops a last row that was cut off. `accept_damaged` drops the rows of a recording whose
+    checksum is wrong. Raises `LogError` with one sentence that names the file, the row or column, and the
+    remedy.
     """
     from observer.intake.importing import read_whole
 
@@ -40,7 +42,10 @@ def read_log(path: str | Path, *, accept_truncated: bool = False, accept_damaged
 
 
 def recorded(path: Path, config: Installation, **accept: bool) -> Log:
-    """Return a log of channels, each input of which has a value somewhere, or a recording of a CAN bus."""
+    """Return a file's log, with the channels of a configuration; it may be a recording of a CAN bus.
+
+    Raises `LogError` where an input has no value in the whole log.
+    """
     from observer.intake.readers import holds_signals, is_text_log
     from observer.record.recent import is_can_recording, read_can_log
 
@@ -52,55 +57,58 @@ def recorded(path: Path, config: Installation, **accept: bool) -> Log:
 
 
 def as_log(
-    given: GivenLog, config: Installation, name: str = "log", *, accept: Mapping[str, bool] | None = None
+    log_given: GivenLog, config: Installation, name: str = "log", *, accept: Mapping[str, bool] | None = None
 ) -> Log:
     """Return the given log, with a configuration's channels.
 
     `accept` has the options of `observer.read_log`, which concern files. Raises `LogError`.
     """
-    if isinstance(given, str | Path):
-        return recorded(Path(given), config, **(accept or {}))
-    log = _in_memory(given, name)
+    if isinstance(log_given, str | Path):
+        return recorded(Path(log_given), config, **(accept or {}))
+    log = _in_memory(log_given, name)
     derived = config.derived_channels - set(log.channels)
-    there = [c for c in config.channels if c not in derived]
-    log = log.with_channels(there)
+    stored = [c for c in config.channels if c not in derived]
+    log = log.with_channels(stored)
     refuse_empty(log, config, sensors=True)
     return log
 
 
-def as_program(given: GivenLog, config: Installation, name: str = "log", spare: Iterable[str] = ()) -> Log:
+def as_program(
+    log_given: GivenLog, config: Installation, name: str = "log", spare: Iterable[str] = ()
+) -> Log:
     """Return the given log of a machine's inputs; sensors and `spare` channels may be missing in a file.
 
     Raises `LogError`.
     """
-    if isinstance(given, str | Path):
-        return read_channels(Path(given), config, spare=config.sensor_channels | set(spare))
-    return _in_memory(given, name)
+    if isinstance(log_given, str | Path):
+        return read_channels(Path(log_given), config, spare=config.sensor_channels | set(spare))
+    return _in_memory(log_given, name)
 
 
-def as_several(given: GivenLog | Sequence[GivenLog], config: Installation) -> list[Log]:
-    """Return one or more logs, each once. Raises `LogError`."""
-    several = given if isinstance(given, list | tuple) else [given]
+def as_several(logs_given: GivenLog | Sequence[GivenLog], config: Installation) -> list[Log]:
+    """Return one log or a list of logs as a list. Raises `LogError` for an empty list."""
+    several = logs_given if isinstance(logs_given, list | tuple) else [logs_given]
     if not several:
         raise LogError("no log was given; give one or more")
     return [as_log(one, config, f"log {i}") for i, one in enumerate(several, 1)]
 
 
-def _in_memory(given: Any, name: str) -> Log:
-    if isinstance(given, Log):
-        return given
-    if isinstance(given, SignalTable):
-        return log_of({signal: given[signal] for signal in (TIME, *given.signals)}, name)
-    if isinstance(given, Mapping):
-        return log_of(given, name)
-    columns = getattr(given, "columns", None)
-    if columns is None or not hasattr(given, "__getitem__"):
+def _in_memory(log_given: Any, name: str) -> Log:
+    """Return a log that is given as an object. Raises `LogError` where its type is not one of a log."""
+    if isinstance(log_given, Log):
+        return log_given
+    if isinstance(log_given, SignalTable):
+        return log_of({signal: log_given[signal] for signal in (TIME, *log_given.signals)}, name)
+    if isinstance(log_given, Mapping):
+        return log_of(log_given, name)
+    columns = getattr(log_given, "columns", None)
+    if columns is None or not hasattr(log_given, "__getitem__"):
         raise LogError(
-            f"{name}: a {type(given).__name__} is not a log; give a path, a Log, a DataFrame or a dict "
+            f"{name}: a {type(log_given).__name__} is not a log; give a path, a Log, a DataFrame or a dict "
             "of its "
             "columns"
         )
-    table = {str(column): given[column] for column in columns}
-    if TIME not in table and getattr(given.index, "name", None) == TIME:
-        table[TIME] = given.index
+    table = {str(column): log_given[column] for column in columns}
+    if TIME not in table and getattr(log_given.index, "name", None) == TIME:
+        table[TIME] = log_given.index
     return log_of(table, name)

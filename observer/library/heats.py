@@ -73,7 +73,10 @@ class IdentifiedHeats(SignalTable):
 def identified_heats(
     log: Log, config: Installation, options: MethodOptions, progress: Callable[[str], None]
 ) -> IdentifiedHeats:
-    """Estimate the heats over a whole log at once. Raises `LogError`, `ConfigError` or `UserError`."""
+    """Estimate the heats of a whole log, each from all measurements before and after it.
+
+    `progress` gets the stage of the work. Raises `LogError`, `ConfigError` or `UserError`.
+    """
     # no field is reported, so the inputs of a long log need not carry its rows
     ends_only = Output(positions_m=(0.0, config.screw.length_m))
     machine = MachineModel.of(config.model_copy(update={"output": ends_only}))
@@ -81,7 +84,7 @@ def identified_heats(
     frames = list(frames_of_log(log, machine.plan))
     blocks = inputs_of(frames, machine.drive)
     read = set[str]().union(*map(read_in, frames))
-    odd = doubts(log, [block.path for block in frames], config, read)
+    log_doubts = doubts(log, [block.path for block in frames], config, read)
     stage = f"heats by {options.method}, and their σ"
     progress(stage)
     try:
@@ -94,12 +97,15 @@ def identified_heats(
         raise LogError(f"{log.path}: {error}") from None
     layout, shown = machine.layout, machine.shown.heats
     history = replace(history, heat_W=shown(history.heat_W), heat_sigma_W=shown(history.heat_sigma_W))
-    more: dict[str, Any] = {
+    details: dict[str, Any] = {
         "config": config.digest,
         "method": options.method,
         "nut_path": nut_paths(config, log),
         "speed_mean_rpm": speeds(config, log),
-        "doubts": odd,
+        "doubts": log_doubts,
     }
-    summary, table = history_summary(layout, history, log, more), arrow_table(heat_columns(layout, history))
+    summary, table = (
+        history_summary(layout, history, log, details),
+        arrow_table(heat_columns(layout, history)),
+    )
     return IdentifiedHeats(table, f"heats in {log.path.name}", summary, config, history, tuple(blocks))

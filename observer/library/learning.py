@@ -11,7 +11,7 @@ from observer.estimate.checkpoint import load as load_checkpoint
 from observer.estimate.pipeline import MachineModel
 from observer.fit.tolerance import learnt_changes
 from observer.installation import Installation, with_effects, write_back
-from observer.library.fitting import about, text_of
+from observer.library.fitting import provenance, text_of
 
 
 def learned_parameters(
@@ -37,4 +37,4 @@ def learned_parameters(
     changes = learnt_changes(config, learnt)
     text = with_effects(write_back(text_of(source), changes.values | changes.left), changes.biases)
     parameters = {key: {"value": value, "sigma": sigma} for key, (value, sigma) in learnt.items()}
-    return learnt, about(source, [file.name]) | {"parameters": parameters}, text
+    return learnt, provenance(source, [file.name]) | {"parameters": parameters}, text

@@ -48,9 +48,9 @@ if TYPE_CHECKING:
 class Machine:
     """A machine and its sensors as a configuration describes them; `observer.load` reads one.
 
-    Wherever a log is asked for, give a path, an `observer.Log`, a `pandas.DataFrame` with `time_s` as a
-    column or as its index, a dict of columns, or the result of `simulate`. Unusable input raises
-    `observer.UserError` with one sentence that names the place and the remedy.
+    A log is a path, an `observer.Log`, a dict of columns, or the result of `simulate`. It may also be a
+    `pandas.DataFrame` with `time_s` as a column or as its index. Unusable input raises `observer.UserError`
+    with one sentence that names the place and the remedy.
     """
 
     config: Installation
@@ -85,9 +85,9 @@ class Machine:
     ) -> Estimates:
         """Run a log through the path that live readings take, and return the estimates.
 
-        Of a file, `accept_truncated` drops a last row that was cut off, `accept_damaged` the rows of a
-        recording with a wrong checksum. `progress` gets the rows done and their total. Raises `LogError` or
-        `ConfigError`.
+        For a file, `accept_truncated` drops a last row that was cut off, `accept_damaged` the rows of a
+        recording with a wrong checksum. `progress` gets the number of rows done and their total. Raises
+        `LogError` or `ConfigError`.
         """
         accept = {"accept_truncated": accept_truncated, "accept_damaged": accept_damaged}
         return estimates_of_log(as_log(log, self.config, accept=accept), self.config, self._model, progress)
@@ -164,8 +164,8 @@ class Machine:
     ) -> CalibrationResult:
         """Fit the parameters that the configuration declares free to a log, or to a list of logs.
 
-        The last log, or the end of a single one, is held back. A fit that predicts it worse than the
-        configured values do leaves the machine as it is. Raises `UserError`.
+        The last log, or the end of a single one, is held back. If the fitted values predict it worse than the
+        configured ones, the result's machine keeps the configured ones. Raises `UserError`.
         """
         progress("reading logs")
         document, text = fitted(self.config, self.source, as_several(logs, self.config), progress)
@@ -177,14 +177,14 @@ class Machine:
         logs: GivenLog | Sequence[GivenLog] | None = None,
         *,
         recent_s: float | None = None,
-        progress: Callable[[str, float], None] = lambda _text, _done: None,
+        progress: Callable[[str, float], None] = lambda _text, _share: None,
         alone: bool = False,
     ) -> DiscoveryResult:
         """Find the physical effect that the model lacks, and prove that the gap shrinks; some minutes.
 
         The last of several logs, or the end of a single one, is kept as proof. Instead of logs, `recent_s`
-        takes what the service has recorded in so many last seconds. `progress(what, part done)`
-        reports the progress of the work, half of which is done by a second process unless `alone`. Raises
+        takes the service's own recording of the last so many seconds. `progress` gets the stage of the work
+        and the share done, 0 to 1. A second process does half of the work unless `alone`. Raises
         `ConfigError` or `LogError`.
         """
         from observer.library.searching import searched
@@ -197,11 +197,12 @@ class Machine:
             words = f"--recent {recent_s / 3600.0:g}h"
         else:
             several = as_several(logs, self.config)
-            runs, names = runs_of(several, self.config, rightly=True), [log.path.name for log in several]
+            runs = runs_of(several, self.config, convert_units=True)
+            names = [log.path.name for log in several]
             words = shlex.join(str(log.path) for log in several)
-        found = searched(self.config, self.source, runs, names, progress, alone=alone)
-        machines = {name: self.of_text(text, self.file) for name, text in found.texts.items()}
-        return DiscoveryResult(machines, self.file, words, found)
+        search = searched(self.config, self.source, runs, names, progress, in_process=alone)
+        machines = {name: self.of_text(text, self.file) for name, text in search.texts.items()}
+        return DiscoveryResult(machines, self.file, words, search)
 
     @in_words
     def learned(self) -> LearnedParameters:
@@ -222,14 +223,14 @@ class Machine:
         return steady_screw(self.config, inputs, program)
 
     @in_words
-    def compare(self, variants: GivenVariants, log: GivenLog | None = None, **how: Any) -> Comparison:
+    def compare(self, variants: GivenVariants, log: GivenLog | None = None, **options: Any) -> Comparison:
         """Compare variants over a log of inputs or, with `steady=True`, in their steady states.
 
         `minimise="error"` also finds mounting, preload and gap. Raises `UserError`.
         """
         from observer.library.comparing import compared
 
-        return compared(self.config, self.source, variants, log, **how)
+        return compared(self.config, self.source, variants, log, **options)
 
     @in_words
     def place(
@@ -246,11 +247,10 @@ class Machine:
         """Return the sets of up to `count` sensors in all, within a `budget`, that leave the smallest σ for
         their cost.
 
-        `candidates` are a file, or tables as `[[candidate]]` of a configuration, which they replace; without
-        any, nodes in the air and places on the screw, `spacing_m` apart. Judged `by` the σ of `"heat"`,
-        `"field"` or `"error"`, or by the geometric mean of all. With `keep` the configured sensors stay,
-        and count.
-        Raises `UserError`.
+        `candidates` are a file, or tables as `[[candidate]]` of a configuration, which they replace. Without
+        any they are nodes in the air and places on the screw, `spacing_m` apart. Sets are judged `by` the σ
+        of `"heat"`, `"field"` or `"error"`, or by the geometric mean of all three. With `keep` the configured
+        sensors stay, and count. Raises `UserError`.
         """
         from observer.library.placing import Choice, candidates_of, placed
 
@@ -309,8 +309,11 @@ class Machine:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CalibrationResult:
-    """The result of a calibration: `machine` has the fitted values, or the configured ones where the fitted
-    ones are no better. `document` is the content of `calibration.json`.
+    """The result of a calibration.
+
+    Attributes:
+        machine: has the fitted values, or the configured ones where the fitted ones predict no better.
+        document: the content of `calibration.json`.
     """
 
     machine: Machine
@@ -348,8 +351,12 @@ class CalibrationResult:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LearnedParameters:
-    """The parameters that a service has learnt: `machine` has them, `values` are value and σ by key, and
-    `document` is the content of `learned.json`.
+    """The parameters that a service has learnt.
+
+    Attributes:
+        machine: has the learnt values.
+        values: value and σ by the parameter's key.
+        document: the content of `learned.json`.
     """
 
     machine: Machine
@@ -375,7 +382,7 @@ class DiscoveryResult:
     _machines: Mapping[str, Machine]
     _file: str
     _logs: str
-    _found: SearchedLogs
+    _search: SearchedLogs
 
     @property
     def verdict(self) -> str:
@@ -384,12 +391,12 @@ class DiscoveryResult:
 
     @property
     def machine(self) -> Machine | None:
-        """The machine with the effects that were named, None where none was."""
+        """The machine with the effects that were named, None unless the verdict is `named`."""
         return self._machines.get("config.toml")
 
     @property
     def candidate(self) -> Machine | None:
-        """Of an unknown, the machine with the effect that explains most of it, None where none does."""
+        """The machine with the effect that explains most of an unknown gap, None without one."""
         return self._machines.get("candidate.toml")
 
     @property
@@ -405,14 +412,14 @@ class DiscoveryResult:
     @property
     def document(self) -> Mapping[str, Any]:
         """The content of `result.json`, without the next command."""
-        return self._found.document
+        return self._search.document
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """The result in words."""
         from observer.report.wording import as_sentences
 
-        return tuple(as_sentences(self._found.found, self._found.document))
+        return tuple(as_sentences(self._search.discovery, self._search.document))
 
     @in_words
     def write(self, folder: str | Path, *, report: bool = True) -> dict[str, Any]:
@@ -422,7 +429,7 @@ class DiscoveryResult:
         Returns the content of `result.json`, with the next command. Raises `UserError`.
         """
         with results_in(Path(folder)) as part:
-            return self._found.write(part, self._logs, self._file, str(folder), report=report)
+            return self._search.write(part, self._logs, self._file, str(folder), report=report)
 
     def __repr__(self) -> str:
         return "\n".join(self.sentences)

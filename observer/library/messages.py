@@ -17,7 +17,7 @@ Message = TypeVar("Message")
 
 @dataclass(frozen=True, slots=True)
 class SourceHeat:
-    """The heat of a source, its standard deviation and its bound; None where not known."""
+    """The heat of a source, its standard deviation and its bound, W; None where unknown."""
 
     heat_W: float | None
     sigma_W: float | None
@@ -47,8 +47,9 @@ class ServiceField:
 
 @dataclass(frozen=True, slots=True)
 class ServiceThermalError:
-    """The thermal error (g,) along the screw at `position_m` (g,), with sigma and bound; of a screw that is
-    held at both ends the axial force, tension positive, with the same.
+    """The thermal error (g,) along the screw at `position_m` (g,), with sigma and bound, µm.
+
+    For a screw held at both ends also the axial force with sigma and bound, N, tension positive.
     """
 
     time_s: float
@@ -64,9 +65,9 @@ class ServiceThermalError:
 
 @dataclass(frozen=True, slots=True)
 class ServiceHealth:
-    """The state of a service, and the reasons where it or its estimates are not good.
+    """The state of a service, and the reasons why it or its estimates are not good.
 
-    `channels` and `drivers` are as in the message.
+    `channels` and `drivers` are objects by name, with the keys of the message `health`.
     """
 
     time_s: float
@@ -79,7 +80,7 @@ class ServiceHealth:
 
 @dataclass(frozen=True, slots=True)
 class ServiceAlarm:
-    """An alarm: what somebody should come and look at, and its remedy."""
+    """An alarm, with its reason and its remedy as sentences."""
 
     id: str
     severity: str
@@ -98,7 +99,7 @@ class ServiceAlarms:
 
 
 def message_from(kind: type[Message], data: bytes | Mapping[str, Any]) -> Message | None:
-    """A message of a kind from JSON or from a document, None where it is none."""
+    """Return a message of a kind from JSON or from a document; None where the data are invalid."""
     try:
         adapter = TypeAdapter(kind)
         return adapter.validate_json(data) if isinstance(data, bytes) else adapter.validate_python(data)
@@ -107,26 +108,36 @@ def message_from(kind: type[Message], data: bytes | Mapping[str, Any]) -> Messag
 
 
 def documents_of(estimate: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """The documents of heat, field and error in a decoded estimate, as far as it contains them."""
-    known = {key: _numbers(value) for key, value in estimate.items() if isinstance(value, np.ndarray | list)}
-    about = {
+    """Return the documents `heat`, `field` and `error` of a decoded estimate, with the keys that it
+    contains.
+    """
+    values_by_key = {
+        key: _numbers(value) for key, value in estimate.items() if isinstance(value, np.ndarray | list)
+    }
+    headers = {
         part: {"time_s": estimate.get("time_s"), "quality": estimate.get(f"{part}_quality")} for part in PARTS
     }
-    columns = zip(*(known.get(key, []) for key in ("heat_W", "heat_sigma_W", "heat_bound_W")), strict=False)
+    columns = zip(
+        *(values_by_key.get(key, []) for key in ("heat_W", "heat_sigma_W", "heat_bound_W")), strict=False
+    )
     heats = [dict(zip(("heat_W", "sigma_W", "bound_W"), row, strict=True)) for row in columns]
-    found = {"heat": about["heat"] | {"sources": dict(zip(estimate.get("sources", ()), heats, strict=False))}}
-    places = {"position_m": known.get("position_m", [])}
+    documents = {
+        "heat": headers["heat"] | {"sources": dict(zip(estimate.get("sources", ()), heats, strict=False))}
+    }
+    places = {"position_m": values_by_key.get("position_m", [])}
     for name, keys in (
         ("field", {"temperature_degC": "field_degC", "sigma_K": "field_sigma_K", "bound_K": "field_bound_K"}),
         ("error", {"error_um": "error_um", "sigma_um": "error_sigma_um", "bound_um": "error_bound_um"}),
     ):
-        own = {key: known[column] for key, column in keys.items() if column in known}
-        found[name] = about[name] | places | own
-    found["error"] |= {key: known[key][0] for key in FORCE if key in known}
-    return found
+        columns_of_part = {
+            key: values_by_key[column] for key, column in keys.items() if column in values_by_key
+        }
+        documents[name] = headers[name] | places | columns_of_part
+    documents["error"] |= {key: values_by_key[key][0] for key in FORCE if key in values_by_key}
+    return documents
 
 
 def _numbers(values: Any) -> list[Any]:
-    """Plain values, None in place of anything but a number."""
+    """Return plain values, None in place of NaN and infinity."""
     plain = np.asarray(values).tolist()
     return [None if isinstance(v, float) and not math.isfinite(v) else v for v in plain]

@@ -8,23 +8,23 @@ from typing import ParamSpec, TypeVar
 
 from observer.errors import UserError, install_remedy
 
-Given = ParamSpec("Given")
+Arguments = ParamSpec("Arguments")
 Answer = TypeVar("Answer")
-_BY_THEMSELVES = ("pandas", "xarray")
+_WITHOUT_EXTRA = ("pandas", "xarray")
 """Packages in no extra, since only some users need them."""
 
 
-def in_words(work: Callable[Given, Answer]) -> Callable[Given, Answer]:
-    """Make a function raise `UserError` with the remedy where it needs a package that is not installed."""
+def in_words(work: Callable[Arguments, Answer]) -> Callable[Arguments, Answer]:
+    """Make a function raise `UserError` with the remedy if it needs a package that is not installed."""
 
     @functools.wraps(work)
-    def wrapped(*args: Given.args, **kwargs: Given.kwargs) -> Answer:
+    def wrapped(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Answer:
         try:
             return work(*args, **kwargs)
         except ModuleNotFoundError as error:
             name = (error.name or "").partition(".")[0]
             sentence = install_remedy(work.__name__, error)
-            if name in _BY_THEMSELVES:
+            if name in _WITHOUT_EXTRA:
                 sentence = f"{work.__name__} needs {name}: pip install {name}"
             if sentence is None:
                 raise

@@ -33,9 +33,9 @@ Quantity = Literal["all", "heat", "field", "error"]
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 DEFAULT_PLACES = 41
 """Number of positions along a screw if no candidates are given."""
-SEARCH_STEP_S, SAID_STEP_S = 60.0, 20.0
+SEARCH_STEP_S, SHOWN_STEP_S = 60.0, 20.0
 """Steps over the shift: coarse to rank many sets, as fine as those of `check` for the few that are shown."""
-_TOGETHER = 32  # sets evaluated at once
+_SETS_AT_ONCE = 32  # sets evaluated at once
 _MORE_THAN_HEATS = 2  # how many more sensors than heats are tried by default
 
 
@@ -66,8 +66,12 @@ class SensorPlaces:
 class PlacedSensors:
     """The sets of sensors of which none is both cheaper and better, the cheapest first.
 
-    `configured` are the sensors that the configuration has, at no cost. `exhaustive` says whether all sets
-    were tried, or those that a greedy search with exchanges comes to; `tried` how many.
+    Attributes:
+        sets: these sets.
+        configured: the configuration's own sensors, at no cost.
+        by: the criterion.
+        exhaustive: whether all sets were tried, else a greedy search with exchanges.
+        tried: number of sets tried.
     """
 
     sets: tuple[SensorPlaces, ...]
@@ -103,8 +107,13 @@ class PlacedSensors:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """The options of a search: largest number of sensors in a set, budget, criterion, and whether the
-    configured ones stay, which then count; None is the default.
+    """The options of a search.
+
+    Attributes:
+        sensors: largest number of sensors in a set; None: any within a budget, else two more than heats.
+        budget: largest cost of a set, None for any.
+        by: the criterion.
+        keep: whether the configured sensors stay in every set, and count.
     """
 
     sensors: int | None = None
@@ -114,7 +123,7 @@ class Choice:
 
 
 class Mountable(NamedTuple):
-    """A sensor that could be mounted, what it costs, and, if it comes only now and then, how often."""
+    """A sensor that could be mounted, its cost, and the interval of its readings, s, if it is probed."""
 
     sensor: Sensor
     cost: float
@@ -124,7 +133,10 @@ class Mountable(NamedTuple):
 def placed(
     config: Config, candidates: Sequence[Mountable], choice: Choice, progress: Callable[[str], None]
 ) -> PlacedSensors:
-    """Return the front of sets of candidates. Raises `UserError` for a choice that leaves none."""
+    """Return the sets of candidates that leave the smallest σ for their cost.
+
+    `progress` gets the stage of the work. Raises `UserError` for a choice that no set fulfils.
+    """
     check_choice("by", choice.by, QUANTITIES)
     if choice.by == "error" and config.screw.expansion_1_K is None:
         raise UserError("place: --by error needs the screw's expansion coefficient; give screw.expansion_1_K")
@@ -140,28 +152,29 @@ def placed(
 
     def score(sets: Sequence[SensorSet]) -> FloatArray:
         nonlocal tried
-        found = []
-        for i in range(0, len(sets), _TOGETHER):
+        scores = []
+        for i in range(0, len(sets), _SETS_AT_ONCE):
             progress(f"{tried} sets of sensors tried")
-            part = sets[i : i + _TOGETHER]
-            found.append(bench.judged(bench.sigmas(part, SEARCH_STEP_S), choice.by))
+            part = sets[i : i + _SETS_AT_ONCE]
+            scores.append(bench.judged(bench.sigmas(part, SEARCH_STEP_S), choice.by))
             tried += len(part)
-        return np.concatenate(found)
+        return np.concatenate(scores)
 
     front = best_sets(score, limits)
     progress("working out what remains")
     configured = tuple(range(len(candidates), len(candidates) + len(config.sensor)))
-    said = [*front.sets, configured]
-    found = bench.sigmas(said, SAID_STEP_S)
-    own = [bench.places(one, limits.cost(one), found, v) for v, one in enumerate(said)]
-    return PlacedSensors(tuple(own[:-1]), own[-1], choice.by, front.exhaustive, front.tried)
+    shown_sets = [*front.sets, configured]
+    sigmas = bench.sigmas(shown_sets, SHOWN_STEP_S)
+    places = [bench.places(one, limits.cost(one), sigmas, v) for v, one in enumerate(shown_sets)]
+    return PlacedSensors(tuple(places[:-1]), places[-1], choice.by, front.exhaustive, front.tried)
 
 
 @dataclass(frozen=True, slots=True)
 class _Bench:
-    """A plant that has every candidate for a sensor, and behind these the configured ones.
+    """A plant with every candidate as a sensor, followed by the configured sensors.
 
-    `on_laws` is the same for sets without a thermocouple on the screw, whose estimates rest on laws as well.
+    `on_laws` is the plant for sets without a thermocouple on the screw, whose estimates also rest on heat
+    laws.
     """
 
     plant: Plant
@@ -173,8 +186,10 @@ class _Bench:
 
     @classmethod
     def of(cls, config: Config, candidates: Sequence[Mountable]) -> _Bench:
-        """Build it; a candidate may be called as a configured sensor."""
-        own = [
+        """Return the bench of a configuration; candidates are renamed, as they may share a configured
+        sensor's name.
+        """
+        candidate_sensors = [
             one.model_copy(update={"name": f"candidate {one.name}", "channel": f"candidate {one.channel}"})
             for one, _, _ in candidates
         ]
@@ -182,50 +197,54 @@ class _Bench:
         often_s = [one.every_s or period_s for one in candidates]
         often_s += [sensor.probing_s or period_s for sensor in config.sensor]
         kalman = config.estimator.model_copy(update={"kind": "kalman", "engine": "compiled"})
-        more = {"sensor": (*own, *config.sensor), "estimator": kalman}
-        config = few_modes(config.model_copy(update=more))
+        updates = {"sensor": (*candidate_sensors, *config.sensor), "estimator": kalman}
+        config = few_modes(config.model_copy(update=updates))
         plant = build_plant(config, learns=True)
         return cls(
             plant,
             build_plant(config.resting_on_laws(), learns=True) if config.screw_is_seen else plant,
             standard_shift(config, plant),
-            (*(one.sensor for one in candidates), *config.sensor[len(own) :]),
+            (*(one.sensor for one in candidates), *config.sensor[len(candidate_sensors) :]),
             np.array(often_s),
             travel_of(config, plant.layout.position_m),
         )
 
     def sigmas(self, sets: Sequence[SensorSet], step_s: float) -> SetSigmas:
-        """The σ over the shift with each of some sets, each as a configuration with just these has them."""
-        seen = np.array([any(self.sensors[i].sees_the_screw for i in one) for one in sets])
+        """Return the σ over the shift with each of the sets, as a configuration with only these sensors
+        has them.
+        """
+        sees_screw = np.array([any(self.sensors[i].sees_the_screw for i in one) for one in sets])
         parts: list[SetSigmas] = []
-        for plant, which in ((self.plant, seen), (self.on_laws, ~seen)):
-            if which.any():
-                own = [sets[v] for v in np.flatnonzero(which).tolist()]
-                parts.append(set_sigmas(plant, self.shift, own, self.every_s, step_s))
-        order = np.argsort(np.argsort(~seen, kind="stable"))
+        for plant, in_use in ((self.plant, sees_screw), (self.on_laws, ~sees_screw)):
+            if in_use.any():
+                plant_sets = [sets[v] for v in np.flatnonzero(in_use).tolist()]
+                parts.append(set_sigmas(plant, self.shift, plant_sets, self.every_s, step_s))
+        order = np.argsort(np.argsort(~sees_screw, kind="stable"))
         return SetSigmas(*(np.concatenate(column)[order] for column in zip(*parts, strict=True)))
 
-    def judged(self, found: SetSigmas, by: Quantity) -> FloatArray:
-        """One number for each set (v,): the rms σ of a quantity, or the geometric mean of those of all."""
+    def judged(self, sigmas: SetSigmas, by: Quantity) -> FloatArray:
+        """Return one number for each set, (v,): a quantity's rms σ, or the geometric mean of the σ of all
+        three.
+        """
         rms: dict[str, FloatArray] = {
-            "heat": _rms(found.heat_W),
-            "field": _rms(found.field_K[:, self.travelled]),
+            "heat": _rms(sigmas.heat_W),
+            "field": _rms(sigmas.field_K[:, self.travelled]),
         }
-        if found.error_um.size:
-            rms["error"] = _rms(found.error_um[:, self.travelled])
+        if sigmas.error_um.size:
+            rms["error"] = _rms(sigmas.error_um[:, self.travelled])
         if by != "all":
             return rms[by]
-        return np.asarray(np.exp(np.mean([np.log(each) for each in rms.values()], axis=0)))
+        return np.asarray(np.exp(np.mean([np.log(sigma) for sigma in rms.values()], axis=0)))
 
-    def places(self, chosen: SensorSet, cost: float, found: SetSigmas, v: int) -> SensorPlaces:
-        """The v-th of the evaluated sets, for people."""
-        field_K = found.field_K[v, self.travelled]
-        error_um = found.error_um[v, self.travelled] if found.error_um.size else None
+    def places(self, chosen: SensorSet, cost: float, sigmas: SetSigmas, v: int) -> SensorPlaces:
+        """Return set `v` of the evaluated ones with its names, positions and σ."""
+        field_K = sigmas.field_K[v, self.travelled]
+        error_um = sigmas.error_um[v, self.travelled] if sigmas.error_um.size else None
         return SensorPlaces(
             names=tuple(self.sensors[i].name for i in chosen),
             positions_m=tuple(self.sensors[i].position_m for i in chosen),
             cost=cost,
-            heat_sigma_W=dict(zip(self.plant.layout.sources, found.heat_W[v].tolist(), strict=True)),
+            heat_sigma_W=dict(zip(self.plant.layout.sources, sigmas.heat_W[v].tolist(), strict=True)),
             field_sigma_K=float(_rms(field_K)),
             field_worst_K=float(field_K.max()),
             error_sigma_um=None if error_um is None else float(_rms(error_um)),
@@ -233,19 +252,21 @@ class _Bench:
         )
 
 
-def candidates_of(config: Installation, given: GivenCandidates, spacing_m: float | None) -> list[Mountable]:
-    """Return the sensors that could be mounted: those `given`, else those of the configuration; without any
-    the nodes that the air touches, and places along the screw, `spacing_m` apart.
+def candidates_of(
+    config: Installation, candidates: GivenCandidates, spacing_m: float | None
+) -> list[Mountable]:
+    """Return the sensors that could be mounted: `candidates`, else those of the configuration.
 
-    Positions on the screw are left out if the configuration has nodes and all its sensors are on these,
-    unless a spacing is given. Raises `UserError` for one together with candidates that are given.
+    Without any they are the nodes in contact with air, and places along the screw, `spacing_m` apart. If all
+    sensors are on nodes, places on the screw are left out unless a spacing is given. Raises `UserError` where
+    a spacing is given together with candidates.
     """
-    if given is None:
+    if candidates is None:
         tables = config.candidate
-    elif isinstance(given, str | Path):
-        tables = load_candidates(Path(given), config)
+    elif isinstance(candidates, str | Path):
+        tables = load_candidates(Path(candidates), config)
     else:
-        tables = parse_candidates({"candidate": list(given)}, "candidates", config)
+        tables = parse_candidates({"candidate": list(candidates)}, "candidates", config)
     if tables:
         if spacing_m is not None:
             raise UserError(
@@ -255,28 +276,31 @@ def candidates_of(config: Installation, given: GivenCandidates, spacing_m: float
         return [Mountable(sensor, one.cost, one.probing_s) for one in tables for sensor in one.sensors]
     thermocouples = [s for s in config.sensor if s.kind == "temperature"]
     like = thermocouples[0]
-    found = []
+    sensors = []
     for node in _in_the_air(config):
-        found.append(like.model_copy(update={"name": node, "channel": node, "position_m": None, "on": node}))
-    if spacing_m is not None or not found or any(s.position_m is not None for s in thermocouples):
+        sensors.append(
+            like.model_copy(update={"name": node, "channel": node, "position_m": None, "on": node})
+        )
+    if spacing_m is not None or not sensors or any(s.position_m is not None for s in thermocouples):
         length_m = config.screw.length_m
         points = DEFAULT_PLACES if spacing_m is None else max(2, round(length_m / spacing_m) + 1)
         for x_m in np.linspace(0.0, length_m, points).round(6).tolist():
             name = f"{1000 * x_m:g}mm"
-            found.append(
+            sensors.append(
                 like.model_copy(update={"name": name, "channel": name, "position_m": x_m, "on": None})
             )
-    return [Mountable(sensor, 1.0) for sensor in found]
+    return [Mountable(sensor, 1.0) for sensor in sensors]
 
 
 def _in_the_air(config: Config) -> list[str]:
-    """The nodes on which a sensor can be mounted: those in contact with air, else all."""
+    """Return the names of the nodes in contact with air, or of all nodes if none is."""
     touched = {end for link in config.link if AMBIENT in link.between for end in link.between}
     names = [node.name for node in config.node]
     return [name for name in names if name in touched] or names
 
 
 def _limits(bench: _Bench, configured: int, costs: Sequence[float], choice: Choice) -> SetLimits:
+    """Return the limits of the search. Raises `UserError` where no set of sensors can be within them."""
     n, budget, stay = len(costs), choice.budget, configured if choice.keep else 0
     if choice.sensors is not None and not stay < choice.sensors <= stay + n:
         count_too = f" beside {stay} configured ones, which stay and count too" if stay else ""
@@ -300,10 +324,12 @@ def _limits(bench: _Bench, configured: int, costs: Sequence[float], choice: Choi
             f"place: a budget of {budget:g} buys no thermocouple, of which the cheapest costs {first:g}; "
             "give more, or name cheaper candidates"
         )
-    kept = tuple(range(n, n + configured))
+    configured_indices = tuple(range(n, n + configured))
     wide = np.array([*costs, *[0.0] * configured])
     most_cost = math.inf if budget is None else budget
-    return SetLimits(wide, tuple(range(n)), most, most_cost, kept if choice.keep else (), thermal)
+    return SetLimits(
+        wide, tuple(range(n)), most, most_cost, configured_indices if choice.keep else (), thermal
+    )
 
 
 def _rms(sigma: FloatArray) -> FloatArray:

@@ -56,7 +56,7 @@ class SimulatedRun(SignalTable):
 
     @property
     def last_degC(self) -> FloatArray:
-        """What each sensor (s,) reads at the end."""
+        """The last reading of each sensor, (s,)."""
         return np.array([self[sensor.channel][-1] for sensor in self._config.sensor])
 
     @in_words
@@ -79,16 +79,16 @@ def simulated_run(
     refuse_implausible(log, config, laws=True)
     samples = Decimator()
     parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
-    done = 0
+    rows_done = 0
     loop = OpenLoop(machine.plant, machine.drive, start_degC, config)
     for frames in frames_of_log(log, machine.plan):
-        if (found := loop.run(frames)) is None:
+        if (predicted := loop.run(frames)) is None:
             continue
-        inputs, rows = found
+        inputs, rows = predicted
         samples.add(simulated(inputs, rows, machine.plant.rows))
         parts.append((inputs.time_s, inputs.law_W, rows))
-        done += len(inputs)
-        progress(done, len(log))
+        rows_done += len(inputs)
+        progress(rows_done, len(log))
     if not parts:
         raise LogError(f"{log.path}: an input that the model needs never has a value; fill its column")
     time_s, law_W, rows = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -109,14 +109,14 @@ class ForecastRun(SignalTable):
     sentences: tuple[str, ...]
     doubts: tuple[str, ...]
     document: Mapping[str, Any]
-    _found: Forecast
+    _forecast: Forecast
     _position_m: FloatArray
     _within_um: float
 
     def _draw(self, figure: Figure) -> list[Panel]:
         from observer.report.pictures import draw_forecast
 
-        return draw_forecast(figure, self._title, self._position_m, self._found, self._within_um)
+        return draw_forecast(figure, self._title, self._position_m, self._forecast, self._within_um)
 
     @in_words
     def write(self, folder: str | Path) -> None:
@@ -130,9 +130,10 @@ class ForecastRun(SignalTable):
 def forecast_run(
     log: Log, config: Installation, program: Log | None, hours: float | None, progress: Progress
 ) -> ForecastRun:
-    """Replay a log and forecast from its end.
+    """Replay a log and forecast from its end, over `hours` or as many as configured.
 
-    The program is learnt from the log's end, or given as a log of the input channels. Raises `LogError`.
+    The program is learnt from the log's end, or given as a log of the input channels. Raises `LogError` or
+    `UserError`.
     """
     settings, machine = config.forecast, MachineModel.of(config, learns=True)
     if hours is not None and not AHEAD_H[0] <= hours <= AHEAD_H[1]:
@@ -161,16 +162,20 @@ def forecast_run(
         plant, within_um = machine.plant, settings.within_um
         if is_of_use(config, does):
             begins = bank.begins(does)
-            found = forecast_by_all(config, plant, begins, state.time_s, does, hours, within_um)
+            forecast = forecast_by_all(config, plant, begins, state.time_s, does, hours, within_um)
         else:
-            found = look_ahead(config, plant, state, does, hours, within_um)
+            forecast = look_ahead(config, plant, state, does, hours, within_um)
     except ValueError as error:
         raise LogError(f"{log.path}: no forecast from its end: {error}") from None
-    content = document(found, machine.plant, EstimateQuality(int(last.quality[-1])), "", settings.within_um)
-    lines = sentences(found, machine.plant, settings.within_um)
+    content = document(
+        forecast, machine.plant, EstimateQuality(int(last.quality[-1])), "", settings.within_um
+    )
+    lines = sentences(forecast, machine.plant, settings.within_um)
     if content["reason"] is not None:
         lines.append(f"Doubtful: {content['reason']}.")
-    odd = *doubts(log, paths, config, read), *(of_finding(f).sentence for f in pipeline.findings)
-    table = arrow_table({TIME: found.now_s + found.ahead.time_s, **forecast_columns(layout, found)})
+    log_doubts = *doubts(log, paths, config, read), *(of_finding(f).sentence for f in pipeline.findings)
+    table = arrow_table({TIME: forecast.now_s + forecast.ahead.time_s, **forecast_columns(layout, forecast)})
     title = f"{config.machine.name}, axis {config.machine.axis}: forecast from the end of {log.path.name}"
-    return ForecastRun(table, title, tuple(lines), odd, content, found, layout.position_m, settings.within_um)
+    return ForecastRun(
+        table, title, tuple(lines), log_doubts, content, forecast, layout.position_m, settings.within_um
+    )

@@ -33,38 +33,38 @@ class ReportGrid(NamedTuple):
             raise UserError(f"--every-min {self.every_s / 60.0:g}: give a number above 0")
 
 
-def write_report(found: Profiles, folder: Path) -> None:
+def write_report(report: Profiles, folder: Path) -> None:
     """Write `report.csv`, a row for each time and place, and `report.png` into a folder."""
     from observer.report.pictures import written
 
-    g = len(found.position_m)
+    g = len(report.position_m)
     columns = {
-        "position_m": np.tile(found.position_m, len(found.time_s)),
-        "field_degC": found.field_degC.ravel(),
-        "field_sigma_K": found.field_sigma_K.ravel(),
-        "error_um": found.error_um.ravel(),
-        "error_sigma_um": found.error_sigma_um.ravel(),
+        "position_m": np.tile(report.position_m, len(report.time_s)),
+        "field_degC": report.field_degC.ravel(),
+        "field_sigma_K": report.field_sigma_K.ravel(),
+        "error_um": report.error_um.ravel(),
+        "error_sigma_um": report.error_sigma_um.ravel(),
     }
-    for j, name in enumerate(found.names):
-        columns[f"heat_{name}_W"] = np.repeat(found.heat_W[:, j], g)
-        columns[f"heat_{name}_sigma_W"] = np.repeat(found.heat_sigma_W[:, j], g)
-    write_log(folder / "report.csv", np.repeat(found.time_s, g), columns)
+    for j, name in enumerate(report.names):
+        columns[f"heat_{name}_W"] = np.repeat(report.heat_W[:, j], g)
+        columns[f"heat_{name}_sigma_W"] = np.repeat(report.heat_sigma_W[:, j], g)
+    write_log(folder / "report.csv", np.repeat(report.time_s, g), columns)
     with written(folder / "report.png") as figure:
-        draw_profiles(figure, found)
+        draw_profiles(figure, report)
 
 
 def profiles(log: Log, config: Installation, heats: SignalTable, grid: ReportGrid) -> Profiles:
-    """Return the profiles of a log: heats from all of it, `heats`; field and error as its replay knows them.
+    """Return the profiles of a log: `heats` from all of it, temperatures and thermal error from its replay.
 
-    Raises `UserError` where the places or times asked for make no sense, `LogError` as a replay does.
+    Raises `UserError` for impossible places or times, `LogError` as a replay does.
     """
     places_m = places(config, grid.every_m)
     if places_m is not None:
         output = config.output.model_copy(update={"positions_m": places_m})
         config = config.model_copy(update={"output": output})
     machine = MachineModel.of(config, learns=True)
-    found = estimates_of_log(log, config, machine)
-    times_s = found.time_s
+    estimates = estimates_of_log(log, config, machine)
+    times_s = estimates.time_s
     since_s = times_s - times_s[0]
     rows = np.unique(np.searchsorted(since_s, np.arange(0.0, since_s[-1] + 1e-6, grid.every_s)))[1:]
     rows = rows[rows < len(times_s)] if len(rows) else np.array([len(times_s) - 1])
@@ -77,22 +77,22 @@ def profiles(log: Log, config: Installation, heats: SignalTable, grid: ReportGri
     return Profiles(
         time_s=times_s[rows],
         position_m=layout.position_m,
-        field_degC=_along(found, mm, rows, "field", "degC"),
-        field_sigma_K=_along(found, mm, rows, "field", "sigma_K"),
-        error_um=_along(found, mm, rows, "error", "um"),
-        error_sigma_um=_along(found, mm, rows, "error", "sigma_um"),
+        field_degC=_along(estimates, mm, rows, "field", "degC"),
+        field_sigma_K=_along(estimates, mm, rows, "field", "sigma_K"),
+        error_um=_along(estimates, mm, rows, "error", "um"),
+        error_sigma_um=_along(estimates, mm, rows, "error", "sigma_um"),
         names=layout.sources,
         heat_W=heat_W,
         heat_sigma_W=heat_sigma_W,
     )
 
 
-def _along(found: Estimates, mm: list[str], rows: IntArray, kind: str, unit: str) -> FloatArray:
-    """One kind of column at all places, (t, g)."""
+def _along(estimates: Estimates, mm: list[str], rows: IntArray, kind: str, unit: str) -> FloatArray:
+    """Return one kind of column at all places and the given rows, (t, g); NaN without that column."""
     names = [f"{kind}_{at}_{unit}" for at in mm]
-    if names[0] not in found.signals:
+    if names[0] not in estimates.signals:
         return np.full((len(rows), len(mm)), np.nan)
-    return np.column_stack([found[name][rows] for name in names])
+    return np.column_stack([estimates[name][rows] for name in names])
 
 
 def places(config: Installation, every_m: float | None) -> tuple[float, ...] | None:

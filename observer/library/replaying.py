@@ -27,13 +27,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def quietly(_done: int, _total: int) -> None:
+def quietly(_rows: int, _total: int) -> None:
     """Show no progress."""
 
 
-def _opposed(found: Mapping[str, float]) -> Iterator[str]:
-    """Sentences about displacement sensors that go against what heat makes of the screw."""
-    for name, correlation in found.items():
+def _opposed(correlations: Mapping[str, float]) -> Iterator[str]:
+    """Yield a sentence for each displacement sensor that moves against the growth predicted by the heat
+    laws.
+    """
+    for name, correlation in correlations.items():
         yield (
             f"{name} moves against what the heat laws make of the screw (correlation {correlation:.2f}), so "
             "that sensors beside it are doubted: its sign is probably wrong; negate its values, as by the "

@@ -19,36 +19,40 @@ from observer.files.documents import write_json
 from observer.files.writer import write_log
 from observer.frames import FrameBlock
 from observer.installation import Installation, with_effects, write_back
-from observer.library.fitting import RunsOfLogs, about, text_of
+from observer.library.fitting import RunsOfLogs, provenance, text_of
 from observer.report.advice import candidate_comment, next_step
 
 
 @dataclass(frozen=True, slots=True)
 class SearchedLogs:
-    """The result of a search: the content of `result.json` without the next step, and the configurations by
-    the names of their files.
+    """The result of a search.
+
+    Attributes:
+        discovery: the search itself: verdict, problem, proposed experiment.
+        document: the content of `result.json` without the next command.
+        texts: the configurations by the names of their files.
     """
 
-    found: Discovery
+    discovery: Discovery
     document: dict[str, Any]
     texts: dict[str, str]
 
     def write(self, folder: Path, logs: str, config: str, output: str, *, report: bool) -> dict[str, Any]:
-        """Write what there is into a folder; return the content of `result.json`.
+        """Write all files of the result into a folder; return the content of `result.json`.
 
-        `logs`, `config` and `output` are how a shell would name them, for the next command.
+        `logs`, `config` and `output` name them as in a shell, for the next command.
         """
         from observer.report.discovery import write_discovery_report
 
         result = self.document | {"next": next_step(self.document, logs, config, output)}
         for name, text in self.texts.items():
             (folder / name).write_text(text, encoding="utf-8")
-        test = self.found.experiment
+        test = self.discovery.experiment
         if test is not None and result["experiment"]["program"] is not None:
-            write_program(folder / TEST_CYCLE, self.found.problem.config, test.cycle)
+            write_program(folder / TEST_CYCLE, self.discovery.problem.config, test.cycle)
         write_json(folder / "result.json", result)
         if report:
-            write_discovery_report(folder / "report.html", self.found, result, result["logs"])
+            write_discovery_report(folder / "report.html", self.discovery, result, result["logs"])
         return result
 
 
@@ -59,21 +63,22 @@ def searched(
     names: Sequence[str],
     progress: Callable[[str, float], None],
     *,
-    alone: bool,
+    in_process: bool,
 ) -> SearchedLogs:
-    """Find the effect that a model lacks, in runs of which the logs are called `names`.
+    """Find the effect that a model lacks, in the runs of logs with these `names`.
 
-    `alone`, in this process only. Raises `ConfigError` or `LogError`.
+    `progress` gets the stage of the work and the share done, 0 to 1. `in_process` keeps all work in this
+    process. Raises `ConfigError` or `LogError`.
     """
     corrected = [Suspect("units", m.channel, m.unit, m.text) for m in runs.misread]
-    with WorkerPool(in_process=alone) as pool:
-        found = find(config, runs.frames, progress, pool, corrected)
-    document = about(source, names) | discovery_result(found) | {"doubts": runs.odd}
-    return SearchedLogs(found, document, configurations(text_of(source), found, document))
+    with WorkerPool(in_process=in_process) as pool:
+        discovery = find(config, runs.frames, progress, pool, corrected)
+    document = provenance(source, names) | discovery_result(discovery) | {"doubts": runs.doubts}
+    return SearchedLogs(discovery, document, configurations(text_of(source), discovery, document))
 
 
 def write_program(path: Path, config: Config, cycle: FrameBlock) -> None:
-    """Write what drives the sources over a cycle, for the machine or for `observer simulate --program`."""
+    """Write the inputs of a cycle as a log, for the machine or for `observer simulate --program`."""
     sources = config.source
     channels = [
         c for s in sources for c in (s.position_channel, s.speed_channel, s.drive_channel, s.power_channel)
@@ -83,20 +88,24 @@ def write_program(path: Path, config: Config, cycle: FrameBlock) -> None:
     write_log(path, cycle.time_s, {c: np.round(values, 5) for c, values in columns.items()})
 
 
-def configurations(given: str, found: Discovery, result: dict[str, Any]) -> dict[str, str]:
-    """The named effects as `config.toml`, or the one that explains most of an unknown as `candidate.toml`, if
-    any.
+def configurations(config_text: str, discovery: Discovery, result: dict[str, Any]) -> dict[str, str]:
+    """Return the configuration with what was found, by the name of its file.
+
+    It is `config.toml` with the named effects, or `candidate.toml` with the effect that explains most of an
+    unknown gap; empty for neither.
     """
     partial = result["partial"]
-    if found.verdict.kind == "named":
-        name, fit, comment = "config.toml", found.verdict.fit, ""
-    elif found.partial is not None and partial is not None:
-        name, fit = CANDIDATE, found.partial.trial.fit
+    if discovery.verdict.kind == "named":
+        name, fit, comment = "config.toml", discovery.verdict.fit, ""
+    elif discovery.partial is not None and partial is not None:
+        name, fit = CANDIDATE, discovery.partial.trial.fit
         comment = candidate_comment(partial)
     else:
         return {}
     values = {key: entry["value"] for key, entry in calibrated_of(fit).items()}
-    if name == "config.toml" and found.displacements is not None:
-        values |= found.displacements.values
-    text = with_effects(write_back(given, values), fit.config.effect[len(found.problem.config.effect) :])
+    if name == "config.toml" and discovery.displacements is not None:
+        values |= discovery.displacements.values
+    text = with_effects(
+        write_back(config_text, values), fit.config.effect[len(discovery.problem.config.effect) :]
+    )
     return {name: comment + text}

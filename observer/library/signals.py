@@ -48,7 +48,7 @@ class SignalTable(ABC):
         return np.asarray(self[TIME])
 
     def __getitem__(self, name: str) -> Any:
-        """A signal (n,): numbers, NaN where nothing is known, or words. Raises `KeyError`."""
+        """Return a signal (n,): numbers, NaN where unknown, or words. Raises `KeyError`."""
         if name not in self._table.column_names:
             raise KeyError(f"{name!r} is not a signal of this result; .signals lists them")
         return self._table.column(name).to_numpy()
@@ -79,10 +79,10 @@ class SignalTable(ABC):
         variables: dict[str, Any] = {}
         along: dict[str, dict[float, Any]] = {}
         for name in self.signals:
-            if (found := _ALONG.fullmatch(name)) is None:
+            if (match := _ALONG.fullmatch(name)) is None:
                 variables[name] = (TIME, self[name], {"units": unit_of(name)})
             else:
-                kind, millimetres, rest = found.groups()
+                kind, millimetres, rest = match.groups()
                 along.setdefault(f"{kind}_{rest}", {})[float(millimetres) / 1000.0] = self[name]
         for name, columns in along.items():
             values = np.column_stack(list(columns.values()))
@@ -106,7 +106,7 @@ class SignalTable(ABC):
 
     @abstractmethod
     def _draw(self, figure: Figure) -> list[Panel]:
-        """Draw it on an empty figure."""
+        """Draw the picture on an empty figure; return its panels from the top."""
 
     def _write_picture(self, path: Path) -> None:
         from observer.report.pictures import written
@@ -115,7 +115,7 @@ class SignalTable(ABC):
             self._draw(figure)
 
     def _row_blocks(self) -> Iterator[Any]:
-        """The rows, one `pyarrow.Table` at a time."""
+        """Yield the rows, one `pyarrow.Table` at a time."""
         for batch in self._table.to_batches():
             yield self._table.from_batches([batch])
 
@@ -125,19 +125,19 @@ class SignalTable(ABC):
                 writer.write_arrow(block)
 
     def _repr_html_(self) -> str:
-        """A table of the signals with their means, for notebooks."""
+        """Return a table of the first signals with their means, for notebooks."""
         first = [(html.escape(name), _mean(self[name])) for name in self.signals[:_SHOWN]]
         rows = "".join(f"<tr><td>{name}</td><td>{mean}</td></tr>" for name, mean in first)
-        more = len(self.signals) - _SHOWN
-        note = f"<p>and {more} more signals</p>" if more > 0 else ""
+        hidden = len(self.signals) - _SHOWN
+        note = f"<p>and {hidden} more signals</p>" if hidden > 0 else ""
         head = f"<p><b>{html.escape(self._title)}</b>, {len(self)} rows</p>"
         return f"{head}<table><tr><th>signal</th><th>mean</th></tr>{rows}</table>{note}"
 
 
 def _mean(values: Any) -> str:
-    """The mean of a signal as text; of words, the most frequent one."""
+    """Return the mean of a signal as text; for words, the most frequent one."""
     if values.dtype.kind not in "fiu":
         words, counts = np.unique(values.astype(str), return_counts=True)
         return html.escape(str(words[np.argmax(counts)]))
-    known = np.isfinite(values)
-    return f"{values[known].mean():.4g}" if known.any() else "unknown"
+    finite = np.isfinite(values)
+    return f"{values[finite].mean():.4g}" if finite.any() else "unknown"

@@ -65,7 +65,7 @@ def steady_screw(config: Installation, inputs: Mapping[str, float], program: Giv
     """
     check_inputs(config, inputs, "inputs")
     log = None if program is None else as_program(program, config, "program", spare=inputs)
-    found = steady_case(STEADY, config, inputs, log).figures
-    said = {"inputs": dict(inputs), "log": None if log is None else log.path.name}
+    figures = steady_case(STEADY, config, inputs, log).figures
+    inputs_and_log = {"inputs": dict(inputs), "log": None if log is None else log.path.name}
     title = f"{config.machine.name}, axis {config.machine.axis}: where it settles"
-    return SteadyScrew(found, said | as_document(found), title)
+    return SteadyScrew(figures, inputs_and_log | as_document(figures), title)

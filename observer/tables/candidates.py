@@ -1,4 +1,4 @@
-"""What sensors could be mounted, where, and at what cost: the choice of `observer place`."""
+"""The sensors that could be mounted, with place and cost, from which `observer place` chooses."""
 
 from __future__ import annotations
 
@@ -50,21 +50,23 @@ class SensorCandidate(Measuring):
 
     @property
     def probing_s(self) -> float | None:
-        """How far apart the readings of an occasional displacement are, None of any other sensor."""
+        """Interval of an occasional displacement's readings, s; None for any other sensor."""
         return (self.every_s or PROBING_S) if self.occasional else None
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:
-        """The sensors that it offers, of which any may be taken."""
-        own = self.model_dump(exclude_unset=True, include=set(Sensor.model_fields) - {"name", "channel"})
+        """The sensors that the candidate offers, one for each place of a stretch."""
+        sensor_keys = self.model_dump(
+            exclude_unset=True, include=set(Sensor.model_fields) - {"name", "channel"}
+        )
         unit = "_um" if self.kind == "displacement" else ""
         if self.from_m is None or self.to_m is None or self.spacing_m is None:
-            return (Sensor(name=self.name, channel=self.name + unit, **own),)
+            return (Sensor(name=self.name, channel=self.name + unit, **sensor_keys),)
         steps = max(1, round((self.to_m - self.from_m) / self.spacing_m))
         places_m = np.linspace(self.from_m, self.to_m, steps + 1).round(6).tolist()
         names = [f"{self.name}_{1000 * x_m:g}mm" for x_m in places_m]
         return tuple(
-            Sensor(name=name, channel=name + unit, position_m=x_m, **own)
+            Sensor(name=name, channel=name + unit, position_m=x_m, **sensor_keys)
             for name, x_m in zip(names, places_m, strict=True)
         )
 
@@ -82,8 +84,8 @@ def candidate_problems(
     places = 0
     for one in candidates:
         if one.on is not None and one.on not in nodes:
-            known = ", ".join(sorted(nodes)) or "none yet, write [[node]]"
-            yield f'candidate {one.name}: on names "{one.on}", which is no node; the nodes are: {known}'
+            node_names = ", ".join(sorted(nodes)) or "none yet, write [[node]]"
+            yield f'candidate {one.name}: on names "{one.on}", which is no node; the nodes are: {node_names}'
         for key in ("position_m", "to_m"):
             x_m = getattr(one, key)
             if x_m is not None and x_m > length_m:

@@ -1,6 +1,4 @@
-"""The configuration's tables of how heats and field are estimated, within which tolerances, how sensor faults
-are found, and what is forecast.
-"""
+"""The configuration's tables for estimation, tolerances, faults of sensors, and forecasts."""
 
 from __future__ import annotations
 
@@ -42,23 +40,25 @@ class Tolerance(Section):
     gain: Relative = 0.02
     heat_per_log: Relative = 0.03  #: of each source's heat between logs, relative; in `discover`
 
-    def of_link(self, own: float | None) -> float:
-        """Return the relative tolerance of a link: its own where it says one."""
-        return self.link if own is None else own
+    def of_link(self, configured: float | None) -> float:
+        """Return the relative tolerance of a link: its own `configured` one, else the general one."""
+        return self.link if configured is None else configured
 
-    def of_capacity(self, own: float | None) -> float:
-        """Return the relative tolerance of a node's capacity: its own where it says one."""
-        return self.capacity if own is None else own
+    def of_capacity(self, configured: float | None) -> float:
+        """Return the relative tolerance of a node's capacity: its own `configured` one, else the general
+        one.
+        """
+        return self.capacity if configured is None else configured
 
 
 _KINDS = ("kalman", "luenberger")
 
 
-def _known(kind: str) -> str:
+def _known_kind(kind: str) -> str:
     if kind not in _KINDS:
         if not is_outside(kind, "estimators"):
-            known = ", ".join((*_KINDS, *entry_names("estimators")))
-            raise ValueError(f'unknown kind {kind[:60]!r}; give one of {known}, or "module:Class"')
+            kinds = ", ".join((*_KINDS, *entry_names("estimators")))
+            raise ValueError(f'unknown kind {kind[:60]!r}; give one of {kinds}, or "module:Class"')
         outside(kind, "estimators")
     return kind
 
@@ -68,7 +68,7 @@ class EstimatorSettings(Section):
 
     #: `"kalman"`, `"luenberger"`, or a [class of your own](../how-to/add-an-estimator.md): `"module:Class"`
     #: or an entry point
-    kind: Annotated[str, AfterValidator(_known)] = "kalman"
+    kind: Annotated[str, AfterValidator(_known_kind)] = "kalman"
     #: step of the live estimator; a replay steps with the rows of its log
     period_s: Annotated[Number, Field(ge=0.001, le=3600)] = 0.5
     # Kalman
@@ -111,7 +111,7 @@ AHEAD_H = (0.05, 24.0)
 
 
 class ForecastSettings(Section):
-    """What is forecast, and how often."""
+    """Whether and how often the service forecasts, and how far ahead."""
 
     enabled: Flag | None = None  #: forecast in the service; by default where every estimated heat has a law
     hours: Annotated[Positive, Field(ge=AHEAD_H[0], le=AHEAD_H[1])] = 1.0  #: how far ahead, up to 24

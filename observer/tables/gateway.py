@@ -1,6 +1,4 @@
-"""The configuration of what people and plants look through: the page, metrics, MQTT and OPC UA, each off
-until its table is there.
-"""
+"""The configuration of the page, metrics, MQTT and OPC UA, each off until its table is there."""
 
 from __future__ import annotations
 
@@ -10,7 +8,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
 
-from observer.tables.quantities import File, Flag, Name, Number, Section, together
+from observer.tables.quantities import File, Flag, Name, Number, Section, all_or_none
 
 _ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9_.-]+|\[[0-9A-Fa-f:.]+\]):(?P<port>\d{1,5})")
 _OPCUA = "opc.tcp://"
@@ -19,11 +17,11 @@ _LEAST_INTERVAL_S = 1e-3
 
 
 def host_and_port(address: str) -> tuple[str, int]:
-    """The host, without brackets, and the port of an address; raises `ValueError` where it is none."""
-    found = _ADDRESS.fullmatch(address)
-    if not found or not 1 <= int(found["port"]) <= _MOST_PORT:
+    """Return host, without brackets, and port of an address. Raises `ValueError` where it is invalid."""
+    match = _ADDRESS.fullmatch(address)
+    if not match or not 1 <= int(match["port"]) <= _MOST_PORT:
         raise ValueError(f"{address[:60]!r} is no address; write host:port, like 127.0.0.1:8080")
-    return found["host"].strip("[]"), int(found["port"])
+    return match["host"].strip("[]"), int(match["port"])
 
 
 def is_loopback(address: str) -> bool:
@@ -70,7 +68,7 @@ class Page(Section):
     certificate: File | None = None  #: PEM file; the page is then served by TLS
     key: File | None = None  #: its key
 
-    _pair = together("certificate", "key")
+    _pair = all_or_none("certificate", "key")
 
     @model_validator(mode="after")
     def _others_log_in(self) -> Page:
@@ -83,7 +81,9 @@ class Page(Section):
 
     @property
     def doubt(self) -> str | None:
-        """What is wrong with a page that others reach without TLS, in a sentence; None where nothing is."""
+        """A sentence about passwords that go to other computers without TLS, None where TLS or no other
+        computer is used.
+        """
         if is_loopback(self.listen) or self.certificate is not None:
             return None
         return (
@@ -111,11 +111,11 @@ class Mqtt(Section):
     late_every_s: Annotated[Number, Field(ge=0, le=3600), AfterValidator(_checked_interval)] = 60.0
     late_rate_Hz: Annotated[Number, Field(ge=0.1, le=1000)] = 20.0  #: largest rate of late steps, 0.1 to 1000
 
-    _pair = together("user", "password_file")
+    _pair = all_or_none("user", "password_file")
 
 
 class Opcua(Section):
-    """A server of OPC UA: where it listens, who may look, and what the connection is encrypted with."""
+    """A server of OPC UA: its address, its users, and the files for its encryption."""
 
     #: address; beyond this computer it requires `users_file`, `certificate` and `key`, or `anonymous`
     listen: OpcuaAddress = "opc.tcp://127.0.0.1:4840"
@@ -126,7 +126,7 @@ class Opcua(Section):
     key: File | None = None
     anonymous: bool = False  #: whoever reaches the port may read, from other computers too
 
-    _pair = together("certificate", "key")
+    _pair = all_or_none("certificate", "key")
 
     @model_validator(mode="after")
     def _others_log_in(self) -> Opcua:

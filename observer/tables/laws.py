@@ -74,7 +74,7 @@ DIVIDED_LAWS = LAWS[:3]
 
 
 class HeatLaw(Section):
-    """How much heat a source delivers: one law, and what multiplies it."""
+    """How much heat a source delivers: one law, and its factors."""
 
     #: channel of the screw's speed in rpm, for laws of friction
     speed_channel: quantities.Channel | None = None
@@ -103,7 +103,7 @@ class HeatLaw(Section):
     stroke_share: quantities.Flag = False
     scale: quantities.Factor = 1.0  #: multiplies the law, whichever it is
 
-    _pair = quantities.together("heat_of", "heat_ratio")
+    _pair = quantities.all_or_none("heat_of", "heat_ratio")
 
     @model_validator(mode="after")
     def _one_law(self) -> HeatLaw:
@@ -133,7 +133,7 @@ class HeatLaw(Section):
 
     @property
     def law(self) -> str | None:
-        """The key of the law that is given, None where there is none."""
+        """The key of the law in use, None without one."""
         return next((key for key in LAWS if getattr(self, key) is not None), None)
 
     @property
@@ -204,7 +204,7 @@ class Surface(Section):
 
     @property
     def turns(self) -> bool:
-        """Whether the law takes in what turning adds to the film."""
+        """Whether the film depends on the screw's speed."""
         return self.speed_rpm > 0.0 or self.speed_channel is not None
 
     def _thread_is_complete(self) -> None:
@@ -218,9 +218,9 @@ def _exactly_one(
     table: Section, one: tuple[str, ...], other: tuple[str, ...], optional: tuple[str, ...] = ()
 ) -> None:
     """Raise `ValueError` unless the keys of one of the two groups are all given, and none of the other."""
-    given = [key for key in (*one, *other) if getattr(table, key) is not None]
-    mixed = any(key in one for key in given) and any(key in other for key in given)
-    complete = any(set(group) - set(optional) <= set(given) for group in (one, other))
+    set_keys = [key for key in (*one, *other) if getattr(table, key) is not None]
+    mixed = any(key in one for key in set_keys) and any(key in other for key in set_keys)
+    complete = any(set(group) - set(optional) <= set(set_keys) for group in (one, other))
     if mixed or not complete:
         names = [key for key in other if key not in optional]
         raise ValueError(f"give either {' and '.join(one)}, or {' and '.join(names)}")

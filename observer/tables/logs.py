@@ -35,7 +35,9 @@ class LongForm(Section):
 
 
 class Logs(Section):
-    """How to read logs that others wrote. What is not given is found by itself where it is plain."""
+    """How to read logs that others wrote. Keys that are left out are detected where the file leaves no
+    doubt.
+    """
 
     #: separator of columns: `";"`, `","`, `"\t"`, `" "`
     separator: Annotated[str, Field(min_length=1, max_length=1)] | None = None
@@ -72,10 +74,10 @@ class Logs(Section):
 
     @field_validator("columns", mode="before")
     @classmethod
-    def _names_alone(cls, given: object) -> object:
-        if not isinstance(given, dict):
-            return given
-        return {k: {"column": v} if isinstance(v, str) else v for k, v in given.items()}
+    def _names_alone(cls, entry: object) -> object:
+        if not isinstance(entry, dict):
+            return entry
+        return {k: {"column": v} if isinstance(v, str) else v for k, v in entry.items()}
 
     @field_validator("encoding")
     @classmethod

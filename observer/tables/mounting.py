@@ -57,7 +57,7 @@ MOST_POINTS = 50
 
 
 class Compensation(Section):
-    """What a control receives to take the thermal error out of its axis; off unless enabled."""
+    """The table and line by which a control removes the thermal error from its axis; off unless enabled."""
 
     enabled: Flag = False  #: publish `compensation`; it still has to be armed
     #: must be `false`: nothing else compensates the growth of this screw

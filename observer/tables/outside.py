@@ -52,7 +52,10 @@ def outside(kind: str, group: str) -> Any:
 
 
 def fault_outside(error: BaseException) -> str | None:
-    """Say in which class from outside an exception arose, in which file and line; None where in none."""
+    """Return a sentence that names the class from outside in which an exception arose, with file and line.
+
+    None where it arose in none of them.
+    """
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         if kind := _FILES.get(frame.filename):
             return (

@@ -1,4 +1,4 @@
-"""The configuration's tables of the Zenoh session: where it goes, and who may take part in it."""
+"""The configuration's tables of the Zenoh session: its endpoints, users and certificates."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from observer.tables.quantities import (
     Number,
     Positive,
     Section,
-    together,
+    all_or_none,
 )
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -26,7 +26,7 @@ _ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/[^\s]+")
 
 
 def checked_endpoint(text: str) -> str:
-    """Return an endpoint as it is; raises `ValueError` where it is none."""
+    """Return the endpoint unchanged. Raises `ValueError` where it is not a Zenoh endpoint."""
     if not _ENDPOINT.fullmatch(text):
         raise ValueError(f"{text!r} is no Zenoh endpoint; write it like {DEFAULT_ENDPOINT}")
     return text
@@ -46,7 +46,7 @@ class Tls(Section):
     key: File | None = None  #: its key, without a password; no other user may read the file
     client_certificates: Flag = False  #: whoever connects must show a certificate of `ca`
 
-    _pair = together("certificate", "key")
+    _pair = all_or_none("certificate", "key")
 
     @model_validator(mode="after")
     def _needs_an_authority(self) -> Tls:
@@ -56,7 +56,7 @@ class Tls(Section):
 
 
 class Login(Section):
-    """Names and passwords: who may connect here, and who this side is elsewhere. Passwords stand in files."""
+    """Names and passwords, which stand in files: of those who connect here, and of this side elsewhere."""
 
     users_file: File | None = None  #: file of lines `name:password`; clients must log in
     user: Name | None = None  #: name by which this side logs in where it connects
@@ -72,11 +72,11 @@ class Login(Section):
             )
         return table
 
-    _pair = together("user", "password_file")
+    _pair = all_or_none("user", "password_file")
 
 
 class Access(Section):
-    """Who may do what, as `user:NAME` or `certificate:COMMON-NAME`; whoever is not named may do nothing."""
+    """The rights of each `user:NAME` or `certificate:COMMON-NAME`; all others have none."""
 
     viewer: tuple[Subject, ...] = ()  #: who may read: `"user:NAME"` or `"certificate:NAME"` (common name)
     operator: tuple[Subject, ...] = ()  #: who may also command
@@ -84,7 +84,7 @@ class Access(Section):
 
     @property
     def subjects(self) -> tuple[str, ...]:
-        """Everybody who is named."""
+        """All names with a right."""
         return self.viewer + self.operator + self.service
 
     @model_validator(mode="after")
@@ -205,13 +205,16 @@ class Checkpoint(Section):
     oldest_s: Annotated[float, Field(gt=0, le=86_400)] = 900.0  #: an older one is ignored at the start
 
     def place(self, record: RecordSettings) -> Path | None:
-        """The directory in force: as configured, else that of the recordings, else systemd's; None is off."""
+        """Return the directory in force: as configured, else that of the recordings, else systemd's.
+
+        None where saving is off, or none of the three is set.
+        """
         if not self.enabled:
             return None
         if self.directory is not None or record.directory is not None:
             return self.directory or record.directory
-        given = os.environ.get(STATE_DIRECTORY, "").split(":")[0]
-        return Path(given) if given else None
+        state_folder = os.environ.get(STATE_DIRECTORY, "").split(":")[0]
+        return Path(state_folder) if state_folder else None
 
 
 AlarmKind = Literal[

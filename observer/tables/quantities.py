@@ -1,8 +1,8 @@
-"""What every table of the configuration is made of: its base, and the kinds of names and numbers.
+"""The base of all tables of the configuration, and their kinds of names and numbers.
 
 A number must be written as a number: `true` and `"1.0"` are rejected. Every kind has hard bounds, orders of
-magnitude beyond any machine, so that nothing absurd reaches the mathematics; a value that is possible but
-looks like a unit error is reported by `report.doubts`.
+magnitude beyond any machine, so that nothing absurd reaches the mathematics. Possible values that look like a
+unit error are reported by `report.doubts`.
 """
 
 from __future__ import annotations
@@ -14,28 +14,33 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-NOTHING = 1e-12
+NEGLIGIBLE = 1e-12
 """Whatever is nearer to 0 counts as 0: no quantity here is that small, but denormal numbers overflow."""
 OWN_COLUMNS = ("time_s", "late_s", "step", "flags")
 """Columns of a recording that are no channels."""
 _SEPARATORS = "=;,\"'"
 
 
-def within(low: float, high: float, what: str, *, or_zero: bool = False) -> Callable[[float], float]:
-    """A validator of the hard bounds of a quantity; with `or_zero`, 0 may stand beside them."""
+def bounds_validator(
+    low: float, high: float, quantity: str, *, or_zero: bool = False
+) -> Callable[[float], float]:
+    """Return a validator that raises `ValueError` beyond the hard bounds of a quantity.
+
+    With `or_zero`, 0 is also valid, and values within `NEGLIGIBLE` of it become 0.
+    """
 
     def checked(value: float) -> float:
-        if or_zero and abs(value) < NOTHING:
+        if or_zero and abs(value) < NEGLIGIBLE:
             return 0.0
         if not low <= value <= high:
-            raise ValueError(f"{value:g} is no {what}, which lies between {low:g} and {high:g}")
+            raise ValueError(f"{value:g} is no {quantity}, which lies between {low:g} and {high:g}")
         return value
 
     return checked
 
 
 def checked_channel(name: str) -> str:
-    """Return the name of a channel as it is. Raises `ValueError` for one that no recording could hold."""
+    """Return the channel's name unchanged. Raises `ValueError` for a name that a recording cannot have."""
     shown = repr(name[:40])
     if name in OWN_COLUMNS:
         raise ValueError(f"{shown} is a column of the recordings themselves; give the channel another name")
@@ -50,7 +55,7 @@ def checked_channel(name: str) -> str:
 
 
 def checked_path(path: Path) -> Path:
-    """Return a path as it is. Raises `ValueError` for one that no file can have."""
+    """Return the path unchanged. Raises `ValueError` for a path that no file can have."""
     if "\0" in str(path) or len(str(path)) > 4096:
         raise ValueError(f"{str(path)[:40]!r} is no path of a file; fix it")
     if any(unicodedata.category(c) == "Cc" for c in str(path)):
@@ -62,7 +67,9 @@ def checked_path(path: Path) -> Path:
 
 
 def checked_host(host: str) -> str:
-    """Return the name or address of a computer as it is. Raises `ValueError` for one with more around it."""
+    """Return the host's name or address unchanged. Raises `ValueError` where it includes a scheme or a
+    port.
+    """
     name = host.rpartition("://")[2].rstrip("/")
     computer, colon, port = name.rpartition(":")
     if colon and ":" not in computer and port.isdigit():
@@ -80,56 +87,64 @@ File = Annotated[Path, AfterValidator(checked_path)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$", max_length=64)]
 Channel = Annotated[str, Field(min_length=1, max_length=128), AfterValidator(checked_channel)]
 
-Positive = Annotated[Number, Field(gt=0), AfterValidator(within(NOTHING, 1e18, "positive quantity"))]
-NonNegative = Annotated[Number, Field(ge=0), AfterValidator(within(0.0, 1e12, "quantity", or_zero=True))]
-Finite = Annotated[Number, AfterValidator(within(-1e12, 1e12, "quantity", or_zero=True))]
+Positive = Annotated[
+    Number, Field(gt=0), AfterValidator(bounds_validator(NEGLIGIBLE, 1e18, "positive quantity"))
+]
+NonNegative = Annotated[
+    Number, Field(ge=0), AfterValidator(bounds_validator(0.0, 1e12, "quantity", or_zero=True))
+]
+Finite = Annotated[Number, AfterValidator(bounds_validator(-1e12, 1e12, "quantity", or_zero=True))]
 Share = Annotated[NonNegative, Field(le=1)]
 Temperature = Annotated[Number, Field(gt=-273.15, lt=2000)]
 
-ScrewLength = Annotated[Positive, AfterValidator(within(1e-3, 100.0, "length in m of a screw"))]
-Diameter = Annotated[Positive, AfterValidator(within(1e-4, 5.0, "diameter in m"))]
-Bore = Annotated[NonNegative, AfterValidator(within(0.0, 5.0, "diameter in m"))]
-Length = Annotated[Positive, AfterValidator(within(1e-9, 100.0, "length in m"))]
-Lead = Annotated[Positive, AfterValidator(within(1e-5, 1.0, "lead in m"))]
-Position = Annotated[NonNegative, AfterValidator(within(0.0, 100.0, "position in m"))]
-Area = Annotated[Positive, AfterValidator(within(1e-12, 1e4, "area in m²"))]
-Conductivity = Annotated[Positive, AfterValidator(within(1e-3, 1e4, "conductivity in W/mK"))]
-Density = Annotated[Positive, AfterValidator(within(100.0, 30e3, "density in kg/m³"))]
-SpecificHeat = Annotated[Positive, AfterValidator(within(10.0, 2e4, "specific heat in J/kgK"))]
-Expansion = Annotated[Positive, AfterValidator(within(1e-9, 1e-3, "expansion coefficient in 1/K"))]
-Film = Annotated[NonNegative, AfterValidator(within(0.0, 1e6, "film in W/m²K", or_zero=True))]
+ScrewLength = Annotated[Positive, AfterValidator(bounds_validator(1e-3, 100.0, "length in m of a screw"))]
+Diameter = Annotated[Positive, AfterValidator(bounds_validator(1e-4, 5.0, "diameter in m"))]
+Bore = Annotated[NonNegative, AfterValidator(bounds_validator(0.0, 5.0, "diameter in m"))]
+Length = Annotated[Positive, AfterValidator(bounds_validator(1e-9, 100.0, "length in m"))]
+Lead = Annotated[Positive, AfterValidator(bounds_validator(1e-5, 1.0, "lead in m"))]
+Position = Annotated[NonNegative, AfterValidator(bounds_validator(0.0, 100.0, "position in m"))]
+Area = Annotated[Positive, AfterValidator(bounds_validator(1e-12, 1e4, "area in m²"))]
+Conductivity = Annotated[Positive, AfterValidator(bounds_validator(1e-3, 1e4, "conductivity in W/mK"))]
+Density = Annotated[Positive, AfterValidator(bounds_validator(100.0, 30e3, "density in kg/m³"))]
+SpecificHeat = Annotated[Positive, AfterValidator(bounds_validator(10.0, 2e4, "specific heat in J/kgK"))]
+Expansion = Annotated[Positive, AfterValidator(bounds_validator(1e-9, 1e-3, "expansion coefficient in 1/K"))]
+Film = Annotated[NonNegative, AfterValidator(bounds_validator(0.0, 1e6, "film in W/m²K", or_zero=True))]
 LEAST_END_FILM_W_m2K = 1e-6
-EndFilm = Annotated[Positive, AfterValidator(within(LEAST_END_FILM_W_m2K, 1e8, "film in W/m²K"))]
-Air = Annotated[Temperature, AfterValidator(within(-100.0, 200.0, "air temperature in °C"))]
-Torque = Annotated[NonNegative, AfterValidator(within(0.0, 1e4, "friction torque in Nm", or_zero=True))]
-HeatPerSpeed = Annotated[NonNegative, AfterValidator(within(0.0, 1e3, "heat in W/rpm", or_zero=True))]
-Heat = Annotated[Finite, AfterValidator(within(-1e6, 1e6, "heat in W"))]
-HeatSigma = Annotated[NonNegative, AfterValidator(within(0.0, 1e6, "heat in W", or_zero=True))]
-Speed = Annotated[NonNegative, AfterValidator(within(0.0, 1e6, "speed in rpm", or_zero=True))]
-Noise = Annotated[Positive, AfterValidator(within(1e-6, 20.0, "noise in K"))]
-Rise = Annotated[Positive, AfterValidator(within(1e-6, 1e3, "temperature difference in K"))]
-Duration = Annotated[Positive, AfterValidator(within(1e-6, 1e9, "time in s"))]
-Capacity = Annotated[Positive, AfterValidator(within(1e-6, 1e9, "heat capacity in J/K"))]
-Conductance = Annotated[Positive, AfterValidator(within(1e-9, 1e7, "conductance in W/K"))]
-PartOfRise = Annotated[Positive, AfterValidator(within(0.02, 2.0, "part of a rise"))]
-Factor = Annotated[NonNegative, AfterValidator(within(0.0, 1e6, "factor", or_zero=True))]
+EndFilm = Annotated[Positive, AfterValidator(bounds_validator(LEAST_END_FILM_W_m2K, 1e8, "film in W/m²K"))]
+Air = Annotated[Temperature, AfterValidator(bounds_validator(-100.0, 200.0, "air temperature in °C"))]
+Torque = Annotated[
+    NonNegative, AfterValidator(bounds_validator(0.0, 1e4, "friction torque in Nm", or_zero=True))
+]
+HeatPerSpeed = Annotated[
+    NonNegative, AfterValidator(bounds_validator(0.0, 1e3, "heat in W/rpm", or_zero=True))
+]
+Heat = Annotated[Finite, AfterValidator(bounds_validator(-1e6, 1e6, "heat in W"))]
+HeatSigma = Annotated[NonNegative, AfterValidator(bounds_validator(0.0, 1e6, "heat in W", or_zero=True))]
+Speed = Annotated[NonNegative, AfterValidator(bounds_validator(0.0, 1e6, "speed in rpm", or_zero=True))]
+Noise = Annotated[Positive, AfterValidator(bounds_validator(1e-6, 20.0, "noise in K"))]
+Rise = Annotated[Positive, AfterValidator(bounds_validator(1e-6, 1e3, "temperature difference in K"))]
+Duration = Annotated[Positive, AfterValidator(bounds_validator(1e-6, 1e9, "time in s"))]
+Capacity = Annotated[Positive, AfterValidator(bounds_validator(1e-6, 1e9, "heat capacity in J/K"))]
+Conductance = Annotated[Positive, AfterValidator(bounds_validator(1e-9, 1e7, "conductance in W/K"))]
+PartOfRise = Annotated[Positive, AfterValidator(bounds_validator(0.02, 2.0, "part of a rise"))]
+Factor = Annotated[NonNegative, AfterValidator(bounds_validator(0.0, 1e6, "factor", or_zero=True))]
 
 
-def together(*keys: str) -> Any:
-    """A validator of a table in which these keys are given all or none."""
+def all_or_none(*keys: str) -> Any:
+    """Return a validator of a table in which these keys are given all or none."""
 
     def check(table: BaseModel) -> BaseModel:
         if 0 < sum(getattr(table, key) is not None for key in keys) < len(keys):
             names = f"{', '.join(keys[:-1])} and {keys[-1]}"
-            which = "both or neither" if len(keys) == 2 else "all or none"
-            raise ValueError(f"{names} belong together; give {which}")
+            rule = "both or neither" if len(keys) == 2 else "all or none"
+            raise ValueError(f"{names} belong together; give {rule}")
         return table
 
     return model_validator(mode="after")(check)
 
 
 def exactly_one(one: str, other: str) -> Any:
-    """A validator of a table that needs one of two keys."""
+    """Return a validator of a table that needs one of two keys, and only one."""
 
     def check(table: BaseModel) -> BaseModel:
         if (getattr(table, one) is None) == (getattr(table, other) is None):

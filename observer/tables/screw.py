@@ -64,17 +64,17 @@ class Screw(Section):
     @model_validator(mode="after")
     def _sections_fit(self) -> Screw:
         before_m = 0.0
-        for own in sorted(self.section, key=lambda s: s.from_m):
-            place = f"section {own.from_m:g} … {own.to_m:g} m"
-            if own.diameter_m is None and own.bore_m is None:
+        for section in sorted(self.section, key=lambda s: s.from_m):
+            place = f"section {section.from_m:g} … {section.to_m:g} m"
+            if section.diameter_m is None and section.bore_m is None:
                 raise ValueError(f"{place} has nothing of its own; give diameter_m or bore_m, or remove it")
-            if not own.from_m < own.to_m:
+            if not section.from_m < section.to_m:
                 raise ValueError(f"{place} is empty; the first number must be the smaller")
-            if own.to_m > self.length_m:
+            if section.to_m > self.length_m:
                 raise ValueError(f"{place} leaves the screw, length_m = {self.length_m}; fix one of them")
-            if own.from_m < before_m:
+            if section.from_m < before_m:
                 raise ValueError(f"{place} overlaps the one before it, which ends at {before_m:g} m; fix one")
-            piece, before_m = self._piece(own), own.to_m
+            piece, before_m = self._piece(section), section.to_m
             if piece.bore_m >= piece.diameter_m:
                 raise ValueError(
                     f"{place}: bore_m = {piece.bore_m} leaves nothing of diameter_m = {piece.diameter_m}; "
@@ -82,24 +82,31 @@ class Screw(Section):
                 )
         return self
 
-    def _piece(self, own: ScrewSection) -> Piece:
-        diameter_m = self.diameter_m if own.diameter_m is None else own.diameter_m
-        return Piece(own.from_m, own.to_m, diameter_m, self.bore_m if own.bore_m is None else own.bore_m)
+    def _piece(self, section: ScrewSection) -> Piece:
+        diameter_m = self.diameter_m if section.diameter_m is None else section.diameter_m
+        return Piece(
+            section.from_m,
+            section.to_m,
+            diameter_m,
+            self.bore_m if section.bore_m is None else section.bore_m,
+        )
 
     def _all_pieces(self) -> Iterator[Piece]:
-        """Yield sections and what is between them, from the left."""
+        """Yield the sections and the stretches between them, from the left."""
         before_m = 0.0
-        for own in sorted(self.section, key=lambda s: s.from_m):
-            if before_m < own.from_m:
-                yield Piece(before_m, own.from_m, self.diameter_m, self.bore_m)
-            yield self._piece(own)
-            before_m = own.to_m
+        for section in sorted(self.section, key=lambda s: s.from_m):
+            if before_m < section.from_m:
+                yield Piece(before_m, section.from_m, self.diameter_m, self.bore_m)
+            yield self._piece(section)
+            before_m = section.to_m
         if before_m < self.length_m:
             yield Piece(before_m, self.length_m, self.diameter_m, self.bore_m)
 
     @property
     def pieces(self) -> tuple[Piece, ...]:
-        """The screw from left to right in stretches of one diameter and bore, as few as there can be."""
+        """The screw from left to right in stretches of one diameter and bore, neighbours of the same
+        joined.
+        """
         alike = itertools.groupby(self._all_pieces(), key=lambda p: p[2:])
         runs = [list(run) for _, run in alike]
         return tuple(run[0]._replace(to_m=run[-1].to_m) for run in runs)

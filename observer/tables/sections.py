@@ -82,7 +82,7 @@ class Link(Section):
 
     @property
     def key(self) -> str:
-        """What its parameters' keys begin with: its two ends in the order of the configuration."""
+        """The beginning of its parameters' keys: `link.` and both ends in the order of the configuration."""
         return f"link.{self.between[0]}-{self.between[1]}"
 
     @model_validator(mode="after")
@@ -104,9 +104,9 @@ class Link(Section):
 def check_places(
     node: tuple[Node, ...], link: tuple[Link, ...], sources: tuple[str, ...], placed: tuple[str, ...]
 ) -> None:
-    """Raise `ValueError` for a node without a link, and for a link whose ends are unknown or hold no node.
+    """Raise `ValueError` for a node without a link, and for a link with an unknown end or without a node.
 
-    `sources` are the names of all sources, `placed` of those that stand somewhere on the screw.
+    `sources` are the names of all sources, `placed` of those at a place on the screw.
     """
     names = [n.name for n in node]
     for name in names:
@@ -127,7 +127,7 @@ def check_places(
 
 
 class Bed(Section):
-    """What the screw's growth is measured against: a bed, a table or a scale that expands too."""
+    """The bed, table or scale against which the screw's growth is measured; it expands too."""
 
     expansion_1_K: quantities.Expansion  #: its thermal expansion; 8e-6 for a glass scale, 11e-6 for cast iron
     channel: quantities.Channel | None = None  #: the channel that measures its temperature
@@ -213,10 +213,10 @@ class Source(HeatLaw):
 
     @model_validator(mode="after")
     def _shape_is_complete(self) -> Source:
-        needed = {"nut": ("length_m",), "point": ("position_m",), "band": ("from_m", "to_m"), "node": ()}[
+        required = {"nut": ("length_m",), "point": ("position_m",), "band": ("from_m", "to_m"), "node": ()}[
             self.shape
         ]
-        for key in needed:
+        for key in required:
             if getattr(self, key) is None:
                 raise ValueError(f'shape = "{self.shape}" needs {key}')
         belongs = {
@@ -255,7 +255,9 @@ class Source(HeatLaw):
 
     @property
     def own_or_followed(self) -> str:
-        """The name of the source whose heat drives this one: its own, or that of the one it follows."""
+        """The name of the source whose estimated heat drives this one: `heat_of` for a follower, else its
+        own.
+        """
         return self.heat_of if self.follows and self.heat_of is not None else self.name
 
     @property
@@ -282,16 +284,16 @@ def covers_only(source: Source, screw: Screw, position_m: float) -> bool:
 
 
 def following(sources: Sequence[Source]) -> dict[str, list[tuple[float, Source]]]:
-    """Return the sources that follow each, by its name, and which part of its heat theirs is."""
-    found: dict[str, list[tuple[float, Source]]] = {}
+    """Return for each source's name the sources that follow it, each with its ratio to the followed heat."""
+    followers: dict[str, list[tuple[float, Source]]] = {}
     for source in sources:
         if source.follows and source.heat_of is not None:
-            found.setdefault(source.heat_of, []).append((part_of_heat(source), source))
-    return found
+            followers.setdefault(source.heat_of, []).append((part_of_heat(source), source))
+    return followers
 
 
 def part_of_heat(source: Source) -> float:
-    """Return which part of the other's heat a source with a `heat_of` law has."""
+    """Return the ratio of a source's heat to that of the source named by its `heat_of`."""
     return source.scale / (source.heat_ratio or 1.0)
 
 
@@ -303,12 +305,12 @@ def law_channels(source: Source, sources: Sequence[Source]) -> tuple[str, ...]:
 
 
 def owner(source: Source, sources: Sequence[Source]) -> Source:
-    """Return the source whose heat a `heat_of` law takes a part of."""
+    """Return the source that the `heat_of` law of a source names."""
     return next(other for other in sources if other.name == source.heat_of)
 
 
 class Description(Section):
-    """What the model is built from: the physical part of a configuration."""
+    """The physical part of a configuration, from which the model is built."""
 
     screw: Screw
     surface: Surface = Surface()
@@ -326,19 +328,19 @@ class Description(Section):
     def _along_the_way(cls, table: Any) -> Any:
         if not isinstance(table, dict) or not isinstance(sensors := table.get("sensor"), list | tuple):
             return table
-        found: list[Any] = []
+        expanded: list[Any] = []
         for one in sensors:
             moves = isinstance(one, dict) and one.get("along") and one.get("position_m") is None
-            found += placed_along(one, list(table.get("source") or ())) if moves else [one]
-        return table | {"sensor": found}
+            expanded += placed_along(one, list(table.get("source") or ())) if moves else [one]
+        return table | {"sensor": expanded}
 
     @property
     def screw_is_seen(self) -> bool:
-        """Whether a thermocouple sits on the screw; else an estimate of it rests on the laws as well."""
+        """Whether a thermocouple is on the screw; without one an estimate also rests on the heat laws."""
         return any(s.sees_the_screw for s in self.sensor)
 
     def law_uncertainty(self, source: Source) -> float:
-        """Return the relative standard deviation of a source's law: its own where it says one."""
+        """Return the relative standard deviation of a source's law: its own, else the usual one."""
         if source.law_uncertainty is not None:
             return source.law_uncertainty
         return LAW_UNCERTAINTY if self.screw_is_seen else UNSEEN_LAW_UNCERTAINTY
@@ -356,18 +358,18 @@ class Description(Section):
             *(("bed: on", b.on) for b in (self.bed,) if b is not None and b.on is not None),
         ):
             if used not in names:
-                known = ", ".join(sorted(names)) or "none yet, write [[node]]"
-                raise ValueError(f'{place} names "{used}", which is no node; the nodes are: {known}')
+                node_names = ", ".join(sorted(names)) or "none yet, write [[node]]"
+                raise ValueError(f'{place} names "{used}", which is no node; the nodes are: {node_names}')
         return self
 
     def _covering_nuts_stay_on_the_screw(self) -> None:
         for source in self.source:
             if not source.covers_film or source.stroke_m is None:
                 continue
-            if beyond := [at_m for at_m in source.stroke_m if not covers_only(source, self.screw, at_m)]:
+            if off_screw_m := [at_m for at_m in source.stroke_m if not covers_only(source, self.screw, at_m)]:
                 raise ValueError(
                     f"source {source.name}: covers_film needs the whole nut on the screw; with its centre at "
-                    f"{beyond[0]:g} m it reaches beyond the end; correct stroke_m or length_m"
+                    f"{off_screw_m[0]:g} m it reaches beyond the end; correct stroke_m or length_m"
                 )
 
     def _linked_ends_are_free(self) -> None:

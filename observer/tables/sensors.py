@@ -1,4 +1,4 @@
-"""What measures: thermocouples on the screw and beside it, and sensors of the thermal error."""
+"""Sensors: thermocouples on the screw and beside it, and sensors of the thermal error."""
 
 from __future__ import annotations
 
@@ -50,8 +50,9 @@ class Measuring(Section):
 
 
 class Sensor(Measuring):
-    """A thermocouple on the screw, or on a node beside it; an infrared sensor or a sliding contact, which
-    shows a part of the rise above the air; or what measures the thermal error: a probe, a laser.
+    """A thermocouple on the screw or on a node beside it, or a sensor of the thermal error: a probe, a laser.
+
+    An infrared sensor or a sliding contact is a thermocouple that shows a part of the rise above the air.
     """
 
     name: quantities.Name  #: names the columns of its innovation and quality
@@ -81,34 +82,35 @@ class Sensor(Measuring):
 
     @property
     def sees_the_screw(self) -> bool:
-        """Whether it is a thermocouple on the screw, or what looks at it."""
+        """Whether it measures the temperature of the screw itself."""
         return self.kind == "temperature" and self.on is None
 
     @property
     def measured_channel(self) -> str:
-        """The channel that measures it: another than its own where it is read when the nut passes."""
+        """The channel of its readings; another than its own where it is read when the nut passes."""
         return self.channel if self.along is None else _OF_PLACE.sub("", self.channel)
 
     @property
     def probing_s(self) -> float | None:
-        """How far apart the readings of an occasional displacement are, None of any other sensor."""
+        """Interval of an occasional displacement's readings, s; None for any other sensor."""
         if not self.occasional:
             return None
         return PROBING_S if self.along is None else PASSING_S
 
     @property
     def channel_scale(self) -> float:
-        """What one unit of the channel is in K, or of a displacement in µm."""
+        """Factor from the channel's unit to K, or for a displacement to µm."""
         return MICROMETRES["_" + self.channel.rpartition("_")[2]] if self.kind == "displacement" else 1.0
 
     @property
     def noise(self) -> float:
-        """The standard deviation of its noise in K, or of a displacement in µm."""
+        """Standard deviation of its noise, K, or µm for a displacement."""
         return self.noise_um if self.kind == "displacement" else self.noise_K
 
     def offset(self, usual_K: float) -> float:
-        """The standard deviation of its offset in K, or of a displacement in µm; `usual_K` is that of
-        thermocouples.
+        """Return the standard deviation of its offset, K, or µm for a displacement.
+
+        `usual_K` is that of thermocouples without their own.
         """
         if self.kind == "displacement":
             return self.zero_um
@@ -116,7 +118,7 @@ class Sensor(Measuring):
 
     @property
     def unit(self) -> str:
-        """The unit of what its readings miss, as results have it."""
+        """Unit of its innovation in results: `um` for a displacement, else `K`."""
         return "um" if self.kind == "displacement" else "K"
 
 
@@ -124,7 +126,11 @@ _OF_PLACE = re.compile(r"_\d+(?=_(?:um|mm|m)$)")
 
 
 def placed_along(sensor: dict[str, Any], sources: list[Any]) -> list[dict[str, Any]]:
-    """The sensors at the places of the stroke that one along a nut's way counts as; raises `ValueError`."""
+    """Return the sensors that replace one measuring along a nut's way, one at each of some places of the
+    stroke.
+
+    Raises `ValueError` where it names no nut with a stroke and a position channel.
+    """
     nuts = {
         str(one.get("name")): one["stroke_m"]
         for one in sources
@@ -134,10 +140,10 @@ def placed_along(sensor: dict[str, Any], sources: list[Any]) -> list[dict[str, A
     if sensor.get("kind") != "displacement" or not channel.endswith(tuple(MICROMETRES)):
         return [sensor]  # it is refused by itself
     if (stroke_m := nuts.get(str(sensor["along"]))) is None:
-        known = ", ".join(nuts) or "none yet"
+        nut_names = ", ".join(nuts) or "none yet"
         raise ValueError(
             f'sensor {name}: along names "{sensor["along"]}", which is no nut with stroke_m and '
-            f"position_channel; the nuts are: {known}"
+            f"position_channel; the nuts are: {nut_names}"
         )
     if sensor.get("occasional"):
         raise ValueError(f"sensor {name}: along is read whenever the nut passes; remove occasional")

@@ -140,7 +140,7 @@ def test_a_search_of_logs_with_few_positions_doubts_them_and_names_nothing_of_th
         write_log(paths[-1], run.time_s[every - 1 :: every], run.values[every - 1 :: every])
     config = tmp_path / "config.toml"
     discovery = discover(config, paths)
-    found, result = discovery._found.found, discovery.document
+    found, result = discovery._search.discovery, discovery.document
     print(result["reason"], [t.candidate.name for t in found.search.ranking])
     assert result["verdict"] == ("unknown" if hidden else "none")
     assert [s["what"] for s in result["suspects"]] == ["nut's way"]

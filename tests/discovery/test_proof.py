@@ -20,7 +20,7 @@ def test_what_was_named_without_proof_is_unknown_and_the_rest_is_offered(tmp_pat
     """
     log = write(draw(SEED, HIDDEN), SEED, tmp_path)
     discovery = discover(tmp_path / "config.toml", log)
-    found, result = discovery._found.found, discovery.document
+    found, result = discovery._search.discovery, discovery.document
     assert [t.candidate.name for t in found.search.chosen] == ["attached_mass at left", "local_heat"]
     assert found.proof.unproved == ("local_heat",)
     assert (result["verdict"], result["effects"]) == ("unknown", [])
@@ -36,7 +36,7 @@ def test_a_block_is_named_and_the_thermocouple_that_is_off_beside_it(tmp_path: P
     rod = draw(PROVED, HIDDEN)
     log = write(rod, PROVED, tmp_path)
     discovery = discover(tmp_path / "config.toml", log)
-    found, result = discovery._found.found, discovery.document
+    found, result = discovery._search.discovery, discovery.document
     assert abs(rod.offset_K).argmax() == 1
     assert found.proof.unproved == ()
     assert result["verdict"] == "named"
