@@ -36,7 +36,7 @@ CHECKED = os.environ.get("KERNELS_CHECKED", "") == "1"
 RECORDS = ("states", "records", "tick_records")
 PARTS = (
     "codes", "covariance", "coupling", "exact_step", "advance", "judging", "screening", "learning", "step",
-    "kalman", "consider", "steady_state_step", "fixed_gain", "smoother", "bank", "changes", "sweep", "path",
+    "kalman", "fixed_gain", "smoother", "bank", "changes", "sweep", "path",
     "walk", "selftest", "message", "live", "cells",
 )  # fmt: skip
 HEAD = f"""# cython: language_level=3, boundscheck={CHECKED}, wraparound=False, cdivision=True, cpow=True

@@ -49,7 +49,7 @@ NUTS = _bits("nut_columns", "nut_columns_at_places", "nut_columns_where_it_turns
 DRIVEN = _bits("drive_plain", "drive_effects", "drive_channels", "drive_without_a_nut", "drive_of_two_nuts")
 SPECIFIED = "tests/estimators/test_specification.py"
 KALMAN = _at("tests/estimators/test_steps.py", SPECIFIED, BITS)
-SETTLED = _at("tests/estimators/test_settled.py", BITS)
+GIVEN = _at("tests/estimators/test_given_gain.py", BITS)
 PARTS = _at("tests/fit/test_parts.py")
 GAINS = _at("tests/estimators/test_gains.py", "tests/estimators/test_kim.py")
 
@@ -83,12 +83,11 @@ NEAREST: dict[str, Nearest] = {
         "tests/model/test_generator.py", *AHEAD, *_bits(*(f"kalman_coupled_by_{name}" for name in COUPLINGS))
     ),
     "observer/kernels/covariance.py": _at("tests/kernels/test_covariance.py", SPECIFIED),
-    "observer/kernels/steady_state_step.py": SETTLED,
     "observer/kernels/exact_step.py": _at("tests/model/test_discretise.py", BITS),
     "observer/kernels/live.py": _at(
         "tests/model/test_drive.py", "tests/model/test_turning_surface.py", *DRIVEN
     ),
-    "observer/kernels/fixed_gain.py": SETTLED,
+    "observer/kernels/fixed_gain.py": GIVEN,
     "observer/kernels/judging.py": KALMAN,
     "observer/kernels/kalman.py": KALMAN,
     "observer/kernels/learning.py": _at("tests/estimators/test_following.py", *LEARNT, SPECIFIED),
@@ -97,7 +96,9 @@ NEAREST: dict[str, Nearest] = {
     "observer/kernels/smoother.py": _at(
         "tests/history/test_smoother.py::test_a_short_history_of_coupled_states_equals_it_too", *SMOOTHED
     ),
-    "observer/kernels/step.py": KALMAN,
+    "observer/kernels/step.py": _at(
+        "tests/estimators/test_steps.py", "tests/estimators/test_given_gain.py", SPECIFIED, BITS
+    ),
     "observer/kernels/walk.py": _at("tests/align/test_align.py", "tests/align/test_dejitter.py", BITS),
     "observer/linear_fit.py": _at("tests/fit/test_linear_fit.py"),
     "observer/model/generator.py": _at("tests/model/test_basis.py"),

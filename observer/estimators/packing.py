@@ -71,7 +71,8 @@ class PlantArrays(NamedTuple):
 
 class Running(NamedTuple):
     """The state while it runs, changed in place: `P` (n, padded width), `flags` [started, silent,
-    limited]: the last says that bounds have limits, which decide whether a missing sensor is needed.
+    limited, gain_sensors]: limited says that bounds have limits, which decide whether a missing sensor is
+    needed.
     """
 
     x: FloatArray
@@ -216,7 +217,7 @@ def initial_state(plant: Plant, *, screens: bool = False) -> EstimatorState:
 
 def thaw(state: EstimatorState) -> Running:
     """Copy a state into arrays that may change."""
-    flags = np.array([int(state.started), state.silent, 0], dtype=np.int64)
+    flags = np.array([int(state.started), state.silent, 0, state.gain_sensors], dtype=np.int64)
     return Running(
         np.array(state.x_hat, order="C"),
         pad_rows(state.P, padded_width(len(state.P))),
@@ -239,7 +240,7 @@ def thaw_into(running: Running, state: EstimatorState) -> None:
     running.refused_s[:] = state.refused_s
     running.opened_K[:] = state.opened_K
     running.lost_s[0] = state.lost_s
-    running.flags[0], running.flags[1] = state.started, state.silent
+    running.flags[0], running.flags[1], running.flags[3] = state.started, state.silent, state.gain_sensors
     running.around[:] = state.around
     # An estimator that does not screen (a forecast's) goes on from the state of one that does.
     running.guard[:] = state.guard if state.guard.shape == running.guard.shape else np.zeros(1, SENSOR_GUARD)
@@ -289,6 +290,7 @@ def freeze(running: Running, time_s: float) -> EstimatorState:
         time_s,
         int(running.flags[1]),
         float(running.lost_s[0]),
+        int(running.flags[3]),
         running.around.copy(),
         running.guard.copy(),
         running.verdict.copy(),

@@ -23,8 +23,9 @@ class EstimatorState:
     measurement. `suspect` (s,) counts the steps for which each sensor has been refused in a row, `refused_s`
     (s,) for how long, and `opened_K` (s,) how far off it was when the state was last opened for it; `silent`
     counts the steps in a row in which no sensor was good; for `lost_s` the place of a nut has not been known.
-    `around` (n_x + m_e + 2 s,) is where the effects of what is learnt are taken, with what each sensor would
-    read there without and with a lag; empty where nothing is learnt. `guard` (s,) and `verdict` (1,) are
+    `gain_sensors` are the sensors, as bits, of the given gain in use. `around` (n_x + m_e + 2 s,) is where
+    the effects of what is learnt are taken, with what each sensor would read there without and with a lag;
+    empty where nothing is learnt. `guard` (s,) and `verdict` (1,) are
     what the screening of readings remembers (`kernels/states.pxd`), `bank` where the filters beside it stand
     (`observer.estimators.bank`), as octets; without screening they are empty.
     """
@@ -38,6 +39,7 @@ class EstimatorState:
     time_s: float
     silent: int = 0
     lost_s: float = 0.0
+    gain_sensors: int = 0
     around: FloatArray = field(default_factory=lambda: np.zeros(0))
     guard: Records = field(default_factory=lambda: np.zeros(0, SENSOR_GUARD))
     verdict: Records = field(default_factory=lambda: np.zeros(1, SCREENING_VERDICT))

@@ -23,7 +23,6 @@ import numpy as np
 
 from observer.config import Config
 from observer.estimators import packing
-from observer.estimators.fixed_gain_records import considered
 from observer.estimators.steps import StepCache, chunks
 from observer.frames import BoolArray, FloatArray, Inputs
 from observer.history.smoother import smooth_changes
@@ -119,6 +118,19 @@ def _roughly_known(config: Config) -> tuple[Plant, BoolArray]:
     return plant, np.isin(selected, parameters.held, invert=True)
 
 
+class Sensitivities(NamedTuple):
+    """What an open loop carries of the machine's tolerances: `S` (n_x + m_e, t), ∂x/∂θ σ_θ.
+
+    They are taken `around` (n_x + m_e + 2 s,) a state that follows the log's heats; `nothing` (n,) is zero.
+    """
+
+    plant: packing.PlantArrays
+    work: packing.Work
+    around: FloatArray
+    S: FloatArray
+    nothing: FloatArray
+
+
 class _Along:
     """A simulation over a log: the field, and its change with one standard deviation of each parameter."""
 
@@ -129,7 +141,8 @@ class _Along:
         of_machine = max(arrays.learn.machine, 1)
         self._x = np.zeros(n)
         linearised, S = np.zeros(n - L + 2 * s), np.zeros((n - L, of_machine))
-        self._considered, self._plant_record = record(considered(arrays, linearised, S)), record(arrays)
+        sensitivities = Sensitivities(arrays, packing.scratch(arrays), linearised, S, np.zeros(n))
+        self._sensitivities, self._plant_record = record(sensitivities), record(arrays)
 
     def __call__(self, u: Inputs, D: FloatArray) -> FloatArray:
         """Fill D (K, s, …) for the steps of a block, and return the expected readings (K, s) in °C.
@@ -144,7 +157,7 @@ class _Along:
         expected_degC = np.full(u.y_degC.shape, np.nan)
         for part, _, table, chunk, step in chunks(self._steps, u):
             batch = record(packing.Batch(self._plant_record, table, chunk, step))
-            run_tolerances(self._considered, batch, self._x, self._begins, D[part], expected_degC[part])
+            run_tolerances(self._sensitivities, batch, self._x, self._begins, D[part], expected_degC[part])
             self._begins = False
         return expected_degC
 

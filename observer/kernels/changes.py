@@ -13,11 +13,10 @@ from observer.kernels.advance import (
     move_columns,
     multiply_columns,
 )
-from observer.kernels.consider import begin_considered, consider_readings, propagate_considered
 from observer.kernels.covariance import add_row
-from observer.kernels.judging import step_is_finite
+from observer.kernels.judging import clear, step_is_finite
 from observer.kernels.kalman import SKIPPED, STEPPED
-from observer.kernels.learning import advance_learning, below
+from observer.kernels.learning import advance_learning, below, follow, linearise_at
 from observer.kernels.libc import cython
 
 
@@ -53,27 +52,52 @@ def run_changes_backward(b, tape, work, R, changed, D, information):
 
 
 def tolerances_forward(a, b, x, begins, D, expected):
-    """What is allowed for beside a gain of nothing; the tolerances of sensors say it by their rows alone."""
+    """Carry the columns S = ∂x/∂θ σ_θ of the machine's tolerances along an open loop over the K steps.
+
+    Those of the sensors act on their own rows alone.
+    """
     machine, L = a.plant.learn.machine, len(a.plant.learn.kind)
     first = len(a.plant.uniform) + len(a.plant.source)
     for k in range(len(b.step)):
         if not step_is_finite(b.inputs, k):
             continue
+        move_columns(a.plant, b.inputs, k, a.work.B, a.work.C)
         if begins and k == 0:
-            begin_considered(a, b.inputs, k, x)
-        else:
-            a.taken[0] = 0
-            propagate_considered(a, b, k)
-            if L == 0:  # then nothing follows the field
-                advance_learning(a.plant, b, k, a.around, 0, a.work)
-        consider_readings(a, a.e)
+            clear(a.S)
+            linearise_at(a.plant, b.inputs, k, a.work.C, x, a.around)
+        elif L > 0:
+            carry_sensitivities(a, b, k)
+        else:  # then nothing follows the field
+            advance_learning(a.plant, b, k, a.around, 0, a.work)
         for i in range(D.shape[1]):
             expected[k, i] = below(a.plant, b.inputs, k, a.work.C, i, a.around)
             for q in range(machine):
-                D[k, i, q] = a.nu[i, q]
+                D[k, i, q] = sensed(a, i, q)
         for q in range(machine, L):
             own = a.plant.learn.of[q]
             D[k, own, q] = a.work.C[own, first + q] * a.plant.learn.sigma[q]
+
+
+def carry_sensitivities(a, b, k):
+    """Take the linearisation point `around` and the columns S over step k."""
+    follow(a.plant, b, k, a.around, a.nothing, a.work)
+    if a.plant.coupling.active:
+        couple_columns(a.plant, b.inputs, k, b.inputs.z_start[k], a.work.before[0], a.S, a.work)
+    advance_columns(a.plant, b.table, b.step[k], a.work.B, a.S)
+    for i in range(a.plant.learn.machine):
+        for n in range(len(a.plant.uniform)):
+            a.S[n, i] += a.work.G[len(a.plant.source) + i, n] * a.plant.learn.sigma[i]
+    if a.plant.coupling.active:
+        couple_columns(a.plant, b.inputs, k, b.inputs.z_end[k], a.work.before[1], a.S, a.work)
+
+
+def sensed(a, i, q):
+    """What one standard deviation of the machine's tolerance q has done to sensor i, °C."""
+    first = len(a.plant.uniform) + len(a.plant.source)
+    total = a.work.C[i, first + q] * a.plant.learn.sigma[q]
+    for b in range(len(a.plant.uniform)):
+        total += a.work.C[i, b] * a.S[b, q]
+    return total
 
 
 def changes_forward(b, tape, work, X, changed):

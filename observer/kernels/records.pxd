@@ -161,38 +161,21 @@ cdef class BankFilters(Record):
 
 cdef class GainTable(Record):
     cdef public Py_ssize_t[::1] key
-    cdef public double[:, :, ::1] K, P
-    cdef public unsigned char[::1] steady
-    cdef public double[:, ::1] slack, S, heat_sigma, field_sigma
-
-
-cdef class StepBins(Record):
-    cdef public Py_ssize_t[::1] number
-    cdef public unsigned char[::1] exact
-
-
-cdef class SteadyStep(Record):
-    cdef public double[::1] decay, forced, nu_sigma, gate_K2, jump_W2
-    cdef public double[:, ::1] drives, sensors, inputs, seen, push, rows, weights, states, value
-    cdef public unsigned char[::1] present
-
-
-cdef class Considered(Record):
-    cdef public PlantArrays plant
-    cdef public Work work
-    cdef public double[::1] around, nothing, variance, e
-    cdef public double[:, ::1] S, nu
-    cdef public Py_ssize_t[::1] taken
+    cdef public double[:, :, ::1] K
 
 
 cdef class FixedGainWork(Record):
-    cdef public bint optimal
-    cdef public Py_ssize_t[::1] at
-    cdef public SteadyStep steady
-    cdef public Considered considered
+    cdef public double settling_s
+    cdef public Py_ssize_t[::1] at, bins
     cdef public Work work
-    cdef public StepBins bins
     cdef public GainTable gains
+
+
+cdef class Sensitivities(Record):
+    cdef public PlantArrays plant
+    cdef public Work work
+    cdef public double[::1] around, nothing
+    cdef public double[:, ::1] S
 
 
 cdef class Tape(Record):

@@ -13,11 +13,12 @@ cdef inline double project(double[:, ::1] C, Py_ssize_t i, double[:, ::1] g, Py_
 @cython.locals(seen=double, level=double, count=Py_ssize_t, place=Py_ssize_t)
 cdef void start(PlantArrays p, Inputs u, Py_ssize_t k, Running state, Work work) noexcept nogil
 cdef inline bint is_drastic(PlantArrays p, Work work) noexcept nogil
-cdef double correct(PlantArrays p, Running state, Work work) noexcept nogil
 @cython.locals(squares=double, volume=double, shared=double, variance=double, rest=double)
 cdef inline double correct_lower(PlantArrays p, Running state, Work work) noexcept nogil
 cdef inline void joseph_covariance(Py_ssize_t i, double r, double[:, ::1] P, Work work) noexcept nogil
 @cython.locals(squares=double, volume=double)
 cdef double correct_in_turn(PlantArrays p, Running state, Work work) noexcept nogil
+@cython.locals(rest=double)
+cdef void correct_by_gain(PlantArrays p, double[:, ::1] K, Running state, Work work) noexcept nogil
 @cython.locals(nu=double, c=double)
 cdef inline void compare(PlantArrays p, Inputs u, Py_ssize_t k, Running state, Work work) noexcept nogil

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from observer.kernels.advance import couple_covariance
 from observer.kernels.covariance import (
+    add_row,
     add_scaled,
     fade_and_force,
     force_columns,
@@ -169,13 +170,6 @@ def is_drastic(p, work):
     return False
 
 
-def correct(p, state, work):
-    """Correct x and P as `correct_lower` does, and the upper triangle of P with it."""
-    log_likelihood = correct_lower(p, state, work)
-    mirror(state.P)
-    return log_likelihood
-
-
 def correct_lower(p, state, work):
     """Correct x and the lower triangle of P by all accepted sensors at once; return the log-likelihood of
     their innovations.
@@ -266,6 +260,35 @@ def correct_in_turn(p, state, work):
         for later in range(i + 1, s):
             work.nu[later] -= project(work.C, later, work.g, i) / S * innovation
     return -0.5 * (squares + log(volume))
+
+
+def correct_by_gain(p, K, state, work):
+    """Correct by a given gain K (n, s): x⁺ = x + K ν, P⁺ = (I - K C) P (I - K C)ᵀ + K R Kᵀ (Joseph's form).
+
+    Sensors that are not accepted take no part. `compare` was before.
+    """
+    P, A, n, seen = state.P, work.A, state.P.shape[0], work.C.shape[1]
+    for a in range(n):
+        for b in range(n):
+            A[a, b] = P[a, b]
+    for i in range(len(work.accepted)):
+        if work.accepted[i]:
+            for a in range(n):
+                state.x[a] += K[a, i] * work.nu[i]
+                add_row(A[a], -K[a, i], work.g[i])
+    for a in range(n):
+        for b in range(n):
+            P[a, b] = A[a, b]
+    for i in range(len(work.accepted)):
+        if work.accepted[i]:
+            for b in range(n):
+                work.K[b] = K[b, i]
+            for a in range(n):
+                rest = p.R_K2[i] * K[a, i]
+                for b in range(seen):
+                    rest -= A[a, b] * work.C[i, b]
+                add_row(P[a], rest, work.K)
+    symmetrise(P)
 
 
 def compare(p, u, k, state, work):

@@ -57,16 +57,5 @@ cdef inline void store_at(double[::1] A, Py_ssize_t q, lanes value) noexcept nog
     (<lanes *> &A[q * LANES])[0] = value
 
 
-cdef inline lanes weigh(lanes total, double[:, ::1] A, Py_ssize_t q, double[:, ::1] w, Py_ssize_t r, Py_ssize_t at) noexcept nogil:
-    cdef Py_ssize_t a, b
-    cdef lanes four, more
-    for a in range(0, A.shape[0], 8):
-        b = at + a
-        four = (w[r, b] * load(A, a, q) + w[r, b + 1] * load(A, a + 1, q)) + (w[r, b + 2] * load(A, a + 2, q) + w[r, b + 3] * load(A, a + 3, q))
-        more = (w[r, b + 4] * load(A, a + 4, q) + w[r, b + 5] * load(A, a + 5, q)) + (w[r, b + 6] * load(A, a + 6, q) + w[r, b + 7] * load(A, a + 7, q))
-        total = total + (four + more)
-    return total
-
-
 cdef inline void mirror_block(double[:, ::1] A, Py_ssize_t p, Py_ssize_t q) noexcept nogil:
     transpose_block(&A[p * LANES, q * LANES], &A[q * LANES, p * LANES], A.shape[1])

@@ -48,14 +48,6 @@ def store_at(A: Any, q: int, value: Any) -> None:
     _within(A, q)[:] = value
 
 
-def weigh(total: Any, A: Any, q: int, w: Any, r: int, at: int) -> Any:
-    """Add register q of the sum of A's rows, whole eights of them, weighted by row r of `w` from `at` on."""
-    for a in range(0, len(A), 8):
-        own = [w[r, at + i] * load(A, i, q) for i in range(a, a + 8)]
-        total = total + (((own[0] + own[1]) + (own[2] + own[3])) + ((own[4] + own[5]) + (own[6] + own[7])))
-    return total
-
-
 def mirror_block(A: Any, p: int, q: int) -> None:
     """The square in rows p and columns q of registers, transposed, to rows q and columns p."""
     rows, columns = slice(p * LANES, (p + 1) * LANES), slice(q * LANES, (q + 1) * LANES)

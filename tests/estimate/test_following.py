@@ -122,7 +122,7 @@ def test_a_machine_with_nodes_says_as_its_reference_does_that_no_heat_follows_an
     node["link"] = [{"between": ["house", "ambient"], "conductance_W_K": 0.2}]
     with pytest.raises(ConfigError, match=r"follows: not with \[\[node\]\] or covers_film"):
         installation.parse(table() | node)
-    assert "Not with `[[node]]` or `covers_film`" in REFERENCE.read_text(encoding="utf-8")
+    assert "Not with `[[node]]`, `covers_film`" in REFERENCE.read_text(encoding="utf-8")
 
 
 def test_an_effect_on_only_one_of_the_heats_is_rejected():

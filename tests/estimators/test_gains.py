@@ -165,8 +165,8 @@ def test_the_constant_gain_settles_on_the_kalman_filter():
     )
     constant = build_estimator(plant, EstimatorSettings(engine="constant"))
     _, block = constant.run(constant.initial(), u)
-    assert (np.diff(block.heat_sigma_W[-100:], axis=0) == 0).all(), "it has settled"
-    # It settles where every variance is within 2 % of the steady one, that is σ within 1 %.
+    assert np.abs(np.diff(block.heat_sigma_W[-100:], axis=0)).max() < 1e-6, "it has settled"
+    # After three time constants 5 % of the start's error is left, of the steady gain's none that shows.
     np.testing.assert_allclose(block.heat_sigma_W[-1], kalman.heat_sigma_W[-1], rtol=0.01)
     assert (np.abs(block.heat_W[-1] - kalman.heat_W[-1]) < 0.1 * kalman.heat_sigma_W[-1]).all()
 
@@ -202,6 +202,6 @@ def test_a_settled_gain_does_not_sleep_through_a_jump_of_a_law():
         estimator = build_estimator(plant, settings)
         blocks.append(estimator.run(estimator.initial(), u)[1])
     kalman, constant = blocks
-    assert (constant.heat_sigma_W[4999] == constant.heat_sigma_W[4990]).all(), "it has settled"
+    np.testing.assert_allclose(constant.heat_sigma_W[4999], constant.heat_sigma_W[4990], rtol=1e-4)
     assert constant.heat_sigma_W[5000, 1] > 10.0 * constant.heat_sigma_W[4999, 1]
     np.testing.assert_allclose(constant.heat_sigma_W[5000:5050], kalman.heat_sigma_W[5000:5050], rtol=0.02)

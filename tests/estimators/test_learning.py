@@ -87,8 +87,11 @@ def readings(plant, u, k, around, C, dt_s):
     return entries
 
 
-def textbook(plant, u, state):
-    """The extended filter with considered states on full matrices, in Joseph's form, from a state on."""
+def textbook(plant, u, state, given=None):
+    """The extended filter with considered states on full matrices, in Joseph's form, from a state on.
+
+    A gain that is `given` (n, s) takes the place of the Kalman gain.
+    """
     a, s, n_x = plant.learning.arrays, plant.rows.sensors, len(plant.decay_1_s)
     x, P, around = state.x_hat.copy(), state.P.copy(), state.around.copy()
     m_e, n = int(plant.estimated.sum()), len(x)
@@ -113,7 +116,7 @@ def textbook(plant, u, state):
         x, P = F @ x + np.pad(known, (0, n - n_x)), F @ P @ F.T + Q
         H = np.hstack([C, np.zeros((s, m_e + a.machine)), readings(plant, u, k, around, C, dt_s)])
         S = H @ P @ H.T + np.diag(plant.noise_R_K2)
-        gain = P @ H.T @ np.linalg.inv(S)
+        gain = P @ H.T @ np.linalg.inv(S) if given is None else given.copy()
         gain[first + a.held] = 0.0
         left = np.eye(n) - gain @ H
         x = x + gain @ (u.y_degC[k] - H @ x - plant.rows.F[:s] @ u.z_end[k])
