@@ -137,8 +137,8 @@ class BusDriver:
             except SilentBusError as error:
                 post(self._silenced, str(error))
             except Exception as error:  # noqa: BLE001  (an interface may raise anything, and is opened again)
-                lost = str(error) or type(error).__name__
-                post(self._failed, lost if reader else why_not_opened(error, self._bus.channel))
+                reason = str(error) or type(error).__name__
+                post(self._failed, reason if reader else why_not_opened(error, self._bus.channel))
                 has_read = reader is not None and reader.has_read
                 delay_s = RETRY_S if has_read else min(2.0 * delay_s, MOST_RETRY_S)
             stop.wait(delay_s)

@@ -114,8 +114,10 @@ def _words_of(words: Mapping[int, int], channel: ModbusChannel) -> list[int]:
 
 def _is_tiny(raw: float, channel: ModbusChannel, is_temperature: bool) -> bool:
     """Whether a floating-point number is not 0 and yet smaller than any measured one."""
-    least = max(_SMALLEST.get(channel.type, 0.0), _TINY_DEGC if is_temperature and channel.is_float else 0.0)
-    return 0.0 < abs(raw) < least
+    smallest = max(
+        _SMALLEST.get(channel.type, 0.0), _TINY_DEGC if is_temperature and channel.is_float else 0.0
+    )
+    return 0.0 < abs(raw) < smallest
 
 
 def _is_sensible(raw: float, channel: ModbusChannel, is_temperature: bool) -> bool:

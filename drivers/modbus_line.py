@@ -168,15 +168,15 @@ class Line:
         """Whether a unit that does not answer would keep others waiting."""
         return len(self._users) > 1
 
-    def reserve(self, request: Request, most: int) -> Request:
+    def reserve(self, request: Request, limit: int) -> Request:
         """Return the request, made longer where another of the unit has the same length.
 
-        So each reply identifies its request. `most` limits the number of registers. On Modbus TCP, and where
+        So each reply identifies its request. `limit` limits the number of registers. On Modbus TCP, and where
         no length is free, the request is unchanged.
         """
-        counts = range(request.count, min(most, 0x10000 - request.first) + 1)
-        taken = {c for c in counts if self._shapes[request.unit, (request.function, c)]}
-        count = next((c for c in counts if c not in taken), request.count)
+        counts = range(request.count, min(limit, 0x10000 - request.first) + 1)
+        used_counts = {c for c in counts if self._shapes[request.unit, (request.function, c)]}
+        count = next((c for c in counts if c not in used_counts), request.count)
         chosen = (
             request if self.has_numbers else Request(request.unit, request.function, request.first, count)
         )
@@ -230,7 +230,7 @@ class Line:
         for heard_s, frame, is_taken in self._heard:
             if heard_s >= since_s and frame.unit == request.unit and frame.shape == request.shape:
                 frames[is_taken].append(frame)
-        return any(stray.data != taken.data for stray in frames[False] for taken in frames[True])
+        return any(stray.data != accepted.data for stray in frames[False] for accepted in frames[True])
 
     def _has_twin(self, request: Request) -> bool:
         """Whether another request of the unit has the same shape, so that their replies cannot be
@@ -266,6 +266,10 @@ class Line:
         self._fail(LostError(fault, why))
 
     async def _open(self) -> None:
+        """Open the port or the connection, unless it is open.
+
+        Raises `LostError`; for `RETRY_S` after a failure it is raised at once, with the same reason.
+        """
         if self._transport is not None:
             return
         loop, address = asyncio.get_running_loop(), self._address

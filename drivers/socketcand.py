@@ -76,6 +76,7 @@ class SocketcandBus(can.BusABC):
         return (self._frame(self._messages.popleft()) if self._messages else None), False
 
     def _frame(self, text: str) -> can.Message:
+        """Return the CAN frame of a message of socketcand. Raises `ValueError` for an invalid one."""
         parts = _FRAME.search(text)
         if parts is None:
             raise ValueError(text)

@@ -80,8 +80,10 @@ class RateLimitedTable:
         self._left_s -= elapsed_s
         if self.state == FOLLOWING and self._left_s < 0.0:
             self.stop(DEAD_MAN)
-        most = self.rate_um_s * elapsed_s
-        steps = [min(most, max(-most, b - a)) for a, b in zip(self.now_um, self.target_um, strict=True)]
+        largest_um = self.rate_um_s * elapsed_s
+        steps = [
+            min(largest_um, max(-largest_um, b - a)) for a, b in zip(self.now_um, self.target_um, strict=True)
+        ]
         self.now_um = [a + step for a, step in zip(self.now_um, steps, strict=True)]
         self.fastest_um_s = max([self.fastest_um_s, *(abs(s) / elapsed_s for s in steps)])
         if self.state == TO_ZERO and not any(self.now_um):
@@ -141,10 +143,19 @@ class ControlProcess:
         self._status = self._state_registers()
 
     def _state_registers(self) -> list[int]:
-        it = self._compensation
-        table = [word for um in it.now_um for word in divmod(round(1e3 * um) & 0xFFFFFFFF, 1 << 16)]
-        largest = divmod(round(1e3 * max([0.0, *map(abs, it.now_um)])), 1 << 16)
-        return [1, it.state, it.reason, it.beat, *largest, len(it.now_um), 0, *table]
+        compensation = self._compensation
+        table = [word for um in compensation.now_um for word in divmod(round(1e3 * um) & 0xFFFFFFFF, 1 << 16)]
+        largest = divmod(round(1e3 * max([0.0, *map(abs, compensation.now_um)])), 1 << 16)
+        return [
+            1,
+            compensation.state,
+            compensation.reason,
+            compensation.beat,
+            *largest,
+            len(compensation.now_um),
+            0,
+            *table,
+        ]
 
     def _obey(self, command: dict[str, Any]) -> None:
         self._altered = command.get("alter", self._altered)
@@ -162,13 +173,13 @@ class ControlProcess:
         written: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
         """Called by pymodbus before each answer."""
-        it = self._compensation
+        compensation = self._compensation
         if function in WRITES:
             if address != 0:
                 return ExcCodes.ILLEGAL_ADDRESS
             words = [int(word) for word in written or []]
             if not self._scan_s:
-                return it.write(words)
+                return compensation.write(words)
             self._unread.append(words)
             return None
         state = self._status if self._scan_s else self._state_registers()

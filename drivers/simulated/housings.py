@@ -46,13 +46,13 @@ class HousedMachine(SimulatedMachine):
         noisy = self._body_degC + NOISE_K * self._random.standard_normal(len(SENSORS))
         return dict(zip(SENSORS, noisy.tolist(), strict=True))
 
-    def _entering_W(self, true: TrueHeats, under: FloatArray, dt_s: float) -> FloatArray:
+    def _entering_W(self, true: TrueHeats, nut_shares: FloatArray, dt_s: float) -> FloatArray:
         """Return the heat into each cell (cells,) in W, with that from the bodies, and advance the bodies by
         `dt_s`.
         """
-        q_W = super()._entering_W(replace(true, nut_W=(1.0 - SHARE_OF_BODY) * true.nut_W), under, dt_s)
+        q_W = super()._entering_W(replace(true, nut_W=(1.0 - SHARE_OF_BODY) * true.nut_W), nut_shares, dt_s)
         screw_degC, (nut_degC, *housings_degC) = self._screw.temperature_degC, self._body_degC
-        passed_W = self._seat_W_K[0] * under * (nut_degC - screw_degC)
+        passed_W = self._seat_W_K[0] * nut_shares * (nut_degC - screw_degC)
         ends_W = self._seat_W_K[1:] * (housings_degC - screw_degC[[0, -1]])
         q_W += passed_W
         q_W[[0, -1]] += ends_W

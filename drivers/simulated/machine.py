@@ -139,10 +139,10 @@ class SimulatedMachine:
 
         Half of the nut's heat goes to the nut's position at the start of the step, half to that at its end.
         """
-        true, under = self.heats(), 0.5 * self._under_nut()
+        true, nut_shares = self.heats(), 0.5 * self._under_nut()
         self._travel_m += LEAD_M * speed_rpm(self.time_s) / 60 * dt_s
-        under += 0.5 * self._under_nut()
-        self._screw.step(dt_s, self._entering_W(true, under, dt_s))
+        nut_shares += 0.5 * self._under_nut()
+        self._screw.step(dt_s, self._entering_W(true, nut_shares, dt_s))
         self.time_s += dt_s
 
     def nut_position_m(self, ahead_s: float = 0.0) -> float:
@@ -167,11 +167,11 @@ class SimulatedMachine:
         grown_um = 1e6 * EXPANSION_1_K * self._screw.rise_K_m(position_m)
         return grown_um + PROBE_NOISE_UM * float(self._random.standard_normal())
 
-    def _entering_W(self, true: TrueHeats, under: FloatArray, _dt_s: float) -> FloatArray:
-        """Return the heat into each cell (cells,) in W; `under` (cells,) is each cell's share in the nut's
-        heat.
+    def _entering_W(self, true: TrueHeats, nut_shares: FloatArray, _dt_s: float) -> FloatArray:
+        """Return the heat into each cell (cells,) in W; `nut_shares` (cells,) is each cell's share in the
+        nut's heat.
         """
-        q_W = true.nut_W * under
+        q_W = true.nut_W * nut_shares
         q_W[0] += true.left_bearing_W
         q_W[-1] += true.right_bearing_W
         return q_W

@@ -191,6 +191,9 @@ class TruthPublisher:
         self._thread.join(timeout=1.0)
 
     def _live(self) -> None:
+        """Publish the newest document whenever there is one; runs in the publisher's thread until it is
+        stopped.
+        """
         config = zenoh.Config()
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", json.dumps([self._endpoint]))

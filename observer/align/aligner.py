@@ -398,9 +398,10 @@ def refuse_empty(log: Log, config: Config, *, sensors: bool) -> None:
         return
     names = ", ".join(f'"{name}"' for name in empty)
     one = len(empty) == 1
-    columns, it = (f"column {names} never has", "it") if one else (f"columns {names} never have", "them")
+    columns, pronoun = (f"column {names} never has", "it") if one else (f"columns {names} never have", "them")
     raise LogError(
-        f"{log.path}: {columns} a value; fill {it}, or leave {it} out of the log and the configuration"
+        f"{log.path}: {columns} a value; fill {pronoun}, or leave {pronoun} out of the log and "
+        "the configuration"
     )
 
 

@@ -173,8 +173,10 @@ def _limits(config: Config, channel: str, kind: ChannelKind) -> tuple[float, ...
     }.get(kind, SCREW_RANGE_DEGC)
     rate = RATE_K_S if kind in {ChannelKind.SCREW, ChannelKind.NODE} else math.inf
     # A heater on a test bench warms a rod as no friction does.
-    near = kind is ChannelKind.SCREW and all(source.power_channel is None for source in config.source)
-    above_K, below_K = (ABOVE_AMBIENT_K, BELOW_AMBIENT_K) if near else (math.inf, math.inf)
+    is_near_ambient = kind is ChannelKind.SCREW and all(
+        source.power_channel is None for source in config.source
+    )
+    above_K, below_K = (ABOVE_AMBIENT_K, BELOW_AMBIENT_K) if is_near_ambient else (math.inf, math.inf)
     default, configured = (low, high, rate, above_K, below_K), config.limits.get(channel)
     if configured is None:
         return default
@@ -349,14 +351,14 @@ def warm_enough(limits: Limits, j: int, values: FloatArray, air_degC: float) -> 
         return hot
     others = np.array([k for k in np.flatnonzero(np.isfinite(above_K)) if k != j], int)
     cool = np.where(values[:, others] - air_degC <= above_K[others], values[:, others], np.nan)
-    near = np.abs(column[:, None] - cool) < np.abs(((column - 32.0) / 1.8)[:, None] - cool)
-    sure = near.any(axis=1) | (column - air_degC <= above_K[j])
+    nearer_in_degC = np.abs(column[:, None] - cool) < np.abs(((column - 32.0) / 1.8)[:, None] - cool)
+    sure = nearer_in_degC.any(axis=1) | (column - air_degC <= above_K[j])
     rows = np.flatnonzero(np.isfinite(column))
     stretch = np.cumsum(np.abs(np.diff(column[rows], prepend=column[rows[0]])) > GRADUAL_K)
-    begins = np.flatnonzero(np.diff(stretch, prepend=-1))
+    run_starts = np.flatnonzero(np.diff(stretch, prepend=-1))
     sure_from = np.maximum.accumulate(np.where(sure[rows], np.arange(len(rows)), -1))
     credible = np.zeros(len(column), bool)
-    credible[rows] = sure_from >= begins[stretch]
+    credible[rows] = sure_from >= run_starts[stretch]
     return np.asarray(hot & credible)
 
 

@@ -92,14 +92,14 @@ def likely_unit(limits: Limits, j: int, column: FloatArray, air_degC: float) -> 
     values = column[np.isfinite(column)]
     if len(values) == 0 or np.ptp(values) == 0.0:  # nothing, or a device's code for a fault
         return None
-    least = SOMETIMES if limits.kinds[j] is ChannelKind.SPEED else MOSTLY
-    if _share_beyond(limits, j, values, air_degC) < least:
+    smallest_share = SOMETIMES if limits.kinds[j] is ChannelKind.SPEED else MOSTLY
+    if _share_beyond(limits, j, values, air_degC) < smallest_share:
         return None
     if limits.kinds[j] not in _BEGIN_ANYWHERE and _share_beyond(limits, j, values[:FIRST], air_degC) < ALL:
         return None  # it became so hot; in another unit it would have been from the first row on
     for unit in units_of(limits.kinds[j]):
-        ours = unit.to_base(values)
-        if _share_beyond(limits, j, ours, air_degC) <= 1.0 - ALL and _usual(limits, j, ours):
+        converted = unit.to_base(values)
+        if _share_beyond(limits, j, converted, air_degC) <= 1.0 - ALL and _usual(limits, j, converted):
             return unit
     return None
 
@@ -109,9 +109,9 @@ def _usual(limits: Limits, j: int, values: FloatArray) -> bool:
     if limits.kinds[j] is not ChannelKind.POSITION:
         return True
     low, high = limits.usual[j]
-    most = np.quantile(values, [1.0 - ALL, ALL])
+    extremes = np.quantile(values, [1.0 - ALL, ALL])
     slack = OFF_STROKE * (high - low)
-    return bool(low - slack <= most[0] and most[1] <= high + slack and np.ptp(most) > slack)
+    return bool(low - slack <= extremes[0] and extremes[1] <= high + slack and np.ptp(extremes) > slack)
 
 
 def _share_beyond(limits: Limits, j: int, values: FloatArray, air_degC: float) -> float:

@@ -263,13 +263,13 @@ class Walk:
         self, time_s: float, late_s: float, values: Mapping[str, float], faulted: Collection[str]
     ) -> bool:
         """Queue a reading for the next tick; return whether all its values are floats of known channels."""
-        taken: int = put_reading(self._live, time_s, late_s, values)
-        if taken < 0:
+        status: int = put_reading(self._live, time_s, late_s, values)
+        if status < 0:
             self._widen()
             return self.take(time_s, late_s, values, faulted)
         for name in faulted:
             self._rows.faulted[self._live.waiting - 1, self._channels.index(name)] = True
-        return taken == len(values)
+        return status == len(values)
 
     def tick(self, time_s: float) -> FrameBlock:
         """Continue over the waiting rows and a tick after them; return its frame."""

@@ -219,8 +219,8 @@ def line_of(plan: CompensationPlan, table_um: FloatArray) -> CompensationLine:
 
 def within_gradient(plan: CompensationPlan, table_um: FloatArray) -> FloatArray:
     """Return the table with no step between neighbours above the gradient limit, true at the reference."""
-    most = plan.gradient_um_m * np.abs(np.diff(plan.machine_m))
-    steps = np.clip(np.diff(table_um), -most, most)
+    limits_um = plan.gradient_um_m * np.abs(np.diff(plan.machine_m))
+    steps = np.clip(np.diff(table_um), -limits_um, limits_um)
     running = np.concatenate([[0.0], np.cumsum(steps)])
     return np.asarray(running - running[plan.reference] + table_um[plan.reference])
 
@@ -270,8 +270,8 @@ def advance(
         return replace(released(state, _MISSED), time_s=time_s)
     if doubt is not None:
         return hold(plan, state, time_s, doubt, latest=cause is not None)
-    if (late := _late(plan, state, time_s)) is not None:
-        return late
+    if (late_state := _late(plan, state, time_s)) is not None:
+        return late_state
     target, most_um = _target(plan, state.zero, block, grid_m), _most_um(plan, state, time_s)
     table_um = toward(state.table_um, target.table_um, most_um)
     ends_um = toward(state.ends_um, target.ends_um, most_um)
@@ -290,8 +290,8 @@ def hold(
     """
     if not state.armed:
         return _toward_zero(plan, state, time_s)
-    if (late := _late(plan, state, time_s)) is not None:
-        return late
+    if (late_state := _late(plan, state, time_s)) is not None:
+        return late_state
     since_s = time_s if math.isnan(state.held_since_s) else state.held_since_s
     doubt = doubt if latest or not state.doubt else state.doubt
     state = replace(state, time_s=time_s, held_since_s=since_s, doubt=doubt)

@@ -56,7 +56,7 @@ def since(zero: ZeroPoint, block: EstimateBlock) -> ErrorSince:
 
 
 def zero_document(zero: ZeroPoint, direction: float, origin_m: float) -> dict[str, Any] | None:
-    """Return a zero as it is published, in the coordinates of the machine; None where it never was set.
+    """Return a published zero, in the coordinates of the machine; None before the first zero.
 
     The machine's zero is `origin_m` on the screw, and it runs in its `direction`, +1 or −1.
     """

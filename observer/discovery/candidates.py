@@ -170,7 +170,7 @@ def promises(base: Fit, marks: Sequence[Signature], *, everywhere: bool = False)
     """Return the promise of each signature added to a fit: on the fitted rows, or with `everywhere` on
     all rows.
     """
-    out: list[Promise] = []
+    promises: list[Promise] = []
     problem, used = base.problem, base.problem.evidence.used
     used = np.ones_like(used) if everywhere else used
     before = base.deviance_of_all if everywhere else base.deviance
@@ -190,8 +190,8 @@ def promises(base: Fit, marks: Sequence[Signature], *, everywhere: bool = False)
             low, high = s.candidate.strengths(s.candidate.shapes[s.shape])
             strength = min(max(float(along[j] / max(left[j] ** 2, 1e-12)), low), high)
             drop = price + strength * (2 * float(along[j]) - strength * float(left[j] ** 2))
-            out.append(Promise(s, strength, drop, float(left[j] / length[j])))
-    return out
+            promises.append(Promise(s, strength, drop, float(left[j] / length[j])))
+    return promises
 
 
 def _offset_at_start(candidate: Candidate, config: Config) -> bool:

@@ -223,7 +223,7 @@ def frames_of(config: Config, phases: Sequence[Phase], habits: Habits) -> FrameB
 
 def _shuttle(travel_m: FloatArray, low_m: FloatArray, high_m: FloatArray) -> FloatArray:
     """Return the position (K,) of a nut that runs to and fro, reversing at the ends of the current stroke."""
-    out = np.empty(len(travel_m))
+    positions_m = np.empty(len(travel_m))
     position, sense = float(low_m[0]), 1.0
     for k, step in enumerate(travel_m):
         position += sense * step
@@ -231,5 +231,5 @@ def _shuttle(travel_m: FloatArray, low_m: FloatArray, high_m: FloatArray) -> Flo
             position, sense = max(2 * high_m[k] - position, low_m[k]), -1.0
         elif position < low_m[k]:
             position, sense = min(2 * low_m[k] - position, high_m[k]), 1.0
-        out[k] = position
-    return out
+        positions_m[k] = position
+    return positions_m

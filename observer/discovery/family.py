@@ -126,12 +126,12 @@ def _into_body(
     history: ScrewHistory, screw_degC: FloatArray, capacity_J_K: float, conductance_W_K: float
 ) -> FloatArray:
     """Return the heat (T,) into a body that starts at the screw's temperature, C dT_b/dt = G (T − T_b)."""
-    decay, body_degC, taken = np.exp(-conductance_W_K / capacity_J_K * history.length_s), screw_degC[0], []
+    decay, body_degC, heats_W = np.exp(-conductance_W_K / capacity_J_K * history.length_s), screw_degC[0], []
     for screw, share, dt_s in zip(screw_degC, decay, history.length_s, strict=True):
         more_K = (1 - share) * (screw - body_degC)
-        taken.append(capacity_J_K * more_K / dt_s if dt_s > 0 else 0.0)
+        heats_W.append(capacity_J_K * more_K / dt_s if dt_s > 0 else 0.0)
         body_degC += more_K
-    return np.array(taken)
+    return np.array(heats_W)
 
 
 PLACES = 41
@@ -240,8 +240,8 @@ def figure_of(member: Member, family: Family) -> Figure:
         slopes.append((at(p, fit.values[j] + step) - value) / step)
     rows = [len(fit.problem.keys) + j for j, _ in numbered]
     g, P = np.array(slopes), fit.covariance[np.ix_(rows, rows)]
-    wide = NORMAL_95 * float(np.hypot(np.sqrt(max(g @ P @ g, 0.0)), FORM_SHARE * value))
-    return Figure(value, (value - wide, value + wide))
+    half_width = NORMAL_95 * float(np.hypot(np.sqrt(max(g @ P @ g, 0.0)), FORM_SHARE * value))
+    return Figure(value, (value - half_width, value + half_width))
 
 
 def effective(

@@ -237,11 +237,11 @@ def _goes_with(
 ) -> tuple[str, float, tuple[float, float]]:
     """Return the regressor that correlates best with an error, the correlation, and its 95 % interval."""
     error = error_K[rows]
-    best, most = "none", 0.0
+    best, strongest = "none", 0.0
     for key, values in regressors.items():
         r = _correlation(error, values[rows])
-        if abs(r) > abs(most):
-            best, most = key, r
+        if abs(r) > abs(strongest):
+            best, strongest = key, r
     if best == "none":
         return best, 0.0, (0.0, 0.0)
     values = regressors[best][rows]
@@ -252,7 +252,7 @@ def _goes_with(
         index = np.concatenate([blocks[i] for i in rng.integers(len(blocks), size=len(blocks))])
         draws.append(_correlation(error[index], values[index]))
     low, high = np.quantile(draws, [0.025, 0.975]).tolist()
-    return best, most, (low, high)
+    return best, strongest, (low, high)
 
 
 def _correlation(a: FloatArray, b: FloatArray) -> float:

@@ -210,16 +210,18 @@ def scaled(sources: Sequence[int]) -> LogFault:
     return LogFault("heat differs between logs", tuple(sources), columns=columns)
 
 
-def follows(sensor: int, source: int, late: int = 0) -> LogFault:
-    """Return the fault of a sensor that responds to a source's heat at once, or up to `late` half minutes
-    late.
+def follows(sensor: int, source: int, half_minutes: int = 0) -> LogFault:
+    """Return the fault of a sensor that responds to a source's heat at once, or up to `half_minutes` · 30
+    s later.
     """
 
     def columns(problem: Problem, config: Config) -> list[FloatArray]:
         heats = [
             np.repeat(h[:, source, None], len(config.sensor), 1) for h in problem.forward.heats_W(config)
         ]
-        delayed = [[np.vstack([h[:1]] * by + [h[: len(h) - by]]) for h in heats] for by in range(late + 1)]
+        delayed = [
+            [np.vstack([h[:1]] * by + [h[: len(h) - by]]) for h in heats] for by in range(half_minutes + 1)
+        ]
         return [problem.by_sensor(problem.evidence.rows(means))[sensor] for means in delayed]
 
     return LogFault("sensor follows the heater", (sensor, source), columns=columns)

@@ -127,8 +127,10 @@ def effects_of(fit: Fit) -> list[dict[str, Any]]:
     for p, value, half in values:
         info = fit.config.effect[p.effect].parameters[p.key]
         form = 0.0 if info.level else NORMAL_95 * FORM_SHARE * value
-        wide = float(np.hypot(half, form))
-        low, high = reciprocal(value, wide) if info.reciprocal else (value - wide, value + wide)
+        half_width = float(np.hypot(half, form))
+        low, high = (
+            reciprocal(value, half_width) if info.reciprocal else (value - half_width, value + half_width)
+        )
         low, high = max(low, p.low), min(high, p.high)
         by_effect.setdefault(p.effect, {})[p.key] = _interval(value, low, high, info.unit)
     for i, effect in enumerate(fit.config.effect[before:], start=before):

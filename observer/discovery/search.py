@@ -361,11 +361,11 @@ def _pruned(
             score(f.deviance - fit.deviance, len(t.candidate.fitted))
             for f, t in zip(smaller_fits, chosen, strict=True)
         ]
-        least = int(np.argmin(costs))
+        cheapest = int(np.argmin(costs))
         form = form_of([t.candidate for t in chosen])
-        if costs[least] >= max(ACCEPT, form * (null.deviance - smaller_fits[least].deviance)):
+        if costs[cheapest] >= max(ACCEPT, form * (null.deviance - smaller_fits[cheapest].deviance)):
             break
-        fit, chosen = smaller_fits[least], [t for i, t in enumerate(chosen) if i != least]
+        fit, chosen = smaller_fits[cheapest], [t for i, t in enumerate(chosen) if i != cheapest]
     return fit, chosen
 
 

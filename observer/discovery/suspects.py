@@ -134,8 +134,10 @@ def plain(
 ) -> bool:
     """Whether a hypothesis, without its kind's tolerance, explains the logs, and no single effect does."""
     noise = null.problem.evidence.expected * len(null.residual)
-    taken = null.deviance_of_all <= noise  # by the tolerances, at a cost that this hypothesis would avoid
-    if taken and fitted.score >= SPARED and _no_effect_explains(null, fitted, rivals, marks):
+    is_explained = (
+        null.deviance_of_all <= noise
+    )  # by the tolerances, at a cost that this hypothesis would avoid
+    if is_explained and fitted.score >= SPARED and _no_effect_explains(null, fitted, rivals, marks):
         return True
     config, strict = intolerant(null.config, fitted.fault.kind), null
     if config.tolerance != null.config.tolerance:
@@ -286,12 +288,13 @@ def misscaled(null: Fit) -> Iterator[Suspect]:
             r for key, r in factors.items() if key.split(".", 1)[1].rpartition(".")[0] == source.name
         ]
         ratios.setdefault(source.power_channel or source.speed_channel or "", []).extend(factors_of)
-    for channel, ours in sorted(units.items(), key=lambda item: item[1], reverse=True):
+    for channel, channel_unit in sorted(units.items(), key=lambda item: item[1], reverse=True):
         own_ratios = ratios.get(channel, [])
-        for unit in others_of(ours) if own_ratios and min(own_ratios) > 0.0 else ():
+        for unit in others_of(channel_unit) if own_ratios and min(own_ratios) > 0.0 else ():
             if all(abs(np.log(r / unit.size)) < LIKE for r in own_ratios):
                 text = (
-                    f"{channel} looks like {unit.in_words} where {ours} is expected: the temperatures "
-                    f"require {unit.size:.3g} times the heat that its laws give; log it in {ours}"
+                    f"{channel} looks like {unit.in_words} where {channel_unit} is expected: the "
+                    f"temperatures require {unit.size:.3g} times the heat that its laws give; "
+                    f"log it in {channel_unit}"
                 )
                 yield Suspect("units", channel, unit.in_words, text)

@@ -221,9 +221,7 @@ class EffectTable(Section):
         return None if named is None else str(named)
 
     def comes_down_to(self, length_m: float) -> tuple[type[EffectTable], str | None] | None:
-        """Return the simpler effect and target from which this one cannot be distinguished; None if there
-        are none.
-        """
+        """Return the simpler effect and target from which this one cannot be distinguished, else None."""
         return None
 
 
@@ -256,12 +254,12 @@ def end_at(position_m: float, length_m: float) -> str | None:
 
 
 def named_source(machine: Description, name: str, kind: str) -> Source:
-    """Return the source of a name. Raises `ConfigError` if there is no such source."""
+    """Return the source of a name. Raises `ConfigError` for an unknown name."""
     return machine.source[_index(name, [s.name for s in machine.source], "source", kind)]
 
 
 def named_sensor(machine: Description, name: str, kind: str) -> str:
-    """Return the name of an existing sensor. Raises `ConfigError` if there is no such sensor."""
+    """Return the name of an existing sensor. Raises `ConfigError` for an unknown name."""
     return machine.sensor[_index(name, [s.name for s in machine.sensor], "sensor", kind)].name
 
 
@@ -320,7 +318,7 @@ def on_screw(machine: Description, key: str, position_m: float, kind: str) -> No
 def speed_channel(machine: Description, named_channel: str | None, kind: str) -> str:
     """Return the channel of the screw's speed: the named one, or the first that a source reads.
 
-    Raises `ConfigError` if there is none.
+    Raises `ConfigError` without a name and such a source.
     """
     for channel in (named_channel, *(s.speed_channel for s in machine.source)):
         if channel is not None:

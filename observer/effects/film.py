@@ -257,7 +257,7 @@ class Coolant(EffectTable):
 
 
 class AmbientDrift(EffectTable):
-    """The air near the screw departs from what is configured or logged as time goes on."""
+    """The air near the screw departs more and more from its configured or logged temperature."""
 
     kind: Literal["ambient_drift"]
     rate_K_h: Annotated[Finite, Field(ge=-50, le=50)]  #: K per hour since the start

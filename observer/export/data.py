@@ -238,6 +238,10 @@ def force_slots(layout: Layout) -> list[Slot]:
 
 
 def _outputs(machine: Exportable) -> list[Slot]:
+    """Return the outputs of the observer in their order, each with shape, labels and unit.
+
+    Thermal error and compensation are left out without an expansion coefficient.
+    """
     plant, layout, config = machine.plant, machine.plant.layout, machine.config
     places = tuple(f"{1000 * x:.10g}_mm" for x in layout.position_m)
     channels, sensors = identifiers(config.channels), identifiers(layout.sensors)

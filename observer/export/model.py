@@ -38,6 +38,7 @@ def model_form(config: Config) -> Form:
 
 
 def _slots(machine: Exportable, c: dict[str, Any]) -> list[Slot]:
+    """Return inputs, outputs and states of the plant, sized by the constants `c` of its code."""
     plant, layout = machine.plant, machine.plant.layout
     sources, known_inputs = identifiers(plant.source_names), known_columns(plant)
     nuts = tuple(nut.channel for nut in plant.moving)

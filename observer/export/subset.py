@@ -116,6 +116,7 @@ class OperationCount(Subset):
         return sum((self._of(FUNCTIONS[part.__name__].body) for part in self.form.parts), Counter[str]())
 
     def _of(self, statements: Sequence[ast.stmt]) -> Counter[str]:
+        """Return the number of each operation in statements; the body of a loop counts once for each turn."""
         total: Counter[str] = Counter()
         for node in statements:
             if isinstance(node, ast.For):

@@ -142,12 +142,12 @@ def jobs_of(lines: Iterable[TableRow], verb: Verb) -> list[Job]:
 
 def _singles(lines: Iterable[TableRow], verb: Verb) -> Iterator[Job]:
     """Yield a job for each log; a digest of its path is added to a name that is already in use."""
-    taken: set[tuple[str, str]] = set()
+    used_names: set[tuple[str, str]] = set()
     for line in lines:
         name = stem = _stem(line.log)
-        if (line.machine, stem) in taken:
+        if (line.machine, stem) in used_names:
             name += "-" + hashlib.sha256(str(line.log).encode()).hexdigest()[:8]
-        taken.add((line.machine, stem))
+        used_names.add((line.machine, stem))
         yield Job(line.machine, name, (line.log,), line.config, Path(line.machine, verb, name))
 
 

@@ -124,12 +124,12 @@ def conclude(output: Path, rows: Sequence[Row]) -> list[Row]:
     Return the failed rows of this run in their order; both files contain them too.
     """
     failures = sorted((row for row in rows if row["problem"] is not None), key=lambda row: str(row["folder"]))
-    lost = {row["folder"] for row in failures}  # there may be results of an older log of that name
+    failed_folders = {row["folder"] for row in failures}  # there may be results of an older log of that name
     folders = {_identity(row): row["folder"] for row in rows}
     finished = [
         row
         for row in rows_in(output)
-        if row["folder"] not in lost and folders.get(_identity(row), row["folder"]) == row["folder"]
+        if row["folder"] not in failed_folders and folders.get(_identity(row), row["folder"]) == row["folder"]
     ]
     with results_in(output) as part:
         write_table(part / "results.parquet", [*finished, *failures])
@@ -244,6 +244,7 @@ def heats_of(rows: Sequence[Row]) -> list[MeanHeat]:
 
 
 def _machines(machines: Sequence[str], rows: Sequence[Row], comparisons: Sequence[ComparedHeat]) -> Html:
+    """Return the section with a row for each machine: screw, number of logs, missing effect, and heats."""
     types = {row["machine"]: row["found"]["type"] for row in rows}
     logs = Counter(machine for machine, _ in {(row["machine"], log) for row in rows for log in row["logs"]})
     lacks = {row["machine"]: _lacks(row) for row in rows if row["verb"] == "discover"}
@@ -357,9 +358,9 @@ def _hot(comparisons: Sequence[ComparedHeat]) -> Html:
         "standard deviations. Good is the share of the replay's estimates that were good, of several logs "
         f"the least; a heat with less than {LEAST_GOOD:.0%} is grey."
     )
-    rest = paragraph("None.") if not lines else Html("")
+    footer = paragraph("None.") if not lines else Html("")
     return section(
-        "Running hot", paragraph(note, "note"), table(heads, lines, (2, 3, 4, 5, 6, 7), stacked=True), rest
+        "Running hot", paragraph(note, "note"), table(heads, lines, (2, 3, 4, 5, 6, 7), stacked=True), footer
     )
 
 
@@ -380,5 +381,5 @@ def _doubted(rows: Sequence[Row]) -> Html:
 def _bounded(title: str, heads: Sequence[str], lines: Sequence[Sequence[str]]) -> Html:
     """A section with the first of many lines."""
     hidden_lines = len(lines) - MOST_LINES
-    rest = paragraph(f"… and {hidden_lines} more, in results.parquet.") if hidden_lines > 0 else Html("")
-    return section(title, table(heads, lines[:MOST_LINES], stacked=True), rest)
+    footer = paragraph(f"… and {hidden_lines} more, in results.parquet.") if hidden_lines > 0 else Html("")
+    return section(title, table(heads, lines[:MOST_LINES], stacked=True), footer)

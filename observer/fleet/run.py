@@ -67,13 +67,13 @@ def batches(jobs: Sequence[Job], workers: int) -> list[tuple[Job, ...]]:
 
     A job on all logs of a machine is a batch of its own.
     """
-    most = min(MOST_JOBS, max(1, math.ceil(len(jobs) / (BATCHES_PER_WORKER * workers))))
+    batch_size = min(MOST_JOBS, max(1, math.ceil(len(jobs) / (BATCHES_PER_WORKER * workers))))
     by_config: dict[Path, list[Job]] = {}
     for job in jobs:
         by_config.setdefault(job.config, []).append(job)
     batches_of_jobs: list[tuple[Job, ...]] = []
     for same_config in by_config.values():
-        size = 1 if len(same_config[0].logs) > 1 else most
+        size = 1 if len(same_config[0].logs) > 1 else batch_size
         batches_of_jobs += [
             tuple(same_config[start : start + size]) for start in range(0, len(same_config), size)
         ]
@@ -135,6 +135,10 @@ def _client(workers: int, memory_GB: float | None, address: str | None, folder: 
 
 
 def _cluster(runner: LoopRunner, workers: int, memory_GB: float | None, folder: Path) -> LocalCluster:
+    """Return a cluster of `workers` processes on this computer, reachable from no other.
+
+    `memory_GB` limits each process, None leaves the limit to Dask; temporary files are in `folder`.
+    """
     return LocalCluster(
         loop=runner.loop,
         n_workers=workers,
@@ -174,6 +178,10 @@ def _kill(cluster: LocalCluster) -> None:
 
 @contextmanager
 def _existing(address: str) -> Iterator[Client]:
+    """Yield a client of a running scheduler.
+
+    Raises `UserError` where none answers, it has no worker within `WAIT_S`, or its versions differ.
+    """
     try:
         client = Client(address, timeout=WAIT_S)
     except (OSError, ValueError, TypeError):

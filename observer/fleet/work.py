@@ -56,6 +56,7 @@ def failed(job: Job, options: RunOptions, problem: str) -> Row:
 
 
 def _row(job: Job, options: RunOptions, problem: str | None, seconds: float, result: dict[str, Any]) -> Row:
+    """Return the row of a job in the fleet's results; `problem` is None for one that succeeded."""
     return {
         "machine": job.machine,
         "verb": options.verb,

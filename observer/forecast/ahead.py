@@ -196,36 +196,35 @@ def _refuse_unknown(plant: Plant, state: EstimatorState) -> None:
         raise ValueError("the estimate is not a number")
 
 
-def _of_means(P: FloatArray, heats: slice, sigma_W: FloatArray, rests: BoolArray) -> FloatArray:
+def _of_means(P: FloatArray, heats: slice, sigma_W: FloatArray, is_idle: BoolArray) -> FloatArray:
     """Return the covariance with the σ of mean heats (m_e,) in place of that of momentary heats.
 
     A heat is K θ + w, with the learnt parameters θ of the machine, the states after the heats. K θ stays: a
     stronger film goes with larger heats, and no mean over time removes that. Only w becomes smaller. A heat
-    that `rests` (m_e,) has no K θ.
+    that `is_idle` (m_e,) has no K θ.
     """
     scale = np.minimum(1.0, sigma_W / np.sqrt(np.maximum(np.diag(P)[heats], 1e-12)))
     learnt = slice(heats.stop, len(P))
     K = P[heats, learnt] @ np.linalg.pinv(P[learnt, learnt], rcond=1e-10, hermitian=True)
     T = np.eye(len(P))
     T[heats, heats] = np.diag(scale)
-    T[heats, learnt] = np.where(rests, 0.0, 1.0 - scale)[:, None] * K
+    T[heats, learnt] = np.where(is_idle, 0.0, 1.0 - scale)[:, None] * K
     return np.asarray(T @ P @ T.T)
 
 
 def drift_scale(past: Bins, per_hour: float) -> float:
-    """Return the factor by which the variance of the heats' common drift exceeds that of `per_hour`, relative
-    to the laws.
+    """Return the variance of the observed drift of heats over laws, relative to the variance of `per_hour`.
 
-    It follows from the differences of means over ten minutes of work. `per_hour` counts as much as `_FIRM` of
-    those differences.
+    It is at most `_MOST_SCALE`, and follows from the differences of means over ten minutes of work.
+    `per_hour` counts as much as `_FIRM` of those differences.
     """
     count = len(past.dt_s) // _TEN if past.heat_W.size else 0
     blocks = slice(len(past.dt_s) - count * _TEN, None)
     law_W, heat_W = (
         c[blocks].sum(axis=1).reshape(count, _TEN).mean(axis=1) for c in (past.own_law_W, past.heat_W)
     )
-    works = np.isfinite(heat_W) & (law_W > 0.5 * law_W.max(initial=0.0)) & (law_W > 1e-6)
-    ratio = heat_W[works] / law_W[works]
+    is_working = np.isfinite(heat_W) & (law_W > 0.5 * law_W.max(initial=0.0)) & (law_W > 1e-6)
+    ratio = heat_W[is_working] / law_W[is_working]
     steps = np.diff(ratio)[-_TEN // 10 :] / max(float(ratio.mean()) if len(ratio) else 1.0, 1e-3)
     observed = float(steps @ steps) * HOUR_S / (_TEN * BIN_S) / max(per_hour, 1e-6) ** 2
     return min((_FIRM + observed) / (_FIRM + len(steps)), _MOST_SCALE)

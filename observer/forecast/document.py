@@ -82,9 +82,9 @@ def travel_of(config: Config, x_m: FloatArray) -> BoolArray:
     return np.asarray(travelled if travelled.any() else np.ones(len(x_m), np.bool_))
 
 
-def thinned(count: int, most: int) -> list[int]:
-    """Return at most `most` indices of `count`, evenly spread, with the first and the last."""
-    return sorted({int(i) for i in np.linspace(0, count - 1, min(count, most)).round()})
+def thinned(count: int, limit: int) -> list[int]:
+    """Return at most `limit` indices of `count`, evenly spread, with the first and the last."""
+    return sorted({int(i) for i in np.linspace(0, count - 1, min(count, limit)).round()})
 
 
 def document(

@@ -139,9 +139,11 @@ def since_start(inputs: Inputs, even_s: float) -> Inputs:
     These are the start and the row where the last `even_s`, at one level, began. At both the laws jump to
     their mean. Other jumps, as where a nut turns round, carry no information on friction.
     """
-    works = np.flatnonzero(np.abs(inputs.law_W).sum(axis=1) > IDLE_W)
-    pauses = np.flatnonzero(np.diff(inputs.time_s[works]) > PAUSE_S)
-    begin, start = (works[pauses[-1]] + 1, works[pauses[-1] + 1]) if len(pauses) else (0, works[0])
+    working_rows = np.flatnonzero(np.abs(inputs.law_W).sum(axis=1) > IDLE_W)
+    pauses = np.flatnonzero(np.diff(inputs.time_s[working_rows]) > PAUSE_S)
+    begin, start = (
+        (working_rows[pauses[-1]] + 1, working_rows[pauses[-1] + 1]) if len(pauses) else (0, working_rows[0])
+    )
     level = max(int(np.searchsorted(inputs.time_s, inputs.time_s[-1] - even_s)), int(start))
     jumps = np.zeros_like(inputs.law_jump_W)
     jumps[[start, level]] = inputs.law_W[level:].mean(axis=0)
@@ -153,10 +155,10 @@ def known_at_start(config: Config, plant: Plant, inputs: Inputs, since: Inputs) 
     during work.
     """
     run_in = known_run_in(config, plant, EXCESS_SIGMA)
-    works = np.abs(inputs.law_W).sum(axis=1) > IDLE_W
-    if run_in is None or works[0]:
+    is_working = np.abs(inputs.law_W).sum(axis=1) > IDLE_W
+    if run_in is None or is_working[0]:
         return None
-    return run_in.after(float(inputs.dt_s[works & (inputs.time_s < since.time_s[0])].sum()))
+    return run_in.after(float(inputs.dt_s[is_working & (inputs.time_s < since.time_s[0])].sum()))
 
 
 def weights_of(log_likelihoods: Sequence[float]) -> FloatArray:

@@ -52,8 +52,8 @@ def known_run_in(config: Config, plant: Plant, unknown: float) -> KnownRunIn | N
 
     `unknown` is the standard deviation of the excess of heats without a known one.
     """
-    of = {s.name: s for s in config.source}
-    free = [of[plant.source_names[j]] for j in np.flatnonzero(plant.estimated)]
+    source_by_name = {s.name: s for s in config.source}
+    free = [source_by_name[plant.source_names[j]] for j in np.flatnonzero(plant.estimated)]
     if all(s.run_in is None for s in free):
         return None
     columns = zip(

@@ -197,8 +197,8 @@ def _since_rest(total_W: FloatArray) -> int:
     idle, run, begin = total_W <= _IDLE_W, 0, 0
     if period_bins(total_W) is not None:
         return 0
-    for i, rests in enumerate(idle):
-        run = run + 1 if rests else 0
+    for i, is_idle in enumerate(idle):
+        run = run + 1 if is_idle else 0
         if run > _LONG_REST:
             begin = i + 1
     return min(begin, len(total_W) - 1)
@@ -207,8 +207,8 @@ def _since_rest(total_W: FloatArray) -> int:
 def _even(total_W: FloatArray) -> int | None:
     """Return the bin from which the heat has been at one level; None if that is less than five minutes."""
     level = float(np.median(total_W[-_LAST:]))
-    off = np.flatnonzero(np.abs(total_W - level) > _EVEN * level)
-    begin = int(off[-1]) + 1 if len(off) else 0
+    uneven_bins = np.flatnonzero(np.abs(total_W - level) > _EVEN * level)
+    begin = int(uneven_bins[-1]) + 1 if len(uneven_bins) else 0
     length = len(total_W) - begin
     short = length < min(_LAST, len(total_W)) or (length < 6 * _LAST and 2 * length < len(total_W))
     if short or period_bins(total_W) is not None:
@@ -219,18 +219,18 @@ def _even(total_W: FloatArray) -> int | None:
 def period_bins(total_W: FloatArray) -> int | None:
     """Return the period of the heat in bins; None if it does not occur two and a half times."""
     n = len(total_W)
-    rest = total_W - total_W.mean()
-    scale = float(rest @ rest)
+    deviation_W = total_W - total_W.mean()
+    scale = float(deviation_W @ deviation_W)
     if n < 10 or scale <= (_EVEN * max(total_W.mean(), _IDLE_W)) ** 2 * n / 4:
         return None
     lags = np.arange(1, int(n / 2.5) + 1)
-    alike = np.array([float(rest[k:] @ rest[:-k]) / scale * n / (n - k) for k in lags])
-    peak = np.flatnonzero((alike[1:-1] >= alike[:-2]) & (alike[1:-1] > alike[2:])) + 1
-    crossed = np.flatnonzero(alike < 0.2)
-    peak = peak[(alike[peak] > _ALIKE) & (peak > (crossed[0] if len(crossed) else n))]
+    correlation = np.array([float(deviation_W[k:] @ deviation_W[:-k]) / scale * n / (n - k) for k in lags])
+    peak = np.flatnonzero((correlation[1:-1] >= correlation[:-2]) & (correlation[1:-1] > correlation[2:])) + 1
+    crossed = np.flatnonzero(correlation < 0.2)
+    peak = peak[(correlation[peak] > _ALIKE) & (peak > (crossed[0] if len(crossed) else n))]
     if not len(peak):
         return None
-    return int(lags[peak[alike[peak] >= 0.9 * alike[peak].max()][0]])
+    return int(lags[peak[correlation[peak] >= 0.9 * correlation[peak].max()][0]])
 
 
 def _one_cycle(bins: Bins, period: int) -> Bins:
@@ -264,14 +264,14 @@ def _integrated_W2_s(total_W: FloatArray) -> float:
     variance is added. A prior of `_CHANGES_S` counts less the longer the series is.
     """
     n = len(total_W)
-    off = total_W - total_W.mean()
-    spectrum = np.abs(np.fft.rfft(off, 2 * n)) ** 2
-    alike = np.fft.irfft(spectrum)[:n] / n
-    if alike[0] <= 0.0:
+    deviation_W = total_W - total_W.mean()
+    spectrum = np.abs(np.fft.rfft(deviation_W, 2 * n)) ** 2
+    autocovariance = np.fft.irfft(spectrum)[:n] / n
+    if autocovariance[0] <= 0.0:
         return 0.0
-    pairs = alike[1 : n - (n - 1) % 2].reshape(-1, 2).sum(axis=1)[: n // 4]
+    pairs = autocovariance[1 : n - (n - 1) % 2].reshape(-1, 2).sum(axis=1)[: n // 4]
     ends = np.flatnonzero(pairs <= 0.0)
-    correlated_s = BIN_S * (1.0 + 2.0 * pairs[: ends[0] if len(ends) else None].sum() / alike[0])
+    correlated_s = BIN_S * (1.0 + 2.0 * pairs[: ends[0] if len(ends) else None].sum() / autocovariance[0])
     correlated_s /= 1.0 - min(correlated_s / (n * BIN_S), 0.5)
     observed = n / _BLOCK / 1.5
-    return float(alike[0] * (_PRIOR * _CHANGES_S + observed * correlated_s) / (_PRIOR + observed))
+    return float(autocovariance[0] * (_PRIOR * _CHANGES_S + observed * correlated_s) / (_PRIOR + observed))

@@ -70,10 +70,10 @@ def _settled_after_s(
     if not at_um.size:
         return None
     time_s, path_um = (np.concatenate(c) for c in zip(*((p.time_s, p.error_um) for p in parts), strict=True))
-    off = np.flatnonzero((np.abs(path_um - at_um)[:, travel] > within_um).any(axis=1))
-    if not len(off):
+    outside = np.flatnonzero((np.abs(path_um - at_um)[:, travel] > within_um).any(axis=1))
+    if not len(outside):
         return 0.0
-    return None if off[-1] + 1 >= len(time_s) else float(time_s[off[-1] + 1])
+    return None if outside[-1] + 1 >= len(time_s) else float(time_s[outside[-1] + 1])
 
 
 def draws(begin: Runner, program: Program, count: int = _DRAWS) -> list[Runner]:

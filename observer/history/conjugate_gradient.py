@@ -76,14 +76,18 @@ def descend(
     way = _Way.at_start(sweeps, weight_1_K, rise_K)
     misfit, past = way.misfit.copy(), [way.misfit]
     for k in range(_ITERATIONS):
-        on = past[-1] > enough
+        continues = past[-1] > enough
         if len(past) > _PATIENCE:
-            on &= past[-1] <= (1.0 - _WORTH_IT) * past[-1 - _PATIENCE]
-        on &= way.steepness > _REST**2 * way.first
-        if not on.any():
+            continues &= past[-1] <= (1.0 - _WORTH_IT) * past[-1 - _PATIENCE]
+        continues &= way.steepness > _REST**2 * way.first
+        if not continues.any():
             break
-        if not on.all():
-            going, way, past = going[on], way.of(on), [m[on] for m in past[-1 - _PATIENCE :]]
+        if not continues.all():
+            going, way, past = (
+                going[continues],
+                way.of(continues),
+                [m[continues] for m in past[-1 - _PATIENCE :]],
+            )
         far = float(np.sqrt(past[-1].max() / max(values, 1)))
         progress(f"iteration {k + 1}, {len(going)} of {c} logs left, the furthest at {far:.3g} × its noise")
         V[:, going] += way.step(sweeps, weight_1_K)

@@ -165,12 +165,12 @@ class _Passes:
         Return the results of the K rows.
         """
         states, parts = [], list[tuple[FloatArray, ...]]()
-        begins = np.cumsum([0, *map(len, blocks)]).tolist()
-        for block, begin in zip(blocks, begins, strict=False):
+        block_starts = np.cumsum([0, *map(len, blocks)]).tolist()
+        for block, begin in zip(blocks, block_starts, strict=False):
             for segment in self._segments(block, begin):
                 states.append(self._remembered())
                 self._filter(segment)
-        for block, begin in zip(reversed(blocks), begins[-2::-1], strict=True):
+        for block, begin in zip(reversed(blocks), block_starts[-2::-1], strict=True):
             for segment in reversed(list(self._segments(block, begin))):
                 state = states.pop()
                 if parts:  # the tape still holds the last segment
@@ -206,9 +206,9 @@ class _Passes:
     def _smooth(self, segment: _Segment) -> tuple[FloatArray, ...]:
         """Return the results of a segment's rows, as `Smoothed`."""
         K, s, m_e = len(segment.step), len(self._arrays.R_K2), len(self._arrays.source)
-        out = Smoothed(*(np.full((K, width), np.nan) for width in (m_e, m_e, s, s, m_e, m_e)))
-        run_backward(self._batch(segment), self._tape, self._adjoint, self._work, record(out))
-        return out
+        smoothed = Smoothed(*(np.full((K, width), np.nan) for width in (m_e, m_e, s, s, m_e, m_e)))
+        run_backward(self._batch(segment), self._tape, self._adjoint, self._work, record(smoothed))
+        return smoothed
 
 
 class _ChangedPasses(_Passes):

@@ -57,10 +57,10 @@ class Regularised:
         ones.
         """
         accepted = np.isfinite(smooth_heats(plant, settings, blocks).residual_K)
-        begins = np.cumsum([0, *map(len, blocks)])
+        block_starts = np.cumsum([0, *map(len, blocks)])
         self._blocks = [
             block._replace(usable=block.usable & accepted[begin : begin + len(block)])
-            for block, begin in zip(blocks, begins, strict=False)
+            for block, begin in zip(blocks, block_starts, strict=False)
         ]
         self._plant, self._prior = plant, walking if order == 1 else independent
         self._settings, self._order = settings.model_copy(update={"gate_sigma": _OPEN}), order
@@ -166,9 +166,9 @@ def by_l_curve(trial: Try, alphas: FloatArray) -> float:
     )
     fine = np.linspace(logs[0], logs[-1], _FINER * len(logs))
     pace = np.hypot(x(fine, 1), y(fine, 1))
-    moves = pace > _STANDSTILL * pace.max()  # where the curve does not move, its curvature is rounding
+    is_moving = pace > _STANDSTILL * pace.max()  # where the curve does not move, its curvature is rounding
     turn = x(fine, 1) * y(fine, 2) - y(fine, 1) * x(fine, 2)
-    bend = np.where(moves, turn / np.where(moves, pace, 1.0) ** 3, -np.inf)
+    bend = np.where(is_moving, turn / np.where(is_moving, pace, 1.0) ** 3, -np.inf)
     return float(np.exp(fine[1 + np.argmax(bend[1:-1])]))
 
 

@@ -213,13 +213,13 @@ def _text(adoption: Adoption) -> bytes:
     return adoption.model_dump_json(indent=2).encode() + b"\n"
 
 
-def _write(files: Mapping[Path, bytes], like: Path) -> None:
+def _write(files: Mapping[Path, bytes], config: Path) -> None:
     """Write all or none; the record comes last, since it shows the service that all the rest is there."""
     try:
-        write_together(files, like)
+        write_together(files, config)
     except OSError as error:
-        place = error.filename or like.parent
+        place = error.filename or config.parent
         raise UserError(
-            f"{like}: nothing is changed, since {place} cannot be written ({error.strerror}); let this user "
-            "write there, or free space"
+            f"{config}: nothing is changed, since {place} cannot be written ({error.strerror}); let this "
+            "user write there, or free space"
         ) from None

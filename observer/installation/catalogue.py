@@ -82,16 +82,16 @@ def screw_of(name: str) -> CatalogueScrew:
     diameter_mm, lead_mm = size_of(name)
     sizes = {listed: size_of(listed) for listed in SCREWS}
     nearest = min(sizes, key=lambda n: (abs(sizes[n][0] - diameter_mm), abs(sizes[n][1] - lead_mm)))
-    like, ratio = SCREWS[nearest], diameter_mm / sizes[nearest][0]
+    nearest_screw, ratio = SCREWS[nearest], diameter_mm / sizes[nearest][0]
     return CatalogueScrew(
         lead_mm,
-        round(diameter_mm - (sizes[nearest][0] - like.root_mm) * min(1.0, ratio), 1),
-        round(like.nut_mm * ratio),
-        round(like.torque_Nm * ratio**2.5, 3),
-        round(like.bearing_W_rpm * ratio, 4),
-        round(like.nut_kg * ratio**2, 2),
-        round(like.housing_kg * ratio**2.5, 1),
-        round(like.housing_W_K * ratio**1.5, 1),
+        round(diameter_mm - (sizes[nearest][0] - nearest_screw.root_mm) * min(1.0, ratio), 1),
+        round(nearest_screw.nut_mm * ratio),
+        round(nearest_screw.torque_Nm * ratio**2.5, 3),
+        round(nearest_screw.bearing_W_rpm * ratio, 4),
+        round(nearest_screw.nut_kg * ratio**2, 2),
+        round(nearest_screw.housing_kg * ratio**2.5, 1),
+        round(nearest_screw.housing_W_K * ratio**1.5, 1),
     )
 
 
@@ -207,6 +207,10 @@ def _code(text: str) -> str:
 
 
 def _shown_at_ends(text: str) -> tuple[float, float] | None:
+    """Return the readings at the left and the right end, m, None for an empty text.
+
+    Raises `ValueError` where a reading or the unit is missing, or both readings are the same.
+    """
     if not text.strip():
         return None
     match = re.fullmatch(

@@ -127,7 +127,7 @@ _LIKE = {"opcua": "opc.tcp://192.168.0.21:4840", "mtconnect": "http://192.168.0.
 
 def url_of(answers: Answers) -> str:
     """The address of the control's own server."""
-    like = _LIKE[answers.control]
-    if not answers.control_at.startswith(like.partition("//")[0]):
-        raise UserError(f"--control-at: {answers.control_at!r} is not an address; write it as {like}")
+    example = _LIKE[answers.control]
+    if not answers.control_at.startswith(example.partition("//")[0]):
+        raise UserError(f"--control-at: {answers.control_at!r} is not an address; write it as {example}")
     return answers.control_at

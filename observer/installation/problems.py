@@ -89,14 +89,16 @@ def _words(detail: ErrorDetails, path: Path) -> str:
     elif kind.startswith("union_tag"):
         named = value.get("kind") if isinstance(value, dict) else None
         stated = "kind is missing" if named is None else f"unknown kind {shown(named)}"
-        group, ours = ("effects", KINDS) if path[0] == "effect" else ("drivers", DRIVER_KINDS)
-        message = f"{stated}; give one of {', '.join((*ours, *entry_names(group), 'module:Class'))}"
+        group, built_in = ("effects", KINDS) if path[0] == "effect" else ("drivers", DRIVER_KINDS)
+        message = f"{stated}; give one of {', '.join((*built_in, *entry_names(group), 'module:Class'))}"
     elif kind in {"model_type", "model_attributes_type", "dict_type"}:
         message = f"must be a table, not {shown(value)}; write [{key_of(path, {})}] and its keys below"
     elif kind in {"too_short", "too_long"} and isinstance(value, list | tuple | dict):
         limit = int(detail["ctx"].get("min_length") or detail["ctx"].get("max_length") or 0)
-        least = "at least" if kind == "too_short" else "at most"
-        message = f"has {len(value)} entries where {least} {limit} are expected; {_shorter(value, limit)}"
+        comparison = "at least" if kind == "too_short" else "at most"
+        message = (
+            f"has {len(value)} entries where {comparison} {limit} are expected; {_shorter(value, limit)}"
+        )
     elif kind in {"list_type", "tuple_type"} and isinstance(value, dict):
         message = f"there may be several of this table; write [[{key_of(path, {})}]], in two brackets"
     elif isinstance(value, int | float | str | bool):

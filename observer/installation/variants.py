@@ -127,6 +127,11 @@ def _nested(paths: list[tuple[str, ...]], values: tuple[Any, ...]) -> dict[str, 
 def _variant(
     name: str, own_table: Mapping[str, Any], base: Mapping[str, Any], common: Mapping[str, Any], place: str
 ) -> Variant:
+    """Return a variant: `base` without the removed keys, with the overrides of `own_table`.
+
+    `common` inputs hold unless the variant has its own. Raises `ConfigError`, which names `place` and
+    variant.
+    """
     variant_place = f'{place}: variant "{name}"'
     overrides = {key: value for key, value in own_table.items() if key not in (_INPUTS, _WITHOUT)}
     table = copy.deepcopy(dict(base))

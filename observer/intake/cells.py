@@ -23,8 +23,10 @@ def numbers_of(column: RawColumn, decimal: str) -> tuple[FloatArray, Words]:
     """
     if not column.is_text:
         values = column.values.astype(np.float64)
-        lost = int(np.isinf(values).sum())
-        return np.where(np.isfinite(values), values, np.nan), Words(column.name, lost, ("inf",) * bool(lost))
+        infinite_count = int(np.isinf(values).sum())
+        return np.where(np.isfinite(values), values, np.nan), Words(
+            column.name, infinite_count, ("inf",) * bool(infinite_count)
+        )
     import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
     import pyarrow.compute as pc  # noqa: PLC0415
 

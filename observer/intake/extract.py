@@ -74,9 +74,9 @@ def _is_text(head: bytes) -> bool:
     """Whether bytes are text; in UTF-16 every other byte is 0."""
     sample = head[:4096]
     strange = sum(octet < 9 or 13 < octet < 32 for octet in sample)
-    wide = sample.startswith((b"\xff\xfe", b"\xfe\xff")) or sample[1::2].count(0) > 0.4 * len(sample)
+    is_utf16 = sample.startswith((b"\xff\xfe", b"\xfe\xff")) or sample[1::2].count(0) > 0.4 * len(sample)
     binary = sample.startswith((b"PK", b"PAR1", b"MDF", b"TDSm", b"ARROW1"))
-    return not binary and (wide or strange < 0.02 * len(sample))
+    return not binary and (is_utf16 or strange < 0.02 * len(sample))
 
 
 def _reading_of_file(path: Path, options: Logs) -> Iterator[str]:
@@ -121,10 +121,10 @@ def _escaped(line: str) -> str:
     return shown if len(line) <= _LONGEST_LINE else f"{shown} … ({len(line)} characters)"
 
 
-def _shortened(text: str, most: int) -> str:
-    """Return a text of at most `most` bytes of UTF-8, its middle left out."""
+def _shortened(text: str, limit: int) -> str:
+    """Return a text of at most `limit` bytes of UTF-8, its middle left out."""
     data = text.encode("utf-8", "replace")
-    if len(data) <= most:
+    if len(data) <= limit:
         return text
-    half = most // 2 - 20
+    half = limit // 2 - 20
     return "\n[…]\n".join(part.decode("utf-8", "ignore") for part in (data[:half], data[-half:]))

@@ -70,8 +70,8 @@ def guessed(sources: Sources, config: Config, options: Logs) -> Guess:
     """
     problems = list[str]()
     placed, missing = placed_columns(sources, config, options, problems)
-    taken = {full_name(p.column) for parts in placed.values() for p in parts}
-    spare = [c for s in sources.timed for c in columns_of_numbers(s) if c.name not in taken]
+    used_names = {full_name(p.column) for parts in placed.values() for p in parts}
+    spare = [c for s in sources.timed for c in columns_of_numbers(s) if c.name not in used_names]
     spare = list({c.name: c for c in spare}.values())
     unplaced = [name for name in config.channels if name in missing and name not in options.columns]
     limits, columns, doubts = Limits.of(config), dict(options.columns), dict[str, str]()
@@ -85,7 +85,9 @@ def guessed(sources: Sources, config: Config, options: Logs) -> Guess:
     unit_fits = np.array([[_says_unit(c, config, limits, name) for c in spare] for name in unplaced])
     unit_fits = unit_fits.reshape(scores.shape)
     assignment = dict(zip(*(indices.tolist() for indices in linear_sum_assignment(-scores)), strict=True))
-    lost = [name for i, name in enumerate(unplaced) if i not in assignment or scores[i, assignment[i]] <= 0.0]
+    unmatched = [
+        name for i, name in enumerate(unplaced) if i not in assignment or scores[i, assignment[i]] <= 0.0
+    ]
     for i, j in assignment.items():
         channel, best = unplaced[i], scores[i, j]
         if best <= 0.0:
@@ -99,8 +101,8 @@ def guessed(sources: Sources, config: Config, options: Logs) -> Guess:
             doubts[channel] = f'is "{spare[j].name}" {channel}, or is it "{rivals[0]}"?'
         _with_unit(limits, config, channel, spare[j], columns, doubts)
     _alike_in_unit(limits, config, {c.name: c for c in spare}, columns, doubts)
-    lost += [name for name in options.columns if f"{name} = {options.columns[name].column}" in missing]
-    return Guess(columns, doubts, tuple(lost), tuple(problems))
+    unmatched += [name for name in options.columns if f"{name} = {options.columns[name].column}" in missing]
+    return Guess(columns, doubts, tuple(unmatched), tuple(problems))
 
 
 def columns_of_numbers(source: TimedSheet) -> list[ColumnValues]:
@@ -142,12 +144,12 @@ def _score(limits: Limits, config: Config, channel: str, candidate: ColumnValues
     if not fits(unit, resolved(to) if to else ""):
         return 0.0
     stem, channel_stem = last_part(split_name(last_part(candidate.name))[0]), split_name(channel)[0]
-    alike = SequenceMatcher(None, plain_name(stem), plain_name(channel_stem)).ratio()
+    similarity = SequenceMatcher(None, plain_name(stem), plain_name(channel_stem)).ratio()
     if (column_digits := re.findall(r"\d+", stem)) and (channel_digits := re.findall(r"\d+", channel_stem)):
-        alike = (
-            max(alike, 0.6)
+        similarity = (
+            max(similarity, 0.6)
             if [int(n) for n in column_digits] == [int(n) for n in channel_digits]
-            else min(alike, 0.3)
+            else min(similarity, 0.3)
         )
     word_matches = bool(re.search(_WORDS[kind], stem.casefold()))
     other_word_matches = any(
@@ -157,7 +159,10 @@ def _score(limits: Limits, config: Config, channel: str, candidate: ColumnValues
     if plain_name(stem) == plain_name(channel_stem):
         return 1.0
     score = (
-        0.5 * alike + 0.4 * word_matches - 0.2 * (other_word_matches and not word_matches) + 0.3 * bool(named)
+        0.5 * similarity
+        + 0.4 * word_matches
+        - 0.2 * (other_word_matches and not word_matches)
+        + 0.3 * bool(named)
     )
     values = converted(candidate.values, unit, resolved(to) if to else "")
     return max(score if named or _plausible(limits, j, values) else score - 0.3, 0.0)

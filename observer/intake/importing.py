@@ -92,10 +92,10 @@ def proposed(paths: Sequence[Path], config: Config, options: Logs) -> ImportedLo
 
 def _missing_column(channel: str, sources: Sources, guess: Guess, options: Logs) -> str:
     """Return the sentence for a channel without a column: a wrong configured name, and the unused columns."""
-    taken = {entry.column for entry in guess.columns.values()}
+    used_columns = {entry.column for entry in guess.columns.values()}
     clocks = {name for source in sources.timed for name in source.clock.columns}
     names = dict.fromkeys(full_name(c) for s in sources.timed for c in s.sheet.columns)
-    spare = [f'"{name}"' for name in names if name not in taken and name not in clocks]
+    spare = [f'"{name}"' for name in names if name not in used_columns and name not in clocks]
     named = f'there is no column "{options.columns[channel].column}"; ' if channel in options.columns else ""
     choice = f", one of {', '.join(spare[:12])}" if spare else "; no column is left for it, add it to the log"
     return f'{named}name its column with [log.columns] {channel} = "…"{choice}'

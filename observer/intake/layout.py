@@ -103,8 +103,8 @@ def data_block(rows: Sequence[Sequence[str]]) -> tuple[int, int, int]:
         else:
             last[width] = len(runs)
             runs.append((numbers[0], numbers[-1] + 1, width))
-    wide = [run for run in runs if run[2] > 1] or runs
-    return max(wide, key=lambda run: run[1] - run[0], default=(0, 0, 0))
+    wide_runs = [run for run in runs if run[2] > 1] or runs
+    return max(wide_runs, key=lambda run: run[1] - run[0], default=(0, 0, 0))
 
 
 def _has_values(row: Sequence[str]) -> bool:
@@ -184,8 +184,8 @@ def layout_of(
         units = units if header < units else -1
     numeric = numeric_columns(rows[begin:], width)
     above = (i for i in range(header) if len(rows[i]) == width > 1)
-    lost = tuple(i for i in above if numeric and all(is_value(rows[i][k]) for k in numeric))
-    return TableLayout(header, units, begin, width, lost)
+    numeric_rows = tuple(i for i in above if numeric and all(is_value(rows[i][k]) for k in numeric))
+    return TableLayout(header, units, begin, width, numeric_rows)
 
 
 def _is_units(row: Sequence[str]) -> bool:

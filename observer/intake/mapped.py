@@ -264,13 +264,13 @@ def _column(source: TimedSheet, channel: str, entry: LogColumn | None) -> RawCol
         return column
     stem = plain_name(split_name(channel)[0])
     for stem_of in (lambda name: name, last_part):
-        alike = [c for c in sheet.columns if stem_of(c.name).casefold() == channel.casefold()] or [
+        same_named = [c for c in sheet.columns if stem_of(c.name).casefold() == channel.casefold()] or [
             c
             for c in sheet.columns
             if plain_name(split_name(stem_of(c.name))[0]) == stem and (c.unit or split_name(c.name)[1])
         ]
-        if len(alike) == 1:
-            return alike[0]
+        if len(same_named) == 1:
+            return same_named[0]
     return None
 
 

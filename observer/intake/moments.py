@@ -176,9 +176,9 @@ def _slashed(matches: Any) -> Moments:
         _moments(matches, _days_ns(years, b, a)),
         _moments(matches, _days_ns(years, a, b)),
     )
-    lost = [int((m.ns == NO_TIME).sum()) for m in (day_first, month_first)]
-    if lost[0] != lost[1]:
-        return day_first if lost[0] < lost[1] else month_first
+    unread_counts = [int((m.ns == NO_TIME).sum()) for m in (day_first, month_first)]
+    if unread_counts[0] != unread_counts[1]:
+        return day_first if unread_counts[0] < unread_counts[1] else month_first
     spans = [
         float(np.ptp(m.ns[m.ns != NO_TIME])) if (m.ns != NO_TIME).any() else 0.0
         for m in (day_first, month_first)

@@ -70,11 +70,17 @@ def own_header(path: Path, options: Logs) -> list[str] | None:
         return [TIME]
     if header is None or (STEP in header and FLAGS in header):
         return header
-    ours = all(name in header and entry.column not in header for name, entry in options.columns.items())
-    return header if ours else None
+    has_new_names = all(
+        name in header and entry.column not in header for name, entry in options.columns.items()
+    )
+    return header if has_new_names else None
 
 
 def _csv_header(path: Path) -> list[str] | None:
+    """Return the columns' names of a log in the program's own form, None for any other file.
+
+    A damaged `.gz` file counts as the own form, so that its reader reports the damage.
+    """
     with path.open("rb") as file:
         data = file.read(_HEAD)
     if path.name.endswith(".gz"):
@@ -100,5 +106,5 @@ def _parquet_header(path: Path) -> list[str] | None:
         schema = parquet.read_schema(path)
     except (pa.ArrowException, UnicodeDecodeError):
         return [TIME]
-    ours = schema.names[:1] == [TIME] and not types.is_temporal(schema.field(0).type)
-    return list(schema.names) if ours else None
+    is_own_form = schema.names[:1] == [TIME] and not types.is_temporal(schema.field(0).type)
+    return list(schema.names) if is_own_form else None

@@ -89,8 +89,8 @@ class Sheet:
         plain = name.removeprefix(f"{self.name}/")
         if (column := next((c for c in self.columns if plain in (c.name, full_name(c))), None)) is not None:
             return column
-        alike = [c for c in self.columns if split_name(c.name)[0] == plain]
-        return alike[0] if len(alike) == 1 else None
+        same_named = [c for c in self.columns if split_name(c.name)[0] == plain]
+        return same_named[0] if len(same_named) == 1 else None
 
 
 def full_name(column: RawColumn) -> str:

@@ -183,9 +183,13 @@ def _with_times(
     doubts += [before + sentence for sentence in clock.doubts]
     has_time = np.isfinite(clock.time_s)
     if not has_time.all():
-        first, lost = sheet.place(int(np.flatnonzero(~has_time)[0])), int((~has_time).sum())
-        subject = f"{lost} rows, the first in {first}, have" if lost > 1 else f"the row in {first} has"
-        doubts.append(f"{before}{subject} no time and {'were' if lost > 1 else 'was'} left out")
+        first, missing_count = sheet.place(int(np.flatnonzero(~has_time)[0])), int((~has_time).sum())
+        subject = (
+            f"{missing_count} rows, the first in {first}, have"
+            if missing_count > 1
+            else f"the row in {first} has"
+        )
+        doubts.append(f"{before}{subject} no time and {'were' if missing_count > 1 else 'was'} left out")
         sheet, clock = _rows(sheet, np.flatnonzero(has_time)), replace(clock, time_s=clock.time_s[has_time])
     steps = np.diff(clock.time_s)
     if len(steps) and (steps == 0.0).any() and not (steps < 0.0).any():

@@ -175,6 +175,11 @@ def _control_table(
 
 
 def _table(config: Installation, control: Control, axis: str, block: EstimateBlock) -> ControlTable:
+    """Return the compensation at the end of a log as the table of a control.
+
+    A Klipper table is fitted over all good estimates instead. Raises `ConfigError` where the error is beyond
+    `compensation.limit_um`.
+    """
     from observer.control.compensation import plan_of, table_of, within_gradient
     from observer.export import control_tables
     from observer.model.build import grid_of

@@ -275,11 +275,11 @@ def candidates_of(
             )
         return [Mountable(sensor, one.cost, one.probing_s) for one in tables for sensor in one.sensors]
     thermocouples = [s for s in config.sensor if s.kind == "temperature"]
-    like = thermocouples[0]
+    template = thermocouples[0]
     sensors = []
     for node in _in_the_air(config):
         sensors.append(
-            like.model_copy(update={"name": node, "channel": node, "position_m": None, "on": node})
+            template.model_copy(update={"name": node, "channel": node, "position_m": None, "on": node})
         )
     if spacing_m is not None or not sensors or any(s.position_m is not None for s in thermocouples):
         length_m = config.screw.length_m
@@ -287,7 +287,7 @@ def candidates_of(
         for x_m in np.linspace(0.0, length_m, points).round(6).tolist():
             name = f"{1000 * x_m:g}mm"
             sensors.append(
-                like.model_copy(update={"name": name, "channel": name, "position_m": x_m, "on": None})
+                template.model_copy(update={"name": name, "channel": name, "position_m": x_m, "on": None})
             )
     return [Mountable(sensor, 1.0) for sensor in sensors]
 
@@ -309,9 +309,11 @@ def _limits(bench: _Bench, configured: int, costs: Sequence[float], choice: Choi
             f"{stay + 1} to {stay + n}, or name more candidates"
         )
     if choice.sensors is not None:
-        most = choice.sensors - stay
+        largest_count = choice.sensors - stay
     else:
-        most = n if budget is not None else min(n, int(bench.plant.estimated.sum()) + _MORE_THAN_HEATS)
+        largest_count = (
+            n if budget is not None else min(n, int(bench.plant.estimated.sum()) + _MORE_THAN_HEATS)
+        )
     thermal = frozenset(i for i, one in enumerate(bench.sensors) if one.kind == "temperature")
     first = min((costs[i] for i in thermal if i < n), default=None)
     if first is None and not choice.keep:
@@ -325,10 +327,15 @@ def _limits(bench: _Bench, configured: int, costs: Sequence[float], choice: Choi
             "give more, or name cheaper candidates"
         )
     configured_indices = tuple(range(n, n + configured))
-    wide = np.array([*costs, *[0.0] * configured])
+    all_costs = np.array([*costs, *[0.0] * configured])
     most_cost = math.inf if budget is None else budget
     return SetLimits(
-        wide, tuple(range(n)), most, most_cost, configured_indices if choice.keep else (), thermal
+        all_costs,
+        tuple(range(n)),
+        largest_count,
+        most_cost,
+        configured_indices if choice.keep else (),
+        thermal,
     )
 
 

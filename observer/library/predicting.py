@@ -153,18 +153,20 @@ def forecast_run(
     if last is None:
         raise LogError(f"{log.path}: holds readings but no tick of the estimator; record for longer")
     try:
-        ran = learner.bins
+        past_bins = learner.bins
         if program is None:
-            does = learnt(ran)
+            next_program = learnt(past_bins)
         else:
-            does = repeating(program_bins(program_of(program, config), machine), ran)
+            next_program = repeating(program_bins(program_of(program, config), machine), past_bins)
         state, hours = pipeline.snapshot()[1], hours or settings.hours
         plant, within_um = machine.plant, settings.within_um
-        if is_of_use(config, does):
-            begins = bank.begins(does)
-            forecast = forecast_by_all(config, plant, begins, state.time_s, does, hours, within_um)
+        if is_of_use(config, next_program):
+            run_in_starts = bank.begins(next_program)
+            forecast = forecast_by_all(
+                config, plant, run_in_starts, state.time_s, next_program, hours, within_um
+            )
         else:
-            forecast = look_ahead(config, plant, state, does, hours, within_um)
+            forecast = look_ahead(config, plant, state, next_program, hours, within_um)
     except ValueError as error:
         raise LogError(f"{log.path}: no forecast from its end: {error}") from None
     content = document(

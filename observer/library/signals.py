@@ -82,8 +82,8 @@ class SignalTable(ABC):
             if (match := _ALONG.fullmatch(name)) is None:
                 variables[name] = (TIME, self[name], {"units": unit_of(name)})
             else:
-                kind, millimetres, rest = match.groups()
-                along.setdefault(f"{kind}_{rest}", {})[float(millimetres) / 1000.0] = self[name]
+                kind, millimetres, suffix = match.groups()
+                along.setdefault(f"{kind}_{suffix}", {})[float(millimetres) / 1000.0] = self[name]
         for name, columns in along.items():
             values = np.column_stack(list(columns.values()))
             variables[name] = ((TIME, "position_m"), values, {"units": unit_of(name)})

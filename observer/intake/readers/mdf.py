@@ -39,6 +39,7 @@ def read_mdf(path: Path) -> list[Sheet]:
 
 
 def _opened(path: Path) -> Any:
+    """Return an open MDF file. Raises `LogError` where asammdf cannot read it."""
     import logging  # noqa: PLC0415
 
     import_mf4()

@@ -23,6 +23,10 @@ def read_tdms(path: Path) -> list[Sheet]:
 
 
 def _group(path: Path, group: Any) -> list[Sheet]:
+    """Return a sheet for each clock of a group's channels: those of the same length, start and step.
+
+    Times are in s, since 1970 where the waveform has a start time; None without a step.
+    """
     clocks: dict[Any, tuple[FloatArray | None, bool, list[RawColumn]]] = {}
     for channel in group.channels():
         if not len(channel):

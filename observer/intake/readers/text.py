@@ -59,8 +59,11 @@ def read_text(path: Path, options: Logs, accept_truncated: bool = False) -> list
     """Read a text file as one sheet, or a LabVIEW measurement. Raises `LogError` with all that is wrong."""
     data, cut = bytes_of(path)
     encoding = options.encoding or encoding_of(data)
-    if (wide := _WIDTHS.get(encoding.replace("_", "-").lower()[:6], 1)) > 1:
-        data, cut = data + b"\0" * (-len(data) % wide), False  # the zeros at its end are of its last sign
+    if (code_width := _WIDTHS.get(encoding.replace("_", "-").lower()[:6], 1)) > 1:
+        data, cut = (
+            data + b"\0" * (-len(data) % code_width),
+            False,
+        )  # the zeros at its end are of its last sign
     text = decoded(path, data, encoding)
     if text.startswith("LabVIEW Measurement"):
         return lvm.read_lvm(path, text)
@@ -169,8 +172,10 @@ def _line_numbers(text: str, data: int, left_out: list[int], rows: int) -> NDArr
     consecutive = np.arange(data + 1, data + 1 + rows)
     if "\n\n" not in text.rstrip("\n") and not left_out:
         return consecutive
-    out = set(left_out)
-    filled = [i for i, line in enumerate(text.split("\n")[data:], data + 1) if line.strip() and i not in out]
+    excluded = set(left_out)
+    filled = [
+        i for i, line in enumerate(text.split("\n")[data:], data + 1) if line.strip() and i not in excluded
+    ]
     return np.array(filled[:rows], np.int64) if len(filled) >= rows else consecutive
 
 
