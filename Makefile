@@ -50,9 +50,10 @@ demo: $(RUNS)  ## the whole chain on a simulated machine with a live view; ARGS=
 test: lint unit system  ## the checks that every change must pass: lint, then all tests but the slow ones
 	@echo "make test: all passed"
 
-lint: $(READY)  ## ruff, formatting, types of the product, campaigns and benchmarks, import contracts
+lint: $(READY)  ## ruff, formatting, plain English, types of the product, campaigns and benchmarks, import contracts
 	$(BIN)/ruff check $(CODE)
 	$(BIN)/ruff format --check $(CODE)
+	$(BIN)/python -m tests.plain_english
 	$(BIN)/mypy --num-workers 2
 	$(BIN)/lint-imports --no-cache
 
