@@ -290,6 +290,11 @@ class StepAppender:
             raise
         self._size += len(data)
 
+    def sync(self) -> None:
+        """Have everything on the disk. Raises `OSError`."""
+        if self._fd >= 0:
+            os.fsync(self._fd)
+
     def close(self) -> None:
         """End the file, if there is one."""
         if self._fd >= 0:

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import threading
+import time
 from collections import deque
 from contextlib import suppress
 from pathlib import Path
@@ -23,6 +24,9 @@ from observer.steps.columns import StepSource
 from observer.steps.files import StepAppender, hour_end_s
 
 _RETRY_S = 1.0
+_SETTLE_S = 20.0
+"""A start is busy: only then the files of an earlier service are looked after."""
+_SYNC_S = 5.0  # as often as the readings by default
 _MOST_ROWS = 20_000
 
 log = structlog.get_logger()
@@ -42,7 +46,7 @@ class PastWriter(StepObserver):
         with suppress(OSError):  # there is no folder yet
             self._has_earlier = bool(recordings(folder, name, rf"(\.csv|{re.escape(STEPS_SUFFIX)})"))
         self._steps: deque[Step] = deque(maxlen=_MOST_ROWS)
-        self._hour_s = math.inf
+        self._hour_s, self._tend_s = math.inf, time.monotonic() + _SETTLE_S
         self._reason: str | None = None
         self._tending: subprocess.Popen[bytes] | None = None
         self._closing, self._awake = threading.Event(), threading.Event()
@@ -80,8 +84,7 @@ class PastWriter(StepObserver):
 
     def _run(self) -> None:
         rows: NDArray[Any] = np.zeros(0, self._source.dtype)
-        if self._has_earlier:
-            self._start_tending()
+        synced_s = time.monotonic()
         while True:
             if self._reason is None:
                 self._awake.wait()
@@ -94,6 +97,9 @@ class PastWriter(StepObserver):
             try:
                 while len(rows):
                     rows = rows[self._files.append(rows) :]
+                if is_last or time.monotonic() - synced_s >= _SYNC_S:
+                    self._files.sync()
+                    synced_s = time.monotonic()
                 self._reason = None
             except OSError as error:
                 self._reason = (
@@ -110,8 +116,9 @@ class PastWriter(StepObserver):
         return self._source.rows(step.frame, step.estimate, step.sequence)
 
     def _look_at_hour(self, time_s: float) -> None:
-        """Have the last hour packed when a new one has begun."""
-        if time_s >= self._hour_s:
+        """Have files tended when a new hour has begun, and some time after the start."""
+        if time_s >= self._hour_s or (self._has_earlier and time.monotonic() >= self._tend_s):
+            self._has_earlier = False
             self._start_tending()
         self._hour_s = hour_end_s(time_s)
 
