@@ -309,7 +309,7 @@ scale = {_toml(answers.scale)} ## °C per count
 
 
 def _control(answers: Answers) -> str:
-    """The tables of what gives the nut's position."""
+    """Return the tables of the driver that reads the nut's position, empty without one."""
     if answers.control in ("none", OTHER):
         return ""
     tables = {"canopen": _canopen, "modbus": _registers, "can": _signals}
@@ -317,7 +317,7 @@ def _control(answers: Answers) -> str:
 
 
 def _offset(answers: Answers, key: str, unit: str = "") -> str:
-    """What to add to the control's position so that the screw's left end is 0."""
+    """Return the key of the offset that brings the control's position to 0 at the screw's left end."""
     aim = f"so that the nut's middle at the screw's left end is 0{unit}"
     if answers.shown_at_ends_m is None:
         return f"{key} = 0.0 ## {aim}: its place at the stroke's left end less what is read there"

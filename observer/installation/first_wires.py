@@ -75,7 +75,7 @@ def raw_code(code: str, kind: str) -> str:
 
 
 def modbus_place(place: str, name: str = "module_at") -> tuple[str, int]:
-    """Return host and port. Raises `UserError` for an address that is none, with the option of `name`."""
+    """Return host and port. Raises `UserError`, which names the option of `name`, for an invalid address."""
     host, _, port = place.partition(":")
     if not host or (port and not port.isdigit()):
         raise UserError(
