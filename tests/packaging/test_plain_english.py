@@ -38,7 +38,9 @@ def test_a_plain_sentence_is_not(sentence):
 
 
 def test_only_prose_is_read_and_each_item_of_a_list_by_itself():
-    page = "# Of a title\n\nOne. Two\ngoes on.\n- Three\n- Four of\n  `code`.\n\n| of |\n```\nWhat runs\n```\n"
+    page = (
+        "# Of a title\n\nOne. Two\ngoes on.\n- Three\n- Four of\n  `code`.\n\n| of |\n```\nWhat runs\n```\n"
+    )
     assert [text for _, text in sentences(page)] == ["One.", "Two goes on.", "Three", "Four of code."]
     assert [line for line, _ in sentences(page)] == [2, 2, 4, 5]
 
