@@ -23,10 +23,12 @@ RAD_S_PER_RPM = math.pi / 30
 class Unit(NamedTuple):
     """A unit.
 
-    `name` is the one that pint understands. (value + `shift`) · `factor` / `divisor` is a value in the base
-    unit `base`, if there is one. `suffixes` end names; the configuration uses the first one. `spellings` are
-    those of recorders in lower case. `symbol` defaults to the first suffix, and `words`, for sentences, to
-    the symbol. `si` has exponents, factor and offset in SI base units, for units of results.
+    - `name`: the one that pint understands.
+    - A value in the base unit `base`, if there is one, is (value + `shift`) · `factor` / `divisor`.
+    - `suffixes`: the ends of names, the one of the configuration first.
+    - `symbol`, by default the first suffix; `words`, for sentences, by default the symbol.
+    - `spellings`: those of recorders, in lower case.
+    - `si`: exponents, factor and offset in SI base units, for units of results.
     """
 
     name: str
@@ -42,7 +44,7 @@ class Unit(NamedTuple):
 
     @property
     def suffix(self) -> str:
-        """The end of names in this unit, empty if there is none."""
+        """The end of names in this unit, empty without one."""
         return self.suffixes.partition(" ")[0]
 
     @property

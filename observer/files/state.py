@@ -1,7 +1,7 @@
 """State files, from which a service continues after a restart.
 
-They are replaced whole or not at all, and say in which version of its format each is written. A damaged file,
-or one of another version, is reported in a sentence, and what it holds starts cold.
+A file is replaced whole or not at all, and contains the version of its format. A damaged file, or one of
+another version, is reported in a sentence, and its owner starts cold.
 """
 
 from __future__ import annotations

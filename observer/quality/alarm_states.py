@@ -20,7 +20,7 @@ State = Literal["pending", "unacknowledged", "acknowledged", "returned"]
 
 @dataclass(frozen=True, slots=True)
 class AlarmCause:
-    """What raises an alarm: its kind and target, the reason in words, and the figures behind it.
+    """The cause of an alarm: kind and target, the reason in words, and the figures behind it.
 
     `name` distinguishes causes of one kind and target.
     """
@@ -62,23 +62,25 @@ Alarms = Mapping[str, Alarm]
 
 
 def advance(alarms: Alarms, causes: Iterable[AlarmCause], time_s: float) -> dict[str, Alarm]:
-    """Return the alarms at a moment, of those before and of what holds now."""
+    """Return the alarms at `time_s`, from the earlier alarms and the present causes."""
     holding = {cause.id: cause for cause in causes}
-    kept = {
+    remaining = {
         name: after
         for name, alarm in alarms.items()
         if name not in holding and (after := _without(alarm, time_s)) is not None
     }
-    return kept | {name: _with(alarms.get(name), condition, time_s) for name, condition in holding.items()}
+    return remaining | {
+        name: _with(alarms.get(name), condition, time_s) for name, condition in holding.items()
+    }
 
 
 def acknowledged(alarms: Alarms, name: str | None = None) -> dict[str, Alarm]:
-    """Return the alarms after somebody has seen the one of this name, or all; what had returned is gone."""
-    seen = {n for n, alarm in alarms.items() if name in (None, n) and alarm.is_raised}
+    """Return the alarms after one, or all, were acknowledged; returned ones are gone then."""
+    selected = {n for n, alarm in alarms.items() if name in (None, n) and alarm.is_raised}
     return {
-        n: replace(alarm, state="acknowledged") if n in seen else alarm
+        n: replace(alarm, state="acknowledged") if n in selected else alarm
         for n, alarm in alarms.items()
-        if not (n in seen and alarm.state == "returned")
+        if not (n in selected and alarm.state == "returned")
     }
 
 
@@ -132,7 +134,7 @@ _SURE = 1 / 3
 
 
 class KnownOffset(NamedTuple):
-    """What is known of a sensor's offset after `hours`: its usual value and its present one."""
+    """The learnt offset of a sensor after `hours`: its usual value and its present one."""
 
     hours: float = 0.0
     usual_K: float = 0.0
@@ -141,17 +143,17 @@ class KnownOffset(NamedTuple):
 
 
 def taken(
-    known: KnownOffset, offset_K: float, sigma_K: float, hours: float, learn_h: float, limit_K: float
+    offset: KnownOffset, offset_K: float, sigma_K: float, hours: float, learn_h: float, limit_K: float
 ) -> KnownOffset:
-    """Return what is known after `hours` more of an estimated offset; an uncertain one is ignored."""
+    """Return the learnt offset after another `hours`; an uncertain estimate is ignored."""
     if not sigma_K < _SURE * limit_K:
-        return known
-    total_h = known.hours + hours
-    usual_K = known.usual_K
-    if known.hours < learn_h:
+        return offset
+    total_h = offset.hours + hours
+    usual_K = offset.usual_K
+    if offset.hours < learn_h:
         usual_K += hours / total_h * (offset_K - usual_K)
-    now_K = known.now_K + hours / min(total_h, SMOOTH_H) * (offset_K - known.now_K)
-    limit_K *= CLEAR if known.moved else 1.0
+    now_K = offset.now_K + hours / min(total_h, SMOOTH_H) * (offset_K - offset.now_K)
+    limit_K *= CLEAR if offset.moved else 1.0
     return KnownOffset(total_h, usual_K, now_K, total_h > learn_h and abs(now_K - usual_K) > limit_K)
 
 

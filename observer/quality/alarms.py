@@ -48,14 +48,14 @@ class KnownSensor(NamedTuple):
 
     name: str
     learned: int | None
-    said: str
+    table: str
 
 
 class AlarmDesk:
     """Learns usual heats and offsets from every estimate; raises alarms from the conditions of a report."""
 
     def __init__(self, config: Config, layout: Layout, settings: AlarmSettings, file: Path | None) -> None:
-        """Begin from what `file` holds, if there is one; its alarms are not announced again.
+        """Begin from the state in `file`, if there is one; its alarms are not announced again.
 
         `layout` is that of the estimates.
         """
@@ -69,10 +69,10 @@ class AlarmDesk:
         ]
         self._gathered = np.zeros((len(self._sources), 5))
         self._bands = {source.name: bands.nothing_known() for source in self._sources}
-        said = {s.name: s.model_dump_json() for s in config.sensor}
+        tables = {s.name: s.model_dump_json() for s in config.sensor}
         learned = {name: i for i, name in enumerate(layout.learned)}
         self._known = [
-            KnownSensor(name, learned.get(f"sensor.{name}.offset_K"), said[name]) for name in layout.sensors
+            KnownSensor(name, learned.get(f"sensor.{name}.offset_K"), tables[name]) for name in layout.sensors
         ]
         self._offsets = {sensor.name: KnownOffset() for sensor in self._known}
         self._good_s = 0.0
@@ -152,8 +152,8 @@ class AlarmDesk:
         """Acknowledge an alarm, or all; returns None, or a sentence why that is not possible."""
         raised = [n for n, alarm in self._alarms.items() if alarm.is_raised]
         if name is not None and name not in raised:
-            there = ", ".join(raised) or "none"
-            return f"there is no alarm {name}; there are: {there}"
+            names = ", ".join(raised) or "none"
+            return f"there is no alarm {name}; there are: {names}"
         self._alarms = acknowledged(self._alarms, name)
         return None
 
@@ -176,24 +176,24 @@ class AlarmDesk:
     def _band_document(self, band: Band) -> dict[str, Any]:
         trend = bands.trend_per_day(band)
         learn_h = self._settings.learn_h
-        known, unsure = band.running_h >= learn_h, bands.why_unsure(band)
+        is_known, unsure = band.running_h >= learn_h, bands.why_unsure(band)
         learning = "; ".join(filter(None, (f"{band.running_h:.1f} of {learn_h:g} h of running", unsure)))
         return {
-            "known": known,
-            "learning": None if known else learning,
+            "known": is_known,
+            "learning": None if is_known else learning,
             "unsure": unsure,
             "running_h": round(band.running_h, 2),
-            "ratio": round(math.exp(bands.more_than_usual(band)), 4) if known else None,
-            "sigma": round(bands.sigma_of(band), 4) if known else None,
-            "trend_per_day": None if trend is None or not known else round(trend, 5),
+            "ratio": round(math.exp(bands.more_than_usual(band)), 4) if is_known else None,
+            "sigma": round(bands.sigma_of(band), 4) if is_known else None,
+            "trend_per_day": None if trend is None or not is_known else round(trend, 5),
         }
 
     def _disagreeing(self) -> Iterator[Condition]:
         """Sensors whose learnt offset has moved."""
         for sensor in self._known:
-            known = self._offsets[sensor.name]
-            if known.moved:
-                now_K, usual_K = round(known.now_K, 3), round(known.usual_K, 3)
+            offset = self._offsets[sensor.name]
+            if offset.moved:
+                now_K, usual_K = round(offset.now_K, 3), round(offset.usual_K, 3)
                 learn_h = f"{self._settings.learn_h:g}"
                 yield Condition(
                     ConditionKind.OFFSET_MOVED, sensor.name, learn_h, value=now_K, expected=usual_K
@@ -201,25 +201,25 @@ class AlarmDesk:
 
     def _heats(self) -> Iterator[Condition]:
         """Heats that are not within their bands: the ratio to the usual one, and the trend a day."""
-        learn_h, together = f"{self._settings.learn_h:g}", self._off_together()
-        for channel, own in together.items():
-            ratio = math.exp(np.mean([bands.more_than_usual(self._bands[name]) for name in own]))
+        learn_h, sources_of = f"{self._settings.learn_h:g}", self._off_together()
+        for channel, names in sources_of.items():
+            ratio = math.exp(np.mean([bands.more_than_usual(self._bands[name]) for name in names]))
             yield Condition(ConditionKind.HEATS_TOGETHER, channel, learn_h, value=ratio)
         for name, band in self._bands.items():
-            if band.side != 0 and not any(name in own for own in together.values()):
+            if band.side != 0 and not any(name in names for names in sources_of.values()):
                 kind = ConditionKind.HEAT_HIGH if band.side > 0 else ConditionKind.HEAT_LOW
-                about = self._band_document(band)
-                trend = math.nan if about["trend_per_day"] is None else about["trend_per_day"]
-                yield Condition(kind, name, learn_h, value=about["ratio"], expected=trend)
+                document = self._band_document(band)
+                trend = math.nan if document["trend_per_day"] is None else document["trend_per_day"]
+                yield Condition(kind, name, learn_h, value=document["ratio"], expected=trend)
 
     def _off_together(self) -> dict[str, list[str]]:
         """The channels on which several heats depend that are off together, with the names of these."""
-        found, settings = {}, self._settings
+        off_together, settings = {}, self._settings
         for channel in dict.fromkeys(channel for source in self._sources for channel in source.channels):
-            own = [source.name for source in self._sources if channel in source.channels]
-            if bands.are_off_together([self._bands[n] for n in own], settings.learn_h, settings.deadband):
-                found[channel] = own
-        return found
+            names = [source.name for source in self._sources if channel in source.channels]
+            if bands.are_off_together([self._bands[n] for n in names], settings.learn_h, settings.deadband):
+                off_together[channel] = names
+        return off_together
 
     def _cause(self, condition: Condition) -> AlarmCause | None:
         """The alarm that a condition raises; None if it does not call for somebody at the machine.
@@ -260,7 +260,7 @@ class AlarmDesk:
     def _plain(self) -> dict[str, Any]:
         return {
             "bands": {s.name: {"law": s.law, **bands.plain_of(self._bands[s.name])} for s in self._sources},
-            "offsets": {s.name: {"said": s.said, **self._offsets[s.name]._asdict()} for s in self._known},
+            "offsets": {s.name: {"said": s.table, **self._offsets[s.name]._asdict()} for s in self._known},
             "alarms": {n: asdict(alarm) for n, alarm in self._alarms.items() if alarm.is_raised},
         }
 
@@ -270,8 +270,9 @@ class AlarmDesk:
             if (band := document["bands"].get(source.name)) is not None and band["law"] == source.law:
                 self._bands[source.name] = bands.band_of(band)
         for sensor in self._known:
-            if (offset := document["offsets"].get(sensor.name)) is not None and offset["said"] == sensor.said:
-                self._offsets[sensor.name] = alarm_states.offset_of(offset)
+            saved = document["offsets"].get(sensor.name)
+            if saved is not None and saved["said"] == sensor.table:
+                self._offsets[sensor.name] = alarm_states.offset_of(saved)
         self._alarms = {name: alarm_of(alarm) for name, alarm in document["alarms"].items()}
         self._reported = self._raised
 

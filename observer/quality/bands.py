@@ -4,11 +4,11 @@ Over windows of running, the logarithm of the ratio of the estimated heat to its
 
     θ₀ + θ₁ (law / its largest − 1) + θ₂ rise / 10 K,
 
-whose θ is learnt by recursive least squares (Ljung and Söderström 1983, ch. 2) in the first hours of running
-and then stays as it is: wear must not be learnt away. Of those hours the earlier ones, in which a new machine
-runs in, are forgotten; what friction falls by in some hours after them, up to a tenth, is taken for running
-in too, what it falls by later is not: preload that wears away takes heat with it. What is left is smoothed
-over hours of running, and a line through it is the trend over days.
+where θ is learnt by recursive least squares (Ljung and Söderström 1983, ch. 2) during the first hours of
+running. After that θ is fixed, because wear must not be learnt. A new machine runs in, so learning forgets
+its earlier hours. A fall of friction in the hours after learning, up to a tenth, counts as running in. A
+later fall is a loss of preload. The residual is smoothed over hours of running. A line through it is the
+trend over days.
 """
 
 from __future__ import annotations
@@ -67,14 +67,16 @@ class Window(NamedTuple):
 
 
 class Band(NamedTuple):
-    """What has been learnt of one source.
+    """The usual heat of one source, as learnt, and the present residual.
 
-    `theta` (3,) with covariance `P` (3, 3), `spread2` the variance of a window about them; `running_h` of the
-    windows taken; `left` what is left, smoothed, `slow` the same over a longer time and `ran_in` the least
-    that was while it ran in, at most 0; `line` (5,) the fading sums of a line through it: 1, t, t²,
-    y, t y with t in days after `at_s`; `side` is +1 above the band, -1 below, 0 within; `most_W` the law's
-    largest heat. `unsure_h` are the hours of running since the last window that counted, in which the
-    estimate was too uncertain, and `unsure` its σ in parts of the heat in the last of them.
+    - `theta` (3,) with covariance `P` (3, 3); `spread2`: the variance of a window about them.
+    - `running_h`: the hours of running of all windows; `most_W`: the largest heat of the law.
+    - `left`: the smoothed residual, `slow`: the same with a longer time constant; `ran_in`: the least value
+      of it while the machine ran in, at most 0.
+    - `line` (5,): the fading sums 1, t, t², y, t y of a line through the residual, t in days after `at_s`.
+    - `side`: +1 above the band, -1 below, 0 within.
+    - `unsure_h`: the hours of running since the last window that counted; `unsure`: the σ of the estimate in
+      the last of them, relative to the heat.
     """
 
     theta: FloatArray
@@ -132,15 +134,15 @@ def are_off_together(bands: Sequence[Band], learn_h: float, deadband: float) -> 
 
     No nut and no bearing wears as all others do at once, so this is something that they share.
     """
-    more = [more_than_usual(band) for band in bands]
+    excess = [more_than_usual(band) for band in bands]
     limit = [CLEAR * _limit(band, None, deadband) for band in bands]
-    sides = {0 if abs(m) < least else math.copysign(1, m) for m, least in zip(more, limit, strict=True)}
-    known = len(bands) > 1 and all(band.running_h >= learn_h for band in bands)
-    return known and sides in ({1}, {-1}) and any(band.side for band in bands)
+    sides = {0 if abs(m) < least else math.copysign(1, m) for m, least in zip(excess, limit, strict=True)}
+    is_known = len(bands) > 1 and all(band.running_h >= learn_h for band in bands)
+    return is_known and sides in ({1}, {-1}) and any(band.side for band in bands)
 
 
 def sigma_of(band: Band, phi: FloatArray | None = None) -> float:
-    """Return the σ of what is left: of the estimates it rests on, and of the band."""
+    """Return the σ of the smoothed residual, from the estimates and the band."""
     phi = np.array([1.0, 0.0, 0.0]) if phi is None else phi
     return math.sqrt(band.spread2 * ALIKE_H / SMOOTH_H + float(phi @ band.P @ phi) + _FLOOR**2)
 
@@ -169,7 +171,7 @@ def _features(window: Window, most_W: float) -> FloatArray:
 
 
 def _taken(band: Band, phi: FloatArray, off: float, R: float, hours: float) -> Band:
-    """One step of recursive least squares whose memory fades to the prior and to no less than that."""
+    """One step of recursive least squares with a memory that fades to the prior."""
     keep = math.exp(-hours / MEMORY_H)
     prior = (1.0 - keep) * np.diag(1.0 / _PRIOR_SIGMA**2)
     information = keep * np.linalg.inv(band.P) + prior + np.outer(phi, phi) / R
@@ -202,10 +204,10 @@ def _judged(band: Band, phi: FloatArray, learn_h: float, deadband: float) -> Ban
     """Set whether the heat is above or below its band, with hysteresis."""
     if band.running_h < learn_h:
         return band._replace(side=0)
-    limit, more = _limit(band, phi, deadband), more_than_usual(band)
-    if abs(more) > limit:
-        return band._replace(side=1 if more > 0 else -1)
-    return band._replace(side=0) if abs(more) < CLEAR * limit else band
+    limit, excess = _limit(band, phi, deadband), more_than_usual(band)
+    if abs(excess) > limit:
+        return band._replace(side=1 if excess > 0 else -1)
+    return band._replace(side=0) if abs(excess) < CLEAR * limit else band
 
 
 def _limit(band: Band, phi: FloatArray | None, deadband: float) -> float:

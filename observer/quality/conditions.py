@@ -24,14 +24,15 @@ from observer.record.recorder import RecordStatus
 class Facts:
     """The facts behind conditions and a health report, gathered at one moment.
 
-    `frame` and `estimate` are those of the last cycle, None before the first; `had_estimate` says that a
-    valid estimate has been there; `failure` is the error of the last cycle; `findings` those of the self-test
-    and the screening; `notices` are more reasons, in words; `gap` the figures of the open-loop prediction,
-    `departure` what is beyond its tolerances; `sensors` maps the sensors' channels to their names;
-    `used_sensors` are the names of those that the last estimate uses; `observed` are the problems beside the
-    estimates, such as those of the compensation; `service` are the options that name the machine and axis to
-    a command. `error_known_to_um` is half of the 95 % interval of the thermal error at the nut, or the
-    largest along the screw where the nut's place is unknown.
+    - `frame`, `estimate`: those of the last cycle, None before the first; `failure`: the error of that cycle.
+    - `had_estimate`: whether there has been a valid estimate.
+    - `findings`: those of the self-test and the screening; `observed`: problems beside the estimates, such as
+      those of the compensation; `notices`: further reasons, in words.
+    - `gap`: the figures of the open-loop prediction; `departure`: the part beyond its tolerances.
+    - `sensors`: the names of sensors by channel; `used_sensors`: those that the last estimate uses.
+    - `service`: the options that name the machine and axis to a command.
+    - `error_known_to_um`: half of the 95 % interval of the thermal error at the nut, or the largest along the
+      screw where the place of the nut is unknown.
     """
 
     time_s: float

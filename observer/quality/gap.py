@@ -46,12 +46,14 @@ _DWELL, _COOL = PHASES.index("dwell"), PHASES.index("cool_down")
 
 @dataclass(frozen=True, slots=True)
 class GapState:
-    """What is known after a step that ended at `time_s`, NaN before the first or after a break.
+    """The state after a step that ended at `time_s`, NaN before the first or after a break.
 
-    `x`, `theta` and `P` as in `TolerantState`; `sums` (phases, s, 3): ∫ gap², ∫ allowed² and the time,
-    fading; `waiting` (s, 3) those of a standstill of `stood_s` that may be a dwell or a cool-down; `judged_s`
-    of work so far; `rise_K` of the sensors on average, and its `fastest_K_s` growth; `most_W` any law's most
-    heat; `last_s` is since when a gap is reported, NaN while none is, of sensor number `sensor`, in `phase`.
+    - `x`, `theta`, `P`: those of `TolerantState`.
+    - `sums` (phases, s, 3): the fading integrals of gap², allowed² and time. `waiting` (s, 3): those of a
+      standstill of `stood_s` that may be a dwell or a cool-down.
+    - `judged_s`: the time of work; `most_W`: the largest heat of any law.
+    - `rise_K`: the mean rise of the sensors; `fastest_K_s`: its fastest growth.
+    - `last_s`: since when a gap is reported, NaN without one, at sensor number `sensor` in `phase`.
     """
 
     time_s: float
@@ -96,10 +98,10 @@ class GapWatch:
     def initial(self) -> GapState:
         """The state before the first input."""
         s, begin = len(self._sensors), self._tolerant.initial()
-        none = math.nan
+        unknown = math.nan
         return GapState(
-            none, begin.x, begin.theta, begin.P, np.zeros((len(PHASES), s, 3)), np.zeros((s, 3)), 0.0, 0.0,
-            none, 0.0, 0.0, none, -1, -1,
+            unknown, begin.x, begin.theta, begin.P, np.zeros((len(PHASES), s, 3)), np.zeros((s, 3)), 0.0, 0.0,
+            unknown, 0.0, 0.0, unknown, -1, -1,
         )  # fmt: skip
 
     def restore(self, state: GapState) -> None:
@@ -165,8 +167,9 @@ class GapWatch:
             fastest_K_s=max(state.fastest_K_s * math.exp(-dt_s / FASTEST_FADES_S), rate_K_s),
             most_W=max(state.most_W, heat_W),
         )
-        seen = np.isfinite(gap.gap_K)
-        squares = [np.where(seen, gap.gap_K, 0.0) ** 2, np.where(seen, gap.allowed_K, 0.0) ** 2, seen]
+        is_known = np.isfinite(gap.gap_K)
+        gap_K, allowed_K = (np.where(is_known, K, 0.0) for K in (gap.gap_K, gap.allowed_K))
+        squares = [gap_K**2, allowed_K**2, is_known]
         new = dt_s * np.column_stack(squares)
         if heat_W > WORKS * state.most_W:
             phase = _WARM if rate_K_s > FAST * state.fastest_K_s else _STEADY
@@ -203,7 +206,7 @@ class GapWatch:
             return None
         parts = (state.sums[_REST + 1 :].sum(axis=0), state.sums[_REST])
         gap_K, allowed_K = max(
-            (_rms(part[[state.sensor]]) for part in parts), key=lambda found: float(found[0][0])
+            (_rms(part[[state.sensor]]) for part in parts), key=lambda rms_K: float(rms_K[0][0])
         )
         name, phase = self._sensors[state.sensor], PHASES[state.phase]
         return Departure(name, state.last_s, phase, float(gap_K[0]), float(allowed_K[0]))
@@ -249,8 +252,8 @@ def _resolved(state: GapState, phase: int) -> GapState:
     if state.stood_s == 0.0:
         return state
     spent_s = float(state.waiting[:, 2].max())
-    none = np.zeros_like(state.waiting)
-    return replace(_gathered(state, phase, state.waiting, spent_s), waiting=none, stood_s=0.0)
+    zero = np.zeros_like(state.waiting)
+    return replace(_gathered(state, phase, state.waiting, spent_s), waiting=zero, stood_s=0.0)
 
 
 def _gathered(state: GapState, phase: int, new: FloatArray, spent_s: float) -> GapState:
@@ -264,11 +267,11 @@ def _gathered(state: GapState, phase: int, new: FloatArray, spent_s: float) -> G
 
 def _ratios(sums: FloatArray) -> FloatArray:
     """Each sensor's gap over what is allowed (s,), at work or at rest; 0 where too little is there."""
-    found = []
+    ratios = []
     for part, least_h in ((sums[_REST + 1 :].sum(axis=0), LEAST_H), (sums[_REST], LEAST_REST_H)):
         enough = part[:, 2] >= 3600.0 * least_h
-        found.append(np.where(enough, np.sqrt(part[:, 0] / np.maximum(part[:, 1], 1e-12)), 0.0))
-    return np.asarray(np.max(found, axis=0))
+        ratios.append(np.where(enough, np.sqrt(part[:, 0] / np.maximum(part[:, 1], 1e-12)), 0.0))
+    return np.asarray(np.max(ratios, axis=0))
 
 
 def _phase(sums: FloatArray, sensor: int) -> int:
@@ -278,6 +281,6 @@ def _phase(sums: FloatArray, sensor: int) -> int:
 
 
 def _rms(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The rms gap and what is allowed (s,), K."""
+    """The rms of the gap and of the allowed gap (s,), K."""
     count = np.maximum(sums[:, 2], 1e-12)
     return np.sqrt(sums[:, 0] / count), np.sqrt(sums[:, 1] / count)

@@ -21,13 +21,14 @@ _DIGITS, _DIGITS_OF_DISPLACEMENT = 4, 9
 class Health:
     """A health report.
 
-    `state` is `starting`, `good`, `degraded`, `stale` or `invalid`; `quality` that of the estimates, which is
-    `invalid` before the first; `conditions` say why, and `reasons` the same in sentences. Of each channel its
-    `quality`, the `age_s` of its last usable value (None before the first) and its `fault`; one that comes as
-    it should and is left out of the estimate is `excluded`. What is left out has an `excess`: by how much it
-    reads too much, as `value`, its standard deviation `sigma` (both None while not known), and their `unit`.
-    `degraded_sensors` names the sensors that the last estimate does not use, of `sensors` in all.
-    `error_known_to_um` is half of the 95 % interval of the thermal error at the nut.
+    - `state`: `starting`, `good`, `degraded`, `stale` or `invalid`.
+    - `quality`: that of the estimates, `invalid` before the first.
+    - `conditions`: the reasons for both; `reasons` has their sentences.
+    - `channels`: `quality`, `age_s` of the last usable value (None before the first) and `fault` of each. A
+      fresh channel that the estimate does not use has the quality `excluded`. Its `excess` has a `value`, a
+      standard deviation `sigma` (None while unknown) and a `unit`.
+    - `degraded_sensors`: the sensors that the last estimate does not use, of `sensors` in all.
+    - `error_known_to_um`: half of the 95 % interval of the thermal error at the nut.
     """
 
     time_s: float
@@ -53,7 +54,7 @@ class Health:
         return self.state, self.quality, identities, channels, self.degraded_sensors
 
     def document(self) -> dict[str, Any]:
-        """The report as it is published."""
+        """The published form of the report."""
         head = {"time_s": self.time_s, "state": self.state, "quality": self.quality, "reasons": self.reasons}
         sensors = {
             "sensors_used": self.sensors - len(self.degraded_sensors),

@@ -35,9 +35,10 @@ from observer.quality.alarm_classes import (
 class Condition:
     """One problem.
 
-    `about` is the sensor, channel, source or driver, and `other` a second sensor with the same problem.
-    `detail` is a fault or a phase in one word, or a reported text. `value`, `expected` (NaN without), `unit`
-    and `returns_s` are those of `Finding`; `quality` is that of a channel or of the estimate.
+    - `about`: the sensor, channel, source or driver; `other`: a second sensor with the same problem.
+    - `detail`: a fault or a phase in one word, or a reported text.
+    - `value`, `expected` (NaN without), `unit` and `returns_s`: those of `Finding`.
+    - `quality`: that of a channel or of the estimate.
     """
 
     kind: ConditionKind
@@ -64,7 +65,7 @@ class Condition:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The condition as it is published."""
+        """The published form of the condition."""
         return {
             "kind": self.kind.published_name,
             "about": [name for name in (self.about, self.other) if name],
@@ -91,7 +92,7 @@ def _date(time_s: float) -> str:
 
 
 def _detail(c: Condition, before: str = ": ", after: str = "") -> str:
-    """The detail between two texts, or nothing if there is none."""
+    """The detail between two texts, empty without one."""
     return f"{before}{c.detail}{after}" if c.detail else ""
 
 
@@ -184,12 +185,13 @@ _FIGURES = ("value", "expected", "since_s")
 class KindRecord:
     """The description of a kind of condition.
 
-    `sentence` returns the text of one condition. `fault` is what the self-test or the screening calls it.
-    `alarm` is the class of the alarm that it raises, if any. The alarm is of `target` if the condition names
-    nothing, and `alarm_name` distinguishes it from others of its class and target. It needs a value of at
-    least `alarm_from`. `figures` name the condition's value, expected value and time in the alarm.
-    `excess_unit` is the unit of the excess of a channel that the condition excludes. With
-    `is_beside_the_error`, field and thermal error are unaffected.
+    - `sentence` returns the text of one condition.
+    - `alarm`: the class of the alarm that it raises, if any, from a value of `alarm_from` on. `target` is the
+      alarm's target if the condition names nothing, and `alarm_name` distinguishes several of one target.
+    - `figures`: the names of the condition's value, expected value and time in the alarm.
+    - `fault`: the finding of the self-test or the screening that has this kind.
+    - `excess_unit`: the unit of the excess of a channel that the condition excludes.
+    - `is_beside_the_error`: field and thermal error are unaffected.
     """
 
     sentence: Sentence
@@ -398,7 +400,7 @@ class ConditionKind(Enum):
 
     @property
     def published_name(self) -> str:
-        """The name of the kind in documents; that of its fault for what a test finds."""
+        """The name of the kind in documents. A finding of a test has the name of its fault."""
         fault = self.value.fault
         return (self.name if fault is None else fault.name).lower()
 
