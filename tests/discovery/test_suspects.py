@@ -287,7 +287,7 @@ def test_the_slice_has_ten_of_each_and_sixty_others() -> None:
     ("values_K", "same"), [((1.2, 1.0, 1.4), True), ((2.0, -0.4, 0.8), False), ((-1.1, -1.3, -0.9), True)]
 )
 def test_offsets_that_are_alike_are_the_airs(values_K: tuple[float, ...], same: bool) -> None:
-    fitted: Any = SimpleNamespace(fault=SimpleNamespace(what="offsets"), values=np.array(values_K))
+    fitted: Any = SimpleNamespace(fault=SimpleNamespace(kind="offsets"), values=np.array(values_K))
     assert alike(fitted) is same
     fitted.fault.kind = "ambient"
     assert not alike(fitted)
