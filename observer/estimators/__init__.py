@@ -49,8 +49,8 @@ def _from_outside(kind: str, plant: Plant, settings: EstimatorSettings) -> Estim
             f"estimator: {kind} cannot be called with a plant and the estimator's settings ({error}); give "
             "it __init__(self, plant, settings)"
         ) from None
-    made: Estimator = design(plant, settings)
-    missing = [name for name in ("layout", "initial", "run") if not hasattr(made, name)]
+    estimator: Estimator = design(plant, settings)
+    missing = [name for name in ("layout", "initial", "run") if not hasattr(estimator, name)]
     if missing:
         raise UserError(f"estimator: {kind} has no {' and no '.join(missing)}; an estimator needs them")
-    return made
+    return estimator

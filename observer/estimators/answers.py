@@ -1,10 +1,10 @@
 """Whether readings answer the heats: a sensor that repeats one value stays still while the screw does not.
 
-Each minute a prediction begins from the estimate and runs on for ten minutes by laws and air, without
-readings. A reading that stays constant within its noise, while a prediction of it moves clearly, does not
-answer, and nothing is good until it does. A sensor that stays constant while others answer is at fault.
-Nothing is said where no law has changed lately: a machine at rest asks for no answer. Nor where heats rest on
-their laws, and a prediction moves by no more than these heats leave open.
+Each minute a prediction begins from the estimate. It continues for ten minutes by laws and air, without
+readings. A reading does not answer if it stays constant within its noise while its prediction moves clearly.
+No quality is good until it answers. A sensor that stays constant while others answer is at fault. The test
+needs a recent change of a law: a machine at rest gives no verdict. It also gives none where heats rest on
+their laws and a prediction moves by less than their uncertainty.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from observer.model.plant import Plant
 PREDICTIONS = 10
 """How many predictions run on side by side."""
 SETTLED_S = 1200.0
-"""For so long after a start, readings say more of the model than of the sensors."""
+"""Time after a start during which misfits show errors of the model rather than of the sensors."""
 _BEGIN_STEPS = 12  # of the bank, between the beginnings of two predictions
 _SMOOTH_STEPS = 6.0  # over which readings and predictions are averaged alike
 _SMOOTH_NOISE = 1.0 / np.sqrt(2.0 * _SMOOTH_STEPS - 1.0)  # what averaging leaves of the noise
 _CONSTANT_SIGMA = 3.3  # standard deviations of averaged noise within which a reading is constant
-_ASKED_K, _ASKED_TIMES = 0.7, 8.0  # a prediction that moves so far, in K and in constant readings, asks
+_ASKED_K, _ASKED_TIMES = 0.7, 8.0  # least move of a prediction that calls for an answer, K and relative
 _UNCERTAIN_SIGMA, _ALL_UNCERTAIN_SIGMA = 3.0, 2.0  # and beyond so many of its standard deviations
 _SURE_TIMES = 2.0  # and so much farther proves which sensor is at fault
 _ALL_ASKED, _ALL_CONSTANT = 0.3, 1.1  # of both, in the root mean square over all readings
@@ -38,10 +38,10 @@ _LAW_STEPS, _LAW_SIGMA = 12.0, 4.0  # averaged over, and standard deviations of 
 class SensorAnswers(NamedTuple):
     """How readings (s,) and predictions of them (w, s) have moved, both averaged, since predictions began.
 
-    `silent` (s,) marks sensors that do not answer, `at_fault` (s,) those that are surely at fault,
-    `answering` (s,) those that do. `law_W` (h,) are the laws, averaged, and `first_law_W` (w, h) those when
-    predictions began, with the standard deviations `first_sigma_W` of their heats. `since` holds the time
-    since a law has changed, s, and how many steps there were.
+    Sensors that do not answer are marked in `silent` (s,), those that do in `answering` (s,), and those that
+    are surely at fault in `at_fault` (s,). The averaged laws are `law_W` (h,). When the predictions began,
+    the laws were `first_law_W` (w, h) and their heats had the standard deviations `first_sigma_W`. The array
+    `since` (2,) holds the time since a law last changed, s, and the number of steps.
     """
 
     mean_degC: FloatArray
@@ -61,10 +61,10 @@ class SensorAnswers(NamedTuple):
     @classmethod
     def empty(cls, sensors: int, heats: int) -> Self:
         """Return the answers before the first reading of so many sensors, to so many heats."""
-        unknown, none = np.full((PREDICTIONS, sensors), np.nan), np.zeros(sensors)
+        unknown, zeros = np.full((PREDICTIONS, sensors), np.nan), np.zeros(sensors)
         return cls(
             np.full(sensors, np.nan), unknown, unknown.copy(), unknown.copy(), unknown.copy(), unknown.copy(),
-            none, none.copy(), none.copy(), np.full(heats, np.nan), np.full((PREDICTIONS, heats), np.nan),
+            zeros, zeros.copy(), zeros.copy(), np.full(heats, np.nan), np.full((PREDICTIONS, heats), np.nan),
             np.full((PREDICTIONS, heats), np.nan), np.array([np.inf, 0.0]),
         )  # fmt: skip
 
@@ -125,7 +125,7 @@ class SensorAnswers(NamedTuple):
         changed = np.any(np.abs(self.law_W - self.first_law_W) > _LAW_SIGMA * self.first_sigma_W)
         self.since[0] = 0.0 if changed else self.since[0] + span_s
 
-    def judge(self, constant_K: FloatArray, asked_K: FloatArray, response_K_W: FloatArray) -> None:
+    def judge(self, constant_K: FloatArray, threshold_K: FloatArray, response_K_W: FloatArray) -> None:
         """Mark which sensors answer the laws.
 
         A reading within `constant_K` (s,) is constant; a prediction that moves beyond `asked_K` (s,) asks,
@@ -134,20 +134,20 @@ class SensorAnswers(NamedTuple):
         if self.since[0] > _ASKED_AFTER_S:
             return
         self.answering[:] = self.at_fault[:] = 0.0
-        asked = self.predicted_moved_K / asked_K
-        if not (asked > _ALL_ASKED).any():
+        moved_ratio = self.predicted_moved_K / threshold_K
+        if not (moved_ratio > _ALL_ASKED).any():
             return
         still = self.moved_K / constant_K
         sigma_K = self._sigma_K(response_K_W)
         certain = self.predicted_moved_K > _UNCERTAIN_SIGMA * sigma_K
-        constant = (asked > 1.0) & certain & (still < 1.0)
-        answers = (asked > 1.0) & (self.moved_K > _ANSWER_SHARE * self.predicted_moved_K)
+        constant = (moved_ratio > 1.0) & certain & (still < 1.0)
+        answers = (moved_ratio > 1.0) & (self.moved_K > _ANSWER_SHARE * self.predicted_moved_K)
         unanswered: BoolArray = np.any(constant, axis=0)
         self.answering[:] = np.any(answers, axis=0) & ~unanswered
-        if _none_answers(asked, sigma_K / asked_K, still):
+        if _none_answers(moved_ratio, sigma_K / threshold_K, still):
             unanswered[:] = True
         self.silent[:] = ((self.silent > 0.0) | unanswered) & (self.answering == 0.0)
-        self.at_fault[:] = (constant & (asked > _SURE_TIMES)).any(axis=0)
+        self.at_fault[:] = (constant & (moved_ratio > _SURE_TIMES)).any(axis=0)
 
     def _sigma_K(self, response_K_W: FloatArray) -> FloatArray:
         """Return the standard deviations (w, s) of predictions now, by the heats they began with, in K."""
@@ -158,8 +158,8 @@ class SensorAnswers(NamedTuple):
     def sensor_at_fault(self, taken: BoolArray) -> int:
         """Return the only one of the sensors taken that does not answer while others do, or -1."""
         sure = np.flatnonzero((self.at_fault > 0.0) & taken)
-        alone = len(sure) == 1 and self.silent[taken].sum() == 1.0
-        return int(sure[0]) if alone and self.answering[taken].sum() > 1.0 else -1
+        is_unique = len(sure) == 1 and self.silent[taken].sum() == 1.0
+        return int(sure[0]) if is_unique and self.answering[taken].sum() > 1.0 else -1
 
 
 def answers_of(noise_K: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -189,13 +189,13 @@ def heat_response_K_W(plant: Plant, step_s: float) -> FloatArray:
     return response
 
 
-def _none_answers(asked: FloatArray, sigma: FloatArray, still: FloatArray) -> bool:
+def _none_answers(moved_ratio: FloatArray, sigma: FloatArray, still: FloatArray) -> bool:
     """Return whether, since some prediction began, all of several readings have been constant together.
 
     All are (w, s): how far predictions moved, their standard deviation, and how far readings moved.
     """
-    present = np.isfinite(asked)
+    present = np.isfinite(moved_ratio)
     count = present.sum(axis=1)
-    moves, spread, stays = (np.where(present, a * a, 0.0).sum(axis=1) for a in (asked, sigma, still))
+    moves, spread, stays = (np.where(present, a * a, 0.0).sum(axis=1) for a in (moved_ratio, sigma, still))
     asks = (moves > _ALL_ASKED**2 * count) & (moves > _ALL_UNCERTAIN_SIGMA**2 * spread)
     return bool(((count > 1) & (stays < _ALL_CONSTANT**2 * count) & asks).any())

@@ -1,14 +1,14 @@
-"""A bank of filters beside the estimate: what is left if a sensor is at fault, and the bound that follows.
+"""A bank of filters that use fewer sensors than the estimate, and the bounds that follow from them.
 
-Each filter takes all sensors but some: none of them left out, each alone, each pair, all; one more takes
-them all, and their offsets walk, each and in common, as those of thermocouples and of a reference junction
-drift. If sensor i is at fault, the filter without it is clean, whatever the fault: by how much the estimate
-is off is then no more than how far the two are apart and what the clean one is uncertain by. The largest of
-these over all faults that are to be reckoned with is the bound. Where tolerances are considered, the
-estimate is more uncertain by what drifts make, and never less than some part of how far a clean one is away,
-unless that one is as far as laws are wrong: where these are learnt, no sensor tells a heat from a fault.
-Source: solution separation, Blanch et al. (2012), as satellite navigation has it; here the filters are those
-of the screw. Which sensor is at fault is found in `fault_search`.
+The filters use all sensors, all but each one, all but each pair, and none. In one more filter with all
+sensors, each offset drifts, and so does a common one, like thermocouples and their reference junction.
+
+If sensor i is at fault, the filter without it is unaffected. The error of the estimate is then at most the
+distance between the two plus the uncertainty of the unaffected filter. The bound is the largest such sum over
+all faults in `[integrity]`. Where tolerances are considered, drifts add to the variance of the estimate. Its
+σ is then at least a fixed share of the distance to each unaffected filter. The share does not apply where
+laws are learnt, because sensors then cannot distinguish a heat from a fault. Source: solution separation as
+in satellite navigation, Blanch et al. (2012). `fault_search` finds the sensor at fault.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from observer.estimators import packing
 from observer.estimators.answers import PREDICTIONS, SETTLED_S, SensorAnswers, answers_of, heat_response_K_W
-from observer.estimators.fault_search import SearchResult, Seen, Trace, search
+from observer.estimators.fault_search import BankObservation, SearchResult, Trace, search
 from observer.estimators.steps import StepCache
 from observer.frames import BoolArray, FloatArray, Inputs
 from observer.kernels import pour, record, run_bank
@@ -39,7 +39,7 @@ from observer.model.plant import Plant
 from observer.tables.estimator import Integrity
 
 RISK_PER_H = 1e-5
-"""What the widths of bounds are derived from; how often bounds failed was measured by the campaign."""
+"""Design risk of the half-widths of bounds; a campaign measured the failure rate."""
 DUE_S = 5.0
 """How often the bank steps."""
 _MOST_PAIRS = 28  # of eight sensors; with more, a second fault is found once the first is excluded
@@ -51,7 +51,7 @@ _AFRESH = (
 
 
 class Gathered(NamedTuple):
-    """What is gathered between two steps of the bank (see `observer.kernels.bank.gather`)."""
+    """Inputs and readings summed between two steps of the bank (see `observer.kernels.bank.gather`)."""
 
     span: FloatArray
     law_J: FloatArray
@@ -72,11 +72,11 @@ class Gathered(NamedTuple):
 
 
 class Held(NamedTuple):
-    """The bounds found last, of the heats and of the reported rows, what drifts add to the variances of both,
-    what laws that have changed add to those of heats, and the limits of the rows. `known_sigma` (2,) are the
-    standard deviations of field and error below which they are known, `grid` is the number of rows of the
-    field, and `published` says whether these sensors give a bound, which is at least `sigmas` standard
-    deviations.
+    """The last bounds of the heats and of the reported rows, with the limits `limit` of the rows.
+
+    Drifts add the variances `heat_drift_W2` and `field_drift2`, changed laws add `law_change_W2` to heats.
+    Field and error count as known below the standard deviations `known_sigma` (2,). The field has `grid`
+    rows. These sensors give a bound if `published` is true. A bound is at least `sigmas` standard deviations.
     """
 
     heat_W: FloatArray
@@ -92,8 +92,10 @@ class Held(NamedTuple):
 
 
 class BankFilters(NamedTuple):
-    """The filters of a bank as the kernel takes them: which sensors each uses (F, s), their states, and their
-    results after a step. `misfit` (F, s) and `S` (s, s) are filled as `kernels.bank.run_bank` says.
+    """The filters of a bank as records for the kernel: their states, and their results after a step.
+
+    `uses` (F, s) marks the sensors of each filter. `kernels.bank.run_bank` fills `misfit` (F, s) and `S`
+    (s, s).
     """
 
     gathered: Any
@@ -108,18 +110,19 @@ class BankFilters(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """What a bank is made of: which sensors each filter uses (F, s), and which one lets offsets drift.
+    """The composition of a bank: `uses` (F, s) marks the sensors of each filter.
 
-    `alone` (s,) are the filters without one sensor, `pair` (s, s) those without two, -1 where there is none;
-    the last one has none. `sigmas` is how many standard deviations bound what no fault explains, `clean` the
-    filters that are to be reckoned with as clean, and `fault_sigmas` (c, 1) theirs. `walk_K2_s` is what the
-    variance of offsets that drift grows by in a second.
+    In filter `drifting` offsets drift; the last filter uses no sensor. Filters without one sensor are
+    `without_one` (s,), and those without two are `without_two` (s, s), -1 where the bank has no such filter.
+    A bound without a fault has a half-width of `sigmas` standard deviations. Bounds cover the faults that
+    leave the filters `clean` (c,) unaffected, with half-widths `fault_sigmas` (c, 1). The variance of a
+    drifting offset grows by `walk_K2_s`, K²/s.
     """
 
     uses: NDArray[np.uint8]
     drifting: int
-    alone: NDArray[np.int64]
-    pair: NDArray[np.int64]
+    without_one: NDArray[np.int64]
+    without_two: NDArray[np.int64]
     sigmas: float
     clean: NDArray[np.int64]
     fault_sigmas: FloatArray
@@ -127,35 +130,35 @@ class Design:
 
     @classmethod
     def of(cls, thermal: BoolArray, settings: Integrity) -> Design:
-        """The bank of sensors (s,), of which `thermal` are thermocouples.
+        """Return the bank of the sensors (s,); `thermal` marks thermocouples.
 
-        The others are used by every filter but the last: a probing cycle checks itself, and the bounds do not
-        reckon with its faults.
+        Every filter but the last uses the other sensors. A probing cycle checks itself, so the bounds do not
+        cover its faults.
         """
         sensors = len(thermal)
         pairs = list(combinations(range(sensors), 2)) if sensors * (sensors - 1) // 2 <= _MOST_PAIRS else []
         uses = np.ones((3 + sensors + len(pairs), sensors), np.uint8)
         uses[-1] = 0
-        alone = 1 + np.arange(sensors)
-        uses[alone, np.arange(sensors)] = 0
-        pair = np.full((sensors, sensors), -1)
+        without_one = 1 + np.arange(sensors)
+        uses[without_one, np.arange(sensors)] = 0
+        without_two = np.full((sensors, sensors), -1)
         for at, (i, j) in enumerate(pairs, 2 + sensors):
             uses[at, [i, j]] = 0
-            pair[i, j] = pair[j, i] = at
+            without_two[i, j] = without_two[j, i] = at
         uses[:-1, ~thermal] = 1
         sigmas = [_sigmas(sensors * settings.fault_per_hour)] * sensors
-        clean = alone
+        clean = without_one
         if settings.common_fault_per_hour > RISK_PER_H:
             sigmas.append(_sigmas(settings.common_fault_per_hour))
-            clean = np.append(alone, len(uses) - 1)
+            clean = np.append(without_one, len(uses) - 1)
         return cls(
-            uses, 1 + sensors, alone, pair, _sigmas(1.0), clean, np.array(sigmas)[:, None],
+            uses, 1 + sensors, without_one, without_two, _sigmas(1.0), clean, np.array(sigmas)[:, None],
             settings.drift_K_sqrt_h**2 / 3600.0,
         )  # fmt: skip
 
 
 def _sigmas(fault_per_hour: float) -> float:
-    """How many standard deviations leave half of the risk to a fault that is so likely; 0 if it is rarer."""
+    """Return the standard deviations that leave half of the risk to such a fault; 0 if it is rarer."""
     left = 0.5 * RISK_PER_H / max(fault_per_hour, 1e-300)
     return NormalDist().inv_cdf(1.0 - 0.5 * left) if left < 1.0 else 0.0
 
@@ -172,8 +175,8 @@ class Bank:
         self._rests_on_laws = bool(np.any(plant.parameters.kind == Nuisance.LAW))
         initial = packing.initial_state(plant)
         F = len(self.design.uses)
-        each = packing.thaw(initial)._asdict()
-        stacked = {name: np.repeat(np.asarray(a)[None], F, axis=0) for name, a in each.items()}
+        arrays = packing.thaw(initial)._asdict()
+        stacked = {name: np.repeat(np.asarray(a)[None], F, axis=0) for name, a in arrays.items()}
         self._filters = Bundle.of(stacked)
         self._runnings = tuple(
             packing.Running._make(self._filters[name][f] for name in packing.Running._fields)
@@ -213,48 +216,48 @@ class Bank:
 
     @property
     def is_due(self) -> bool:
-        """Whether so much has been gathered that the filters are to step."""
+        """Whether the filters must step."""
         return bool(self.gathered.span[SPAN_S] >= self.gathered.span[DUE])
 
     @property
     def octets(self) -> NDArray[np.uint8]:
-        """Where it stands."""
+        """The state of the bank as bytes."""
         return np.concatenate([self._own.octets, self._filters.octets])
 
     def take(self, octets: NDArray[np.uint8]) -> None:
-        """Stand where a bank stood; without anything, at the beginning."""
-        own = len(self._own.octets)
+        """Restore the state of a bank from its bytes; ignore bytes of another size."""
+        own_size = len(self._own.octets)
         self._octets = None
-        if len(octets) == own + len(self._filters.octets):
-            self._own.octets[:], self._filters.octets[:] = octets[:own], octets[own:]
+        if len(octets) == own_size + len(self._filters.octets):
+            self._own.octets[:], self._filters.octets[:] = octets[:own_size], octets[own_size:]
 
-    def begin_at(self, x: FloatArray, P: FloatArray, around: FloatArray) -> None:
-        """Have every filter stand at the same state."""
+    def begin_at(self, x: FloatArray, P: FloatArray, linearisation_point: FloatArray) -> None:
+        """Set every filter to the same state."""
         self._octets = None
         self._answers.begin_again()
         for state in self._runnings:
             state.flags[0] = 1
-            state.x[:], state.P[:, : len(P)], state.around[:] = x, P, around
+            state.x[:], state.P[:, : len(P)], state.around[:] = x, P, linearisation_point
 
     def keep(self) -> tuple[bytes, bytes]:
-        """Return where it stands, to be put back; the filters are copied only after they stepped."""
+        """Return the state to be put back; the filters are copied only after a step."""
         if self._octets is None:
             self._octets = self._filters.octets.tobytes()
         return self._own.octets.tobytes(), self._octets
 
-    def put_back(self, kept: tuple[bytes, bytes]) -> None:
-        """Stand where it stood."""
-        self._own.put_back(kept[0])
-        if self._octets is not kept[1]:
-            self._filters.put_back(kept[1])
-            self._octets = kept[1]
+    def put_back(self, saved: tuple[bytes, bytes]) -> None:
+        """Restore a state that `keep` returned."""
+        self._own.put_back(saved[0])
+        if self._octets is not saved[1]:
+            self._filters.put_back(saved[1])
+            self._octets = saved[1]
 
     def step(
         self, main: packing.Running, main_record: Any, results: packing.Results, k: int, time_s: float
     ) -> None:
-        """Step every filter over what was gathered, hold the bounds, and act on what is found.
+        """Step every filter over the gathered inputs, update the bounds, and exclude a sensor at fault.
 
-        `main` is the estimate's state after its step k, `results` that and what else it has found.
+        `main` is the estimate's state after its step k, and `results` are its results.
         """
         self._octets = None
         pour(self.gathered_record, main_record, self._batch.inputs)
@@ -271,37 +274,38 @@ class Bank:
             self._act(main, span_s, time_s)
 
     def _hold(self, results: packing.Results, k: int, age_s: float) -> None:
-        """Work out the bounds: over all filters that a fault leaves clean, the farthest they reach.
+        """Compute the bounds: the largest reach over all filters that a fault leaves unaffected.
 
-        Heats are compared from their laws, which the bank knows as means over its steps.
+        Heats are compared as deviations from their laws, which the bank averages over its steps.
         """
-        design, held, found = self.design, self.held, self._results
-        heat_W = np.abs((results.heat[k] - results.law[k]) - (found.heat - found.law))
-        field = np.abs(results.field[k] - found.field)
+        design, bounds, filtered = self.design, self.held, self._results
+        heat_W = np.abs((results.heat[k] - results.law[k]) - (filtered.heat - filtered.law))
+        field = np.abs(results.field[k] - filtered.field)
         for bound, apart, sigma in (
-            (held.heat_W, heat_W, found.heat_sigma),
-            (held.field, field, found.field_sigma),
+            (bounds.heat_W, heat_W, filtered.heat_sigma),
+            (bounds.field, field, filtered.field_sigma),
         ):
             bound[:] = np.max(apart[design.clean] + design.fault_sigmas * sigma[design.clean], axis=0)
         if self._allows:
-            held.heat_drift_W2[:] = self._drift(found.heat_sigma, 0.0)
-            apart = found.field[design.drifting] - found.field[0]
-            more = self._drift(found.field_sigma, apart)
-            # before, filters without a sensor have yet to find the field; on laws alone they are always away
+            bounds.heat_drift_W2[:] = self._drift(filtered.heat_sigma, 0.0)
+            apart = filtered.field[design.drifting] - filtered.field[0]
+            extra_variance = self._drift(filtered.field_sigma, apart)
+            # before, filters without a sensor have not settled; with laws alone they always differ
             if age_s >= YOUNG_S and not self._rests_on_laws:
-                away = field[design.alone].max(axis=0) / _TRUSTED
-                more = np.fmax(more, away**2 - found.field_sigma[0] ** 2)
-            held.field_drift2[:] = np.fmax(more, 0.0)
+                away = field[design.without_one].max(axis=0) / _TRUSTED
+                extra_variance = np.fmax(extra_variance, away**2 - filtered.field_sigma[0] ** 2)
+            bounds.field_drift2[:] = np.fmax(extra_variance, 0.0)
 
     def _drift(self, sigma: FloatArray, apart: FloatArray | float) -> FloatArray:
-        """What offsets that drift add to the variances of an estimate: by how much more the filter is
-        uncertain that lets them, and how far it is `apart`; 0 where that is not known.
+        """Return the variance that drifting offsets add to an estimate; 0 where it is unknown.
+
+        It is the extra variance of the filter with drifting offsets plus the square of its distance `apart`.
         """
-        more = np.maximum(sigma[self.design.drifting] ** 2 - sigma[0] ** 2, 0.0) + np.square(apart)
-        return np.asarray(np.nan_to_num(more, nan=0.0))
+        extra_variance = np.maximum(sigma[self.design.drifting] ** 2 - sigma[0] ** 2, 0.0) + np.square(apart)
+        return np.asarray(np.nan_to_num(extra_variance, nan=0.0))
 
     def _note_answers(self, main: packing.Running, span_s: float) -> None:
-        """Compare how readings move with predictions from earlier estimates, which run on without them."""
+        """Compare the movement of readings with that of predictions from earlier estimates."""
         answers, inputs, taken = self._answers, self._inputs, main.guard["cause"] == 0.0
         if main.verdict[0].age_s < SETTLED_S:
             answers.forget()
@@ -316,21 +320,23 @@ class Bank:
         main.guard["agrees_s"][(answers.silent > 0.0) & ~taken] = 0.0  # not taken back before it answers
 
     def _act(self, main: packing.Running, span_s: float, time_s: float) -> None:
-        """Look for a fault, and leave the sensor out that is found; what is ambiguous is not good."""
-        each = self.design.alone, np.arange(len(main.guard))
-        seen = Seen(
+        """Search for a fault and exclude the sensor at fault; an ambiguous fault lowers the quality."""
+        own_filter = self.design.without_one, np.arange(len(main.guard))
+        observation = BankObservation(
             float(main.verdict[0].age_s),
             main.guard["cause"] == 0.0,
             main.guard["cause"] == DEPARTED,
             self._thermal,
-            self._misfit[each],
-            np.where(self.design.pair >= 0, self._misfit[self.design.pair, each[1]], np.nan),
+            self._misfit[own_filter],
+            np.where(
+                self.design.without_two >= 0, self._misfit[self.design.without_two, own_filter[1]], np.nan
+            ),
             self._results.innovation[0],
             self._S,
         )
         result = SearchResult(False, -1, 0)
         if main.verdict[0].latch == 0.0:
-            result = search(seen, self._trace, self._answers, span_s)
+            result = search(observation, self._trace, self._answers, span_s)
         if result.doubted:
             main.verdict[0].hold_s = DECIDED_S
         if result.latch:
@@ -339,7 +345,7 @@ class Bank:
             self._exclude(result.sensor, main, time_s)
 
     def _exclude(self, i: int, main: packing.Running, time_s: float) -> None:
-        """Go on without sensor i, from the filter that never had it; every other one from its like."""
+        """Exclude sensor i: continue each filter from the one that does not use it either."""
         design, guard = self.design, main.guard[i]
         guard.cause, guard.excess_K = DEPARTED, np.nan
         for name in _AFRESH:
@@ -348,18 +354,18 @@ class Bank:
             guard.first_out_s = time_s
         main.suspect[i] = main.refused_s[i] = main.opened_K[i] = 0.0
         self._answers.begin_again()
-        clean = int(design.alone[i])
+        clean = int(design.without_one[i])
         _copy(self._runnings[clean], main)
-        for j, without in enumerate(design.pair[i]):
+        for j, without in enumerate(design.without_two[i]):
             if without >= 0:
-                _copy(self._runnings[without], self._runnings[design.alone[j]])
+                _copy(self._runnings[without], self._runnings[design.without_one[j]])
         for f in np.flatnonzero(design.uses[:, i]):
-            if f not in design.alone:
+            if f not in design.without_one:
                 _copy(self._runnings[clean], self._runnings[f])
 
 
 def _copy(source: packing.Running, into: packing.Running) -> None:
-    """Take over field, heats and what is learnt."""
+    """Copy field, heats and learnt parameters."""
     for name in ("x", "P", "around"):
         getattr(into, name)[...] = getattr(source, name)
 
@@ -373,7 +379,7 @@ def _largest_prior(plant: Plant) -> FloatArray:
 
 
 def _between(plant: Plant) -> dict[str, Any]:
-    """What is remembered beside the filters: what is gathered, the bounds last found, what has been seen."""
+    """Return the arrays a bank keeps between steps: gathered inputs, bounds, trace and answers."""
     m, p, M = len(plant.B.T), len(plant.E.T), len(plant.moving)
     n_x, s, R = len(plant.decay_1_s), plant.rows.sensors, len(plant.rows.C)
     m_e = int(plant.estimated.sum())

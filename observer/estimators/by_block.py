@@ -1,4 +1,4 @@
-"""What all estimators share: a block is cut into chunks of few step lengths, and each is run through."""
+"""Common base of all estimators: cuts a block into chunks of few step lengths and runs each chunk."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # only the Kalman filter has one
 
 
 class Scratch:
-    """What kernels change on the way, as records that live as long as the estimator; a `bank` beside it."""
+    """The memory that kernels change during a run, as records, with the `bank` of filters if there is one."""
 
     def __init__(
         self, arrays: packing.PlantArrays, initial: EstimatorState, bank: Bank | None = None
@@ -34,13 +34,13 @@ class Scratch:
         self.bank = bank
 
     def take(self, state: EstimatorState) -> None:
-        """Stand at a state."""
+        """Set the state."""
         packing.thaw_into(self.running, state)
         if self.bank is not None:
             self.bank.take(state.bank)
 
     def state(self, time_s: float) -> EstimatorState:
-        """Where it stands."""
+        """Return the state at a time."""
         state = packing.freeze(self.running, time_s)
         return state if self.bank is None else replace(state, bank=self.bank.octets)
 
@@ -50,18 +50,18 @@ class Scratch:
             self.bank.step(self.running, self.running_record, results, k, time_s)
 
     def keep(self) -> Any:
-        """Return where it stands, to be put back."""
+        """Return the state to be put back."""
         return self.bundle.octets.tobytes(), None if self.bank is None else self.bank.keep()
 
-    def put_back(self, kept: Any) -> None:
-        """Stand where it stood."""
-        self.bundle.put_back(kept[0])
+    def put_back(self, saved: Any) -> None:
+        """Restore a state that `keep` returned."""
+        self.bundle.put_back(saved[0])
         if self.bank is not None:
-            self.bank.put_back(kept[1])
+            self.bank.put_back(saved[1])
 
 
 class BlockEstimator(ABC):
-    """An `Estimator`, but for what it does with a chunk of steps."""
+    """An `Estimator` without the step itself, which subclasses define in `take`."""
 
     def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
         """Bring the plant into the kernels' form, once."""
@@ -78,7 +78,7 @@ class BlockEstimator(ABC):
 
     @property
     def layout(self) -> Layout:
-        """What the columns of the estimates are."""
+        """The columns of the estimates."""
         return self._plant.layout
 
     def initial(self) -> EstimatorState:
@@ -86,10 +86,10 @@ class BlockEstimator(ABC):
         return packing.initial_state(self._plant)
 
     def at(
-        self, state: EstimatorState, x_hat: FloatArray, P: FloatArray, around: FloatArray
+        self, state: EstimatorState, x_hat: FloatArray, P: FloatArray, linearisation_point: FloatArray
     ) -> EstimatorState:
-        """Return a state with field, heats and what is learnt replaced."""
-        return replace(state, x_hat=x_hat, P=P, around=around)
+        """Return a state with field, heats and learnt parameters replaced."""
+        return replace(state, x_hat=x_hat, P=P, around=linearisation_point)
 
     def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
         """Take K steps; a run of K is, to the last bit, K runs of one."""
@@ -105,7 +105,7 @@ class BlockEstimator(ABC):
         return scratch.state(time_s), packing.to_block(self._plant, inputs.time_s, results)
 
     def scratch(self) -> Scratch:
-        """Allocate what kernels change on the way; each thread has its own."""
+        """Allocate the memory that kernels change; each thread has its own."""
         return Scratch(self._arrays, self.initial())
 
     def single(self, inputs: Inputs, length_s: float) -> Chunk:
@@ -114,7 +114,7 @@ class BlockEstimator(ABC):
 
     @abstractmethod
     def take(self, chunk: Chunk, inputs: Any, scratch: Any, out: packing.Results, results: Any) -> None:
-        """Take a chunk's steps: change the state, fill in the results; what else is in the scratch is stale.
+        """Take a chunk's steps: update the state and fill in the results; other scratch data is stale.
 
         `inputs` are the chunk's, and `results` are `out`, as kernels take them.
         """

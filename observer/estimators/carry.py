@@ -1,11 +1,10 @@
-"""An estimate carried from one model of a screw into another: as what it says of field and heats.
+"""Carries an estimate from one model of a screw into another, by means of field and heats.
 
-States of two models are of different number and meaning; the temperature at a place and the watts of a source
-are not. The new estimator starts as ever, from one look at its sensors. What it then takes for the law of
-field and heats, y = H x, is replaced by that of the old one, and what is open when they are known stays as it
-was: p(x) = ∫ p(x | y) p_old(y) dy (Jeffrey 1965, probability kinematics). A correction by what the old one
-says, as if that were a measurement, would count the prior twice. What the old model has learnt of itself is
-not carried, since that was to make up for what it lacked.
+States of two models differ in number and meaning; the temperature at a place and the watts of a source do
+not. The new estimator starts from its sensors. Its distribution of field and heats, y = H x, is then replaced
+by that of the old one. The distribution of x given y stays: p(x) = ∫ p(x | y) p_old(y) dy (Jeffrey 1965,
+probability kinematics). Using the old estimate as a measurement would count the prior twice. Learnt
+parameters of the old model are not carried, because they compensate for its own errors.
 """
 
 from __future__ import annotations
@@ -22,13 +21,17 @@ from observer.model.learning import Nuisance
 from observer.model.plant import Plant
 
 APART = 0.05
-"""In K and W: how far two models may be apart in what the old one takes for certain, such as the shape that a
-heat gives the field near its source."""
+"""σ in K and W by which two models may differ where the old model claims certainty.
+
+An example is the shape of the field near a source of heat.
+"""
 
 
 class Carried(NamedTuple):
-    """What an estimate says whatever its model: of the field at `position_m` (g,), and of heats and lagged
-    heats by the names of their sources; `value` (r,) in °C and W, `covariance` (r, r) in this order.
+    """An estimate that does not depend on its model: field, heats and lagged heats.
+
+    The field is at `position_m` (g,); `heats` and `lags` are the names of sources. `value` (r,), °C and W,
+    and `covariance` (r, r) have this order.
     """
 
     position_m: FloatArray
@@ -41,7 +44,7 @@ class Carried(NamedTuple):
 def carry_from(
     plant: Plant, state: EstimatorState, inputs: Inputs, estimate: EstimateBlock
 ) -> Carried | None:
-    """What is known after a step with these inputs and this estimate, None where that is nothing."""
+    """Return the estimate after a step with these inputs; None before the start or where it is not finite."""
     heats, lags = plant.layout.sources, plant.source_names
     value = np.concatenate(
         [estimate.field_degC[-1], estimate.heat_W[-1], plant.lag_rows @ state.x_hat[: len(plant.decay_1_s)]]
@@ -51,20 +54,23 @@ def carry_from(
     H = _rows(plant, inputs, estimate.law_W[-1], heats, lags)
     covariance = H @ state.P @ H.T
     sigma = np.concatenate([estimate.field_sigma_K[-1], estimate.heat_sigma_W[-1]])
-    beyond = np.maximum(sigma**2 - np.diag(covariance)[: len(sigma)], 0.0)  # what a bank adds beside P
-    covariance[np.arange(len(sigma)), np.arange(len(sigma))] += beyond
+    extra_variance = np.maximum(sigma**2 - np.diag(covariance)[: len(sigma)], 0.0)  # of the bank
+    covariance[np.arange(len(sigma)), np.arange(len(sigma))] += extra_variance
     return Carried(plant.layout.position_m, heats, lags, value, covariance)
 
 
-def carry_into(plant: Plant, estimator: CarriesOver, known: Carried, inputs: Inputs) -> EstimatorState | None:
-    """The state of another model's estimator that knows the same; `inputs` are those of one step.
+def carry_into(
+    plant: Plant, estimator: CarriesOver, carried: Carried, inputs: Inputs
+) -> EstimatorState | None:
+    """Return the state of another model's estimator with the same field and heats.
 
-    None where the places of the field are others, no heat has the name it had, or no sensor has a value.
+    `inputs` are those of one step. None if the places of the field differ, no heat has the same name, or no
+    sensor has a value.
     """
     sources = plant.layout.sources
-    heats = tuple(name for name in sources if name in known.heats)
-    lags = tuple(name for name in plant.source_names if name in known.lags)
-    if not heats or not np.array_equal(plant.layout.position_m, known.position_m):
+    heats = tuple(name for name in sources if name in carried.heats)
+    lags = tuple(name for name in plant.source_names if name in carried.lags)
+    if not heats or not np.array_equal(plant.layout.position_m, carried.position_m):
         return None
     state, estimate = estimator.run(
         estimator.initial(), inputs._replace(usable=np.isfinite(inputs.y_degC), dt_s=np.zeros(1))
@@ -72,70 +78,72 @@ def carry_into(plant: Plant, estimator: CarriesOver, known: Carried, inputs: Inp
     if not state.started:
         return None
     law_W = estimate.law_W[-1]
-    H, said = _rows(plant, inputs, law_W, heats, lags), _places(known, heats, lags)
-    beside = [
+    H, selected = _rows(plant, inputs, law_W, heats, lags), _places(carried, heats, lags)
+    offsets = [
         plant.rows.F[plant.rows.field_slice] @ inputs.z_end[-1],
         [law_W[sources.index(name)] for name in heats],
         np.zeros(len(lags)),
     ]
-    nu = known.value[said] - np.concatenate(beside) - H @ state.x_hat
-    held = np.zeros(0, np.int64)
+    nu = carried.value[selected] - np.concatenate(offsets) - H @ state.x_hat
+    considered = np.zeros(0, np.int64)
     if plant.learning is not None:
-        held = len(plant.decay_1_s) + len(sources) + plant.learning.arrays.held
-    x, P = _replaced(state.x_hat, state.P, H, nu, known.covariance[np.ix_(said, said)], held)
-    return estimator.at(state, x, P, _around(plant, inputs, x, state.around))
+        considered = len(plant.decay_1_s) + len(sources) + plant.learning.arrays.held
+    x, P = _replaced(state.x_hat, state.P, H, nu, carried.covariance[np.ix_(selected, selected)], considered)
+    return estimator.at(state, x, P, _linearisation_point(plant, inputs, x, state.around))
 
 
 def _rows(
     plant: Plant, inputs: Inputs, law_W: FloatArray, heats: tuple[str, ...], lags: tuple[str, ...]
 ) -> FloatArray:
-    """What field, heats beyond their laws and lagged heats are of the states (n,) of an estimator."""
+    """Return H (r, n): field, deviations of heats from their laws, and lagged heats by the states (n,)."""
     n_x, sources = len(plant.decay_1_s), plant.layout.sources
-    own = n_x + len(sources)
+    first_parameter = n_x + len(sources)
     C = columns_in_place(plant, inputs, -1)[1][plant.rows.field_slice]
-    H = np.zeros((len(C) + len(heats) + len(lags), own + plant.learnt))
+    H = np.zeros((len(C) + len(heats) + len(lags), first_parameter + plant.learnt))
     H[: len(C), :n_x] = C
     for row, name in enumerate(heats, len(C)):
         j = sources.index(name)
         H[row, n_x + j] = 1.0
         if plant.learning is not None:
             kind, of = plant.learning.arrays.kind, plant.learning.arrays.of
-            H[row, own + np.flatnonzero((kind == Nuisance.LAW) & (of == j))] = law_W[j]
+            H[row, first_parameter + np.flatnonzero((kind == Nuisance.LAW) & (of == j))] = law_W[j]
     for row, name in enumerate(lags, len(C) + len(heats)):
         H[row, :n_x] = plant.lag_rows[plant.source_names.index(name)]
     return H
 
 
-def _places(known: Carried, heats: tuple[str, ...], lags: tuple[str, ...]) -> list[int]:
-    """Which of the values are of the whole field, of these heats, and of these lags."""
-    g, m = len(known.position_m), len(known.heats)
+def _places(carried: Carried, heats: tuple[str, ...], lags: tuple[str, ...]) -> list[int]:
+    """Return the indices of the whole field, of these heats and of these lags in `Carried.value`."""
+    g, m = len(carried.position_m), len(carried.heats)
     return [
         *range(g),
-        *(g + known.heats.index(name) for name in heats),
-        *(g + m + known.lags.index(name) for name in lags),
+        *(g + carried.heats.index(name) for name in heats),
+        *(g + m + carried.lags.index(name) for name in lags),
     ]
 
 
 def _replaced(
-    x: FloatArray, P: FloatArray, H: FloatArray, nu: FloatArray, R: FloatArray, held: NDArray[np.int64]
+    x: FloatArray, P: FloatArray, H: FloatArray, nu: FloatArray, R: FloatArray, considered: NDArray[np.int64]
 ) -> tuple[FloatArray, FloatArray]:
-    """A state and its covariance with what they say of H x replaced: moved by `nu`, with the covariance R.
+    """Return state and covariance with the distribution of H x replaced: shifted by `nu`, covariance R.
 
-    What is `held` is considered only, and keeps its value (Schmidt 1966).
+    The `considered` states keep their values (Schmidt 1966).
     """
     S = H @ P @ H.T + APART**2 * np.eye(len(H))
     scale = 1.0 / np.sqrt(np.diag(S))  # kelvins and watts of very different size stand in it
     G = np.linalg.solve(scale[:, None] * S * scale, scale[:, None] * (H @ P)).T * scale
-    G[held] = 0.0
+    G[considered] = 0.0
     left = np.eye(len(x)) - G @ H
     after = left @ P @ left.T + G @ (R + APART**2 * np.eye(len(H))) @ G.T
     return x + G @ nu, 0.5 * (after + after.T)
 
 
-def _around(plant: Plant, inputs: Inputs, x: FloatArray, around: FloatArray) -> FloatArray:
-    """Where the effects of what is learnt are taken (`EstimatorState.around`): at the new state."""
+def _linearisation_point(
+    plant: Plant, inputs: Inputs, x: FloatArray, linearisation_point: FloatArray
+) -> FloatArray:
+    """Return the linearisation point of the parameters (`EstimatorState.around`) at the new state."""
     if plant.learning is None:
-        return around
+        return linearisation_point
     n_x, n = len(plant.decay_1_s), len(plant.decay_1_s) + len(plant.layout.sources)
     sensors = plant.rows.sensor_slice
     C = columns_in_place(plant, inputs, -1)[1][sensors]

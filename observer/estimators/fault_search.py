@@ -1,10 +1,10 @@
-"""Which sensor is at fault, by what filters that never had its readings expect of it.
+"""Finds the sensor at fault by comparing each reading with filters that do not use that sensor.
 
-The misfit of a sensor is how far its reading is from what all others expect, in standard deviations. One
-beyond four is a suspect. A fault of one reading misleads the filters that use it, so the sensor at fault is
-the one without which all others agree, and clearly better than without any other. Where none is, or a second
-one departs, it cannot be identified. A sensor that does not answer the heats (`answers`) is in doubt. What
-all innovations have in common over minutes is no single sensor's doing: then all readings drift. Source:
+The misfit of a sensor is its reading minus the expectation of all others, in standard deviations. A sensor
+with a misfit beyond four is a suspect. A faulty reading misleads the filters that use it. The sensor at fault
+is therefore the one whose removal makes all others agree, clearly better than any other removal. If no sensor
+qualifies, or a second one departs, the fault is ambiguous. A sensor that does not answer the heats
+(`answers`) is in doubt. A trend common to all innovations over minutes means that all readings drift. Source:
 after Brown and Chin (1998) and Blanch et al. (2012).
 """
 
@@ -21,26 +21,26 @@ from observer.kernels.codes import AMBIGUOUS, DRIFTING
 from observer.kernels.screening import YOUNG_S
 
 MISFIT = 4.0
-"""Standard deviations of what the others expect, beyond which a reading is at fault."""
-_TRACE = 120  # steps of the bank that are looked back on, ten minutes
-_TOGETHER = (24, 120), 6.0  # over so many, standard deviations that all innovations have in common
-# Standard deviations by which one sensor's fault explains more than any other's, of a suspect and of another.
+"""Standard deviations from the expectation of the others beyond which a reading is a suspect."""
+_TRACE = 120  # steps of the bank in the trace, ten minutes
+_COMMON_DRIFT = (24, 120), 6.0  # numbers of steps, and the limit of the common innovation in σ
+# Standard deviations by which one fault must explain more than any other: of a suspect, of another sensor.
 _CLEARER, _CLEAREST = 0.5, 2.5
 _AMBIGUOUS_S = 600.0
 _ENOUGH = 3  # sensors, of which one can be identified as wrong
 
 
-class Seen(NamedTuple):
-    """What a step of the bank has seen, of s sensors.
+class BankObservation(NamedTuple):
+    """Results of a step of the bank for s sensors.
 
-    For `age_s` all inputs have been known; which sensors are `there`, which have `departed`, and which are
-    `thermal`, not of a displacement (s,); how far readings are from what all others expect, in standard
-    deviations, `misfit` (s,); `misfit_of_pair` (s, s), that of the second of two sensors without both; the
-    innovations (s,) of all, and their covariance (s, s).
+    All inputs have been known for `age_s`. The masks (s,) `used`, `departed` and `thermal` mark sensors in
+    use, excluded sensors and thermocouples. The `misfit` (s,) is a reading's distance from the expectation of
+    all others, in standard deviations. In `misfit_of_pair` (s, s) it is that of the second of two sensors
+    without both. The innovations `innovation_K` (s,) and their covariance (s, s) are of all sensors.
     """
 
     age_s: float
-    there: BoolArray
+    used: BoolArray
     departed: BoolArray
     thermal: BoolArray
     misfit: FloatArray
@@ -50,8 +50,10 @@ class Seen(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """What innovations had in common lately, in a ring; how many steps there were; and for how long it has
-    not been clear which sensor is at fault.
+    """The common part of recent innovations, and the state of the search.
+
+    `shared` (120,) is a ring of the common part in standard deviations, and `steps` (1,) counts its steps.
+    `waited_s` (1,) is the time for which the fault has been ambiguous.
     """
 
     shared: FloatArray
@@ -65,74 +67,82 @@ class Trace(NamedTuple):
 
 
 class SearchResult(NamedTuple):
-    """Whether readings are in doubt, the sensor at fault, -1 for none, and what cannot be explained, or 0."""
+    """Result of the search: `doubted` readings, the `sensor` at fault or -1, and the code to `latch` or 0."""
 
     doubted: bool
     sensor: int
     latch: int
 
 
-def search(seen: Seen, trace: Trace, answers: SensorAnswers, span_s: float) -> SearchResult:
-    """Note what was seen over the last `span_s`, and say which sensor is at fault."""
-    _note(seen, trace)
-    if seen.age_s < YOUNG_S:
+def search(observation: BankObservation, trace: Trace, answers: SensorAnswers, span_s: float) -> SearchResult:
+    """Record the observation of the last `span_s`, and return the sensor at fault."""
+    _note(observation, trace)
+    if observation.age_s < YOUNG_S:
         trace.waited_s[0] = 0.0
         return SearchResult(False, -1, 0)
-    if _together(trace):
+    if _has_common_drift(trace):
         return SearchResult(True, -1, DRIFTING)
-    suspects = np.flatnonzero(seen.there & (np.abs(seen.misfit) > MISFIT)).tolist()
-    sensor = answers.sensor_at_fault(seen.there)
-    silent = answers.silent[seen.there].sum()
+    suspects = np.flatnonzero(observation.used & (np.abs(observation.misfit) > MISFIT)).tolist()
+    sensor = answers.sensor_at_fault(observation.used)
+    silent = answers.silent[observation.used].sum()
     if not suspects and sensor < 0:
         trace.waited_s[0] = 0.0
         return SearchResult(bool(silent), -1, 0)
     if sensor < 0 and silent <= 1.0:
-        sensor = _explaining(suspects, seen)
+        sensor = _explaining(suspects, observation)
     if sensor >= 0:
         trace.waited_s[0] = 0.0
-        return SearchResult(True, -1, AMBIGUOUS) if seen.departed.any() else SearchResult(True, sensor, 0)
+        return (
+            SearchResult(True, -1, AMBIGUOUS) if observation.departed.any() else SearchResult(True, sensor, 0)
+        )
     trace.waited_s[0] += span_s
-    lost = trace.waited_s[0] > _AMBIGUOUS_S and seen.there.sum() >= _ENOUGH
+    lost = trace.waited_s[0] > _AMBIGUOUS_S and observation.used.sum() >= _ENOUGH
     return SearchResult(True, -1, AMBIGUOUS if lost else 0)
 
 
-def _note(seen: Seen, trace: Trace) -> None:
-    """Note what all innovations of thermocouples have in common, in standard deviations."""
-    if seen.age_s < SETTLED_S:
+def _note(observation: BankObservation, trace: Trace) -> None:
+    """Record the common part of all thermocouples' innovations, in standard deviations."""
+    if observation.age_s < SETTLED_S:
         trace.steps[0] = 0
         return
     at = int(trace.steps[0]) % _TRACE
     trace.steps[0] += 1
     trace.shared[at] = 0.0
-    used = np.isfinite(seen.innovation_K)
-    if (used & seen.thermal).sum() > 1:
-        weight = np.linalg.inv(seen.covariance_K2[np.ix_(used, used)])
-        each = seen.thermal[used].astype(float)
-        trace.shared[at] = float(each @ weight @ seen.innovation_K[used] / np.sqrt(each @ weight @ each))
+    used = np.isfinite(observation.innovation_K)
+    if (used & observation.thermal).sum() > 1:
+        weight = np.linalg.inv(observation.covariance_K2[np.ix_(used, used)])
+        direction = observation.thermal[used].astype(float)
+        trace.shared[at] = float(
+            direction @ weight @ observation.innovation_K[used] / np.sqrt(direction @ weight @ direction)
+        )
 
 
-def _together(trace: Trace) -> bool:
-    """Whether all innovations have more in common than chance makes."""
-    lengths, most = _TOGETHER
+def _has_common_drift(trace: Trace) -> bool:
+    """Return whether the common part of all innovations is larger than chance allows."""
+    lengths, most = _COMMON_DRIFT
     count = int(trace.steps[0])
     last = trace.shared[(count - 1 - np.arange(_TRACE)) % _TRACE]
     return any(count >= n and abs(last[:n].sum()) > most * np.sqrt(n) for n in lengths)
 
 
-def _explaining(suspects: list[int], seen: Seen) -> int:
-    """The sensor without which the others agree, and clearly better than without any other; -1 for none.
+def _explaining(suspects: list[int], observation: BankObservation) -> int:
+    """Return the sensor whose removal makes the others agree, clearly better than any other, or -1.
 
-    One that is a suspect itself is to be clearer by less.
+    A suspect needs a smaller lead over the others.
     """
-    there = np.flatnonzero(seen.there).tolist()
-    left = {i: _left_apart(i, there, seen) for i in there}
+    used = np.flatnonzero(observation.used).tolist()
+    left = {i: _left_apart(i, used, observation) for i in used}
     best = min(left, key=lambda i: left[i])
     rest = min((apart for i, apart in left.items() if i != best), default=np.inf)
     clear = rest >= left[best] + (_CLEARER if best in suspects else _CLEAREST)
     return best if clear and left[best] <= MISFIT else -1
 
 
-def _left_apart(i: int, there: list[int], seen: Seen) -> float:
-    """How far the worst of the readings that are left without sensor i is from what the others expect."""
-    others = [j for j in there if j != i and np.isfinite(seen.misfit_of_pair[i, j])]
-    return float(np.abs(seen.misfit_of_pair[i, others]).max()) if len(others) >= _ENOUGH - 1 else float("inf")
+def _left_apart(i: int, used: list[int], observation: BankObservation) -> float:
+    """Return the largest misfit of the remaining readings without sensor i, in standard deviations."""
+    others = [j for j in used if j != i and np.isfinite(observation.misfit_of_pair[i, j])]
+    return (
+        float(np.abs(observation.misfit_of_pair[i, others]).max())
+        if len(others) >= _ENOUGH - 1
+        else float("inf")
+    )

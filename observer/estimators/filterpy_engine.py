@@ -1,7 +1,7 @@
 """The Kalman filter on filterpy's dense matrices: slow, to compare the compiled one with.
 
-The matrices are those of the `specification`, prediction and correction are filterpy's; what surrounds them,
-the start, the gate, what is learnt, the qualities, are the kernels run as Python.
+The matrices are those of the `specification`; prediction and correction are filterpy's. Start, gate,
+learning and qualities are the kernels run as Python.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class FilterpyEstimator(BlockEstimator):
     def _write(self, u: Inputs, k: int, scratch: Scratch, out: Results) -> None:
         """Write step k."""
         p, work, state = self._arrays, scratch.work, scratch.running
-        known = judging.write_step(p, u, k, state, work, out)
+        is_valid = judging.write_step(p, u, k, state, work, out)
         learning.report_learned(p, state.x, state.P, k, work, out)
-        if not known:
+        if not is_valid:
             judging.invalidate(out, k)

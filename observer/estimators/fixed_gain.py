@@ -42,11 +42,10 @@ Design = Callable[[StepMatrices, BoolArray], FloatArray | Refusal]
 
 
 class GainBank:
-    """Gains by sensors and step length, designed when first needed; a pure function of both, so order does
-    not matter.
+    """Gains by sensors and step length, each designed at its first use; their order does not matter.
 
-    Where `design(step, present)` refuses, as those sensors determine nothing, the observer predicts
-    only, and its σ grow. A gain (n, s) has rows of zeros for what the plant considers only.
+    Where `design(step, present)` refuses, the observer predicts only, and its σ grow. A gain (n, s) has rows
+    of zeros for considered parameters.
     """
 
     def __init__(self, plant: Plant, period_s: float, design: Design) -> None:
@@ -64,7 +63,7 @@ class GainBank:
 
     @property
     def table(self) -> Any:
-        """The same as the kernel takes it."""
+        """All gains so far as a record for the kernel."""
         if self._table is None:
             self._table = record(self.gains)
         return self._table
@@ -96,17 +95,17 @@ class GainBank:
 class FixedGainEstimator(BlockEstimator):
     """An observer with a designed gain for every set of sensors and length of step.
 
-    The gain is designed for field and heats alone. What the plant knows only roughly is considered (Schmidt
-    1966): it keeps its value, and its covariance with field and heats is in every σ. `refused` is the error's
-    text where there is no gain for all sensors. One that `settles` takes the Kalman gain of the moment until
-    the error of the start has faded.
+    The gain is designed for field and heats alone. Nuisance parameters of the plant are considered (Schmidt
+    1966): they keep their values, and every σ contains their covariance. The error has the text `refused` if
+    no gain for all sensors exists. An observer that `settles` takes the current Kalman gain until the error
+    of the start has faded.
     """
 
     settles: ClassVar[bool]
     refused: ClassVar[str]
 
     def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
-        """Design the gain for all sensors at the period. Raises `UserError` where there is none."""
+        """Design the gain for all sensors at the period. Raises `UserError` if none exists."""
         self._settings, self._design_plant = settings, replace(plant, learning=None)
         super().__init__(considering_all(plant), settings)
         step = step_matrices(self._design_plant, settings.period_s)
@@ -118,20 +117,20 @@ class FixedGainEstimator(BlockEstimator):
 
     @abstractmethod
     def gain(self, step: StepMatrices, present: BoolArray) -> FloatArray | Refusal:
-        """The gain K (n, s) for a step and the sensors `present` (s,)."""
+        """Return the gain K (n, s) for a step and the sensors `present` (s,)."""
 
     def scratch(self) -> FixedGainScratch:
-        """Return what kernels change on the way."""
+        """Return the memory that kernels change."""
         return FixedGainScratch(self._arrays, self.initial(), self._settling_s)
 
     def take(self, chunk: Chunk, inputs: Any, scratch: FixedGainScratch, _out: Results, results: Any) -> None:
-        """Run the kernel, designing the gains it asks for on the way."""
-        own, at = scratch.own, scratch.at
-        own.bins, batch = self._bank.bins(chunk.lengths_s), self.batch(chunk, inputs)
+        """Run the kernel, and design the gains that it requests."""
+        work, at = scratch.gain_work, scratch.at
+        work.bins, batch = self._bank.bins(chunk.lengths_s), self.batch(chunk, inputs)
         at[:] = 0
         while True:
-            own.gains = self._bank.table
-            run_fixed_gain(batch, scratch.running_record, results, own)
+            work.gains = self._bank.table
+            run_fixed_gain(batch, scratch.running_record, results, work)
             if at[KEY] == DONE:
                 return
             self._bank.add(int(at[KEY]))
@@ -144,12 +143,12 @@ def _settling_s(plant: Plant, step: StepMatrices, K: FloatArray) -> float:
 
 
 def considering_all(plant: Plant) -> Plant:
-    """Return the plant of which nothing is learnt and all that is only roughly known is considered."""
+    """Return the plant with all nuisance parameters considered, none of them learnt."""
     if plant.learning is None:
         return plant
-    arrays, none = plant.learning.arrays, np.zeros(0)
+    arrays, empty = plant.learning.arrays, np.zeros(0)
     learning = Learning(
-        arrays._replace(held=np.arange(len(arrays.kind))), (), np.zeros(0, np.int64), none, none,
+        arrays._replace(held=np.arange(len(arrays.kind))), (), np.zeros(0, np.int64), empty, empty,
         plant.learning.wander_s,
     )  # fmt: skip
     return replace(plant, learning=learning, layout=replace(plant.layout, learned=()))
@@ -165,9 +164,9 @@ class GainTable(NamedTuple):
 
 
 class FixedGainWork(NamedTuple):
-    """What a run with given gains works on: `settling_s` and `at` (3,) as in `kernels.fixed_gain.observe`.
+    """Data of a run with designed gains: `settling_s` and `at` (3,) as in `kernels.fixed_gain.observe`.
 
-    `work` is a record; `bins` (D,) of a table's step lengths and the record `gains` are set for each run.
+    `work` is a record. Each run sets `bins` (D,), those of a table's step lengths, and the record `gains`.
     """
 
     settling_s: float
@@ -178,20 +177,20 @@ class FixedGainWork(NamedTuple):
 
 
 class FixedGainScratch(Scratch):
-    """What kernels change on the way, and what they ask for: `at` (3,)."""
+    """The memory that kernels change, and their request for a gain: `at` (3,)."""
 
     def __init__(self, arrays: PlantArrays, initial: EstimatorState, settling_s: float) -> None:
         """Allocate it."""
         super().__init__(arrays, initial)
         self.at = np.zeros(3, np.int64)
-        self.own = record(FixedGainWork(settling_s, self.at, self.work_record))
+        self.gain_work = record(FixedGainWork(settling_s, self.at, self.work_record))
 
 
 class ConstantGainEstimator(FixedGainEstimator):
     """Kalman filter with the steady gain of every set of sensors, as a controller would run it.
 
-    Laws whose uncertain jumps matter, and moving nuts whose columns change much, are better served by
-    `KalmanEstimator`: the gain here is that of the mean columns and of no jumps. σ does contain the jumps.
+    The gain is that of the mean columns of moving nuts, without jumps of laws; σ contains the jumps. Use
+    `KalmanEstimator` where uncertain jumps of laws or the motion of nuts matter.
     """
 
     settles = True
@@ -201,7 +200,7 @@ class ConstantGainEstimator(FixedGainEstimator):
     )
 
     def gain(self, step: StepMatrices, present: BoolArray) -> FloatArray | Refusal:
-        """The steady Kalman gain, or a more cautious one."""
+        """Return the steady Kalman gain, or a more cautious one."""
         gain = gain_for(self._design_plant, step, present, self._settings)
         return gain.K if isinstance(gain, LuenbergerGain) else gain
 
@@ -216,11 +215,11 @@ class LuenbergerEstimator(FixedGainEstimator):
     )
 
     def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
-        """Find the bandwidth, and the gain for all sensors; raises `UserError` where there is none."""
+        """Compute the bandwidth and the gain for all sensors; raises `UserError` if none exists."""
         self._bandwidth_1_s = bandwidth(plant, settings)
         super().__init__(plant, settings)
 
     def gain(self, step: StepMatrices, present: BoolArray) -> FloatArray | Refusal:
-        """The gain that places the poles."""
+        """Return the gain that places the poles."""
         gain = gain_for(self._design_plant, step, present, self._settings, self._bandwidth_1_s)
         return gain.K if isinstance(gain, LuenbergerGain) else gain

@@ -25,8 +25,8 @@ class KalmanEstimator(BlockEstimator):
     """Time-varying Kalman filter of the augmented state [x | δ]; the heat of a source is its law + δ.
 
     x⁺ = Ad x + known inputs, P⁺ = Ad P Adᵀ + Qd, then one correction by all sensors that are present and pass
-    the gate. Source: Kalman (1960). With `integrity`, readings are screened before they correct
-    (`observer.kernels.screening`), and a bank of filters stands beside it (`observer.estimators.bank`).
+    the gate. Source: Kalman (1960). With `integrity`, readings are screened before the correction
+    (`observer.kernels.screening`), and a bank of filters bounds the error (`observer.estimators.bank`).
     """
 
     def __init__(self, plant: Plant, settings: EstimatorSettings, integrity: Integrity | None = None) -> None:
@@ -41,22 +41,22 @@ class KalmanEstimator(BlockEstimator):
 
     @cached_property
     def _begin(self) -> NDArray[np.uint8]:
-        """A bank before the first measurement."""
+        """The bytes of a bank before the first measurement."""
         return self._bank().octets
 
     def at(
-        self, state: EstimatorState, x_hat: FloatArray, P: FloatArray, around: FloatArray
+        self, state: EstimatorState, x_hat: FloatArray, P: FloatArray, linearisation_point: FloatArray
     ) -> EstimatorState:
-        """Return a state with field, heats and what is learnt replaced, in the bank too."""
-        replaced = super().at(state, x_hat, P, around)
+        """Return a state with field, heats and learnt parameters replaced, also in the bank."""
+        replaced = super().at(state, x_hat, P, linearisation_point)
         if self._integrity is None:
             return replaced
         bank = self._bank()
-        bank.begin_at(x_hat, P, around)
+        bank.begin_at(x_hat, P, linearisation_point)
         return replace(replaced, bank=bank.octets)
 
     def scratch(self) -> Scratch:
-        """Allocate what kernels change on the way; each thread has its own."""
+        """Allocate the memory that kernels change; each thread has its own."""
         bank = None if self._integrity is None else self._bank()
         scratch = Scratch(self._arrays, self.initial(), bank)
         scratch.running.flags[2] = bank is not None and bool(np.isfinite(bank.held.limit).any())
@@ -64,7 +64,7 @@ class KalmanEstimator(BlockEstimator):
 
     def _bank(self) -> Bank:
         assert self._integrity is not None
-        return Bank(self._plant, self._integrity, self.plant_record, self._steps.beside())
+        return Bank(self._plant, self._integrity, self.plant_record, self._steps.with_own_table())
 
     def take(self, chunk: Chunk, inputs: Any, scratch: Scratch, out: Results, results: Any) -> None:
         """Take a chunk's steps by the compiled filter."""

@@ -26,20 +26,20 @@ class LiveEstimator:
     """
 
     def __init__(self, estimator: BlockEstimator, inputs: Inputs, inputs_record: Any) -> None:
-        """Allocate it; `inputs` are where those of each step will be."""
+        """Allocate the memory; each step's inputs are written into `inputs`."""
         self._estimator, self._inputs, self._inputs_record = estimator, inputs, inputs_record
         self._scratch, plant = estimator.scratch(), estimator.plant
-        made = packing.empty_results(plant, 1)
-        self._block = Bundle.of(_columns(packing.to_block(plant, inputs.time_s, made)))
+        allocated = packing.empty_results(plant, 1)
+        self._block = Bundle.of(_columns(packing.to_block(plant, inputs.time_s, allocated)))
         self.fields = self._block.fields
-        own = {ours: self._block[name] for ours, name in _SAME.items()}
+        shared_arrays = {ours: self._block[name] for ours, name in _SAME.items()}
         self._learned = self._block["learned"], self._block["learned_sigma"]
-        self._folds = made.field.shape[1] > self._block["field_degC"].size + self._block["error_um"].size
+        self._folds = allocated.field.shape[1] > self._block["field_degC"].size + self._block["error_um"].size
         if not self._folds:
-            own["field"] = self._block.over("field_degC", made.field.shape)
-            own["field_sigma"] = self._block.over("field_sigma_K", made.field.shape)
-            own["field_bound"] = self._block.over("field_bound_K", made.field.shape)
-        self.results = made._replace(**own)
+            shared_arrays["field"] = self._block.over("field_degC", allocated.field.shape)
+            shared_arrays["field_sigma"] = self._block.over("field_sigma_K", allocated.field.shape)
+            shared_arrays["field_bound"] = self._block.over("field_bound_K", allocated.field.shape)
+        self.results = allocated._replace(**shared_arrays)
         results = self._results_record = record(self.results)
         kalman = isinstance(estimator, KalmanEstimator)
         self.record = record(
@@ -54,12 +54,12 @@ class LiveEstimator:
         )  # fmt: skip
 
     def _table_of(self, length_s: float) -> Any:
-        """The table of steps of this length."""
+        """Return the table of steps of this length."""
         self._chunk = self._estimator.single(self._inputs, length_s)
         return self._chunk.table
 
     def _bounded(self) -> tuple[Any, Any, Callable[[], None] | None]:
-        """What is gathered for the bank, the bounds it holds, and its step."""
+        """Return the bank's gathered inputs, its bounds and its step; None without a bank."""
         bank = self._scratch.bank
         if bank is None:
             return None, None, None
@@ -70,13 +70,13 @@ class LiveEstimator:
         self._scratch.step_bank(self.results, 0, float(self._inputs.time_s[0]))
 
     def _take(self) -> None:
-        """Take the step whose inputs are there, where the kernel does not know how."""
+        """Take the step for an estimator that has no compiled step."""
         self._estimator.take(
             self._chunk, self._inputs_record, self._scratch, self.results, self._results_record
         )
 
     def _name(self) -> None:
-        """Fill in what is made of results with names and units."""
+        """Fill in the columns that are computed from results with names and units."""
         plant = self._estimator.plant
         self._learned[0][...], self._learned[1][...] = packing.learned_of(plant, self.results)
         if self._folds:
@@ -85,29 +85,30 @@ class LiveEstimator:
                 self._block[name][...] = getattr(named, name)
 
     def keep(self) -> tuple[Any, float]:
-        """Return where it stands, to be put back."""
+        """Return the state to be put back."""
         return self._scratch.keep(), self._block["time_s"][0]
 
-    def put_back(self, kept: tuple[Any, float]) -> None:
-        """Stand where it stood."""
-        self._scratch.put_back(kept[0])
-        self._block["time_s"][0] = kept[1]
+    def put_back(self, saved: tuple[Any, float]) -> None:
+        """Restore a state that `keep` returned."""
+        self._scratch.put_back(saved[0])
+        self._block["time_s"][0] = saved[1]
 
     @property
     def state(self) -> EstimatorState:
-        """Where it stands."""
+        """The current state."""
         return self._scratch.state(float(self._block["time_s"][0]))
 
     def take(self, state: EstimatorState) -> None:
-        """Stand at a state."""
+        """Set the state."""
         self._scratch.take(state)
         self._block["time_s"][0] = state.time_s
 
 
 class EstimatorTick(NamedTuple):
-    """What the kernel takes: `other` takes the step if it is not the Kalman filter's, `finish` ends it.
+    """The data of one step for the kernel.
 
-    With a bank, `step_bank` steps it when it is due.
+    `other` takes the step of an estimator that is not the Kalman filter, and `finish` ends the step.
+    `step_bank` steps the bank of filters when it is due.
     """
 
     batch: packing.Batch
@@ -148,7 +149,7 @@ def _columns(block: EstimateBlock) -> dict[str, Any]:
 
 
 class TestTick(NamedTuple):
-    """What the kernel takes for the self-test."""
+    """The data of one self-test for the kernel."""
 
     paths: tuple[Any, ...]
     travel_m: FloatArray
@@ -168,7 +169,7 @@ class LiveSelfTest:
         """Allocate it for the steps of a memory; `paths` are records of the positions' samples."""
         self._bundle = Bundle.of(test.initial()._asdict())
         self._state = SelfTestState._make(self._bundle[name] for name in SelfTestState._fields)
-        seen = Tested(
+        tested = Tested(
             inputs.time_s, inputs.dt_s, inputs.quality, results.sensor_quality, results.innovation,
             results.innovation_sigma, results.heat, results.heat_sigma, results.law,
             np.empty((1, len(test.travel_m)), MOTION_STEP),
@@ -177,24 +178,24 @@ class LiveSelfTest:
             TestTick(
                 tuple(paths[channel] for channel in test.travel_m),
                 np.array(list(test.travel_m.values()), float).reshape(-1, 2),
-                self._state, inputs_record, seen, test.trust_record, np.empty(3),
+                self._state, inputs_record, tested, test.trust_record, np.empty(3),
             )
         )  # fmt: skip
 
     def keep(self) -> bytes:
-        """Return where it stands, to be put back."""
+        """Return the state to be put back."""
         return self._bundle.octets.tobytes()
 
-    def put_back(self, kept: bytes) -> None:
-        """Stand where it stood."""
-        self._bundle.put_back(kept)
+    def put_back(self, saved: bytes) -> None:
+        """Restore a state that `keep` returned."""
+        self._bundle.put_back(saved)
 
     @property
     def state(self) -> SelfTestState:
-        """Where it stands."""
+        """The current state."""
         return SelfTestState._make(array.copy() for array in self._state)
 
     def take(self, state: SelfTestState) -> None:
-        """Stand at a state."""
-        for own, given in zip(self._state, state, strict=True):
-            own[...] = given
+        """Set the state."""
+        for array, value in zip(self._state, state, strict=True):
+            array[...] = value

@@ -1,4 +1,4 @@
-"""What the kernels take: a plant, steps and inputs as plain contiguous arrays."""
+"""Records for the kernels: a plant, steps and inputs as contiguous arrays."""
 
 from __future__ import annotations
 
@@ -20,12 +20,14 @@ IntArray = NDArray[np.int64]
 # Rows of a covariance are padded with zeros to whole vector registers: a step is twice as fast for it. Rows
 # of 512 bytes would all share few places of the processor's cache: then it is half a register less, or more.
 _REGISTER, _CROWDED = 16, 64
-_TOGETHER = 4  # sensors that the kernels take at a time
+_SENSORS_AT_ONCE = 4  # sensors that the kernels take at a time
 
 
 class Batch(NamedTuple):
-    """K steps as records of the kernels: a plant, their inputs, the table of their lengths, and `step` (K,),
-    where each one's length is in it. A reading farther off than `gate_sigma` standard deviations is rejected.
+    """K steps as records of the kernels: a plant, their inputs, and the table of their lengths.
+
+    The index of each length in the table is `step` (K,). A reading farther off than `gate_sigma` standard
+    deviations is rejected.
     """
 
     plant: Any
@@ -38,12 +40,18 @@ class Batch(NamedTuple):
 class PlantArrays(NamedTuple):
     """A plant for the kernels; input columns are stored as rows, which the inner loops walk.
 
-    `B` (m, n_x), `E` (p, n_x); `C` (s, n_x), `F` (s, p) the sensors' rows, and as padded columns those that
-    are reported, `rows` (n_x, W), `rows_F` (p, W); `R_K2` (s,), `uniform` (n_x,), `lags` (m, n_x) each
-    source's lag at 1 W, `prior_P` (n_x, n_x), `initial_W2`, `jump_uncertainty` (m_e,); `source` (m_e,) the
-    source of each estimated heat; `moving` (M,) the source of each moving column and `moving_heat` (M,) its
-    estimated heat, -1 if it is not estimated; `thermal` (s,) which sensors are thermocouples; `VT` and
-    `inverse_T` (n_x, n_x) the transposed matrices of `learn`.
+    | Array | Meaning |
+    |---|---|
+    | `B` (m, n_x), `E` (p, n_x) | columns of sources and of known inputs |
+    | `C` (s, n_x), `F` (s, p) | rows of the sensors |
+    | `rows` (n_x, W), `rows_F` (p, W) | reported rows, as padded columns |
+    | `R_K2` (s,), `uniform` (n_x,) | variance of a reading; states of a screw at 1 °C |
+    | `lags` (m, n_x) | each source's lag at 1 W |
+    | `prior_P` (n_x, n_x), `initial_W2`, `jump_uncertainty` (m_e,) | uncertainty at the start and of jumps |
+    | `source` (m_e,) | source of each estimated heat |
+    | `moving` (M,), `moving_heat` (M,) | source of each moving column; its estimated heat, or -1 |
+    | `thermal` (s,) | true for thermocouples |
+    | `VT`, `inverse_T` (n_x, n_x) | transposed matrices of `learn` |
     """
 
     modes: int
@@ -70,9 +78,10 @@ class PlantArrays(NamedTuple):
 
 
 class Running(NamedTuple):
-    """The state while it runs, changed in place: `P` (n, padded width), `flags` [started, silent,
-    limited, gain_sensors]: limited says that bounds have limits, which decide whether a missing sensor is
-    needed.
+    """The state during a run, changed in place; `P` is (n, padded width).
+
+    The `flags` are [started, silent, limited, gain_sensors]. If `limited` is set, bounds have limits, which
+    decide whether a missing sensor is needed.
     """
 
     x: FloatArray
@@ -88,14 +97,21 @@ class Running(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch of the kernels: `B`, `C`, `rows` with the moving columns in place, `law` (m,) the heats by law
-    at the temperatures of the moment, `driven` (n_x,), `before` (2, n_x) the states that the halves of a
-    coupling began from, `link` (4, w) of what couples states, `half_step` and `half_step_T` half a step of
-    that as a matrix, made of `made_of` (see `advance.form_half`), `plain` and `plain_B` a state and the
-    columns where parameters are described, and the arrays of one step. `C` has the columns of all states
-    where something is learnt, and of the plant's where not. `CT` (n_x, S) are the sensors' rows as padded
-    columns, for the plant's states; `S` (s, S) the covariances of the innovations but for R, each row from
-    its own sensor on; `read` (S,).
+    """Scratch memory of the kernels, with the arrays of one step.
+
+    | Array | Meaning |
+    |---|---|
+    | `B`, `C`, `rows` | columns with moving nuts in place; `C` covers all states if parameters are learnt |
+    | `law` (m,) | heats by law at the current temperatures |
+    | `driven` (n_x,) | rate of change by heats and known inputs |
+    | `before` (2, n_x) | states at the start of each half of a coupling |
+    | `link` (4, w) | scratch of couplings |
+    | `half_step`, `half_step_T` | half a step of the couplings as a matrix (see `advance.form_half`) |
+    | `made_of` | the inputs that `half_step` was made of |
+    | `plain`, `plain_B` | a state and columns in the basis of the parameters |
+    | `CT` (n_x, S) | rows of the sensors as padded columns, for the plant's states |
+    | `S` (s, S) | covariances of the innovations without R, each row from its sensor on |
+    | `read` (S,) | readings |
     """
 
     B: FloatArray
@@ -199,18 +215,18 @@ def pack_plant(plant: Plant) -> PlantArrays:
 
 
 def states_of(plant: Plant) -> int:
-    """Return how many states an estimator of the plant has: its own, the heats' and what is learnt."""
+    """Return the number of an estimator's states: the plant's, the heats' and the learnt parameters."""
     return len(plant.decay_1_s) + int(plant.estimated.sum()) + plant.learnt
 
 
 def initial_state(plant: Plant, *, screens: bool = False) -> EstimatorState:
     """Return the state before the first usable measurement; `screens`, where readings are screened."""
     n, never = states_of(plant), np.zeros(plant.rows.sensors)
-    around = np.zeros(0)
+    linearisation_point = np.zeros(0)
     if plant.learning is not None:
-        around = np.zeros(n - plant.learnt + 2 * len(never))
+        linearisation_point = np.zeros(n - plant.learnt + 2 * len(never))
     return EstimatorState(
-        np.zeros(n), np.zeros((n, n)), False, never, never, never, float("nan"), around=around,
+        np.zeros(n), np.zeros((n, n)), False, never, never, never, float("nan"), around=linearisation_point,
         guard=np.zeros(len(never) if screens else 0, SENSOR_GUARD), verdict=np.zeros(1, SCREENING_VERDICT),
     )  # fmt: skip
 
@@ -252,7 +268,7 @@ def scratch(arrays: PlantArrays) -> Work:
     (m, n_x), m_e, s = arrays.B.shape, len(arrays.source), len(arrays.R_K2)
     n, learn = n_x + m_e + len(arrays.learn.kind), arrays.learn
     width, columns = padded_width(n), max(m_e + learn.machine, 1)
-    sensors, shown = layout.padded_width(s, _TOGETHER), arrays.rows.shape[1]
+    sensors, shown = layout.padded_width(s, _SENSORS_AT_ONCE), arrays.rows.shape[1]
     half_step, half_step_T = half_step_columns(arrays.coupling)
     shapes: dict[str, tuple[int, ...]] = {
         "value": (shown,), "shared": (shown,), "law": (m,), "driven": (n_x,), "shift": (n_x,),
@@ -298,10 +314,10 @@ def freeze(running: Running, time_s: float) -> EstimatorState:
 
 
 def empty_results(plant: Plant, steps: int) -> Results:
-    """Allocate results for that many steps; the kernels write every row of them but the bounds, which are not
-    known where nothing else is said.
+    """Allocate results for this number of steps; bounds are NaN until a kernel writes them.
 
-    The numbers are one piece of memory: the system gives a large one in large pages, at a fifth of the price.
+    The numbers are one piece of memory: the system provides a large one in large pages, at a fifth of the
+    cost.
     """
     m_e, s = int(plant.estimated.sum()), plant.rows.sensors
     wide, learnt = len(plant.rows.C) - s, plant.learnt
@@ -333,7 +349,7 @@ def cut(results: Results, part: slice) -> Results:
 
 
 def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBlock:
-    """Give the results their names."""
+    """Return the results as a block of estimates."""
     g = plant.rows.grid
     error_um, error_sigma_um = fold(plant.rows.restraint, results.field[:, g:], results.field_sigma[:, g:])
     learned, learned_sigma = learned_of(plant, results)
@@ -366,8 +382,10 @@ def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBloc
 
 
 def learned_of(plant: Plant, results: Results) -> tuple[FloatArray, FloatArray]:
-    """What has been learnt (K, l) and its σ, in the units of its names."""
-    learned, sigma, known = results.learned, results.learned_sigma, plant.learning
-    if known is None:
+    """Return the learnt parameters (K, l) and their σ, in the units of their names."""
+    learned, sigma, learning = results.learned, results.learned_sigma, plant.learning
+    if learning is None:
         return learned, sigma
-    return known.value + known.unit * learned[:, known.states], known.unit * sigma[:, known.states]
+    return learning.value + learning.unit * learned[:, learning.states], learning.unit * sigma[
+        :, learning.states
+    ]

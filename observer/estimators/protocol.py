@@ -1,4 +1,4 @@
-"""What every estimator is: designed once, then a pure step over blocks of inputs."""
+"""Interface of estimators: designed once, then a pure step over blocks of inputs."""
 
 from __future__ import annotations
 
@@ -16,18 +16,24 @@ SENSOR_GUARD, SCREENING_VERDICT = state_type("SensorGuard"), state_type("Screeni
 
 @dataclass(frozen=True, slots=True)
 class EstimatorState:
-    """Where an estimator stands after a step.
+    """The state of an estimator after a step.
 
-    Shapes, with n = n_x + m_e + L (plant states, then the estimated heats' deviations from their laws, then
-    what is learnt or considered): `x_hat` (n,), `P` (n, n). `started` is false until the first usable
-    measurement. `suspect` (s,) counts the steps for which each sensor has been refused in a row, `refused_s`
-    (s,) for how long, and `opened_K` (s,) how far off it was when the state was last opened for it; `silent`
-    counts the steps in a row in which no sensor was good; for `lost_s` the place of a nut has not been known.
-    `gain_sensors` are the sensors, as bits, of the given gain in use. `around` (n_x + m_e + 2 s,) is where
-    the effects of what is learnt are taken, with what each sensor would read there without and with a lag;
-    empty where nothing is learnt. `guard` (s,) and `verdict` (1,) are
-    what the screening of readings remembers (`kernels/states.pxd`), `bank` where the filters beside it stand
-    (`observer.estimators.bank`), as octets; without screening they are empty.
+    The n = n_x + m_e + L states are the plant's, the estimated heats' deviations from their laws, and the
+    parameters. Their estimate is `x_hat` (n,), with the covariance `P` (n, n).
+
+    | Field | Meaning |
+    |---|---|
+    | `started` | false until the first usable measurement |
+    | `suspect` (s,), `refused_s` (s,) | steps and time for which a sensor has been rejected in a row |
+    | `opened_K` (s,) | a sensor's innovation when the covariance was last opened for it |
+    | `silent` | steps in a row without a good sensor |
+    | `lost_s` | time for which the position of a nut has been unknown |
+    | `gain_sensors` | sensors, as bits, of the designed gain in use |
+    | `around` (n_x + m_e + 2 s,) | linearisation point of the parameters; empty if nothing is learnt |
+    | `guard` (s,), `verdict` (1,) | memory of the screening (`kernels/states.pxd`); `guard` may be empty |
+    | `bank` | bytes of the bank of filters (`observer.estimators.bank`), or empty |
+
+    The linearisation point ends with each sensor's reading there, without and with a lag.
     """
 
     x_hat: FloatArray
@@ -51,20 +57,20 @@ class Estimator(Protocol):
 
     @property
     def layout(self) -> Layout:
-        """What the columns of the estimates are."""
+        """The columns of the estimates."""
 
     def initial(self) -> EstimatorState:
-        """The state before the first measurement."""
+        """Return the state before the first measurement."""
 
     def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
-        """K steps; a run of K is, to the last bit, K runs of one."""
+        """Take K steps; a run of K is, to the last bit, K runs of one."""
 
 
 @runtime_checkable
 class CarriesOver(Estimator, Protocol):
-    """One whose `x_hat` and `P` are those of the plant, so that they can be carried into another model."""
+    """An estimator whose `x_hat` and `P` are those of the plant and can be carried into another model."""
 
     def at(
-        self, state: EstimatorState, x_hat: FloatArray, P: FloatArray, around: FloatArray
+        self, state: EstimatorState, x_hat: FloatArray, P: FloatArray, linearisation_point: FloatArray
     ) -> EstimatorState:
-        """Return a state with field, heats and what is learnt replaced."""
+        """Return a state with field, heats and learnt parameters replaced."""

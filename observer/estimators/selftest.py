@@ -1,10 +1,10 @@
 """A self-test that always runs: do sensors and model agree, and does each heat lie near its law?
 
-Innovations of a filter whose model is right are white, of mean nothing and of the size it expects (Kailath
-1968; Mehra and Peschon 1971). They are averaged over about a minute and about ten, per sensor. A wrong model
-or a wrong input need not show there, because the heats make up for it: so each heat is held against its law
-within what the law is trusted for, and all heats together, since a wrong film or ambient moves all of them
-one way. What fails lowers the quality of the estimate, and says why; it clears when the last minute is clean.
+Innovations of a filter with a correct model are white, with mean zero and the predicted variance (Kailath
+1968; Mehra and Peschon 1971). They are averaged over about a minute and about ten, per sensor. Heats can
+compensate for a wrong model or input. Each heat is therefore compared with its law, within the law's
+uncertainty. All heats are also compared together, because a wrong film or ambient moves all of them one way.
+A failed test lowers the quality and gives a reason. It clears when the last minute passes.
 """
 
 from __future__ import annotations
@@ -27,14 +27,16 @@ from observer.kernels.selftest import OF_HEAT, OF_SENSOR, SKEW_S, GREATEST_ACCEL
 from observer.model.plant import Plant
 
 _SLACK = 1.4
-"""The limits are then 3.5 and 2.8 standard deviations of all heats together: one of 2 is passed by one in
-twenty machines that are as their tolerances say.
+"""Factor on the limits, which are then 3.5 and 2.8 standard deviations of all heats together.
+
+One in twenty machines within their tolerances would pass a limit of 2.
 """
 
 
 class Fault(IntEnum):
-    """What may fail, of a sensor (the first four), a heat (two), all heats, or a nut (two); then what the
-    screening of readings has found of a sensor (two), of all of them, or of the air.
+    """Failures: of a sensor (the first four), a heat (two), all heats, or a nut (two).
+
+    Then the results of screening: of a sensor (two), of all sensors, or of the air.
     """
 
     BIASED = 0
@@ -59,14 +61,13 @@ class Fault(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that fails: what, of which sensor, source or nut, since when, and by how much.
+    """A failed test: its fault, its sensor, source or nut, its start, and its size.
 
-    `value` is in the unit of the fault: a mean in σ, a correlation, a ratio to the expected noise, the
-    innovation in K, a heat in W, a ratio of ways, a jump in m, what a sensor reads too much in K;
-    `expected` is what it is held against, the σ of the last, or the time in s between the polls of a position
-    that has jumped. `other` is the sensor with which this one was exchanged. `unit` is that of a reading, um
-    where it is a displacement. `returns_s` is in how long an excluded sensor that agrees again is used, NaN
-    while it does not.
+    The `value` of a sensor's fault is a mean in σ, a correlation, a ratio to the expected noise, an
+    innovation in K, or an excess in K. For other faults it is a heat in W, a ratio of travelled distances, or
+    a jump in m. The reference is `expected`: σ for an excess, the time in s between polls of the position for
+    a jump. The sensor was exchanged with `other`. Readings have the `unit` um for a displacement. An excluded
+    sensor that agrees again is used in `returns_s`, NaN while it does not agree.
     """
 
     fault: Fault
@@ -80,13 +81,16 @@ class Finding:
 
 
 class SelfTestState(NamedTuple):
-    """What is remembered.
+    """The memory of the self-test.
 
-    `sensor` (s, 2) per window, `last` (s,) and `motion` (M,) are those of `kernels/states.pxd`; `heat`
-    (m_e + 1, 2) is the mean distance from the law per window, the last row that of all heats; `peak_W`
-    (m_e,); `since_s`, `value`, `expected` (T,) of each test, NaN while it passes;
-    `steps`, `first_s` (T,) how often it has failed, and when first; `refused` (1,) whether a sensor was
-    refused at the last step.
+    | Field | Meaning |
+    |---|---|
+    | `sensor` (s, 2), `last` (s,), `motion` (M,) | records of `kernels/states.pxd`, `sensor` per window |
+    | `heat` (m_e + 1, 2) | mean distance from the law per window; the last row is that of all heats |
+    | `peak_W` (m_e,) | largest heats |
+    | `since_s`, `value`, `expected` (T,) | the current failure of each test, NaN while it passes |
+    | `steps`, `first_s` (T,) | number of failed steps, and the time of the first |
+    | `refused` (1,) | whether a sensor was rejected at the last step |
     """
 
     sensor: Records
@@ -103,9 +107,10 @@ class SelfTestState(NamedTuple):
 
 
 class Trust(NamedTuple):
-    """What heats are held against, (m_e,): σ at the start, and what laws are trusted for (NaN: no law); and
-    the noise (s,) of sensors, infinite where no tolerance is considered: nothing of an innovation lasts.
-    Where some is, heats may be `law_slack` times as far from their laws.
+    """References of the tests: σ of heats at the start, uncertainty of laws (NaN: no law), both (m_e,).
+
+    The `noise_K` (s,) of sensors is infinite where no tolerance is considered. With tolerances, the limits of
+    heats are `law_slack` times as wide.
     """
 
     initial_W: FloatArray
@@ -185,9 +190,9 @@ class SelfTest:
     def watch(
         self, state: SelfTestState, frames: FrameBlock, inputs: Inputs
     ) -> tuple[SelfTestState, FloatArray, Inputs]:
-        """Compare each nut's way with its speed, before the estimator runs.
+        """Compare each nut's travelled distance with its speed, before the estimator runs.
 
-        Return the state, what each step shows of the nuts (K, M), and the inputs, degraded where the
+        Return the state, the motion of the nuts in each step (K, M), and the inputs, degraded where the
         position of a nut is lost.
         """
         state = state._replace(motion=state.motion.copy())
@@ -206,24 +211,24 @@ class SelfTest:
         `state` and `motion` are those that `watch` returned.
         """
         quality, part_quality = block.quality.copy(), block.part_quality.copy()
-        seen = Tested(
+        tested = Tested(
             block.time_s, inputs.dt_s, inputs.quality, block.sensor_quality, block.innovation_K,
             block.innovation_sigma_K, block.heat_W, block.heat_sigma_W, block.law_W, motion,
         )  # fmt: skip
         state = SelfTestState._make(array.copy() for array in state)
-        own = record(packed(seen)), self.trust_record, record(state)
-        run_selftest(*own, quality, part_quality, np.empty(3))
+        records = record(packed(tested)), self.trust_record, record(state)
+        run_selftest(*records, quality, part_quality, np.empty(3))
         return state, replace(block, quality=quality, part_quality=part_quality)
 
     def findings(self, state: SelfTestState) -> tuple[Finding, ...]:
-        """What fails now."""
+        """Return the current failures."""
         return tuple(
             self._finding(state, test, state.since_s)
             for test in np.flatnonzero(np.isfinite(state.since_s)).tolist()
         )
 
     def history(self, state: SelfTestState) -> tuple[tuple[Finding, int], ...]:
-        """What has ever failed, since it did first and as it was last, and in how many steps."""
+        """Return all failures since the start: first time, last size, and number of steps."""
         return tuple(
             (self._finding(state, test, state.first_s), int(state.steps[test]))
             for test in np.flatnonzero(state.steps).tolist()
@@ -254,18 +259,16 @@ _LATCHED = {
     of.GAIN: Fault.GAIN, of.DRIFTING: Fault.DRIFTING, of.AMBIGUOUS: Fault.AMBIGUOUS,
     of.AIR_LEAPT: Fault.AIR_LEAPT,
 }  # fmt: skip
-"""What is said of what needs a person; unequal steps, and equal ones that no offset takes up, are none of
-these.
-"""
+"""Faults of latched verdicts; others are `UNEXPLAINED`: unequal jumps, or equal ones without an offset."""
 
 
 def screening_findings(layout: Layout, state: EstimatorState) -> tuple[Finding, ...]:
-    """What is found now."""
+    """Return the current findings of the screening."""
     return tuple(finding for finding, _ in _of_all(layout, state, now=True))
 
 
 def screening_history(layout: Layout, state: EstimatorState) -> tuple[tuple[Finding, int], ...]:
-    """What has ever been found, and in how many steps."""
+    """Return all findings of the screening since the start, with their numbers of steps."""
     return tuple(_of_all(layout, state, now=False))
 
 

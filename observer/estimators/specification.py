@@ -1,7 +1,7 @@
-"""One step of every estimator as a textbook has it, on dense matrices: what the kernels are tested against.
+"""The textbook step of every estimator on dense matrices, as a reference for tests of the kernels.
 
-The state of an estimator is [x | δ | θ]: the plant's states, what the estimated heats are beyond their laws,
-and what of the machine is only roughly known. A step is `transition`, `predict`, `correct`.
+The state of an estimator is [x | δ | θ]: the plant's states, the deviations of estimated heats from their
+laws, and the nuisance parameters. A step is `transition`, `predict`, `correct`.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ class Belief(NamedTuple):
 
 
 class MeasurementUpdate(NamedTuple):
-    """What measurements (s,) say: the belief after them, their `innovation` (s,), its covariance `S` (s, s),
-    the gain `K` (n, s), and the logarithm of their likelihood.
+    """Result of a correction by measurements (s,): the belief after it, and the gain `K` (n, s).
+
+    The `innovation` (s,) has the covariance `S` (s, s); `log_likelihood` is that of the measurements.
     """
 
     belief: Belief
@@ -49,10 +50,10 @@ def correct(
     *,
     K: FloatArray | None = None,
 ) -> MeasurementUpdate:
-    """ν = y - H x, S = H P Hᵀ + R, K = P Hᵀ S⁻¹, x⁺ = x + K ν, P⁺ = (I - K H) P (I - K H)ᵀ + K R Kᵀ.
+    """Correct a belief: ν = y - H x, S = H P Hᵀ + R, K = P Hᵀ S⁻¹, x⁺ = x + K ν.
 
-    Takes H (s, n), y (s,), R (s, s), and K (n, s) where an observer's gain is given: Joseph's form of the
-    covariance (Bucy and Joseph 1968) holds for any.
+    The covariance is P⁺ = (I - K H) P (I - K H)ᵀ + K R Kᵀ. Shapes: H (s, n), y (s,), R (s, s). An observer's
+    gain K (n, s) replaces the Kalman gain; Joseph's form (Bucy and Joseph 1968) holds for any gain.
     """
     innovation, S = y - H @ belief.x, H @ belief.P @ H.T + R
     gain = K
@@ -66,8 +67,10 @@ def correct(
 
 
 class Columns(NamedTuple):
-    """The columns of a plant over one step, moving nuts in place: `B` (n_x, m) of the heats, and of what is
-    learnt of the machine `G` (n_x, t), what a unit of each does to the states over the step.
+    """The columns of a plant over one step, with moving nuts in place.
+
+    Columns `B` (n_x, m) are those of the heats. Columns `G` (n_x, t) are the effects of a unit of each
+    parameter of the machine on the states over the step.
     """
 
     B: FloatArray
@@ -95,25 +98,26 @@ def columns_in_place(plant: Plant, u: Inputs, k: int) -> tuple[FloatArray, Float
 
 
 def transition(plant: Plant, u: Inputs, k: int, x: FloatArray, columns: Columns) -> Transition:
-    """The step k from the state x (n,) on: half of what couples the states, the exact diagonal step with laws
-    and known inputs, the other half (Strang 1968). The couplings' linear parts are those at x.
+    """Return step k from the state x (n,): half of the couplings, a diagonal step, the other half.
+
+    The diagonal step is exact and includes laws and known inputs (Strang 1968). Couplings are linear at x.
     """
     B, G = columns
     n_x, m_e, n, t = len(plant.decay_1_s), int(plant.estimated.sum()), len(x), G.shape[1]
     first, dt_s = n_x + m_e, float(quantise(u.dt_s[k]))
-    step, own = step_matrices(plant, dt_s), B[:, plant.estimated]
+    step, B_estimated = step_matrices(plant, dt_s), B[:, plant.estimated]
     before, shift = half_step(plant, u, k, u.z_start[k], B, x, n)
     x = before @ x + shift
     law_W = laws(plant, u, k, B, x[:n_x])
     F, forced, Q = np.eye(n), np.zeros(n), np.zeros((n, n))
     F[:first, :first] = np.diag(np.concatenate([step.decay, step.heat_decay]))
-    F[:n_x, n_x:first] = own * step.couple.T
+    F[:n_x, n_x:first] = B_estimated * step.couple.T
     F[:n_x, first : first + t] = G
     forced[:n_x] = step.hold * (B @ law_W + plant.E @ u.z_start[k])
     forced[:n_x] += step.ramp * (plant.E @ (u.z_end[k] - u.z_start[k]))
     Q[:n_x, :n_x] = fixed_noise(plant, step, np.zeros(m_e, dtype=np.bool_))
-    Q[:n_x, :n_x] += np.einsum("aj,bj,jab->ab", own, own, step.walk_xx)
-    Q[:n_x, n_x:first] = own * step.walk_dx.T
+    Q[:n_x, :n_x] += np.einsum("aj,bj,jab->ab", B_estimated, B_estimated, step.walk_xx)
+    Q[:n_x, n_x:first] = B_estimated * step.walk_dx.T
     Q[n_x:first, :n_x] = Q[:n_x, n_x:first].T
     Q[n_x:first, n_x:first] = np.diag(step.walk_dd)
     if plant.learning is not None:
@@ -130,7 +134,7 @@ def transition(plant: Plant, u: Inputs, k: int, x: FloatArray, columns: Columns)
 
 
 def laws(plant: Plant, u: Inputs, k: int, B: FloatArray, x: FloatArray) -> FloatArray:
-    """The heats (m,) by their laws over step k, at the temperatures of the state x (n_x,) if they fade."""
+    """Return the heats (m,) by their laws over step k; fading laws depend on the state x (n_x,)."""
     law_W = u.law_W[k].copy()
     if plant.coupling.active:
         B = np.ascontiguousarray(B.T)
@@ -141,11 +145,11 @@ def laws(plant: Plant, u: Inputs, k: int, B: FloatArray, x: FloatArray) -> Float
 def half_step(
     plant: Plant, u: Inputs, k: int, z: FloatArray, B: FloatArray, x: FloatArray, n: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what couples the states in half a step at the state x, T (n, n) and shift (n,)."""
+    """Return half a step of the couplings at the state x: matrix T (n, n) and shift (n,)."""
     T, shift, n_x = np.eye(n), np.zeros(n), len(plant.decay_1_s)
     if plant.coupling.active:
-        c, nothing = plant.coupling, np.zeros((len(z) + 1, n_x))
-        half = CoupledColumns(np.eye(n_x), nothing, np.zeros((n_x, n_x)))
+        c, no_inputs = plant.coupling, np.zeros((len(z) + 1, n_x))
+        half = CoupledColumns(np.eye(n_x), no_inputs, np.zeros((n_x, n_x)))
         constant = CoupledColumns(np.zeros((n_x, 1)), np.append(z, 1.0)[:, None], np.zeros((n_x, 1)))
         rate_1_s, drawn = uniform_loss(c, u.loss_1_s[k], u.loss_degC[k], z[c.ambient], x)
         for columns in (half, constant):

@@ -22,8 +22,8 @@ _ALL, _FIRST = slice(0, 1), np.zeros(1, dtype=np.int64)
 class StepTable(NamedTuple):
     """Step matrices of D different step lengths, stacked and padded.
 
-    `decay` (D, width) is that of the plant's states, the heats and what is learnt, `noise` (D, n, width) all
-    of the noise but what the walks of moving heats leave in the plant's states.
+    The `decay` (D, width) is that of the plant's states, the heats and the parameters. The `noise`
+    (D, n, width) excludes the effect of moving heats' walks on the plant's states.
     """
 
     decay: FloatArray
@@ -37,7 +37,7 @@ class StepTable(NamedTuple):
 
 
 class StepCache:
-    """Remembers step matrices by length; they are a pure function of it, so remembering changes no bit."""
+    """Cache of step matrices by length; the matrices depend on the length only."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
@@ -45,47 +45,47 @@ class StepCache:
         self._still = np.array(
             [int(j) not in self._moving for j in np.flatnonzero(plant.estimated)], dtype=np.bool_
         )
-        self._known: dict[float, tuple[StepMatrices, FloatArray]] = {}
+        self._steps_by_length: dict[float, tuple[StepMatrices, FloatArray]] = {}
         self._last: tuple[list[float], Any] | None = None
 
-    def beside(self) -> StepCache:
-        """Return one that remembers the same steps, and a last table of its own."""
-        own = StepCache(self._plant)
-        own._known = self._known
-        return own
+    def with_own_table(self) -> StepCache:
+        """Return a cache with the same steps and a separate last table."""
+        cache = StepCache(self._plant)
+        cache._steps_by_length = self._steps_by_length
+        return cache
 
     def matrices(self, dt_s: float) -> StepMatrices:
-        """Return the step of that length, worked out."""
+        """Compute the step of this length."""
         return step_matrices(self._plant, dt_s)
 
     def get(self, dt_s: float) -> tuple[StepMatrices, FloatArray]:
-        """Return the step of that length and the noise of what does not move."""
-        if dt_s not in self._known:
-            if len(self._known) >= _STEPS_REMEMBERED:
-                self._known.clear()
+        """Return the step of this length, and its noise without moving heats."""
+        if dt_s not in self._steps_by_length:
+            if len(self._steps_by_length) >= _STEPS_REMEMBERED:
+                self._steps_by_length.clear()
             step = self.matrices(dt_s)
-            self._known[dt_s] = (step, _noise(self._plant, step, self._still))
-        return self._known[dt_s]
+            self._steps_by_length[dt_s] = (step, _noise(self._plant, step, self._still))
+        return self._steps_by_length[dt_s]
 
     def table(self, lengths_s: list[float]) -> Any:
         """Stack the steps of these lengths, a `StepTable` for kernels.
 
-        The live service asks for the same again and again.
+        The last table is cached, because the live service repeats one length.
         """
         if self._last is None or self._last[0] != lengths_s:
             self._last = (lengths_s, record(self._stacked(lengths_s)))
         return self._last[1]
 
     def single(self, inputs: Inputs, length_s: float) -> Chunk:
-        """Return a single step, packed, as a chunk: there is nothing to number."""
+        """Return a single packed step as a chunk."""
         lengths_s = [length_s]
         return Chunk(_ALL, lengths_s, self.table(lengths_s), inputs, _FIRST)
 
     def _stacked(self, lengths_s: list[float]) -> StepTable:
-        found = [self.get(dt_s) for dt_s in lengths_s]
+        steps = [self.get(dt_s) for dt_s in lengths_s]
 
         def stack(name: str) -> FloatArray:
-            return np.stack([getattr(step, name) for step, _ in found])
+            return np.stack([getattr(step, name) for step, _ in steps])
 
         width = padded_width(states_of(self._plant))
         fade = np.array([_fade(self._plant, dt_s) for dt_s in lengths_s])
@@ -96,34 +96,35 @@ class StepCache:
             stack("ramp"),
             stack("heat_decay"),
             stack("couple"),
-            pad_rows(np.stack([noise for _, noise in found]), width),
+            pad_rows(np.stack([noise for _, noise in steps]), width),
             0.5 * (walk_xx + walk_xx.swapaxes(2, 3)),
             stack("walk_dx"),
         )
 
 
 def _noise(plant: Plant, step: StepMatrices, still: BoolArray) -> FloatArray:
-    """Covariance (n, n) that a step adds to states, heats and what is learnt, but through the heats that
-    move, symmetric to the last bit.
+    """Return the covariance (n, n) that a step adds to states, heats and parameters.
+
+    It excludes the effect of moving heats and is symmetric to the last bit.
     """
     cross = np.where(still[:, None], plant.B[:, plant.estimated].T * step.walk_dx, 0.0)
     Q = np.block([[fixed_noise(plant, step, still), cross.T], [cross, np.diag(step.walk_dd)]])
     if plant.learning is not None:
         wandered = plant.learning.arrays.sigma**2 * (1.0 - _fade(plant, step.dt_s) ** 2)
-        known = len(Q)
+        unlearnt = len(Q)
         Q = np.pad(Q, (0, len(wandered)))
-        Q[known:, known:] = np.diag(wandered)
+        Q[unlearnt:, unlearnt:] = np.diag(wandered)
     return np.asarray(0.5 * (Q + Q.T))
 
 
 def _fade(plant: Plant, dt_s: float) -> FloatArray:
-    """What a step leaves of each state that is learnt, (L,)."""
+    """Return the decay factor of each parameter over a step, (L,)."""
     wander_s = np.inf if plant.learning is None else plant.learning.wander_s
     return np.full(plant.learnt, np.exp(-dt_s / wander_s))
 
 
 class Chunk(NamedTuple):
-    """Steps that share a table of few step lengths: which of the block, their lengths, and their inputs."""
+    """Steps that share a table of few step lengths: their part of the block, lengths and inputs."""
 
     part: slice
     lengths_s: list[float]

@@ -1,9 +1,9 @@
-"""Open-loop prediction by a machine that may be off its configuration within tolerances, and no further.
+"""Open-loop prediction by a machine that differs from its configuration within tolerances only.
 
-No heat is free here: each follows its law, times a scale. The sensors only say which machine within the
-tolerances this is, θ, so what is left between prediction and sensors is beyond them. An extended Kalman
-filter over [x | θ] (Jazwinski 1970, ch. 8) without noise on x; θ wanders about nothing. What a θ does is that
-of `learning`, taken at the prediction.
+Each heat follows its law times a scale. Sensors only identify the parameters θ of the machine within the
+tolerances. The open-loop residual is therefore beyond the tolerances. The method is an extended Kalman filter
+over [x | θ] (Jazwinski 1970, ch. 8) without noise on x; θ wanders about zero. The effects of θ are those of
+`learning`, linearised at the prediction.
 """
 
 from __future__ import annotations
@@ -29,27 +29,28 @@ from observer.model.rod.modes import held_s
 from observer.model.simulate import simulate, start
 
 STAYS_S = 100 * 86_400.0
-"""For how long a machine stays the one it is within its tolerances. A filter forgets in a day, so that it is
-never too sure; here what appears overnight would then be taken for another machine within them.
+"""Time constant of the parameters within their tolerances.
+
+A shorter one, such as the filter's day, would explain a change overnight as a change of parameters.
 """
 LAW_FOLLOWS_S = 3600.0
-"""In what time the fast part of a law's scale becomes another one: running in, grease that warms."""
+"""Time constant of the fast part of a law's scale, such as run-in or warming grease."""
 LAW_SHARE = 0.3
-"""That part, of what is not known of the law."""
+"""The fast part as a share of the law's uncertainty."""
 MODEL_K, MODEL_SHARE = 0.1, 0.03
-"""How far a model may be off at a sensor in any case, and with the sensor's rise above the air besides …"""
+"""σ of the model at a sensor: a constant in K, and a share of the sensor's rise above the air."""
 SAME_S = 8 * 3600.0
-"""… which stays the same for so long: readings meanwhile say no more than one."""
+"""Correlation time of that error: readings within it count as one."""
 FURTHEST = 3.5
-"""Nothing is taken to be further off than so many standard deviations."""
+"""Largest parameter in standard deviations."""
 LEAST_FILM = -0.9
 MOST_DEGRADED = 0.1
-"""An input that was missing or held for so much of a step leaves that step without a prediction."""
+"""Largest share of a step with a missing or held input; beyond it the step has no prediction."""
 _SURE = 3.0
 
 
 class TolerantState(NamedTuple):
-    """Where the prediction stands: `x` (n_x,), `theta` (t,), and their joint covariance `P` (n, n)."""
+    """State of the prediction: `x` (n_x,), `theta` (t,), and their joint covariance `P` (n, n)."""
 
     x: FloatArray
     theta: FloatArray
@@ -57,8 +58,9 @@ class TolerantState(NamedTuple):
 
 
 class ModelGap(NamedTuple):
-    """What a step leaves: measured minus predicted `gap_K` (s,), NaN where nothing was measured; the standard
-    deviation `allowed_K` (s,) that it may have, and how much warmer than the air each is predicted.
+    """The open-loop residual of a step: measured minus predicted `gap_K` (s,), NaN without a reading.
+
+    Its standard deviation within tolerances is `allowed_K` (s,). The prediction is `rise_K` above the air.
     """
 
     gap_K: FloatArray
@@ -67,22 +69,23 @@ class ModelGap(NamedTuple):
 
 
 def _parameters(plant: Plant) -> LearningArrays:
-    """What the machine may be within: its own tolerances, then those of its laws, whole and the fast part; a
-    lag is nothing beside steps of a minute.
+    """Return the parameters: the machine's tolerances, then each law's scale and its fast part.
+
+    Lags are omitted, because they are short relative to steps of a minute.
     """
-    known, estimated = plant.parameters, np.flatnonzero(plant.estimated)
+    nuisance, estimated = plant.parameters, np.flatnonzero(plant.estimated)
     n_x, p = len(plant.decay_1_s), len(plant.known_names)
-    own = np.flatnonzero(np.isin(known.kind, (Nuisance.LAW, Nuisance.LAG), invert=True))
+    tolerances = np.flatnonzero(np.isin(nuisance.kind, (Nuisance.LAW, Nuisance.LAG), invert=True))
     laws = [
         Parameter(Nuisance.LAW, j, share * sigma, no_change(n_x, p)._replace(law=int(index)))
         for share in (1.0, LAW_SHARE)
         for j, (index, sigma) in enumerate(zip(estimated, plant.law_uncertainty, strict=True))
     ]
-    return joined(of_parameters(known, own), learning_of(laws, (), n_x, p).arrays)
+    return joined(of_parameters(nuisance, tolerances), learning_of(laws, (), n_x, p).arrays)
 
 
 class Tolerant:
-    """The prediction of a plant that was built with what is learnt of it; holds no state of its own."""
+    """The prediction of a plant that was built with its tolerances; stateless."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
@@ -97,23 +100,23 @@ class Tolerant:
         return self._at[kind]
 
     def initial(self) -> TolerantState:
-        """Return the state of a machine of which nothing has been seen."""
+        """Return the state before the first reading."""
         n_x, sigma = len(self._plant.decay_1_s), self._theta.sigma
         P = np.zeros((n_x + len(sigma), n_x + len(sigma)))
         P[n_x:, n_x:] = np.diag(sigma**2)
         return TolerantState(np.zeros(n_x), np.zeros(len(sigma)), P)
 
     def begin(self, state: TolerantState, u: Inputs) -> TolerantState:
-        """Begin where the sensors say at the end of a step `u`, with what is known of the machine by now.
+        """Start from the readings at the end of a step `u`, with the current parameters.
 
-        A machine that stands, and is as warm as the air as far as is known, has one temperature.
+        A machine at rest that agrees with the air's temperature starts with a uniform temperature.
         """
         plant, n_x, s = self._plant, len(state.x), self._plant.rows.sensors
-        seen = u.usable[0] & np.isfinite(u.y_degC[0]) & plant.thermal
-        y_degC, air_degC = u.y_degC[0][seen], float(u.z_end[0, plant.known.ambient])
+        used = u.usable[0] & np.isfinite(u.y_degC[0]) & plant.thermal
+        y_degC, air_degC = u.y_degC[0][used], float(u.z_end[0, plant.known.ambient])
         P = np.zeros_like(state.P)
         P[n_x:, n_x:] = state.P[n_x:, n_x:]
-        if self._stands(state, u):
+        if self._is_at_rest(state, u):
             x = start(plant, air_degC, u.law_W[0])
             P[:n_x, :n_x] = self._theta.rest_P
             of_air = np.flatnonzero(self._theta.kind == Nuisance.AMBIENT)
@@ -129,17 +132,18 @@ class Tolerant:
         state = TolerantState(x, state.theta, P)
         rows = columns_in_place(plant, u, 0)[1] @ x + plant.rows.F @ u.z_end[0]
         gap_K = self._gap(u, rows, rows, x, state.theta)
-        return self._learnt(state, self._seen(u, x), gap_K, plant.noise_R_K2 + MODEL_K**2)
+        return self._learnt(state, self._reading_rows(u, x), gap_K, plant.noise_R_K2 + MODEL_K**2)
 
-    def _stands(self, state: TolerantState, u: Inputs) -> bool:
-        """Whether no law makes heat, and all sensors but one show the air's temperature, as far as is known:
-        one that has gone wrong must not turn into a field.
+    def _is_at_rest(self, state: TolerantState, u: Inputs) -> bool:
+        """Return whether no law makes heat and all sensors but one agree with the air's temperature.
+
+        A single faulty sensor must not shape the field.
         """
         theta, P = self._theta, state.P[len(state.x) :, len(state.x) :]
         air = self.parameters(Nuisance.AMBIENT)
         shows = self._plant.rows.C[: self._plant.rows.sensors] @ self._plant.uniform > 0.5
-        seen = np.flatnonzero(u.usable[0] & self._plant.thermal & shows)
-        if not self._theta.rests or u.law_W.any() or not len(air) or not len(seen):
+        used = np.flatnonzero(u.usable[0] & self._plant.thermal & shows)
+        if not self._theta.rests or u.law_W.any() or not len(air) or not len(used):
             return False
         offset_K = (
             self._of_sensors(state.x, u)[:, self.parameters(Nuisance.OFFSET)]
@@ -152,12 +156,12 @@ class Tolerant:
         K2 = offset_K2 + P[np.ix_(air, air)].sum() + self._plant.noise_R_K2
         air_degC = u.z_end[0, self._theta.ambient] + state.theta[air].sum()
         agree = (u.y_degC[0] - offset_K - air_degC) ** 2 <= _SURE**2 * K2
-        return int(agree[seen].sum()) >= max(1, len(seen) - (len(seen) > 2))
+        return int(agree[used].sum()) >= max(1, len(used) - (len(used) > 2))
 
     def ahead(self, state: TolerantState, u: Inputs, *, learn: bool = True) -> tuple[TolerantState, ModelGap]:
-        """One step, of which `u` holds the means: the state, and what it leaves.
+        """Take one step with the mean inputs `u`; return the state and the open-loop residual.
 
-        Without `learn` the readings say nothing of the machine.
+        Without `learn`, readings do not change the state.
         """
         plant, theta = self._plant, self._theta
         dt_s, n_x = float(u.dt_s[0]), len(state.x)
@@ -175,7 +179,7 @@ class Tolerant:
         F[n_x:, n_x:] = np.diag(fade)
         Q = np.diag(np.concatenate([np.zeros(n_x), theta.sigma**2 * (1 - fade**2)]))
         now = TolerantState(x, fade * state.theta, F @ state.P @ F.T + Q)
-        H = self._seen(u, x)
+        H = self._reading_rows(u, x)
         shift = rows[0] + C @ (x - after)
         gap_K = self._gap(u, before, shift, x, now.theta)
         rise_K = shift[: plant.rows.sensors] - np.where(plant.thermal, u.z_end[0, plant.known.ambient], 0.0)
@@ -188,41 +192,41 @@ class Tolerant:
         self, u: Inputs, before: FloatArray, after: FloatArray, x: FloatArray, theta: FloatArray
     ) -> FloatArray:
         s = self._plant.rows.sensors
-        said = 0.5 * (before[:s] + after[:s]) + self._of_sensors(x, u) @ theta
-        return np.where(u.usable[0] & self._plant.thermal, u.y_degC[0] - said, np.nan)
+        predicted = 0.5 * (before[:s] + after[:s]) + self._of_sensors(x, u) @ theta
+        return np.where(u.usable[0] & self._plant.thermal, u.y_degC[0] - predicted, np.nan)
 
     def _of_sensors(self, x: FloatArray, u: Inputs) -> FloatArray:
-        """What the parameters of sensors add to readings at the end of a step, (s, t)."""
+        """Return the effects of the sensors' parameters on readings at the end of a step, (s, t)."""
         t = self._theta
         rows = np.zeros((self._plant.rows.sensors, len(t.kind)))
-        own = np.concatenate([self.parameters(kind) for kind in Nuisance if kind.of_a_sensor])
-        rows[t.of[own], own] = t.entries(x, u.z_end[0])[own]
+        sensor_parameters = np.concatenate([self.parameters(kind) for kind in Nuisance if kind.of_a_sensor])
+        rows[t.of[sensor_parameters], sensor_parameters] = t.entries(x, u.z_end[0])[sensor_parameters]
         return rows
 
-    def _seen(self, u: Inputs, x: FloatArray) -> FloatArray:
-        """The readings' derivatives by [x | θ], (s, n)."""
+    def _reading_rows(self, u: Inputs, x: FloatArray) -> FloatArray:
+        """Return the derivatives of readings by [x | θ], (s, n)."""
         C = columns_in_place(self._plant, u, 0)[1]
         return np.hstack([C[: self._plant.rows.sensors], self._of_sensors(x, u)])
 
     def _drives(self, u: Inputs, x: FloatArray) -> FloatArray:
-        """What each parameter adds to dx/dt at a state, c (n_x, t)."""
+        """Return the effect of each parameter on dx/dt at a state, (n_x, t)."""
         B = columns_in_place(self._plant, u, 0)[0]
         return self._theta.drives(x, B, u.law_W[0], u.law_W[0], 0.5 * (u.z_start[0] + u.z_end[0]))
 
     def _forward(self, x: FloatArray, after: FloatArray, u: Inputs) -> FloatArray:
-        """The plant's own step, ∂x'/∂x; by differences where states are coupled."""
+        """Return the derivative of the plant's step by x; by differences where states are coupled."""
         if self._slack is None:
             return np.diag(np.exp(-self._plant.decay_1_s * u.dt_s[0]))
         moved = [simulate(self._plant, x + one, u)[0] - after for one in self._slack]
         return np.column_stack(moved)
 
     def _learnt(self, state: TolerantState, H: FloatArray, gap_K: FloatArray, R: FloatArray) -> TolerantState:
-        """The state after its readings; a parameter goes to the edge of its tolerance and no further."""
-        seen = np.flatnonzero(np.isfinite(gap_K))
-        if not len(seen):
+        """Return the state after a correction, with parameters clipped to `FURTHEST`."""
+        used = np.flatnonzero(np.isfinite(gap_K))
+        if not len(used):
             return state
-        H, n_x = H[seen], len(state.x)
-        (step, P), *_ = correct(Belief(np.zeros(len(state.P)), state.P), H, gap_K[seen], np.diag(R[seen]))
+        H, n_x = H[used], len(state.x)
+        (step, P), *_ = correct(Belief(np.zeros(len(state.P)), state.P), H, gap_K[used], np.diag(R[used]))
         edge = FURTHEST * self._theta.sigma
         least = np.where(self._theta.kind == Nuisance.CONVECTION, np.maximum(-edge, LEAST_FILM), -edge)
         theta = np.clip(state.theta + step[n_x:], least, edge)
@@ -230,9 +234,9 @@ class Tolerant:
 
 
 def gathered(blocks: list[Inputs]) -> Inputs:
-    """Return consecutive steps as one, of their means; readings that cannot be used are left out.
+    """Return consecutive steps as one step with their means, without unusable readings.
 
-    A moving source's columns count as its heat did.
+    Columns of moving sources are averaged over time.
     """
     u = Inputs.joined(blocks)
     dt = np.maximum(u.dt_s, 1e-9)

@@ -66,7 +66,7 @@ def text_of(config: Any) -> str:
 def expected_sigma_K(bank: Bank) -> Any:
     """Return how uncertain each reading is by the filter without it, noise included."""
     rows = np.asarray(bank._filters_record.work.C)
-    states = [bank._runnings[f] for f in bank.design.alone]
+    states = [bank._runnings[f] for f in bank.design.without_one]
     variance_K2 = [
         c[: len(s.x)] @ s.P[:, : len(s.x)] @ c[: len(s.x)] for c, s in zip(rows, states, strict=True)
     ]

@@ -1,1 +1,1 @@
-"""What is worked out before a run: gains, where to put sensors, and what an estimator is worth."""
+"""Design before a run: gains, positions of sensors, and the σ of an estimator."""

@@ -1,8 +1,8 @@
-"""What drives a design's plant along a shift, step by step, and what its sensors then read of its states.
+"""Steps of a design's plant along a shift: transitions, noise, and rows of the sensors.
 
-Steps are longer than an estimator's. Nuts sweep over their strokes within a step: what rises and falls as
-they pass (`cycle.ripple`) goes by phases. The effects of what is only roughly known are taken along the field
-that the shift makes.
+Steps are longer than an estimator's. Nuts sweep over their strokes within a step, and readings ripple by
+phases of the sweep (`cycle.ripple`). The effects of nuisance parameters are linearised along the field that
+the shift makes.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ _LONGEST = 16.0  # a step in the plant's shortest time, beyond which its exponen
 
 
 class Along(NamedTuple):
-    """A step along a shift, whatever is known of the machine: the `plant` with its nuts where they stand, the
-    `stage`, the states `x` (n_x,) after it; of [x | δ | θ] the transition `F` (n, n), of [x | δ] the noise
-    `Q`; `jump_W` (m_e,), how far the estimated heats' laws jumped just before it; the mean readings by the
-    states, `H` (s, n), and what they rise and fall as nuts pass, `passing` (f, s, n), of one
-    phase of nothing if not asked for.
+    """A step along a shift: the `plant` with standing nuts in place, the `stage`, and the states `x` (n_x,).
+
+    The transition `F` (n, n) is that of [x | δ | θ], and the noise `Q` that of [x | δ]. The laws of estimated
+    heats jumped by `jump_W` (m_e,) just before the step. Rows `H` (s, n) give the mean readings. Rows
+    `passing` (f, s, n) give their ripple as nuts pass, one phase of zeros without sweeps.
     """
 
     plant: Plant
@@ -42,8 +42,10 @@ class Along(NamedTuple):
 
 
 class _StageStep(NamedTuple):
-    """A step of [x | δ] within a stage: transition `A` and noise `Q` (n, n); `hold` (n_x, n_x), s, what an
-    input held over it leaves; `driven` (n_x,), 1/s, that of the stage.
+    """A step of [x | δ] within a stage: transition `A` and noise `Q` (n, n).
+
+    The integral of the transition over the step is `hold` (n_x, n_x), s. The stage's input is `driven`
+    (n_x,), 1/s.
     """
 
     A: FloatArray
@@ -55,7 +57,7 @@ class _StageStep(NamedTuple):
 def along(
     plant: Plant, a: LearningArrays, shift: Sequence[Stage], dt_s: float, *, sweeps: bool
 ) -> Iterator[Along]:
-    """Yield the steps `dt_s` of a shift; with `sweeps`, what readings rise and fall as nuts pass."""
+    """Yield the steps `dt_s` of a shift; with `sweeps`, including the ripple of readings as nuts pass."""
     n_x, s = len(plant.decay_1_s), plant.rows.sensors
     first = n_x + int(plant.estimated.sum())
     x, law_W = _settled(plant, shift[0]), None
@@ -80,18 +82,18 @@ def along(
 
 
 def _settled(plant: Plant, stage: Stage) -> FloatArray:
-    """The screw at the air's temperature, its lags settled at their laws."""
+    """Return the states of a screw at the air's temperature, its lags settled at their laws."""
     return np.asarray(plant.uniform * stage.z[plant.known.ambient] + stage.heat_W @ plant.lags)
 
 
 def _standing_m(plant: Plant, stage: Stage) -> dict[int, float]:
-    """Where nuts stand, by their source's number; the others are spread over their strokes."""
+    """Return the positions of standing nuts in m by their source's number."""
     nuts = zip(plant.moving, stage.sweeps, strict=True)
     return {nut.index: sweep.middle_m for nut, sweep in nuts if sweep is not None and sweep.speed_m_s == 0.0}
 
 
 def _step(plant: Plant, stage: Stage, dt_s: float) -> _StageStep:
-    """The step within a stage: of a short enough part, and then twice as long again and again."""
+    """Return the step within a stage, by repeated doubling of a short part."""
     n_x = len(plant.decay_1_s)
     A_1_s = generator(plant, stage.loss_1_s)
     fastest_1_s = max(float(np.abs(A_1_s).sum(axis=1).max()), 1e-12)
@@ -111,14 +113,15 @@ def _step(plant: Plant, stage: Stage, dt_s: float) -> _StageStep:
 def _see(
     plant: Plant, a: LearningArrays, stage: Stage, x: FloatArray, last: FloatArray, dt_s: float, H: FloatArray
 ) -> FloatArray:
-    """Put what offset, place, gain and lag of each sensor do to its reading at x into its row of H; return
-    what sensors read now with no lag and with one of the whole tolerance, (2, s), from what they read before.
+    """Write the effects of each sensor's offset, position, gain and lag at x into its row of H.
+
+    Return the current readings (2, s) without lag and with the lag of one tolerance, from the `last` ones.
     """
     s, first = plant.rows.sensors, H.shape[1] - len(a.kind)
     now = plant.rows.C[:s] @ x + plant.rows.F[:s] @ stage.z
     slow = now.copy()
-    own, lag = np.arange(a.machine, len(a.kind)), np.flatnonzero(a.lag_s)
-    H[a.of[own], first + own] = a.entries(x, stage.z)[own]
+    sensor_parameters, lag = np.arange(a.machine, len(a.kind)), np.flatnonzero(a.lag_s)
+    H[a.of[sensor_parameters], first + sensor_parameters] = a.entries(x, stage.z)[sensor_parameters]
     i, lag_s = a.of[lag], a.lag_s[lag]
     fade = np.exp(-dt_s / lag_s)
     mean = lag_s / dt_s * (1.0 - fade)
@@ -128,8 +131,9 @@ def _see(
 
 
 def _passing(plant: Plant, a: LearningArrays, stage: Stage, n: int) -> FloatArray:
-    """What sensors see of the nuts that pass, on top of the mean, by phases of a sweep, (f, s, n): of heats,
-    laws, places and lags; one phase of nothing where no nut does.
+    """Return the ripple of readings as nuts pass, by phases of a sweep, (f, s, n).
+
+    Its columns are those of heats, laws, positions and lags. Without a sweeping nut it is one phase of zeros.
     """
     n_x, estimated, s = len(plant.decay_1_s), np.flatnonzero(plant.estimated).tolist(), plant.rows.sensors
     first, N = n_x + len(estimated), plant.modes
@@ -142,12 +146,12 @@ def _passing(plant: Plant, a: LearningArrays, stage: Stage, n: int) -> FloatArra
     for nut, sweep in zip(plant.moving, stage.sweeps, strict=True):
         if sweep is None or sweep.speed_m_s == 0.0 or nut.index not in estimated:
             continue
-        own = ripple(nut.table, sweep, decay_1_s[:N], C[:, :N], slope_C, lag_s)
-        rows[:, :, n_x + estimated.index(nut.index)] = own.seen
+        ripple_rows = ripple(nut.table, sweep, decay_1_s[:N], C[:, :N], slope_C, lag_s)
+        rows[:, :, n_x + estimated.index(nut.index)] = ripple_rows.seen
         for q, (kind, of) in enumerate(zip(a.kind, a.of, strict=True)):
             if kind == Nuisance.LAW and estimated[of] == nut.index:
-                rows[:, :, first + q] = own.seen * stage.law_W[nut.index]
+                rows[:, :, first + q] = ripple_rows.seen * stage.law_W[nut.index]
             elif kind in (Nuisance.PLACE, Nuisance.LAG):
-                by = own.by_place if kind == Nuisance.PLACE else own.by_lag
+                by = ripple_rows.by_place if kind == Nuisance.PLACE else ripple_rows.by_lag
                 rows[:, of, first + q] += by[:, of] * stage.heat_W[nut.index]
     return rows if rows.any() else rows[:1]

@@ -1,6 +1,6 @@
-"""Poles of a closed loop whose gains are as they are stored, computed with enough digits.
+"""Poles of a closed loop with exactly the stored gains, computed with enough digits.
 
-Nearly equal poles are the most sensitive of eigenvalues: a routine in double precision misses those of Kim's
+Nearly equal poles are the most sensitive eigenvalues. A routine in double precision misses those of Kim's
 rule by thousands of α/L², although the stored gains have poles near the requested ones. Here every stored
 number is taken as exact. A Householder reduction to Hessenberg form and the recurrence of Hyman give the
 characteristic polynomial, whose roots are the poles. Source: Wilkinson (1965), The Algebraic Eigenvalue
@@ -29,7 +29,7 @@ _REAL = 1e-30
 
 
 def exact_poles(plant: Plant, step: StepMatrices, K: FloatArray) -> ComplexArray:
-    """Return log(eig (I - K C) Ad)/dt in 1/s, the slowest first, for a gain K (n, s) as it is stored."""
+    """Return log(eig (I - K C) Ad)/dt in 1/s, the slowest first, for the stored gain K (n, s)."""
     Ad, _ = design_step(plant, step)
     with mpmath.workdps(max(_LEAST_DIGITS, _DIGITS_A_STATE * len(Ad))):
         A, C, gain = (mpmath.matrix(array.tolist()) for array in (Ad, sensor_rows(plant), K))
@@ -41,7 +41,7 @@ def exact_poles(plant: Plant, step: StepMatrices, K: FloatArray) -> ComplexArray
 
 
 def _characteristic_polynomial(M: Any) -> list[Any]:
-    """The coefficients of det(z I - M), that of the highest power first."""
+    """Return the coefficients of det(z I - M), that of the highest power first."""
     _, H = mpmath.hessenberg(M)
     leading = [[mpmath.mpf(1)]]  # of the leading k rows and columns
     for k in range(M.rows):

@@ -1,12 +1,11 @@
-"""Design of the Luenberger gains: poles of the augmented pair [x | δ] in discrete time, on the rows that are
-measured.
+"""Design of the Luenberger gains: pole placement for the augmented pair [x | δ] in discrete time.
 
-Only the slow part is moved. Modes that are faster than the bandwidth, and the lags, keep their poles: in
-coordinates in which they are decoupled from the heats their gain is zero, so the closed loop is block
-triangular and its spectrum exact. Design is for the predict-correct form: eig((I - K C) Ad) = exp(p dt).
+Only the slow part is moved. Modes faster than the bandwidth, and the lags, keep their poles. In coordinates
+decoupled from the heats their gain is zero. The closed loop is then block triangular and its spectrum exact.
+Design is for the predict-correct form: eig((I - K C) Ad) = exp(p dt).
 
-Kim's gains, for one sensor and one heat, are in closed form: the augmented pair is dη/dt = -Λη + B u,
-du/dt = 0, y = C η; the observer's error obeys [[A - L C, B], [-k C, 0]].
+Kim's gains, for one sensor and one heat, are in closed form. The augmented pair is dη/dt = -Λη + B u,
+du/dt = 0, y = C η. The observer's error obeys [[A - L C, B], [-k C, 0]].
 """
 
 from __future__ import annotations
@@ -42,9 +41,9 @@ _ITERATIONS = 10
 class SlowPair(NamedTuple):
     """The part of the augmented pair that is moved, its fast part decoupled.
 
-    `slow` indexes the modes moved, `fast` the states that stay; `A` (n_s, n_s), `C` (s, n_s) of [slow modes |
-    δ]; `V` (n_f, m_e) how far δ displaces the fast states; `scale` (n_s,) the size of each state in its
-    prior.
+    The moved modes are `slow`, and the other states `fast`. Matrices `A` (n_s, n_s) and `C` (s, n_s) are
+    those of [slow modes | δ]. A unit of δ displaces the fast states by `V` (n_f, m_e). Each state has the
+    prior σ `scale` (n_s,).
     """
 
     slow: NDArray[np.int64]
@@ -56,7 +55,7 @@ class SlowPair(NamedTuple):
 
 
 class LuenbergerGain(NamedTuple):
-    """A gain `K` (n, s), with zero columns for absent sensors, and what it does.
+    """A gain `K` (n, s), with zero columns for absent sensors, with its poles and its noise gain.
 
     Poles in 1/s, of the whole closed loop; `noise_gain_W_K` (m_e,) is a heat's σ under white noise of 1 K on
     each sensor.
@@ -69,19 +68,19 @@ class LuenbergerGain(NamedTuple):
 
     @property
     def pole_error(self) -> float:
-        """Largest relative distance of a pole from where it was asked to be."""
+        """Largest relative distance between requested and reached poles."""
         return pole_error(self.poles_requested_1_s, self.poles_reached_1_s)
 
 
 class Refusal(NamedTuple):
-    """Why there is no gain for a set of sensors; `sensors` are those present."""
+    """The reason why a set of sensors has no gain; `sensors` are the present ones."""
 
     sensors: tuple[str, ...]
     reason: str
 
 
 def refusal(plant: Plant, present: BoolArray, reason: str) -> Refusal:
-    """Return why there is no gain for the sensors that are `present` (s,)."""
+    """Return the refusal for the sensors that are `present` (s,)."""
     return Refusal(tuple(itertools.compress(plant.layout.sensors, present)), reason)
 
 
@@ -100,13 +99,13 @@ def slow_pair(plant: Plant, step: StepMatrices, bandwidth_1_s: float) -> SlowPai
     slow = np.flatnonzero(mode & (plant.decay_1_s < bandwidth_1_s))
     fast = np.setdiff1d(np.arange(n_x), slow)
     V = Ad[np.ix_(fast, heats)] / (step.heat_decay - step.decay[fast, None])
-    kept = np.concatenate([slow, heats])
+    retained = np.concatenate([slow, heats])
     C = plant.rows.C[plant.rows.sensor_slice]
     scale = np.concatenate([np.sqrt(np.diag(plant.prior_P))[slow], plant.initial_sigma_W])
     return SlowPair(
         slow=slow,
         fast=fast,
-        A=Ad[np.ix_(kept, kept)],
+        A=Ad[np.ix_(retained, retained)],
         C=np.hstack([C[:, slow], C[:, fast] @ V]),
         V=V,
         scale=np.where(scale > 0, scale, 1.0),
@@ -241,7 +240,7 @@ def pole_error(requested_1_s: FloatArray, reached_1_s: ComplexArray) -> float:
 
 
 def _place(pair: SlowPair, plant: Plant, present: BoolArray, z: FloatArray) -> FloatArray:
-    """Gain (n_s, present) of the slow pair, worked out in coordinates scaled to the priors."""
+    """Return the gain (n_s, present) of the slow pair, computed in coordinates scaled to the priors."""
     sigma_K = np.sqrt(plant.noise_R_K2[present])
     A = pair.A * pair.scale / pair.scale[:, None]
     CA = (pair.C[present] * pair.scale / sigma_K[:, None]) @ A
@@ -250,7 +249,7 @@ def _place(pair: SlowPair, plant: Plant, present: BoolArray, z: FloatArray) -> F
 
 @kept(256)
 def _placed(A: FloatArray, CA: FloatArray, z: FloatArray) -> FloatArray:
-    """Gain (rows of CA, n_s) in the scaled coordinates: search, report and loop ask for the same."""
+    """Return the gain (rows of CA, n_s) in the scaled coordinates; cached for search, report and loop."""
     from scipy.signal import place_poles  # noqa: PLC0415  (start-up: only this estimator needs it)
 
     with warnings.catch_warnings():
@@ -267,8 +266,9 @@ def finish(
     present: BoolArray,
     poles: FloatArray,
 ) -> LuenbergerGain | Refusal:
-    """Return the gain of the slow pair, (n_s, present sensors), as one of the plant's own states, with the
-    poles it reaches beside those that were asked for.
+    """Return the slow pair's gain K_slow (n_s, present sensors) as a gain of the plant's states.
+
+    The result includes requested and reached poles.
     """
     if not np.isfinite(K_slow).all():
         return refusal(plant, present, "a mode of the model has a node at the sensor")
@@ -338,16 +338,16 @@ def _single_output(pair: SlowPair, z: FloatArray) -> FloatArray:
 
 
 def gains_on_eigenvectors(eigenvalues: FloatArray, c: FloatArray, poles: FloatArray) -> FloatArray:
-    """Return the gains g (n,) for which diag(λ) - g c has the wanted poles.
+    """Return the gains g (n,) for which diag(λ) - g c has the requested poles.
 
     g_i = Π_j (λ_i - p_j) / (c_i Π_{j≠i} (λ_i - λ_j)), for distinct λ and c_i ≠ 0. Factors are multiplied in
     pairs, so that nothing overflows on the way.
     """
     g = np.empty(len(eigenvalues))
-    for i, own in enumerate(eigenvalues):
+    for i, eigenvalue in enumerate(eigenvalues):
         others = np.delete(np.arange(len(eigenvalues)), i)
-        ratios = (own - poles[others]) / (own - eigenvalues[others])
-        g[i] = (own - poles[i]) / c[i] * np.prod(ratios)
+        ratios = (eigenvalue - poles[others]) / (eigenvalue - eigenvalues[others])
+        g[i] = (eigenvalue - poles[i]) / c[i] * np.prod(ratios)
     return g
 
 
@@ -358,14 +358,15 @@ def gains_on_chain(
 
     An insulated screw without surface loss only warms, so its first mode and the heat form a chain
     [[λ_1, coupling], [0, λ_1]]: a double pole. With h(z) = Π(z - p_j)/Π_{i>1}(z - λ_i) the residues at λ_1
-    are h and h'. `eigenvalues`, `c` (N,) belong to the modes, `c_heat` to the heat after the other modes are
-    decoupled from it.
+    are h and h'. The modes have `eigenvalues` (N,) and `c` (N,). The heat has `c_heat` after the other modes
+    are decoupled from it.
     """
-    own, others = eigenvalues[0], eigenvalues[1:]
+    first_eigenvalue, others = eigenvalues[0], eigenvalues[1:]
     residue = float(
-        np.prod((own - poles[: len(others)]) / (own - others)) * np.prod(own - poles[len(others) :])
+        np.prod((first_eigenvalue - poles[: len(others)]) / (first_eigenvalue - others))
+        * np.prod(first_eigenvalue - poles[len(others) :])
     )
-    slope = residue * (np.sum(1.0 / (own - poles)) - np.sum(1.0 / (own - others)))
+    slope = residue * (np.sum(1.0 / (first_eigenvalue - poles)) - np.sum(1.0 / (first_eigenvalue - others)))
     heat = residue / (c[0] * coupling)
     g = np.empty(len(eigenvalues))
     g[0] = (slope - c_heat * heat) / c[0]
@@ -374,5 +375,5 @@ def gains_on_chain(
         value = eigenvalues[i]
         ratios = (value - poles[: len(rest)]) / (value - eigenvalues[rest])
         top = np.prod(ratios) * np.prod(value - poles[len(rest) :])
-        g[i] = top / (c[i] * (value - own) ** 2)
+        g[i] = top / (c[i] * (value - first_eigenvalue) ** 2)
     return g, heat

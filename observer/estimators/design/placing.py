@@ -1,8 +1,8 @@
-"""The search for sets of sensors: which are worth their cost, by a score that sums up what remains unknown.
+"""The search for sets of sensors on the front of cost and score; the score is the remaining uncertainty.
 
-All sets, where there are few; else those that differ by one sensor from one that is worth its cost so far,
-until no such step leads to a further one (Pareto local search: Paquete, Chiarandini and Stützle 2004). Where
-all sensors cost the same that is the best sensor more each time, with exchanges of one for another.
+All sets are tried if they are few. Otherwise the search tries all sets that differ by one sensor from a set
+on the front, until no step extends the front (Pareto local search: Paquete, Chiarandini and Stützle 2004).
+With equal costs this adds the best sensor each time, and exchanges one for another.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from observer.estimators.design.sensor_sets import SensorSet
 from observer.frames import FloatArray
 
 MOST_SETS = 800
-"""So many sets are all tried: about a quarter of a minute."""
+"""Up to this number all sets are tried, in about a quarter of a minute."""
 MOST_TRIED = 4000
-"""After so many a search by steps ends."""
+"""A search by steps ends after this number of sets."""
 _DIGITS = 6
 """Scores that agree to so many digits are the same, as at the two ends of a symmetric screw."""
 
@@ -27,8 +27,9 @@ Score = Callable[[Sequence[SensorSet]], FloatArray]
 
 
 class Front(NamedTuple):
-    """The sets of which none is both cheaper and better, the cheapest first; whether all sets were tried, and
-    how many were.
+    """The sets on the front of cost and score, the cheapest first.
+
+    `exhaustive` is true if all sets were tried, and `tried` counts them.
     """
 
     sets: tuple[SensorSet, ...]
@@ -37,29 +38,30 @@ class Front(NamedTuple):
 
 
 class SetLimits(NamedTuple):
-    """What a set may be: the `costs` (n,) of all sensors, those that are `free` to be chosen, the `most` of
-    them that may be added to those that are `kept` in every set, the `budget` for all that is added, and the
-    sensors of which every set has one at least.
+    """Limits of a set: the `costs` (n,) of all sensors and those that are `free` to be chosen.
+
+    Every set contains the `required` sensors and at least one of `one_of`. At most `most` sensors may be
+    added, for at most the `budget`.
     """
 
     costs: FloatArray
     free: tuple[int, ...]
     most: int
     budget: float
-    kept: SensorSet
+    required: SensorSet
     one_of: frozenset[int]
 
     def cost(self, sensors: SensorSet) -> float:
-        """What a set costs beside what is kept."""
-        return float(sum(self.costs[i] for i in sensors if i not in self.kept))
+        """Return the cost of a set without the required sensors."""
+        return float(sum(self.costs[i] for i in sensors if i not in self.required))
 
     def allow(self, sensors: SensorSet) -> bool:
-        """Whether a set has what it needs, and is small and cheap enough."""
-        fits = len(sensors) <= self.most + len(self.kept) and not self.one_of.isdisjoint(sensors)
+        """Return whether a set is within all limits."""
+        fits = len(sensors) <= self.most + len(self.required) and not self.one_of.isdisjoint(sensors)
         return fits and self.affords(sensors)
 
     def affords(self, sensors: SensorSet) -> bool:
-        """Whether a set is within the budget."""
+        """Return whether a set is within the budget."""
         return self.cost(sensors) <= self.budget * (1 + 1e-9)
 
 
@@ -68,54 +70,54 @@ def best_sets(score: Score, limits: SetLimits) -> Front:
     tried: dict[SensorSet, float] = {}
 
     def attempt(sets: Iterator[SensorSet]) -> None:
-        new = [each for each in dict.fromkeys(sets) if each not in tried and limits.allow(each)]
+        new = [sensors for sensors in dict.fromkeys(sets) if sensors not in tried and limits.allow(sensors)]
         if new:
             tried.update(zip(new, np.round(np.log(score(new)), _DIGITS).tolist(), strict=True))
 
-    every = _every(limits)
-    if every is not None:
-        attempt(_with(limits.kept, more) for more in every)
+    additions = _all_additions(limits)
+    if additions is not None:
+        attempt(_with(limits.required, extra) for extra in additions)
     else:
-        attempt(iter([limits.kept]))
-        attempt(_beside(limits.kept, limits))
+        attempt(iter([limits.required]))
+        attempt(_neighbours(limits.required, limits))
         left: set[SensorSet] = set()
         while len(tried) < MOST_TRIED and (new := [s for s in _front(tried, limits) if s not in left]):
             left.add(new[0])  # the cheapest first, for what it leads to may replace the others
-            attempt(_beside(new[0], limits))
-    return Front(_front(tried, limits), every is not None, len(tried))
+            attempt(_neighbours(new[0], limits))
+    return Front(_front(tried, limits), additions is not None, len(tried))
 
 
-def _every(limits: SetLimits) -> list[SensorSet] | None:
-    """All that may be added within number and budget, the fewest first; None if that is too many to try."""
+def _all_additions(limits: SetLimits) -> list[SensorSet] | None:
+    """Return all additions within number and budget, the smallest first; None if they are too many to try."""
     layer: list[SensorSet] = [()]
-    found = list(layer)
+    additions = list(layer)
     for _ in range(min(limits.most, len(limits.free))):
         wider = ((*s, i) for s in layer for i in limits.free if not s or i > s[-1])
         layer = [s for s in wider if limits.affords(s)]
-        found += layer
-        if len(found) > MOST_SETS:
+        additions += layer
+        if len(additions) > MOST_SETS:
             return None
-    return found
+    return additions
 
 
-def _beside(chosen: SensorSet, limits: SetLimits) -> Iterator[SensorSet]:
-    """The sets with one sensor more, one less, or one exchanged for another."""
-    more = [i for i in limits.free if i not in chosen]
-    yield from (_with(chosen, (i,)) for i in more)
+def _neighbours(chosen: SensorSet, limits: SetLimits) -> Iterator[SensorSet]:
+    """Yield the sets with one sensor more, one less, or one exchanged for another."""
+    candidates = [i for i in limits.free if i not in chosen]
+    yield from (_with(chosen, (i,)) for i in candidates)
     for out in chosen:
-        if out not in limits.kept:
-            rest = tuple(j for j in chosen if j != out)
-            yield rest
-            yield from (_with(rest, (i,)) for i in more)
+        if out not in limits.required:
+            reduced = tuple(j for j in chosen if j != out)
+            yield reduced
+            yield from (_with(reduced, (i,)) for i in candidates)
 
 
-def _with(sensors: SensorSet, more: Sequence[int]) -> SensorSet:
-    return tuple(sorted((*sensors, *more)))
+def _with(sensors: SensorSet, extra: Sequence[int]) -> SensorSet:
+    return tuple(sorted((*sensors, *extra)))
 
 
 def _front(tried: dict[SensorSet, float], limits: SetLimits) -> tuple[SensorSet, ...]:
     front: list[SensorSet] = []
-    for each in sorted(tried, key=lambda s: (limits.cost(s), tried[s], len(s), s)):
-        if not front or tried[each] < tried[front[-1]]:
-            front.append(each)
+    for sensors in sorted(tried, key=lambda s: (limits.cost(s), tried[s], len(s), s)):
+        if not front or tried[sensors] < tried[front[-1]]:
+            front.append(sensors)
     return tuple(front)

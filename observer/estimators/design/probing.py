@@ -1,4 +1,4 @@
-"""What a probing would bring: one update of the covariance by a displacement's row, before it is measured."""
+"""The effect of a planned probing on σ: one update of the covariance by a displacement's row."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from observer.model.plant import Plant
 
 
 class ProbingWorth(NamedTuple):
-    """The σ of the thermal error (g,), µm, as it is and as one reading of a displacement would leave it."""
+    """The σ of the thermal error (g,), µm, before and after one reading of a displacement."""
 
     before_um: FloatArray
     after_um: FloatArray
 
 
 def probing_worth(plant: Plant, P: FloatArray, sensor: int) -> ProbingWorth:
-    """Return what one reading of sensor number `sensor` is worth, given the covariance P (n, n) of an
-    estimator's states: the plant's, the heats', and what is learnt.
+    """Return the σ of the thermal error before and after one reading of sensor number `sensor`.
+
+    P (n, n) is the covariance of an estimator's states: the plant's, the heats' and the learnt parameters.
 
     σ² − (c P h)²/(h P hᵀ + R) with h the row of the reading, its zero included, and c those of the error
     (Kalman 1960). Raises `ValueError` where play makes the error no linear function of the state.

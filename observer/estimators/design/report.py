@@ -1,4 +1,4 @@
-"""What a user must know of an estimator before trusting it: poles, noise gain, observability, warnings."""
+"""Report on an estimator before its use: poles, noise gain, observability, warnings."""
 
 from __future__ import annotations
 
@@ -24,15 +24,14 @@ _ABSURD_NOISE = 1.0
 
 
 class DesignReport(NamedTuple):
-    """How a plant's estimator is designed and what that means.
+    """The design of a plant's estimator.
 
-    Poles in 1/s: `eigenvalues_1_s` (n,) of the plant with its heats, `poles_requested_1_s` (none for a Kalman
-    filter), `poles_reached_1_s` recomputed from the closed loop, with many digits where double precision
-    misses the requested ones. `noise_gain_W_K`: each estimated heat's σ
-    under white noise of 1 K on every sensor. `weakest_mode` is a mode's number, `weakest_mode_sensor` the
-    sensor that sees it best, `weakest_mode_share` how much of it. `placed`: whether there is a gain, and
-    its poles are where they were asked to be.
-    `undetermined`: the sets of lost sensors after which the heats are no longer determined.
+    The plant with its heats has the poles `eigenvalues_1_s` (n,), 1/s. Requested poles are empty for a Kalman
+    filter. Reached poles are recomputed from the closed loop, with many digits where double precision misses
+    the requested ones. The `noise_gain_W_K` is each estimated heat's σ under white noise of 1 K on every
+    sensor. Sensor `weakest_mode_sensor` sees the share `weakest_mode_share` of the mode `weakest_mode`, more
+    than the others. If `placed` is true, a gain exists and its poles are the requested ones. Without one of
+    the sets `undetermined` of sensors, the heats are not determined.
     """
 
     kind: str
@@ -52,7 +51,7 @@ class DesignReport(NamedTuple):
 def design_report(plant: Plant, settings: EstimatorSettings, *, on_screw: bool = True) -> DesignReport:
     """Design the estimator of the settings and report on it; `on_screw` says whether a sensor sits there.
 
-    Raises `UserError` where no bandwidth serves; a design that is refused is reported, with no poles reached.
+    Raises `UserError` if no bandwidth serves. A refused design is reported without reached poles.
     """
     step = step_matrices(plant, settings.period_s)
     omega = bandwidth(plant, settings) if settings.kind == "luenberger" else np.inf
@@ -98,7 +97,7 @@ def _weakest_mode(plant: Plant) -> tuple[int, int, float]:
 
 
 def _rates(plant: Plant) -> FloatArray:
-    """The plant's own eigenvalues, 1/s; links are as passive as the screw, so that they are real."""
+    """Return the plant's eigenvalues, 1/s; they are real, because screw and links are passive."""
     if not len(plant.coupling.links.source):
         return -plant.decay_1_s
     return np.asarray(np.linalg.eigvals(generator(plant)).real)
@@ -107,7 +106,7 @@ def _rates(plant: Plant) -> FloatArray:
 def _outcome(
     plant: Plant, step: StepMatrices, whole: LuenbergerGain | FloatArray | Refusal
 ) -> tuple[FloatArray, gains.ComplexArray, FloatArray]:
-    """Poles requested, poles reached and noise gains."""
+    """Return requested poles, reached poles and noise gains."""
     if isinstance(whole, LuenbergerGain):
         return whole.poles_requested_1_s, whole.poles_reached_1_s, whole.noise_gain_W_K
     heats = int(plant.estimated.sum())
@@ -120,32 +119,32 @@ def _outcome(
 def _undetermined(
     plant: Plant, step: StepMatrices, settings: EstimatorSettings, omega: float
 ) -> tuple[tuple[str, ...], ...]:
-    """Smallest sets of sensors whose loss leaves no gain; supersets of one found are not listed again."""
+    """Return the smallest sets of sensors whose loss leaves no gain, without their supersets."""
     s = plant.rows.sensors
     if s > _MOST_SUBSET_SENSORS:
         return ()
     most = _most_lost(len(step.decay) + len(step.heat_decay), s)
-    found: list[frozenset[int]] = []
+    undetermined: list[frozenset[int]] = []
     sizes = range(1, most + 1)
     for lost in itertools.chain.from_iterable(itertools.combinations(range(s), r) for r in sizes):
-        if any(known <= set(lost) for known in found):
+        if any(smaller <= set(lost) for smaller in undetermined):
             continue
         present = gains.everything(plant)
         present[list(lost)] = False
         if isinstance(gain_for(plant, step, present, settings, omega), Refusal):
-            found.append(frozenset(lost))
-    return tuple(tuple(plant.layout.sensors[i] for i in sorted(lost)) for lost in found)
+            undetermined.append(frozenset(lost))
+    return tuple(tuple(plant.layout.sensors[i] for i in sorted(lost)) for lost in undetermined)
 
 
 def _most_lost(states: int, sensors: int) -> int:
-    """How many sensors are taken away together: all, one by one, or none, by what the designs may cost."""
+    """Return the largest number of sensors removed together, limited by the work of the designs."""
     if states**3 * 2**sensors <= _MOST_DESIGN_WORK:
         return sensors
     return 1 if states**3 * sensors <= _MOST_DESIGN_WORK else 0
 
 
 def _missed(whole: LuenbergerGain | FloatArray) -> bool:
-    """Whether poles were asked for and are not reached."""
+    """Return whether requested poles are not reached."""
     return isinstance(whole, LuenbergerGain) and not whole.pole_error <= gains.POLE_TOLERANCE
 
 
@@ -157,39 +156,39 @@ def _gain_warnings(
             f"sensors {', '.join(whole.sensors)} do not serve: {whole.reason}; add or move sensors "
             "(observer place) or lower bandwidth_1_s"
         ]
-    found = []
+    messages = []
     if isinstance(whole, LuenbergerGain) and _missed(whole):
-        found.append(
+        messages.append(
             f"the poles reached are up to {whole.pole_error:.2g} times off those requested: rounding the "
             'gains to double precision moves them so far; use pole_rule = "bandwidth" or kind = "kalman"'
         )
     for name, gain, sigma_W in zip(plant.layout.sources, noise, plant.initial_sigma_W, strict=True):
         noise_W = float(gain * np.sqrt(plant.noise_R_K2.max()))
         if not noise_W <= _ABSURD_NOISE * sigma_W:
-            found.append(
+            messages.append(
                 f"sensor noise alone moves the heat of {name} by {noise_W:.3g} W, more than its "
                 'initial_sigma_W; lower bandwidth_1_s, move a sensor nearer, or use kind = "kalman"'
             )
-    return found
+    return messages
 
 
 def _sensor_warnings(
     sensor: str, mode: int, share: float, undetermined: tuple[tuple[str, ...], ...], *, on_screw: bool
 ) -> list[str]:
-    """Of a mode that is hardly seen, and of sensors that must not be lost.
+    """Return warnings about a weakly observed mode, and about sensors that must not be lost.
 
-    Sensors on bodies alone cannot be moved along the screw, and each serves one heat: that is no warning.
+    Sensors that are all on bodies cause no warning: each serves one heat, at a fixed place.
     """
-    found = []
+    messages = []
     if share < _NEARLY_BLIND and on_screw:
-        found.append(
+        messages.append(
             f"no sensor sees more than {share:.0%} of mode {mode} (best: {sensor}): each sits where it "
             "hardly shows; move one sensor (observer place)"
         )
     single = [lost[0] for lost in undetermined if len(lost) == 1]
     if single and on_screw:
-        found.append(
+        messages.append(
             f"without {' or without '.join(single)} the heats can no longer be distinguished and are only "
             "predicted; add a sensor"
         )
-    return found
+    return messages

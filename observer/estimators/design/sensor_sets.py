@@ -1,8 +1,8 @@
-"""How sure an estimator would be with each of many sets of sensors, all out of those of one plant.
+"""The σ of an estimator with each of many sets of sensors of one plant.
 
-The covariances are those of `spread`: of a filter that knows only the sensors of a set, of the screw and the
-machine the same as all, and of what is only roughly known what belongs to these. What drives the plant along
-the shift, and what each sensor would read, is worked out once for all sets.
+The covariances are those of `spread`, for a filter with only the sensors of a set and their parameters. All
+filters share screw and machine. Inputs along the shift and rows of the sensors are computed once for all
+sets.
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ SensorSet = tuple[int, ...]
 
 
 class SetSigmas(NamedTuple):
-    """Mean σ over a shift with each of v sets: of each estimated heat (v, m_e), W; at each place of the field
-    (v, g), K, and of the thermal error (v, g), µm, which is (v, 0) without an expansion coefficient.
+    """Mean σ over a shift with each of v sets: each estimated heat (v, m_e), W, and the field (v, g), K.
+
+    The thermal error (v, g), µm, is (v, 0) without an expansion coefficient.
     """
 
     heat_W: FloatArray
@@ -42,93 +43,98 @@ class SetSigmas(NamedTuple):
     error_um: FloatArray
 
 
-class _Own(NamedTuple):
-    """Of v sets of up to k sensors: `sensors` (v, k), `weight_1_K` (v, k), one over the σ of a reading, 0
-    where a set has fewer; `states` (v, n), which of all states each filter has, one
-    beyond the last for what a sensor does not have; `held` (h,) parameters, considered only.
+class _SetArrays(NamedTuple):
+    """Arrays of v sets of up to k sensors: their indices `sensors` (v, k).
+
+    Readings have weights `weight_1_K` (v, k), one over their σ, 0 where a set has fewer sensors. Filters have
+    the states `states` (v, n) of all N states; index N marks a parameter that a sensor lacks. Parameters in
+    `considered` (h,) are not learnt.
     """
 
     sensors: NDArray[np.int64]
     weight_1_K: FloatArray
     states: NDArray[np.int64]
-    held: NDArray[np.int64]
+    considered: NDArray[np.int64]
 
     def of_states(self, P: FloatArray) -> FloatArray:
-        """The parts (v, n, n) of a matrix over all states (N, N)."""
+        """Return the parts (v, n, n) of a matrix over all states (N, N)."""
         wide = np.pad(P, ((0, 1), (0, 1)))
         return np.asarray(wide[self.states[:, :, None], self.states[:, None, :]])
 
-    def of_readings(self, seen: FloatArray, readings: FloatArray) -> FloatArray:
-        """The rows (v, f k, n) of all sensors' (f, s, N), by the σ of the mean of the `readings` (s,) in a
-        step, with f rows for each that it has in one.
+    def of_readings(self, rows: FloatArray, readings: FloatArray) -> FloatArray:
+        """Return the rows (v, f k, n) of the sets from those of all sensors (f, s, N), in units of σ.
+
+        The σ is that of the mean of a step's `readings` (s,). Each sensor has one row for each of f phases.
         """
-        wide = np.pad(seen, ((0, 0), (0, 0), (0, 1)))
-        own = wide[:, self.sensors[:, :, None], self.states[:, None, :]]
-        weight = self.weight_1_K * np.sqrt(readings / len(seen))[self.sensors]
-        own = own * weight[:, :, None]
-        return np.asarray(own.swapaxes(0, 1).reshape(len(self.sensors), -1, self.states.shape[1]))
+        wide = np.pad(rows, ((0, 0), (0, 0), (0, 1)))
+        set_rows = wide[:, self.sensors[:, :, None], self.states[:, None, :]]
+        weight = self.weight_1_K * np.sqrt(readings / len(rows))[self.sensors]
+        set_rows = set_rows * weight[:, :, None]
+        return np.asarray(set_rows.swapaxes(0, 1).reshape(len(self.sensors), -1, self.states.shape[1]))
 
 
 def set_sigmas(
     plant: Plant, shift: Sequence[Stage], sets: Sequence[SensorSet], every_s: FloatArray, dt_s: float
 ) -> SetSigmas:
-    """Return the σ of a Kalman filter over a shift, in steps `dt_s`, with each of some sets of the sensors of
-    a plant that knows its tolerances (`build_plant` with `learns`), read `every_s` (s,).
+    """Return the σ of a Kalman filter over a shift, in steps `dt_s`, with each of the sets of sensors.
+
+    The plant includes its tolerances (`build_plant` with `learns`). Sensors are read `every_s` (s,).
     """
     a = plant.parameters
     n_x = len(plant.decay_1_s)
     first = n_x + int(plant.estimated.sum())
-    own = _own(plant, a, first, sets, 1.0 / np.sqrt(plant.noise_R_K2))
-    n, all_sigma = own.states.shape[1], a.sigma[None, :]
+    arrays = _set_arrays(plant, a, first, sets, 1.0 / np.sqrt(plant.noise_R_K2))
+    n, all_sigma = arrays.states.shape[1], a.sigma[None, :]
     at_rest, anyhow = (
-        own.of_states(start(plant, a, shift[0], all_sigma, at_rest=x)[0]) for x in (True, False)
+        arrays.of_states(start(plant, a, shift[0], all_sigma, at_rest=x)[0]) for x in (True, False)
     )
-    P = np.where(_has_offsets(own, a, first)[:, None, None], at_rest, anyhow)
-    Q = own.of_states(wandering(all_sigma, first, dt_s)[0])
+    P = np.where(_has_offsets(arrays, a, first)[:, None, None], at_rest, anyhow)
+    Q = arrays.of_states(wandering(all_sigma, first, dt_s)[0])
     machine = first + a.machine
-    found: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    moment_sigmas: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for count, now in enumerate(along(plant, a, shift, dt_s, sweeps=True), 1):
         F = np.eye(n) * now.F[-1, -1]
         F[:machine, :machine] = now.F[:machine, :machine]
         Q[:, :first, :first] = now.Q
         P[:, range(n_x, first), range(n_x, first)] += (plant.jump_uncertainty * now.jump_W) ** 2
-        rows = own.of_readings(now.H + now.passing, _readings(count, every_s, dt_s))
+        rows = arrays.of_readings(now.H + now.passing, _readings(count, every_s, dt_s))
         before = F @ P @ F.T + Q
-        P = corrected(before, rows, np.ones(rows.shape[1]), None, own.held, first)
+        P = corrected(before, rows, np.ones(rows.shape[1]), None, arrays.considered, first)
         if is_counted(count, dt_s):
-            found.append(sigmas(Moment(now.plant, now.stage, now.x, rows, between(before, P)), a))
-    return SetSigmas(*(np.mean(column, axis=0) for column in zip(*found, strict=True)))
+            moment_sigmas.append(sigmas(Moment(now.plant, now.stage, now.x, rows, between(before, P)), a))
+    return SetSigmas(*(np.mean(column, axis=0) for column in zip(*moment_sigmas, strict=True)))
 
 
 def _readings(step: int, every_s: FloatArray, dt_s: float) -> FloatArray:
-    """How many readings (s,) of each sensor there are in a step, from 1; of one that comes less often than
-    steps do, 1 in the steps in which it comes.
+    """Return the number of readings (s,) of each sensor in a step; steps count from 1.
+
+    A sensor with a longer period than the steps has 1 in the steps with a reading, else 0.
     """
     rare = np.floor(step * dt_s / every_s) - np.floor((step - 1) * dt_s / every_s)
     return np.where(every_s > dt_s, rare, dt_s / every_s)
 
 
-def _own(
+def _set_arrays(
     plant: Plant, a: LearningArrays, first: int, sets: Sequence[SensorSet], weight_1_K: FloatArray
-) -> _Own:
-    """What each set has of all; each sensor has as many states, in the order of their kinds."""
-    most, nothing = max(len(each) for each in sets), first + len(a.kind)
+) -> _SetArrays:
+    """Return the arrays of the sets; each sensor has the same number of states, in order of their kinds."""
+    most, absent = max(len(chosen) for chosen in sets), first + len(a.kind)
     kinds = np.unique(a.kind[a.machine :])
-    table = np.full((plant.rows.sensors, len(kinds)), nothing)
+    table = np.full((plant.rows.sensors, len(kinds)), absent)
     for q in range(a.machine, len(a.kind)):
         table[a.of[q], np.searchsorted(kinds, a.kind[q])] = first + q
     sensors, weights = np.zeros((len(sets), most), np.int64), np.zeros((len(sets), most))
-    states = np.full((len(sets), first + a.machine + most * len(kinds)), nothing)
+    states = np.full((len(sets), first + a.machine + most * len(kinds)), absent)
     states[:, : first + a.machine] = np.arange(first + a.machine)
-    for v, each in enumerate(sets):
-        sensors[v, : len(each)], weights[v, : len(each)] = each, weight_1_K[list(each)]
-        of_sensors = table[list(each)].ravel()
+    for v, chosen in enumerate(sets):
+        sensors[v, : len(chosen)], weights[v, : len(chosen)] = chosen, weight_1_K[list(chosen)]
+        of_sensors = table[list(chosen)].ravel()
         states[v, first + a.machine : first + a.machine + len(of_sensors)] = of_sensors
     held_kinds = np.isin(kinds, a.kind[a.held])
     of_slots = a.machine + np.flatnonzero(np.tile(held_kinds, most))
-    return _Own(sensors, weights, states, np.concatenate([a.held[a.held < a.machine], of_slots]))
+    return _SetArrays(sensors, weights, states, np.concatenate([a.held[a.held < a.machine], of_slots]))
 
 
-def _has_offsets(own: _Own, a: LearningArrays, first: int) -> BoolArray:
-    """Whether each set (v,) has a sensor with an offset, without which a filter takes no rest for rest."""
-    return np.asarray(np.isin(own.states, first + np.flatnonzero(a.kind == Nuisance.OFFSET)).any(axis=1))
+def _has_offsets(arrays: _SetArrays, a: LearningArrays, first: int) -> BoolArray:
+    """Return whether each set (v,) has a sensor with an offset; other filters do not start from rest."""
+    return np.asarray(np.isin(arrays.states, first + np.flatnonzero(a.kind == Nuisance.OFFSET)).any(axis=1))

@@ -1,8 +1,8 @@
-"""How sure an estimator will be over a shift, and what each tolerance has in that: covariances alone.
+"""The σ of an estimator over a shift, and the share of each tolerance in it, from covariances alone.
 
-The filter of [x | δ | θ] (`model.learning`) is run without measurements on full matrices, for what is read
-does not change a σ. Its steps (`along`) are longer than the estimator's, with the noise that is left in the
-mean of as many samples, which may be less than one.
+The filter of [x | δ | θ] (`model.learning`) runs on full matrices without measurements, because readings do
+not change σ. Its steps (`along`) are longer than the estimator's. The noise is that of the mean of a step's
+samples, which may be fewer than one.
 """
 
 from __future__ import annotations
@@ -27,19 +27,21 @@ from observer.model.rod.supports import fold
 from observer.tables.estimator import EstimatorSettings
 
 FROM_S = 600.0
-"""σ are means from ten minutes on: before that the heats are being found."""
-EVERY = 3
-"""Every which step takes part in the means."""
+"""The means of σ exclude the first ten minutes, in which the heats settle."""
+STEPS_PER_MOMENT = 3
+"""Every third step enters the means."""
 STEPS_S = (10.0, 20.0, 30.0)
-"""Steps to choose from: the first that costs no more than `MOST_WORK`."""
+"""Permitted steps: the first that needs at most `MOST_WORK`."""
 MOST_WORK = 3e9
 """States cubed times steps times cases: a second or two."""
 _TOO_MUCH_WORK = 4.0 * MOST_WORK
 
 
 class Spread(NamedTuple):
-    """Mean σ of several cases over a shift: of each estimated heat (v, m_e), W; of the field (v,), K; of the
-    thermal error (v,), µm, None without an expansion coefficient. The last two are means over the places.
+    """Mean σ of v cases over a shift: each estimated heat (v, m_e), W, field (v,), K, and error (v,), µm.
+
+    Those of the field and of the thermal error are means over the places. The latter is None without an
+    expansion coefficient.
     """
 
     heat_W: FloatArray
@@ -48,14 +50,16 @@ class Spread(NamedTuple):
 
 
 class NotDefined(NamedTuple):
-    """Why there are no σ over a shift."""
+    """The reason why σ over a shift do not exist."""
 
     reason: str
 
 
 class Moment(NamedTuple):
-    """A moment of a shift: the `plant` with its nuts where they stand, the `stage`, the states `x` (n_x,); by
-    phases of a sweep, readings by the states, `H` (f, s, n); and the covariances `P` (v, n, n) about then.
+    """A moment of a shift: the `plant` with standing nuts in place, the `stage`, and the states `x` (n_x,).
+
+    Rows `H` (f, s, n) give the readings by phases of a sweep. Covariances `P` (v, n, n) are means over the
+    step.
     """
 
     plant: Plant
@@ -68,11 +72,10 @@ class Moment(NamedTuple):
 def spread(
     plant: Plant, settings: EstimatorSettings, shift: Sequence[Stage], cases: FloatArray
 ) -> Spread | NotDefined:
-    """Return the σ over a shift for cases (v, L) of how much is left of each tolerance of the plant.
+    """Return the σ over a shift for cases (v, L) of the remaining share of each tolerance.
 
-    The plant is one that knows its tolerances (`build_plant` with `learns`). There are none where the
-    settings have no gain, or one that does not hold in the steps taken here, or where there are so many
-    states that it would take long.
+    The plant includes its tolerances (`build_plant` with `learns`). Returns `NotDefined` if the settings have
+    no gain, if the gain is unstable in these steps, or if the states are too many.
     """
     a = plant.parameters
     dt_s = _step_s(plant, sum(stage.duration_s for stage in shift), len(cases))
@@ -86,12 +89,12 @@ def spread(
     if K is not None and not is_stable(closed_loop(coarse, step_matrices(coarse, dt_s), K)):
         return lost
     with np.errstate(over="ignore", invalid="ignore"):  # what is lost to rounding shows in the result
-        found = _over(coarse, a, shift, cases * a.sigma, K, dt_s)
-    return found if all(np.isfinite(sigma).all() for sigma in found if sigma is not None) else lost
+        result = _over(coarse, a, shift, cases * a.sigma, K, dt_s)
+    return result if all(np.isfinite(sigma).all() for sigma in result if sigma is not None) else lost
 
 
 def _step_s(plant: Plant, duration_s: float, cases: int) -> float | None:
-    """The shortest step that is little work, or the longest while that is bearable; None where it is not."""
+    """Return the shortest step within `MOST_WORK`, else the longest step; None if that is too much work."""
     n = len(plant.decay_1_s) + int(plant.estimated.sum()) + plant.learnt
     work_s = n**3 * cases * duration_s
     fitting = [step_s for step_s in STEPS_S if work_s / step_s <= MOST_WORK]
@@ -101,7 +104,7 @@ def _step_s(plant: Plant, duration_s: float, cases: int) -> float | None:
 
 
 def _fixed_gain(plant: Plant, settings: EstimatorSettings, dt_s: float) -> FloatArray | Refusal | None:
-    """The gain (n, s) of an observer that has one for all steps, None for a Kalman filter."""
+    """Return the constant gain (n, s) of an observer, None for a Kalman filter."""
     if settings.kind != "luenberger" and settings.engine != "constant":
         return None
     gain = gain_for(plant, step_matrices(plant, dt_s), everything(plant), settings)
@@ -116,11 +119,11 @@ def _over(
     K: FloatArray | None,
     dt_s: float,
 ) -> Spread:
-    """The mean σ with tolerances `sigma` (v, L)."""
-    found = [sigmas(each, a) for each in moments(plant, a, shift, sigma, K, dt_s)]
-    heat, field, error = (np.mean(column, axis=0) for column in zip(*found, strict=True))
-    there = len(plant.rows.C) > plant.rows.error_slice.start
-    return Spread(heat, field.mean(axis=1), error.mean(axis=1) if there else None)
+    """Return the mean σ with tolerances `sigma` (v, L)."""
+    moment_sigmas = [sigmas(moment, a) for moment in moments(plant, a, shift, sigma, K, dt_s)]
+    heat, field, error = (np.mean(column, axis=0) for column in zip(*moment_sigmas, strict=True))
+    has_error = len(plant.rows.C) > plant.rows.error_slice.start
+    return Spread(heat, field.mean(axis=1), error.mean(axis=1) if has_error else None)
 
 
 def moments(
@@ -144,34 +147,36 @@ def moments(
     for count, now in enumerate(along(plant, a, shift, dt_s, sweeps=K is None), 1):
         Q[:, :first, :first] = now.Q
         P[:, range(n_x, first), range(n_x, first)] += (plant.jump_uncertainty * now.jump_W) ** 2
-        seen = now.H + now.passing
+        phase_rows = now.H + now.passing
         before = now.F @ P @ now.F.T + Q
         if weight_1_K is None:
-            noise_R = np.tile(plant.noise_R_K2 * len(seen), len(seen))
-            P = corrected(before, seen.reshape(-1, first + L), noise_R, K, a.held, first)
+            noise_R = np.tile(plant.noise_R_K2 * len(phase_rows), len(phase_rows))
+            P = corrected(before, phase_rows.reshape(-1, first + L), noise_R, K, a.held, first)
         else:  # rows in standard deviations: a reading that is not used is a row of nothing
-            rows = weight_1_K[:, None, :, None] * seen / np.sqrt(len(seen))
+            rows = weight_1_K[:, None, :, None] * phase_rows / np.sqrt(len(phase_rows))
             rows = rows.reshape(len(sigma), -1, first + L)
             P = corrected(before, rows, np.ones(rows.shape[1]), None, a.held, first)
         if is_counted(count, dt_s):
-            yield Moment(now.plant, now.stage, now.x, seen, between(before, P))
+            yield Moment(now.plant, now.stage, now.x, phase_rows, between(before, P))
 
 
 def is_counted(step: int, dt_s: float) -> bool:
-    """Whether what is known after so many steps has a part in the means."""
-    return step * dt_s >= FROM_S and step % EVERY == 0
+    """Return whether a step enters the means; steps count from 1."""
+    return step * dt_s >= FROM_S and step % STEPS_PER_MOMENT == 0
 
 
 def between(before: FloatArray, after: FloatArray) -> FloatArray:
-    """What is known while a step lasts: samples come all through it, so that it lies between before and after
-    the correction.
+    """Return the mean covariance over a step, whose samples are spread over it.
+
+    It is the mean of the covariances before and after the correction.
     """
     return np.asarray(0.5 * (before + after))
 
 
 def wandering(sigma: FloatArray, first: int, dt_s: float) -> FloatArray:
-    """The noise (v, n, n) by which parameters behind the `first` states wander in a step about nothing, as
-    far as `sigma` (v, L) in the long run.
+    """Return the noise (v, n, n) of a step by which the parameters wander about zero.
+
+    Parameters follow the `first` states. Their standard deviations stay `sigma` (v, L).
     """
     n = first + sigma.shape[1]
     Q = np.zeros((len(sigma), n, n))
@@ -180,7 +185,10 @@ def wandering(sigma: FloatArray, first: int, dt_s: float) -> FloatArray:
 
 
 def start(plant: Plant, a: LearningArrays, stage: Stage, sigma: FloatArray, *, at_rest: bool) -> FloatArray:
-    """The covariances (v, n, n) before the first correction; `at_rest`: rest is taken for rest."""
+    """Return the covariances (v, n, n) before the first correction.
+
+    With `at_rest`, a shift that begins without heats begins from a screw at the air's temperature.
+    """
     n_x, m_e = len(plant.decay_1_s), int(plant.estimated.sum())
     first = n_x + m_e
     P = np.zeros((len(sigma), first + len(a.kind), first + len(a.kind)))
@@ -193,12 +201,12 @@ def start(plant: Plant, a: LearningArrays, stage: Stage, sigma: FloatArray, *, a
     P[:, :n_x, :n_x] = a.rest_P if rest else plant.prior_P
     still = STILL if rest else 1.0
     P[:, range(n_x, first), range(n_x, first)] = (still * plant.initial_sigma_W) ** 2
-    own = range(first, first + len(a.kind))
-    P[:, own, own] = sigma**2
+    parameters = range(first, first + len(a.kind))
+    P[:, parameters, parameters] = sigma**2
     for i in np.flatnonzero(a.kind == Nuisance.AMBIENT) if rest else ():
-        together = sigma[:, i, None] ** 2 * plant.uniform
-        P[:, :n_x, first + i] = P[:, first + i, :n_x] = together
-        P[:, :n_x, :n_x] += together[:, :, None] * plant.uniform
+        covariance = sigma[:, i, None] ** 2 * plant.uniform
+        P[:, :n_x, first + i] = P[:, first + i, :n_x] = covariance
+        P[:, :n_x, :n_x] += covariance[:, :, None] * plant.uniform
     return P
 
 
@@ -207,12 +215,13 @@ def corrected(
     H: FloatArray,
     R_K2: FloatArray,
     K: FloatArray | None,
-    held: NDArray[np.int64],
+    considered: NDArray[np.int64],
     first: int,
 ) -> FloatArray:
-    """The covariances after a correction by all sensors: by K, which knows of no parameter, or by the Kalman
-    gain, which leaves the `held` parameters, considered only, as they are (Schmidt 1966). H is (r, n), or
-    (v, r, n) where each case has its own.
+    """Return the covariances after a correction by all sensors, with the gain K or with the Kalman gain.
+
+    K corrects the `first` states only. The Kalman gain leaves the `considered` parameters unchanged (Schmidt
+    1966). H is (r, n), or (v, r, n) with rows for each case.
     """
     if K is not None:
         left = np.eye(P.shape[1])
@@ -222,14 +231,14 @@ def corrected(
         return P
     PH = P @ H.swapaxes(-1, -2)
     learned = PH @ np.linalg.solve(H @ PH + np.diag(R_K2), PH.swapaxes(1, 2))
-    held = first + held
-    learned[:, held[:, None], held] = 0.0
+    considered = first + considered
+    learned[:, considered[:, None], considered] = 0.0
     P = P - learned
     return np.asarray(0.5 * (P + P.swapaxes(1, 2)))
 
 
 def sigmas(now: Moment, a: LearningArrays) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """σ of heats (v, m_e), field (v, g) and thermal error (v, g or 0)."""
+    """Return σ of heats (v, m_e), field (v, g) and thermal error (v, g or 0)."""
     plant, stage, x, P = now.plant, now.stage, now.x, now.P
     n_x, estimated, g = len(x), np.flatnonzero(plant.estimated), plant.rows.grid
     heats = np.eye(len(estimated), P.shape[1], n_x)

@@ -1,5 +1,6 @@
-"""Gains in the steady state: the Kalman filter's, and the Luenberger observer's by the configured rule, with
-the bandwidth where none is given; and whether it holds while a nut stands still.
+"""Constant gains: the steady Kalman gain, and the Luenberger gain by the configured rule.
+
+The default bandwidth and the growth of errors while a nut is at rest are computed here too.
 """
 
 from __future__ import annotations
@@ -70,35 +71,34 @@ def gain_for(
     bandwidth_1_s: float | None = None,
     growth_at_most_1_s: float = GROWTH_AT_MOST_1_S,
 ) -> LuenbergerGain | FloatArray | Refusal:
-    """Return the gain that the settings ask for, the Kalman filter's in its steady state; without
-    `bandwidth_1_s` that of the settings.
+    """Return the gain of the configured estimator; a Kalman filter's is the steady one.
 
-    Gains are designed for nuts spread over their strokes. One that is to stay as it is, a Luenberger
-    observer's or that of the engine "constant", is a more cautious one where errors would otherwise grow
-    faster than `growth_at_most_1_s` while a nut stands, and refused where they would under each.
+    The default of `bandwidth_1_s` is that of the settings. Gains are designed for nuts spread over their
+    strokes. A constant gain must not let errors grow faster than `growth_at_most_1_s` while a nut stands.
+    More cautious designs are tried in turn, and the gain is refused if all of them fail.
     """
     is_placed = settings.kind == "luenberger"
     omega = bandwidth(plant, settings) if is_placed and bandwidth_1_s is None else bandwidth_1_s
     growth_1_s = np.inf
     for caution in _CAUTIONS:
-        found: LuenbergerGain | FloatArray | Refusal
+        gain: LuenbergerGain | FloatArray | Refusal
         if is_placed and omega is not None:
-            found = design(plant, step, present, settings.pole_rule, omega / math.sqrt(caution))
+            gain = design(plant, step, present, settings.pole_rule, omega / math.sqrt(caution))
         else:
             doubtful = replace(plant, noise_R_K2=caution * plant.noise_R_K2)
-            found = steady_kalman(doubtful, step, present)
-        if isinstance(found, Refusal) or not (is_placed or settings.engine == "constant"):
-            return found
-        growth_1_s = standing_growth_1_s(plant, step, found.K if isinstance(found, LuenbergerGain) else found)
+            gain = steady_kalman(doubtful, step, present)
+        if isinstance(gain, Refusal) or not (is_placed or settings.engine == "constant"):
+            return gain
+        growth_1_s = standing_growth_1_s(plant, step, gain.K if isinstance(gain, LuenbergerGain) else gain)
         if growth_1_s <= growth_at_most_1_s:
-            return found
+            return gain
     return refusal(
         plant, present, f"while the nut stands, errors would grow e-fold in {1.0 / growth_1_s:.0f} s"
     )
 
 
 def noise_share(plant: Plant, gain: LuenbergerGain, present: BoolArray) -> float:
-    """Heat σ made by the noise of the sensors present, as a share of the heats' initial sigma."""
+    """Return the heat σ caused by noise of the present sensors, relative to the heats' initial σ."""
     noise_K = float(np.sqrt(plant.noise_R_K2[present].max()))
     return float(np.max(gain.noise_gain_W_K * noise_K / plant.initial_sigma_W))
 
@@ -106,9 +106,9 @@ def noise_share(plant: Plant, gain: LuenbergerGain, present: BoolArray) -> float
 def bandwidth(plant: Plant, settings: EstimatorSettings) -> float:
     """Return the configured bandwidth, 1/s, or the default; under Kim's rule none holds, and it is infinite.
 
-    The default is the one, of four per decade, at which the heats' steady σ (random walk, sensor noise and
-    the observer's own lag together) is smallest against their initial_sigma_W; no faster than a half per
-    period. Raises `UserError` where none serves.
+    The default minimises the heats' steady σ relative to their initial_sigma_W. This σ contains random walk,
+    sensor noise and the observer's lag. Four values per decade are tried, up to a half per period. Raises
+    `UserError` if none serves.
     """
     if settings.pole_rule == "kim":
         return float("inf")
@@ -135,7 +135,7 @@ def bandwidth(plant: Plant, settings: EstimatorSettings) -> float:
 
 
 def _steady_heat_sigma(plant: Plant, step: StepMatrices, K: FloatArray) -> float:
-    """Largest steady heat σ under a gain, as a share of the heats' initial sigma."""
+    """Return the largest steady heat σ under a gain, relative to the heats' initial σ."""
     steady = steady_covariance(plant, step, K)
     if steady is None:
         return float("inf")
@@ -154,19 +154,19 @@ def standing(plant: Plant, places_m: Mapping[int, float]) -> Plant:
 
 
 def standing_growth_1_s(plant: Plant, step: StepMatrices, K: FloatArray) -> float:
-    """Return the fastest growth, 1/s, of the estimate's error with one nut standing at any place of its
-    screw, or of its stroke where there are several; negative where it decays at each, and without nuts -inf.
+    """Return the fastest growth, 1/s, of the estimate's error with one nut standing at any position.
 
-    Neither what the machine is nor what it does enters this: error's own motion is e⁺ = (I - K C) Ad e with
-    the model's C and Ad, of the place. The others are spread over their strokes.
+    Positions cover the screw, or the nut's stroke if there are several nuts. The others are spread over their
+    strokes. The error follows e⁺ = (I - K C) Ad e, with the model's C and Ad at the position. The result is
+    negative where the error decays everywhere, and -inf without nuts.
     """
     fastest = 0.0
     for nut in plant.moving:
         half_m = 0.5 * nut.table.nut_m
         low_m, high_m = nut.reach_m or (half_m, nut.table.screw_m - half_m)
         for place_m in np.linspace(low_m, high_m, _PLACES):
-            here = standing(plant, {nut.index: float(place_m)})
-            fastest = max(fastest, float(np.abs(eigvals(closed_loop(here, step, K))).max()))
+            standing_plant = standing(plant, {nut.index: float(place_m)})
+            fastest = max(fastest, float(np.abs(eigvals(closed_loop(standing_plant, step, K))).max()))
     return float(np.log(fastest) / step.dt_s) if fastest > 0.0 else -np.inf
 
 
@@ -212,8 +212,9 @@ def steady_kalman(plant: Plant, step: StepMatrices, present: BoolArray) -> Float
 
 
 def steady_covariance(plant: Plant, step: StepMatrices, K: FloatArray) -> Steady | None:
-    """Return the covariance that a constant gain K (n, s) leads to. None where it is not stable, or so
-    ill-conditioned that double precision cannot give it.
+    """Return the covariances under a constant gain K (n, s).
+
+    None if the loop is unstable or too ill-conditioned for double precision.
 
     P = M P Mᵀ + (I - K C) Qd (I - K C)ᵀ + K R Kᵀ, with M = (I - K C) Ad.
     """
