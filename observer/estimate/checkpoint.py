@@ -1,8 +1,8 @@
 """The state of a service as bytes: drive, estimator and compensation after a step, to the last bit.
 
-A checkpoint is a first line that names its format, the SHA-256 of what follows, and a CBOR document. It holds
-only numbers, texts and arrays, which are taken over field by field where they fit the present parts; nothing
-in it is ever executed. The same bytes begin a recording made after a warm start, in a file beside it.
+A checkpoint is a line with the format's name, the SHA-256 of the document, and a CBOR document. The document
+contains only numbers, texts and arrays; it is never executed. A restart restores the fields that fit the
+current parts. The same bytes, in a second file, begin a recording made after a warm start.
 """
 
 from __future__ import annotations
@@ -47,12 +47,11 @@ class UnfitError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Where a pipeline stood after the step at `tick_s`, what was known of the prediction's gap, if there is
-    one, and what its compensation held.
+    """States of a pipeline after the step at `tick_s`: drive, estimator, open-loop residual, compensation.
 
-    Beside a recording that goes on with another one also what the aligner (`walk`) and the self-test (`test`)
-    remembered, which a restart forgets, and the number of the next estimate. At the end of a process also
-    `screw`, from which another model of the machine continues.
+    A snapshot of a recording that continues another one also contains the memories of the aligner (`walk`)
+    and the self-test (`test`), and the number of the next estimate. A restart does not use them. A snapshot
+    at the end of a process also contains `screw`, from which another model of the machine continues.
     """
 
     tick_s: float
@@ -68,7 +67,7 @@ class Snapshot:
 
 @dataclass(frozen=True, slots=True)
 class CheckpointFit:
-    """What a checkpoint has to fit: plant and compensation by digest, states by those of a cold start."""
+    """Requirements on a checkpoint: digests of plant and compensation, and the states of a cold start."""
 
     plant: str
     drive: Any
@@ -81,18 +80,27 @@ class CheckpointFit:
 
     @classmethod
     def of(cls, machine: MachineModel) -> CheckpointFit:
-        """What fits a machine with its estimator. Raises `UserError` where that cannot be designed."""
+        """Return the requirements of a machine. Raises `UserError` if its estimator cannot be designed."""
         config, settings, gap = machine.config, machine.config.compensation, machine.gap()
         setup = hashlib.sha256(settings.model_dump_json().encode()).hexdigest()[:16]
-        held = compensation.initial(compensation.plan_of(config)) if settings.enabled else None
+        compensation_state = compensation.initial(compensation.plan_of(config)) if settings.enabled else None
         begin = machine.drive.initial(), machine.estimator().initial()
-        known = nothing_yet(machine.plan.expected()), machine.self_test().initial()
-        return cls(config.plant_digest, *begin, setup, held, None if gap is None else gap.state, *known)
+        memories = nothing_yet(machine.plan.expected()), machine.self_test().initial()
+        return cls(
+            config.plant_digest,
+            *begin,
+            setup,
+            compensation_state,
+            None if gap is None else gap.state,
+            *memories,
+        )
 
 
 def pack(snapshot: Snapshot, fit: CheckpointFit) -> bytes:
-    """A snapshot as bytes; `fit` says of which plant and which compensation."""
-    held = {"setup": fit.setup, "state": _plain(snapshot.compensation)} if snapshot.compensation else None
+    """Return a snapshot as bytes, with the digests of plant and compensation from `fit`."""
+    compensation_entry = (
+        {"setup": fit.setup, "state": _plain(snapshot.compensation)} if snapshot.compensation else None
+    )
     body = cbor2.dumps(
         {
             "version": version("ballscrew-observer"),
@@ -100,7 +108,7 @@ def pack(snapshot: Snapshot, fit: CheckpointFit) -> bytes:
             "tick_s": snapshot.tick_s,
             "drive": _plain(snapshot.drive),
             "estimator": _plain(snapshot.estimator),
-            "compensation": held,
+            "compensation": compensation_entry,
             "gap": _plain(snapshot.gap),
             "walk": _plain(snapshot.walk),
             "test": _plain(snapshot.test),
@@ -112,7 +120,7 @@ def pack(snapshot: Snapshot, fit: CheckpointFit) -> bytes:
 
 
 def unpack(data: bytes, fit: CheckpointFit, machine: MachineModel | None = None) -> Snapshot:
-    """A snapshot from bytes; raises `UnfitError` where they are damaged, or of another plant or program.
+    """Return a snapshot from bytes; raises `UnfitError` if they are damaged or of another plant or version.
 
     With `machine`, a snapshot of another plant continues in that machine, where both have enough in common.
     """
@@ -140,7 +148,7 @@ def unpack(data: bytes, fit: CheckpointFit, machine: MachineModel | None = None)
 def _of_another_plant(
     document: Mapping[str, Any], fit: CheckpointFit, machine: MachineModel | None, tick_s: float
 ) -> Snapshot:
-    """The snapshot of another plant in the plant of a machine; raises `UnfitError` where it does not fit."""
+    """Return another plant's snapshot in the plant of a machine; raises `UnfitError` if it does not fit."""
     screw, continued = document.get("screw"), None
     if machine is not None and screw is not None and np.isfinite(tick_s):
         try:
@@ -160,11 +168,11 @@ def _of_another_plant(
 
 
 _PATHS = ("nuts", "turns")
-"""The fields of a drive's state that remember the paths of nuts."""
+"""The fields of a drive's state that contain the paths of nuts."""
 
 
 def _screw(plain: Any) -> ScrewState:
-    """The state of a screw, of whatever size; raises `UnfitError` where the document holds none."""
+    """Return the state of a screw of any size; raises `UnfitError` if the document lacks it."""
 
     def part(name: str) -> Any:
         if name in ("heats", "lags", "channels"):
@@ -179,7 +187,7 @@ def _screw(plain: Any) -> ScrewState:
 
 
 def load(path: Path, fit: CheckpointFit, machine: MachineModel | None = None) -> Snapshot:
-    """A snapshot from a file; raises `UnfitError`, also where the file is missing or cannot be read.
+    """Return a snapshot from a file; raises `UnfitError` also if the file is missing or unreadable.
 
     `machine` is as in `unpack`.
     """
@@ -194,7 +202,7 @@ def load(path: Path, fit: CheckpointFit, machine: MachineModel | None = None) ->
 
 
 def recent(snapshot: Snapshot, now_s: float, oldest_s: float) -> Snapshot:
-    """Return a snapshot as it is; raises `UnfitError` where it is older than a bound, or from the future."""
+    """Return the same snapshot; raises `UnfitError` if it is older than `oldest_s` or from the future."""
     age_s = now_s - snapshot.tick_s
     if age_s <= 0.0:
         raise UnfitError(f"it is {-age_s:.3g} s ahead of the computer's clock")
@@ -204,16 +212,16 @@ def recent(snapshot: Snapshot, now_s: float, oldest_s: float) -> Snapshot:
 
 
 def shifted(snapshot: Snapshot, by_s: float) -> Snapshot:
-    """A snapshot with all its times shifted, for a computer whose clock was set."""
+    """Return a snapshot with all its times shifted, for a computer whose clock was set."""
     drive, estimator = _moved(snapshot.drive, by_s), _moved(snapshot.estimator, by_s)
-    gap, held = _moved(snapshot.gap, by_s), _moved(snapshot.compensation, by_s)
+    gap, compensation_state = _moved(snapshot.gap, by_s), _moved(snapshot.compensation, by_s)
     return replace(
         snapshot,
         tick_s=snapshot.tick_s + by_s,
         drive=drive,
         estimator=estimator,
         gap=gap,
-        compensation=held,
+        compensation=compensation_state,
     )
 
 
@@ -233,7 +241,7 @@ def _document(data: bytes) -> Mapping[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Dataclasses, tuples, arrays and scalars as what CBOR has; floats stay 64 bits wide."""
+    """Return dataclasses, tuples, arrays and scalars as CBOR types; floats stay 64 bits wide."""
     if is_dataclass(value):
         return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     value = _by_name(value)
@@ -249,7 +257,7 @@ def _plain(value: Any) -> Any:
 
 
 def _by_name(value: Any) -> Any:
-    """An array of records as an array for each of their names; anything else as it is."""
+    """Return an array of records as an array for each of their names, and any other value unchanged."""
     if isinstance(value, np.ndarray) and value.dtype.names:
         return {name: value[name] for name in value.dtype.names}
     return value
@@ -264,7 +272,7 @@ def _records(like: Any, parts: Mapping[str, Any]) -> Any:
 
 
 def _filled(like: Any, plain: Any, name: str) -> Any:
-    """The value that `plain` encodes, of the type and shape of `like`; raises `UnfitError` otherwise."""
+    """Return the value encoded in `plain`; raises `UnfitError` if its type or shape differs from `like`."""
     if is_dataclass(like) and not isinstance(like, type):
         names = [field.name for field in fields(like)]
         if isinstance(plain, dict) and set(plain) == set(names):
@@ -289,7 +297,7 @@ def _filled(like: Any, plain: Any, name: str) -> Any:
 
 
 def _same_kind(like: Any, plain: Any) -> bool:
-    """Whether a scalar may stand where another one stood."""
+    """Return whether a scalar has the type of another one."""
     if isinstance(like, bool) or isinstance(plain, bool):
         return isinstance(like, bool) and isinstance(plain, bool)
     numbers = (int, float, np.generic)
@@ -299,7 +307,7 @@ def _same_kind(like: Any, plain: Any) -> bool:
 
 
 def _moved(value: Any, by_s: float) -> Any:
-    """Add to every field that holds a moment, at any depth."""
+    """Return a value with all its moments shifted, at any depth."""
     if isinstance(value, tuple):
         return tuple(_moved(one, by_s) for one in value)
     if isinstance(value, np.ndarray) and value.dtype.names:
@@ -314,10 +322,10 @@ def _moved(value: Any, by_s: float) -> Any:
 
 
 def _compensation(plain: Any, fit: CheckpointFit) -> CompensationState | None:
-    """The state of a compensation; None where there is none.
+    """Return the state of a compensation; None without one.
 
-    Where it is set up otherwise now, its values are those of a cold start: its zero stays, and whether it was
-    armed or released.
+    With another setup, its values are those of a cold start, except for its zero and whether it was armed or
+    released.
     """
     cold = fit.compensation
     state = plain.get("state") if isinstance(plain, dict) else None
@@ -338,12 +346,12 @@ _WHATEVER_SETUP = ("reason", "time_s", "zero", "released", "released_s")
 
 
 def _remembered(like: Any, plain: Any, name: str) -> Any:
-    """What aligner or self-test remembered; None where it is not in the checkpoint."""
+    """Return the memory of aligner or self-test; None if the checkpoint lacks it."""
     return None if like is None or plain is None else _filled(like, plain, name)
 
 
 def _gap(plain: Any, fit: CheckpointFit) -> GapState | None:
-    """What was known of the prediction's gap; None where there is none, or it does not fit."""
+    """Return the state of the open-loop residual; None if it is missing or does not fit."""
     if fit.gap is None or plain is None:
         return None
     try:

@@ -1,6 +1,4 @@
-"""Open-loop prediction by the heat laws alone: frames in, output rows out; and the readings' distance from
-it.
-"""
+"""Open-loop prediction by the heat laws alone, and the residual of readings to it."""
 
 from __future__ import annotations
 
@@ -19,9 +17,9 @@ from observer.model.simulate import simulate, start_from_sensors
 class OpenLoop:
     """A prediction by the heat laws alone, from the first frame on at which every input is known.
 
-    The screw starts at `start_degC` everywhere, or as its sensors say, or at the temperature of the air. With
-    the `config`, ends and air that are not at the temperature of the start act from then on as they do on a
-    screw of many modes; without it, as on the plant's own.
+    The screw starts at `start_degC`, or from its sensors, or at the temperature of the air. With the
+    `config`, the response to ends and air at other temperatures is that of a screw of many modes. Without it,
+    the response is that of the plant's modes.
     """
 
     def __init__(
@@ -33,13 +31,13 @@ class OpenLoop:
         self._begun: Beginning | None = None
 
     def run(self, frames: FrameBlock) -> tuple[Inputs, FloatArray] | None:
-        """Give the inputs and the output rows (K, R) of the next frames, None before the first."""
+        """Return inputs and output rows (K, R) of the next frames, None before all inputs are known."""
         self._drive_state, inputs = self._drive.run(self._drive_state, frames)
         if self._state is None:
-            known = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
-            if not len(known):
+            complete = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
+            if not len(complete):
                 return None
-            inputs = inputs.part(int(known[0]))
+            inputs = inputs.part(int(complete[0]))
             at_start = np.arange(len(inputs)) == 0  # the first row is the start itself
             inputs = inputs._replace(dt_s=np.where(at_start, 0.0, inputs.dt_s))
             self._state = self._begin(inputs)
@@ -61,13 +59,11 @@ class OpenLoop:
 _OPPOSED = -0.5
 """With a lower correlation to its prediction, a displacement has the wrong sign."""
 _MOVED = 3.0
-"""Predictions that vary by less than this times the noise say nothing of a sign."""
+"""The sign is tested only for predictions that vary by more than this times the noise."""
 
 
 class OpenLoopGap:
-    """How far the prediction by the heat laws alone is from each sensor over a log, and which displacements
-    go against it.
-    """
+    """The open-loop residual of each sensor over a log, and displacements with the wrong sign."""
 
     def __init__(self, plant: Plant, drive: Drive) -> None:
         self._plant, self._loop = plant, OpenLoop(plant, drive)
@@ -90,26 +86,32 @@ class OpenLoopGap:
 
     @property
     def opposed(self) -> dict[str, float]:
-        """The correlation with its prediction of each displacement sensor that goes against it."""
+        """The correlation with its prediction of each displacement sensor with the wrong sign."""
         y, p, yy, pp, yp = self._products / np.maximum(self._count, 1.0)
         moved = pp - p * p > _MOVED**2 * self._plant.noise_R_K2
         spread = np.sqrt(np.maximum((yy - y * y) * (pp - p * p), 1e-30))
-        found = zip(
+        correlations = zip(
             self._plant.layout.sensors, self._plant.layout.units, moved, (yp - y * p) / spread, strict=True
         )
-        return {name: float(r) for name, unit, has, r in found if unit == "um" and has and r <= _OPPOSED}
+        return {
+            name: float(r)
+            for name, unit, has_moved, r in correlations
+            if unit == "um" and has_moved and r <= _OPPOSED
+        }
 
     @property
     def rms_K(self) -> dict[str, float | None]:
-        """The gap by thermocouple so far, None where there is none."""
+        """The rms residual by thermocouple so far, None without a reading."""
         return self._rms("K")
 
     @property
     def rms_um(self) -> dict[str, float | None]:
-        """The gap by displacement sensor so far, None where there is none."""
+        """The rms residual by displacement sensor so far, None without a reading."""
         return self._rms("um")
 
     def _rms(self, unit: str) -> dict[str, float | None]:
         layout = self._plant.layout
         sums = zip(layout.sensors, layout.units, self._squares_K2, self._count, strict=True)
-        return {name: math.sqrt(s / n) if n else None for name, own, s, n in sums if own == unit}
+        return {
+            name: math.sqrt(s / n) if n else None for name, sensor_unit, s, n in sums if sensor_unit == unit
+        }

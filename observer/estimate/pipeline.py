@@ -38,7 +38,7 @@ from observer.quality.gap import GapState, GapWatch
 
 
 class LiveStep(NamedTuple):
-    """What the kernel takes, as records."""
+    """The data of a step for the kernel, as records."""
 
     drive: Any
     estimator: Any
@@ -57,21 +57,21 @@ class Live:
         frame = Frame(of, of.channels, of.paths)
         self._drive = LiveDrive(drive, estimator.plant, frame)
         inputs, inputs_record = self._drive.inputs, self._drive.inputs_record
-        own = LiveEstimator(estimator, inputs, inputs_record)
-        self.parts: list[Any] = [self._drive, own]
+        live_estimator = LiveEstimator(estimator, inputs, inputs_record)
+        self.parts: list[Any] = [self._drive, live_estimator]
         if test is not None:
-            self.parts.append(LiveSelfTest(test, frame.paths, inputs, inputs_record, own.results))
+            self.parts.append(LiveSelfTest(test, frame.paths, inputs, inputs_record, live_estimator.results))
         records = [part.record for part in self.parts]
         self._record = record(LiveStep(*records, *[None] * (3 - len(records))))
-        self._fields = own.fields
+        self._fields = live_estimator.fields
 
     def step(self, data: bytes) -> EstimateBlock:
-        """The estimate of the next frame; after an exception the state of the parts is unknown."""
+        """Return the estimate of the next frame; after an exception the state of the parts is unknown."""
         return EstimateBlock.of(self._fields, step_frame(self._record, data))
 
     @property
     def inputs(self) -> Inputs:
-        """What drove the plant in the last step, as a copy."""
+        """A copy of the inputs of the last step."""
         return self._drive.keep_inputs()
 
 
@@ -79,20 +79,20 @@ State = TypeVar("State")
 
 
 class FrameDrive(Protocol[State]):
-    """Turns frames into what drives the plant; holds no state of its own."""
+    """Turns frames into inputs of the plant; stateless."""
 
     def initial(self) -> State:
-        """Give the state before the first frame."""
+        """Return the state before the first frame."""
 
     def run(self, state: State, frames: FrameBlock) -> tuple[State, Inputs]:
-        """K steps; a run of K is, to the last bit, K runs of one."""
+        """Take K steps; a run of K is, to the last bit, K runs of one."""
 
 
 class Pipeline(Generic[State]):
     """Keeps the states of a drive, an estimator and its self-test from block to block.
 
-    A single frame as it comes from the walk is stepped in place (see `Live`), by the same kernels. `gap`
-    watches what the inputs predict, beside the estimator and without influence on it.
+    A single frame from the walk is stepped in place (see `Live`), by the same kernels. The monitor `gap`
+    compares readings with an open-loop prediction, without influence on the estimator.
     """
 
     def __init__(
@@ -104,9 +104,9 @@ class Pipeline(Generic[State]):
         shown: ShownHeats | None = None,
         occasional: Mapping[int, str] = MappingProxyType({}),
     ) -> None:
-        """Begin before the first frame; without a self-test every quality is the estimator's own.
+        """Begin before the first frame; without a self-test every quality is that of the estimator.
 
-        `occasional` are the numbers of the sensors that come only now and then, with their channels.
+        `occasional` maps the numbers of sensors that are read only occasionally to their channels.
         """
         self._drive, self._estimator, self._test, self.gap = drive, estimator, self_test, gap
         self._shown, self._occasional = shown, occasional
@@ -120,23 +120,23 @@ class Pipeline(Generic[State]):
 
     @property
     def layout(self) -> Layout:
-        """What the columns of the estimates are."""
-        own = self._estimator.layout
-        return own if self._shown is None else self._shown.layout(own)
+        """The columns of the estimates."""
+        layout = self._estimator.layout
+        return layout if self._shown is None else self._shown.layout(layout)
 
     def _begin(self) -> list[Any]:
-        """The states of estimator and self-test before the first step."""
+        """Return the states of estimator and self-test before the first step."""
         return [self._estimator.initial(), *([] if self._test is None else [self._test.initial()])]
 
     def step(self, frames: FrameBlock) -> EstimateBlock:
-        """The estimates of the next frames; an exception leaves the states as they were."""
+        """Return the estimates of the next frames; an exception leaves the states unchanged."""
         estimates = self._estimates(frames)
         if self._occasional:
             estimates = _never_read(frames, estimates, self._occasional)
         return estimates if self._shown is None else self._shown.block(estimates)
 
     def _estimates(self, frames: FrameBlock) -> EstimateBlock:
-        """The same as the estimator gives them."""
+        """Return the estimates of the next frames with the estimator's heats only."""
         self._finish()
         live, data = self._live_of(frames)
         if live is None:
@@ -148,14 +148,14 @@ class Pipeline(Generic[State]):
         try:
             estimates = live.step(data)
         except BaseException:
-            for part, kept in zip(live.parts, self._kept, strict=True):
-                part.put_back(kept)
+            for part, saved in zip(live.parts, self._kept, strict=True):
+                part.put_back(saved)
             raise
         self._is_ahead = self._rests = True
         return estimates
 
     def _live_of(self, frames: FrameBlock) -> tuple[Live | None, bytes]:
-        """The live parts and the data of a single frame; None where parts or frames only know blocks."""
+        """Return the live parts and the data of a single frame; None for parts or frames that need blocks."""
         of, data = getattr(frames, "kept", (None, b""))
         drive: Any = self._drive
         if not (of and isinstance(drive, Drive) and isinstance(self._estimator, BlockEstimator)):
@@ -189,7 +189,7 @@ class Pipeline(Generic[State]):
             self._take(self._live.inputs)
 
     def _settle(self) -> None:
-        """Take over where the live parts stand."""
+        """Copy the states of the live parts."""
         self._finish()
         if self._is_ahead and self._live is not None:
             self._is_ahead, self._states = False, [part.state for part in self._live.parts]
@@ -201,7 +201,7 @@ class Pipeline(Generic[State]):
 
     @property
     def inputs(self) -> Inputs:
-        """What drove the plant in the last block of frames."""
+        """The inputs of the plant in the last block of frames."""
         self._finish()
         inputs: Inputs = self._inputs
         return inputs
@@ -210,15 +210,15 @@ class Pipeline(Generic[State]):
     def findings(self) -> tuple[Finding, ...]:
         """The present findings of self-test and screening."""
         self._settle()
-        found = () if self._test is None else self._test.findings(self._states[2])
-        return (*found, *screening_findings(self._estimator.layout, self._states[1]))
+        test_findings = () if self._test is None else self._test.findings(self._states[2])
+        return (*test_findings, *screening_findings(self._estimator.layout, self._states[1]))
 
     @property
     def history(self) -> tuple[tuple[Finding, int], ...]:
         """All findings of self-test and screening so far, with their numbers of steps."""
         self._settle()
-        found = () if self._test is None else self._test.history(self._states[2])
-        return (*self._past, *found, *screening_history(self._estimator.layout, self._states[1]))
+        test_history = () if self._test is None else self._test.history(self._states[2])
+        return (*self._past, *test_history, *screening_history(self._estimator.layout, self._states[1]))
 
     def reset(self) -> None:
         """Restart the estimator; the drive's memory of the nut's path stays."""
@@ -228,13 +228,13 @@ class Pipeline(Generic[State]):
             self.gap.reset()
 
     def snapshot(self) -> tuple[State, EstimatorState, GapState | None]:
-        """Where drive and estimator stand, both frozen, and what is known of the gap."""
+        """Return copies of the states of drive and estimator, and the state of the open-loop residual."""
         self._settle()
         return self._states[0], self._states[1], None if self.gap is None else self.gap.state
 
     @property
     def test_state(self) -> SelfTestState | None:
-        """What the self-test remembers, None without one."""
+        """The state of the self-test, None without one."""
         self._settle()
         return None if self._test is None else self._states[2]
 
@@ -245,7 +245,7 @@ class Pipeline(Generic[State]):
         gap: GapState | None = None,
         test: SelfTestState | None = None,
     ) -> None:
-        """Continue from the state of another pipeline of the same parts, with its self-test where given."""
+        """Continue from the state of another pipeline of the same parts, including its self-test if given."""
         self._settle()
         self._states[:2], self._is_live = [drive, estimator], False
         if self._test is not None and test is not None:
@@ -255,14 +255,16 @@ class Pipeline(Generic[State]):
 
 
 def _never_read(frames: FrameBlock, estimates: EstimateBlock, occasional: Mapping[int, str]) -> EstimateBlock:
-    """Estimates in which an occasional sensor is missing until its first value, however good they are."""
-    given = frames.shown_quality[:, [frames.channels.index(channel) for channel in occasional.values()]]
-    own = estimates.sensor_quality[:, list(occasional)]
-    never = (given == Quality.MISSING) & (own == Quality.GOOD)
+    """Return estimates in which the quality of an occasional sensor is missing until its first value."""
+    channel_quality = frames.shown_quality[
+        :, [frames.channels.index(channel) for channel in occasional.values()]
+    ]
+    sensor_quality = estimates.sensor_quality[:, list(occasional)]
+    never = (channel_quality == Quality.MISSING) & (sensor_quality == Quality.GOOD)
     if not never.any():
         return estimates
     shown = estimates.sensor_quality.copy()
-    shown[:, list(occasional)] = np.where(never, np.int8(Quality.MISSING), own)
+    shown[:, list(occasional)] = np.where(never, np.int8(Quality.MISSING), sensor_quality)
     return replace(estimates, sensor_quality=shown)
 
 
@@ -270,7 +272,7 @@ def _never_read(frames: FrameBlock, estimates: EstimateBlock, occasional: Mappin
 class MachineModel:
     """A configuration with the plant, the drive and the expectations of its channels that follow from it.
 
-    Each part is built once, however often it is asked for; none of them holds a state.
+    Each part is built once; all parts are stateless.
     """
 
     config: Config
@@ -280,23 +282,23 @@ class MachineModel:
 
     @classmethod
     def of(cls, config: Config, *, learns: bool = False) -> MachineModel:
-        """Build the parts of a configuration; with `learns`, with what its estimator learns or allows for."""
+        """Build the parts of a configuration; with `learns`, including learnt and considered parameters."""
         plant = build_plant(config, learns=learns and config.estimator.allows)
         return cls(config, plant, Drive(config, plant), AlignPlan.of(config))
 
     @cached_property
     def shown(self) -> ShownHeats:
-        """Which heats are shown of those that are estimated."""
+        """The shown heats and their columns in the estimate."""
         return ShownHeats.of(self.plant)
 
     @cached_property
     def occasional(self) -> Mapping[int, str]:
-        """The sensors that come only now and then, by their number, each with its channel."""
+        """The channels of sensors that are read only occasionally, by the sensors' numbers."""
         return {i: s.channel for i, s in enumerate(self.config.sensor) if s.occasional}
 
     @property
     def layout(self) -> Layout:
-        """What the columns of the estimates shown are."""
+        """The columns of the shown estimates."""
         return self.shown.layout(self.plant.layout)
 
     @cached_property
@@ -321,21 +323,21 @@ class MachineModel:
         return build_estimator(self.plant, self.config.estimator, integrity if integrity.enabled else None)
 
     def estimator(self) -> Estimator:
-        """The estimator as designed. Raises `UserError` where no gain to be trusted exists."""
+        """Return the designed estimator. Raises `UserError` if no reliable gain exists."""
         return self._estimator
 
     def self_test(self) -> SelfTest:
-        """The self-test: compares the estimates with the model and the laws."""
+        """Return the self-test, which compares the estimates with the model and the laws."""
         return SelfTest(self.plant, self.with_law)
 
     def gap(self) -> GapWatch | None:
-        """What watches the prediction, None where a heat has no law to be predicted by."""
+        """Return the monitor of the open-loop residual, None if a heat lacks a law."""
         return None if self._tolerant is None else GapWatch(self._tolerant, self.plant.layout.sensors)
 
     def pipeline(self, estimator: Estimator | None = None) -> Pipeline[Any]:
-        """Frames in, estimates out, with their quality; by another estimator if one is given.
+        """Return a pipeline from frames to estimates with their quality; `estimator` replaces the default.
 
-        Raises `ConfigError` where a displacement is no linear function of the state.
+        Raises `ConfigError` if a displacement is a nonlinear function of the state.
         """
         restraint, moved = self.plant.rows.restraint, self.plant.layout.displacements
         if moved and restraint is not None and not restraint.linear:

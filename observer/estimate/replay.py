@@ -44,8 +44,9 @@ _LABELS = np.array([quality.label for quality in EstimateQuality])
 def estimates_of(
     log: Log, plan: AlignPlan, pipeline: Pipeline[Any], progress: Progress, start: Snapshot | None = None
 ) -> Iterator[tuple[FrameBlock, EstimateBlock]]:
-    """The frames of a log in blocks, and their estimates, by a pipeline that begins cold or from
-    `start`. `progress` gets the rows done and their total.
+    """Yield the frames of a log in blocks, with their estimates.
+
+    The pipeline begins cold or from `start`. `progress` receives the number of processed rows and the total.
     """
     walk = None
     if start is not None:
@@ -53,33 +54,36 @@ def estimates_of(
         if start.walk is not None:
             walk = Walk(plan.channels, plan.expected(), memory=start.walk)
     total = len(log) if log.step is None else int(log.step.sum())
-    done = 0
+    rows_done = 0
     last_tick_s = math.nan if start is None else start.tick_s
     for frames, afresh in blocks_of_log(log, plan, last_tick_s=last_tick_s, walk=walk):
         if afresh:
             pipeline.reset()
         yield frames, pipeline.step(frames)
-        done += len(frames)
-        progress(done, total)
+        rows_done += len(frames)
+        progress(rows_done, total)
 
 
 def start_of(log: Log, fit: CheckpointFit) -> tuple[Snapshot | None, str]:
-    """Where the service stood when it began a recording, None if cold, and a sentence that says so."""
+    """Return the snapshot at the start of a recording, None after a cold start, and a sentence about it."""
     suffix = next((s for s in SUFFIXES if log.path.name.endswith(s)), log.path.suffix)
     stem = log.path.name.removesuffix(suffix)
-    found = (log.path.with_name(stem + end) for end in (START_SUFFIX, STATE_SUFFIX))
-    beside = next((path for path in found if path.exists()), None)
-    if log.step is None or beside is None:
+    candidates = (log.path.with_name(stem + end) for end in (START_SUFFIX, STATE_SUFFIX))
+    state_path = next((path for path in candidates if path.exists()), None)
+    if log.step is None or state_path is None:
         return None, "cold"
     try:
-        snapshot = recent(load(beside, fit), float(log.time_s[0]), math.inf)
+        snapshot = recent(load(state_path, fit), float(log.time_s[0]), math.inf)
     except UnfitError as error:
-        return None, f"cold; {beside.name} is left out, {error}"
-    return snapshot, f"warm, from {beside.name}, {log.time_s[0] - snapshot.tick_s:.3f} s before the first row"
+        return None, f"cold; {state_path.name} is left out, {error}"
+    return (
+        snapshot,
+        f"warm, from {state_path.name}, {log.time_s[0] - snapshot.tick_s:.3f} s before the first row",
+    )
 
 
 def _counts(block: EstimateBlock) -> tuple[Any, ...]:
-    """What a summary adds up, of one block."""
+    """Return the counts and sums of one block for the summary."""
     heat_W, innovation_K = block.heat_W, block.innovation_K
     return (
         len(block),
@@ -99,7 +103,7 @@ def _counts(block: EstimateBlock) -> tuple[Any, ...]:
 
 
 def _summary(layout: Layout, counts: list[tuple[Any, ...]], duration_s: float) -> dict[str, Any]:
-    """A replay in numbers: the same for the same log and configuration."""
+    """Return the summary of a replay; it depends on the log and the configuration only."""
     totals: list[Any] = [sum(column) for column in zip(*counts, strict=True)]
     rows, quality, part_quality, sensor_quality, good_by_used, heats, heat_W, values, sum_K, squares_K2 = (
         totals
@@ -132,19 +136,19 @@ def _mean(total: FloatArray, count: FloatArray) -> list[float | None]:
     return [float(t / n) if n else None for t, n in zip(total, count, strict=True)]
 
 
-def heat_columns(layout: Layout, found: EstimateBlock | HeatHistory) -> dict[str, Column]:
-    """The time and the heats as the columns of a table; of estimates with their bounds."""
-    columns: dict[str, Column] = {TIME: found.time_s}
+def heat_columns(layout: Layout, estimates: EstimateBlock | HeatHistory) -> dict[str, Column]:
+    """Return time and heats as the columns of a table; those of estimates include bounds."""
+    columns: dict[str, Column] = {TIME: estimates.time_s}
     for j, name in enumerate(layout.sources):
-        columns[f"heat_{name}_W"] = found.heat_W[:, j]
-        columns[f"heat_{name}_sigma_W"] = found.heat_sigma_W[:, j]
-        if isinstance(found, EstimateBlock):
-            columns[f"heat_{name}_bound_W"] = found.heat_bound_W[:, j]
+        columns[f"heat_{name}_W"] = estimates.heat_W[:, j]
+        columns[f"heat_{name}_sigma_W"] = estimates.heat_sigma_W[:, j]
+        if isinstance(estimates, EstimateBlock):
+            columns[f"heat_{name}_bound_W"] = estimates.heat_bound_W[:, j]
     return columns
 
 
 def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
-    """The columns of `estimates.csv` for a block."""
+    """Return the columns of `estimates.csv` for a block."""
     columns = heat_columns(layout, block)
     columns |= layout.along(
         field__degC=block.field_degC, field__sigma_K=block.field_sigma_K, field__bound_K=block.field_bound_K
@@ -179,9 +183,9 @@ def write_estimates(
     start: Snapshot | None = None,
     follow: Callable[[FrameBlock, EstimateBlock], None] = lambda _frames, _block: None,
 ) -> dict[str, Any]:
-    """Write the estimates of a log into a table; return them in numbers.
+    """Write the estimates of a log into a table, and return their summary.
 
-    `follow` gets every block with its frames. Raises `LogError` when there is no estimate to write.
+    `follow` receives every block with its frames. Raises `LogError` if the log gives no estimate.
     """
     layout, not_good = pipeline.layout, NotGood(plan.channels)
     counts, times = [], []
@@ -203,29 +207,29 @@ def write_estimates(
 
 
 def nut_paths(config: Config, log: Log) -> Mapping[str, str]:
-    """Return, per moving source, how well the log shows the nut's path."""
-    found = {}
+    """Return the quality of the nut's path in the log, by moving source."""
+    paths = {}
     for source in config.source:
         if source.position_channel is not None:
             low, high = source.stroke_m or (0.0, config.screw.length_m)
             column = log.values[:, log.channels.index(source.position_channel)]
-            found[source.name] = judge_path(column, high - low)
-    return found
+            paths[source.name] = judge_path(column, high - low)
+    return paths
 
 
 def speeds(config: Config, log: Log) -> Mapping[str, float]:
-    """Return, per source with a speed, the mean of that over the log, whichever way it turns, in rpm."""
-    found = {}
+    """Return the mean absolute speed over the log, rpm, by source with a speed."""
+    speeds_rpm = {}
     for source in config.source:
         if source.speed_channel is not None:
             column = np.abs(log.values[:, log.channels.index(source.speed_channel)])
             if np.isfinite(column).any():
-                found[source.name] = float(np.nanmean(column))
-    return found
+                speeds_rpm[source.name] = float(np.nanmean(column))
+    return speeds_rpm
 
 
 def inputs_of(log: Iterable[FrameBlock], drive: Drive) -> list[Inputs]:
-    """Return what drives the plant over the frames of a log, by the path that a live reading takes."""
+    """Return the inputs of the plant over the frames of a log, by the same path as a live reading."""
     state, blocks = drive.initial(), []
     for frames in log:
         state, inputs = drive.run(state, frames)
@@ -234,11 +238,11 @@ def inputs_of(log: Iterable[FrameBlock], drive: Drive) -> list[Inputs]:
 
 
 def history_summary(
-    layout: Layout, history: HeatHistory, log: Log, more: Mapping[str, Any]
+    layout: Layout, history: HeatHistory, log: Log, extra: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The heats over a log in numbers, with `more` that is known of them.
+    """Return the summary of the heats over a log, with the entries of `extra`.
 
-    Raises `LogError` where the log holds nothing to learn a heat from.
+    Raises `LogError` if no heat can be estimated from the log.
     """
     if not np.isfinite(history.heat_W).any():
         raise LogError(
@@ -261,30 +265,30 @@ def history_summary(
         },
         **history.details,
         "warnings": list(history.warnings),
-        **more,
+        **extra,
     }
 
 
 def _by_name(names: tuple[str, ...], values: FloatArray) -> dict[str, float | None]:
-    """The mean of each column (K, n), None where nothing is known."""
-    known = np.isfinite(values)
+    """Return the mean of each column (K, n), None without a finite value."""
+    is_finite = np.isfinite(values)
     return {
-        name: float(column[here].mean()) if here.any() else None
-        for name, column, here in zip(names, values.T, known.T, strict=True)
+        name: float(column[finite].mean()) if finite.any() else None
+        for name, column, finite in zip(names, values.T, is_finite.T, strict=True)
     }
 
 
 def program_of(log: Log, config: Config) -> Log:
-    """A log as a program; sensors that it lacks count as missing. Raises `LogError`."""
+    """Return a log as a program, with missing values for sensors that it lacks. Raises `LogError`."""
     lacking = config.sensor_channels - set(log.channels)
-    needed = [c for c in config.channels if c not in lacking]
-    log = log.with_channels(needed)
+    present_channels = [c for c in config.channels if c not in lacking]
+    log = log.with_channels(present_channels)
     values = {c: log.values[:, i] for i, c in enumerate(log.channels)}
-    nothing = np.full(len(log), np.nan)
+    missing = np.full(len(log), np.nan)
     return replace(
         log,
         channels=config.channels,
-        values=np.column_stack([values.get(c, nothing) for c in config.channels]),
+        values=np.column_stack([values.get(c, missing) for c in config.channels]),
     )
 
 
@@ -296,8 +300,8 @@ def simulated_columns(
     columns = {s.channel: rows[:, i] / s.channel_scale for i, s in enumerate(config.sensor) if not s.along}
     at = np.searchsorted(log.time_s, time_s)
     sensors = config.sensor_channels
-    given = {c: log.values[at, i] for i, c in enumerate(log.channels) if c not in sensors}
-    columns |= _displacements(config, plant, rows, given) | given
+    input_columns = {c: log.values[at, i] for i, c in enumerate(log.channels) if c not in sensors}
+    columns |= _displacements(config, plant, rows, input_columns) | input_columns
     columns |= {f"heat_{name}_W": law_W[:, j] for j, name in enumerate(plant.source_names)}
     columns |= layout.along(field__degC=rows[:, meaning.field_slice])
     columns |= layout.along(error__um=meaning.error_um(rows)) if layout.has_error else {}
@@ -305,20 +309,28 @@ def simulated_columns(
 
 
 def _displacements(
-    config: Config, plant: Plant, rows: FloatArray, given: Mapping[str, FloatArray]
+    config: Config, plant: Plant, rows: FloatArray, input_columns: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray]:
-    """What displacement sensors read whose rows do not say it: along a nut's way, where the columns of inputs
-    say it is; and all where a support has play, for their rows are those of a held screw.
+    """Return the readings of displacement sensors that the output rows do not contain.
+
+    These are sensors that move with a nut, whose position is an input. With play in a support, they are all
+    displacement sensors, because the rows are those of a screw without play.
     """
     restraint = plant.rows.restraint
-    held = restraint is None or restraint.linear
+    is_linear = restraint is None or restraint.linear
     moved = {
-        s.measured_channel: s for s in config.sensor if s.along or (s.kind == "displacement" and not held)
+        s.measured_channel: s
+        for s in config.sensor
+        if s.along or (s.kind == "displacement" and not is_linear)
     }
     if not moved:
         return {}
     error_um, grid_m = plant.rows.error_um(rows), plant.layout.position_m
-    way_m = {s.name: given[str(s.position_channel)] for s in config.source if s.position_channel in given}
+    way_m = {
+        s.name: input_columns[str(s.position_channel)]
+        for s in config.source
+        if s.position_channel in input_columns
+    }
 
     def read(sensor: Sensor) -> FloatArray:
         at_m = way_m[sensor.along] if sensor.along else np.full(len(rows), sensor.position_m or 0.0)

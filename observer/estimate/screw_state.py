@@ -1,4 +1,4 @@
-"""The state of the screw whatever its model: it continues in a configuration with another model."""
+"""The state of the screw independent of its model, to continue in a configuration with another model."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ScrewState:
         cls, machine: MachineModel, state: EstimatorState, inputs: Inputs, estimate: EstimateBlock,
         frame: FrameBlock,
     ) -> ScrewState | None:  # fmt: skip
-        """The state after a step; None before the first estimate, or where the estimator has other states."""
+        """Return the state after a step; None before the first estimate or with other estimator states."""
         if not isinstance(machine.estimator(), CarriesOver):
             return None
         carried = carry_from(machine.plant, state, inputs, estimate)
@@ -46,10 +46,10 @@ class ScrewState:
         )
 
     def continued(self, machine: MachineModel, tick_s: float) -> tuple[Any, EstimatorState] | None:
-        """The states of drive and estimator of another model that knows the same at `tick_s`.
+        """Return the states of drive and estimator of another model with this field and these heats.
 
-        What had been learnt of the old model starts again, and so does everything counted from a start. None
-        where the two models have nothing in common, or where the estimator has states of its own.
+        Learnt parameters and counters start again. None if the two models have nothing in common, or if the
+        states of the estimator are not the plant's.
         """
         estimator = machine.estimator()
         if not isinstance(estimator, CarriesOver) or not set(machine.config.channels) <= set(self.channels):
@@ -65,7 +65,7 @@ class ScrewState:
         return drive, state
 
     def _place(self, channel: str, tick_s: float) -> NutPath:
-        """The path of a nut in the frame: its last position, nothing where that is unknown."""
+        """Return the path of a nut in the frame: its last position, empty if that is unknown."""
         position_m = self.values[0, [self.channels.index(channel)]]
         position_m = position_m[np.isfinite(position_m)]
         unknown = np.full(len(position_m), np.nan)

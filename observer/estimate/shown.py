@@ -1,4 +1,4 @@
-"""The shown part of an estimate: every estimated heat, and those that follow another as a fraction of it."""
+"""The shown heats: every estimated heat, and those that follow another one as a fraction of it."""
 
 from __future__ import annotations
 
@@ -14,18 +14,20 @@ from observer.model.plant import Plant
 
 
 class ShownHeats(NamedTuple):
-    """The heats shown, in the order of the configuration: their `names`, the column of the estimate that each
-    is a `part` of, and which of the columns shown are the estimate's `own`.
+    """The `names` of the shown heats, in the order of the configuration.
+
+    Each is the fraction `part` of a `column` of the estimate. The estimated heats are the shown columns
+    `estimated_columns`.
     """
 
     names: tuple[str, ...]
     column: NDArray[np.int64]
     part: FloatArray
-    own: NDArray[np.int64]
+    estimated_columns: NDArray[np.int64]
 
     @classmethod
     def of(cls, plant: Plant) -> ShownHeats:
-        """Those of a plant."""
+        """Return the shown heats of a plant."""
         estimated = np.flatnonzero(plant.estimated).tolist()
         parts = {index: (index, 1.0) for index in estimated}
         parts |= {f.source: (f.owner, f.part) for f in plant.following}
@@ -39,32 +41,32 @@ class ShownHeats(NamedTuple):
 
     @property
     def changes(self) -> bool:
-        """Whether more is shown than is estimated."""
-        return len(self.names) > len(self.own)
+        """Whether more heats are shown than estimated."""
+        return len(self.names) > len(self.estimated_columns)
 
     def heats(self, heat_W: FloatArray) -> FloatArray:
-        """Heats or their σ (K, m_e) as they are shown."""
+        """Return shown heats or their σ from those of the estimate (K, m_e)."""
         return np.asarray(heat_W[:, self.column] * self.part)
 
     def layout(self, layout: Layout) -> Layout:
-        """What the columns of the estimates shown are."""
+        """Return the columns of the shown estimates."""
         return replace(layout, sources=self.names) if self.changes else layout
 
     def block(self, block: EstimateBlock) -> EstimateBlock:
-        """Estimates as they are shown."""
+        """Return the shown estimates of a block of the estimator."""
         if not self.changes:
             return block
         return _with_heats(block, self.heats)
 
     def estimated(self, block: EstimateBlock) -> EstimateBlock:
-        """Estimates that are shown as the estimator gave them."""
+        """Return the estimator's block of shown estimates."""
         if not self.changes:
             return block
-        return _with_heats(block, lambda heats: heats[:, self.own])
+        return _with_heats(block, lambda heats: heats[:, self.estimated_columns])
 
 
 def _with_heats(block: EstimateBlock, of: Callable[[FloatArray], FloatArray]) -> EstimateBlock:
-    """Estimates with all columns of heats rebuilt."""
+    """Return estimates with all columns of heats rebuilt."""
     return replace(
         block,
         heat_W=of(block.heat_W),

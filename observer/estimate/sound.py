@@ -1,8 +1,8 @@
 """Logs without their doubtful parts, for a fit.
 
-A row is doubtful where an input of the model is missing, stale or rejected, or where the nut's place is not
-known. A sensor is doubtful while the estimator excludes it. How good the estimates are does not matter:
-before a calibration they may never be good.
+A row is doubtful if an input of the model is missing, stale or rejected, or if the nut's position is unknown.
+A sensor is doubtful while the estimator excludes it. The quality of the estimates has no influence, because
+it may never be good before a calibration.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from observer.fit.runs import joined, thinned, without_rows
 from observer.frames import BoolArray, FrameBlock, Quality
 
 SCREENED_S = 1.0
-"""Least time between two rows in which sensors are compared with each other."""
+"""Shortest time between two rows in which sensors are compared with each other."""
 
 
 class SoundFrames(NamedTuple):
-    """The frames of a log without its doubtful parts, and a sentence for each part that is left out."""
+    """The frames of a log without its doubtful parts, and a sentence for each omitted part."""
 
     frames: FrameBlock
     left_out: tuple[str, ...]
 
 
 def sound_frames(config: Config, blocks: Sequence[FrameBlock], name: str) -> SoundFrames:
-    """Return the sound part of the frames of a log; `name` is named in the sentences.
+    """Return the sound part of the frames of a log; the sentences contain its `name`.
 
-    The frames are unchanged where nothing is doubtful, or every row is.
+    The frames are unchanged if no row or every row is doubtful.
     """
     frames, machine = joined(blocks), MachineModel.of(config, learns=True)
     _, inputs = machine.drive.run(machine.drive.initial(), frames)
@@ -51,7 +51,7 @@ def sound_frames(config: Config, blocks: Sequence[FrameBlock], name: str) -> Sou
 
 
 def _lost_inputs(config: Config, frames: FrameBlock, degraded: BoolArray) -> list[str]:
-    """The inputs without a usable value in doubtful rows (K,); the nuts' positions where each has one."""
+    """Return the inputs without a usable value in doubtful rows (K,), else the nuts' positions."""
     sensors = {sensor.channel for sensor in config.sensor}
     bad = (frames.quality[degraded] != Quality.GOOD).any(axis=0)
     lost = [name for name, is_bad in zip(frames.channels, bad, strict=True) if is_bad and name not in sensors]
@@ -61,7 +61,7 @@ def _lost_inputs(config: Config, frames: FrameBlock, degraded: BoolArray) -> lis
 def _without_excluded(
     machine: MachineModel, frames: FrameBlock, name: str
 ) -> tuple[FrameBlock, tuple[str, ...]]:
-    """The frames without the readings of sensors while they are excluded, and a sentence about each."""
+    """Return the frames without the readings of excluded sensors, and a sentence about each sensor."""
     excluded = _excluded(machine, frames)
     if not excluded.any():
         return frames, ()
@@ -78,15 +78,15 @@ def _without_excluded(
 
 
 def _excluded(machine: MachineModel, frames: FrameBlock) -> BoolArray:
-    """Which readings (K, s) are of a sensor that the estimator excludes."""
-    nothing = np.zeros((len(frames), len(machine.config.sensor)), np.bool_)
+    """Return the mask (K, s) of readings of a sensor while the estimator excludes it."""
+    not_excluded = np.zeros((len(frames), len(machine.config.sensor)), np.bool_)
     config = machine.config
     if not (config.integrity.enabled and config.estimator.screens):
-        return nothing
-    every = thinned(frames, max(config.estimator.period_s, SCREENED_S))
+        return not_excluded
+    compared = thinned(frames, max(config.estimator.period_s, SCREENED_S))
     try:
-        quality = machine.pipeline().step(every).sensor_quality
+        quality = machine.pipeline().step(compared).sensor_quality
     except UserError:  # no estimator for this machine, and so none that excludes
-        return nothing
-    row = np.searchsorted(every.time_s, frames.time_s).clip(max=len(every) - 1)
+        return not_excluded
+    row = np.searchsorted(compared.time_s, frames.time_s).clip(max=len(compared) - 1)
     return np.asarray((quality == Quality.EXCLUDED)[row])
