@@ -18,7 +18,7 @@ from observer.model.plant import Plant
 from observer.model.rod.modes import held_s
 from observer.model.simulate import start
 
-_NOTHING = 1e-6
+_NEGLIGIBLE = 1e-6
 """K or µm of an output row below which a step of the known inputs needs no addition."""
 _SETTLED = 30.0
 """Times the slowest dropped mode's time constant after which nothing is lacking: e⁻³⁰."""
@@ -46,14 +46,14 @@ class Response(NamedTuple):
 
 class Beginning(NamedTuple):
     """The state `x` of the start, its output rows (R,), and what the known inputs do from `begin_s` on, by
-    the plant and by `many` modes, None where the two are the same.
+    the plant and by `reference` modes, None where the two are the same.
     """
 
     x: FloatArray
     rows: FloatArray
     begin_s: float
-    few: Response
-    many: Response | None
+    reduced: Response
+    reference: Response | None
     lasts_s: float
 
     def add_to(self, rows: FloatArray, time_s: FloatArray) -> None:
@@ -61,8 +61,8 @@ class Beginning(NamedTuple):
         after_s = time_s - self.begin_s
         rows[after_s <= 0.0] = self.rows
         lacking = np.flatnonzero((after_s > 0.0) & (after_s < self.lasts_s))
-        if self.many is not None and len(lacking):
-            rows[lacking] += self.many.after(after_s[lacking]) - self.few.after(after_s[lacking])
+        if self.reference is not None and len(lacking):
+            rows[lacking] += self.reference.after(after_s[lacking]) - self.reduced.after(after_s[lacking])
 
 
 def beginning(
@@ -73,14 +73,14 @@ def beginning(
     `z` (p,) are the known inputs from `begin_s` on; until then ends and air were at the screw's temperature.
     Without a configuration nothing is added to what the plant itself makes of the step.
     """
-    known = plant.known
+    columns = plant.known
     before = z.copy()
-    acting = [i for i in (known.ambient, known.left_end, known.right_end) if i is not None]
+    acting = [i for i in (columns.ambient, columns.left_end, columns.right_end) if i is not None]
     before[acting] = temperature_degC
     x = start(plant, temperature_degC, np.zeros(len(plant.source_names)))
-    few = Response.of(plant, z - before)
-    many = None
-    if config is not None and np.abs(few.at_once).max() > _NOTHING:
-        many = Response.of(with_many_modes(config), z - before)
+    reduced = Response.of(plant, z - before)
+    reference = None
+    if config is not None and np.abs(reduced.at_once).max() > _NEGLIGIBLE:
+        reference = Response.of(with_many_modes(config), z - before)
     rows = plant.rows.C @ x + plant.rows.F @ before
-    return Beginning(x, rows, begin_s, few, many, _SETTLED / plant.dropped_rate_1_s)
+    return Beginning(x, rows, begin_s, reduced, reference, _SETTLED / plant.dropped_rate_1_s)

@@ -74,7 +74,7 @@ def full_model(config: Config, terms: Sequence[Term]) -> FullModel:
     return FullModel(
         modes=modes,
         heats=tuple(_heat(config, s, ends.get(s.name, 0.0)) for s in config.source),
-        known=_known_inputs(modes, config, terms),
+        known_inputs=_known_inputs(modes, config, terms),
         places=_places(config),
         sensors=tuple(s.name for s in config.sensor),
         noise_K=np.array([s.noise for s in config.sensor]),
@@ -139,15 +139,15 @@ def keep_modes(config: Config, candidates: Modes) -> list[int]:
     settled = np.flatnonzero(candidates.decay_1_s * settings.settle_s >= 1.0)
     by_time = int(settled[0]) if len(settled) else MOST_MODES
     reached_s = 1.0 / float(candidates.decay_1_s[MOST_ASKED])
-    for key, asked, remedy in (
+    for key, required, remedy in (
         ("settle_s", by_time, f"give at least {math.ceil(100 * reached_s) / 100:g} s"),
         ("truncation", by_tail, "give 0.9995, which the static correction makes exact at rest"),
     ):
-        if asked > MOST_ASKED and key in settings.model_fields_set:
+        if required > MOST_ASKED and key in settings.model_fields_set:
             stated = getattr(settings, key)
             raise ConfigError(
-                f"model.{key} = {stated:.12g} asks for {asked} modes or more, and {MOST_ASKED} are the most; "
-                f"{remedy}"
+                f"model.{key} = {stated:.12g} asks for {required} modes or more, and {MOST_ASKED} are the "
+                f"most; {remedy}"
             )
     return list(range(min(max(by_tail, by_time, 1), MOST_ASKED)))
 
@@ -165,8 +165,10 @@ def _places(config: Config) -> Places:
     sensor_m = np.array([s.position_m or 0.0 for s in config.sensor])
     bed_1_K = 0.0 if config.bed is None else config.bed.expansion_1_K
     moved = tuple(i for i, s in enumerate(config.sensor) if s.kind == "displacement")
-    restraint, there = (restraint_on(config, x_m) for x_m in (grid_m, sensor_m[list(moved)]))
-    return Places(sensor_m, grid_m, screw.expansion_1_K, screw.length_m, restraint, bed_1_K, moved, there)
+    restraint, sensor_restraint = (restraint_on(config, x_m) for x_m in (grid_m, sensor_m[list(moved)]))
+    return Places(
+        sensor_m, grid_m, screw.expansion_1_K, screw.length_m, restraint, bed_1_K, moved, sensor_restraint
+    )
 
 
 def restraint_on(config: Config, places_m: FloatArray) -> Restraint | None:
@@ -185,19 +187,19 @@ def _known_inputs(modes: Modes, config: Config, terms: Sequence[Term]) -> tuple[
     for end, x_m in ((rod.left, 0.0), (rod.right, rod.length_m)):
         if not end.prescribed:
             film = film + end.biot_1_m * modes.theta(x_m)[0]
-    known = [KnownInput(AMBIENT, film, partial(ambient_field, rod))]
+    inputs = [KnownInput(AMBIENT, film, partial(ambient_field, rod))]
     for end, name, x_m, inward in ((rod.left, LEFT, 0.0, 1.0), (rod.right, RIGHT, rod.length_m, -1.0)):
         if end.prescribed:
             steady = partial(end_field, rod, name)
             # at an end a sum of cosines has a slope that converges slowly
             into = inward * modes.slope(x_m) if rod.profile is None else modes.settling(steady)
-            known.append(KnownInput(name, into, steady))
+            inputs.append(KnownInput(name, into, steady))
     offset = dict.fromkeys(t.sensor for t in terms if isinstance(t, SensorOffset))
-    known += [KnownInput(OFFSET + name, np.zeros(len(modes)), np.zeros_like) for name in offset]
+    inputs += [KnownInput(OFFSET + name, np.zeros(len(modes)), np.zeros_like) for name in offset]
     if config.bed is not None and config.bed.channel is not None:
-        known.append(KnownInput(BED, np.zeros(len(modes)), np.zeros_like))
-    known.append(KnownInput(REFERENCE, np.zeros(len(modes)), np.zeros_like))
-    return tuple(known)
+        inputs.append(KnownInput(BED, np.zeros(len(modes)), np.zeros_like))
+    inputs.append(KnownInput(REFERENCE, np.zeros(len(modes)), np.zeros_like))
+    return tuple(inputs)
 
 
 REFERENCE_MODES = 400
@@ -205,8 +207,8 @@ REFERENCE_MODES = 400
 
 def with_many_modes(config: Config) -> Plant:
     """Return the plant of a configuration with so many modes that nothing is left out that shows."""
-    many = config.model.model_copy(update={"modes": REFERENCE_MODES, "static_correction": True})
-    return build_plant(config.model_copy(update={"model": many}))
+    model = config.model.model_copy(update={"modes": REFERENCE_MODES, "static_correction": True})
+    return build_plant(config.model_copy(update={"model": model}))
 
 
 def transient_error_K_W(config: Config, plant: Plant, times_s: tuple[float, ...]) -> FloatArray:
@@ -218,9 +220,9 @@ def transient_error_K_W(config: Config, plant: Plant, times_s: tuple[float, ...]
     reference = with_many_modes(config)
     worst = []
     for time_s in times_s:
-        few, many = (
+        reduced_K_W, reference_K_W = (
             p.rows.C[p.rows.field_slice] @ (held_s(p.decay_1_s, time_s)[:, None] * p.B)
             for p in (plant, reference)
         )
-        worst.append(np.abs(few - many).max())
+        worst.append(np.abs(reduced_K_W - reference_K_W).max())
     return np.array(worst)

@@ -57,32 +57,32 @@ def with_coupling(
     touches the screw only is its own, in °C), then one per lagging sensor, in °C. `sigma_W` (m,) is how large
     the heats may have been before the start, `bed` (R,) the output column of the bed's temperature.
     """
-    beside, screw = attached(machine, terms), len(plant.decay_1_s)
-    own, gain = node_modes(beside.network), _place_gain(machine)
-    under_C, under_F = _dropped(plant, modes, machine, _watched(plant, beside, terms))
-    before = past_covariance(beside, sigma_W, modes.rod.length_m, modes.rod.diffusivity_m2_s)
+    bodies, screw = attached(machine, terms), len(plant.decay_1_s)
+    network_modes, gain = node_modes(bodies.network), _place_gain(machine)
+    under_C, under_F = _dropped(plant, modes, machine, _watched(plant, bodies, terms))
+    before = past_covariance(bodies, sigma_W, modes.rod.length_m, modes.rod.diffusivity_m2_s)
     places = under_C.copy()
     places[:, : plant.modes] += modes.rod.conductance_W_m * (plant.B[: plant.modes] * gain).T
-    plant = extended(plant, node_states(plant, beside, own, places, _mean(modes, screw), before))
-    plant = showing(reading_nodes(plant, machine, beside, own, screw, bed), machine.sensor)
+    plant = extended(plant, node_states(plant, bodies, network_modes, places, _mean(modes, screw), before))
+    plant = showing(reading_nodes(plant, machine, bodies, network_modes, screw, bed), machine.sensor)
     plant, lags = _with_lags(plant, terms)
     n_x, m, p = len(plant.decay_1_s), len(plant.source_names), len(plant.known_names)
     moving = [s.index for s in plant.moving]
-    seen = wide(places, n_x)
+    place_rows = wide(places, n_x)
     constant = Constant(np.zeros((n_x, n_x)), np.zeros((n_x, p)), tuple(range(n_x - len(lags), n_x)))
     _add_films(constant, plant, modes, terms, surface_rate(machine.screw))
-    for node, source, G in beside.ties:
+    for node, source, G in bodies.ties:
         if source not in moving:
-            row, passed = _passed(plant, own, gain, screw, node, source)
-            constant.A[...] += G * np.multiply.outer(passed, row - seen[source])
+            row, passed = _passed(plant, network_modes, gain, screw, node, source)
+            constant.A[...] += G * np.multiply.outer(passed, row - place_rows[source])
             constant.E[...] -= G * np.multiply.outer(passed, under_F[source])
-    _add_strokes(constant, plant, modes, machine, beside, moving)
-    _add_warmed_air(constant, plant, modes, beside, own, screw)
+    _add_strokes(constant, plant, modes, machine, bodies, moving)
+    _add_warmed_air(constant, plant, modes, bodies, network_modes, screw)
     for state, (time_s, C, F) in zip(constant.follow, lags, strict=True):
         constant.A[state, : len(C)] += C / time_s
         constant.A[state, state] -= 1.0 / time_s
         constant.E[state] += F / time_s
-    links = _links(plant, beside, own, gain, screw, moving)
+    links = _links(plant, bodies, network_modes, gain, screw, moving)
     emissivity = sum(t.emissivity for t in terms if isinstance(t, Radiation))
     at_1_K_W_m2K = sum(float(t.film_W_m2K(1.0)) for t in terms if isinstance(t, RisingFilm))
     fades = _fades(plant, terms)
@@ -100,17 +100,17 @@ def with_coupling(
         radiation=emissivity * STEFAN_BOLTZMANN_W_m2K4 * surface_rate(machine.screw),
         rising=at_1_K_W_m2K * surface_rate(machine.screw),
         links=links,
-        spreads=spreads(modes, machine, beside, moving),
+        spreads=spreads(modes, machine, bodies, moving),
         fades=fades,
         uneven=_uneven(modes, n_x),
     )
     return replace(plant, coupling=packed(coupling)), constant
 
 
-def _watched(plant: Plant, beside: Attached, terms: Sequence[Term]) -> set[int]:
+def _watched(plant: Plant, bodies: Attached, terms: Sequence[Term]) -> set[int]:
     """The sources under which a temperature is read."""
     fading = {plant.source_names.index(t.source) for t in terms if isinstance(t, Fade)}
-    return fading | {source for _, source, _ in beside.ties}
+    return fading | {source for _, source, _ in bodies.ties}
 
 
 def _place_gain(machine: Description) -> FloatArray:
@@ -120,27 +120,27 @@ def _place_gain(machine: Description) -> FloatArray:
 
 
 def _passed(
-    plant: Plant, own: NodeModes, gain: FloatArray, screw: int, node: int, source: int
+    plant: Plant, network_modes: NodeModes, gain: FloatArray, screw: int, node: int, source: int
 ) -> tuple[FloatArray, FloatArray]:
     """The row (n_x,) that reads a node, and what 1 J that it passes to the screw at a source does, (n_x,)."""
-    n_x, nodes = len(plant.decay_1_s), slice(screw, screw + len(own.shape))
+    n_x, nodes = len(plant.decay_1_s), slice(screw, screw + len(network_modes.shape))
     row, passed = np.zeros(n_x), np.zeros(n_x)
-    row[nodes], passed[nodes] = own.shape[node], -own.input[:, node]
+    row[nodes], passed[nodes] = network_modes.shape[node], -network_modes.input[:, node]
     passed[:screw] = gain[source] * plant.B[:screw, source]
     return row, passed
 
 
 def _add_warmed_air(
-    constant: Constant, plant: Plant, modes: Modes, beside: Attached, own: NodeModes, screw: int
+    constant: Constant, plant: Plant, modes: Modes, bodies: Attached, network_modes: NodeModes, screw: int
 ) -> None:
     """Add what the base film exchanges with air of its own, along stretches, without the dropped modes."""
     n_x, rod = len(plant.decay_1_s), modes.rod
-    for node, air in beside.air:
+    for node, air in bodies.air:
         into = rod.fin_1_m**2 * padded(modes.wetted(air.from_m, air.to_m), n_x)
         row, heated = np.zeros((2, n_x))
-        row[screw : screw + len(own.shape)], heated[screw : screw + len(own.shape)] = (
-            own.shape[node],
-            own.input[:, node],
+        row[screw : screw + len(network_modes.shape)], heated[screw : screw + len(network_modes.shape)] = (
+            network_modes.shape[node],
+            network_modes.input[:, node],
         )
         lost = into - rod.fin_1_m**2 * rod.wetted_m(air.from_m, air.to_m) * row
         constant.A[...] += np.multiply.outer(into, row)
@@ -149,13 +149,18 @@ def _add_warmed_air(
 
 
 def _links(
-    plant: Plant, beside: Attached, own: NodeModes, gain: FloatArray, screw: int, moving: Sequence[int]
+    plant: Plant,
+    bodies: Attached,
+    network_modes: NodeModes,
+    gain: FloatArray,
+    screw: int,
+    moving: Sequence[int],
 ) -> Links:
     """The links between nodes and nuts that move."""
-    ties = [tie for tie in beside.ties if tie[1] in moving]
+    ties = [tie for tie in bodies.ties if tie[1] in moving]
     C, B = np.zeros((len(ties), len(plant.decay_1_s))), np.zeros((len(ties), len(plant.decay_1_s)))
     for i, (node, source, _) in enumerate(ties):
-        C[i], passed = _passed(plant, own, gain, screw, node, source)
+        C[i], passed = _passed(plant, network_modes, gain, screw, node, source)
         B[i] = gain[source] * plant.B[:, source] - passed
     return Links(
         source=np.array([source for _, source, _ in ties], dtype=np.int64),
@@ -170,12 +175,12 @@ def _add_strokes(
     plant: Plant,
     modes: Modes,
     machine: Description,
-    beside: Attached,
+    bodies: Attached,
     moving: Sequence[int],
 ) -> None:
     """Add what nuts of which nobody knows the place exchange with their nodes on top of the mean."""
     N = plant.modes
-    for shapes in shapes_of_strokes(modes, machine, beside):
+    for shapes in shapes_of_strokes(modes, machine, bodies):
         if shapes.source not in moving:
             constant.A[:N, :N] -= (shapes.shape.T * shapes.rate_1_s) @ shapes.shape
 
@@ -234,12 +239,12 @@ def _dropped_under(
 ) -> tuple[FloatArray, FloatArray]:
     """What the dropped modes hold under a source, °C per W of each (m,), per °C of each known input (p,)."""
     under = steady_under(modes, [mean_stretch(s, machine.screw) for s in machine.source], index)
-    known, at = np.zeros(len(plant.known_names)), plant.known
+    per_input, at = np.zeros(len(plant.known_names)), plant.known
     safe = np.where(modes.decay_1_s > 0, modes.decay_1_s, np.inf)
     for q, steady in ((at.ambient, under.ambient), (at.left_end, under.left), (at.right_end, under.right)):
         if q is not None:
-            known[q] = steady - under.kept @ (plant.E[: plant.modes, q] / safe)
-    return np.array([s.screw_share for s in machine.source]) * under.dropped_K_W, known
+            per_input[q] = steady - under.retained @ (plant.E[: plant.modes, q] / safe)
+    return np.array([s.screw_share for s in machine.source]) * under.dropped_K_W, per_input
 
 
 def _add_films(constant: Constant, plant: Plant, modes: Modes, terms: Sequence[Term], rate: float) -> None:

@@ -60,19 +60,21 @@ class CoupledColumns(NamedTuple):
 
 def state_column(coupling: Coupling) -> CoupledColumns:
     """Return room for one state."""
-    n_x, known = len(coupling.uniform), coupling.under_F.shape[1] + 1
-    return CoupledColumns(np.zeros((n_x, 1)), np.ones((known, 1)), np.zeros((_together(coupling), 1)))
+    n_x, inputs = len(coupling.uniform), coupling.under_F.shape[1] + 1
+    return CoupledColumns(np.zeros((n_x, 1)), np.ones((inputs, 1)), np.zeros((_most_factors(coupling), 1)))
 
 
 def half_step_columns(coupling: Coupling) -> tuple[CoupledColumns, FloatArray]:
     """Return room for the matrix [M N r] of half a step, and for its transpose (w, W): N begins at column W,
     so that the columns of M are padded with zeros to whole registers.
     """
-    n_x, known = len(coupling.uniform), coupling.under_F.shape[1] + 1
+    n_x, inputs = len(coupling.uniform), coupling.under_F.shape[1] + 1
     first = padded_width(n_x, _REGISTER)
-    width = padded_width(first + known, _REGISTER // 2)
-    columns = CoupledColumns(*(aligned_zeros((rows, width)) for rows in (n_x, known, _together(coupling))))
-    columns.known[np.arange(known), first + np.arange(known)] = 1.0
+    width = padded_width(first + inputs, _REGISTER // 2)
+    columns = CoupledColumns(
+        *(aligned_zeros((rows, width)) for rows in (n_x, inputs, _most_factors(coupling)))
+    )
+    columns.known[np.arange(inputs), first + np.arange(inputs)] = 1.0
     return columns, aligned_zeros((width, first))
 
 
@@ -81,7 +83,7 @@ def link_scratch(coupling: Coupling) -> FloatArray:
     return aligned_zeros((4, max(len(coupling.uniform), len(coupling.spreads.rate_1_s))))
 
 
-def _together(c: Coupling) -> int:
+def _most_factors(c: Coupling) -> int:
     """How many factors are taken together at most."""
     return int(max(1, len(c.beside), len(c.uneven.rate), *np.diff(c.spreads.first)))
 
@@ -143,9 +145,9 @@ class Coupling(NamedTuple):
     uneven: Uneven
 
 
-def no_coupling(n_x: int, sources: int, known: int, modes: int = 0) -> Coupling:
+def no_coupling(n_x: int, sources: int, inputs: int, modes: int = 0) -> Coupling:
     """Return the coupling of a plant without any."""
-    none, nothing, no_shape = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, modes))
+    no_index, no_rate, no_shape = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, modes))
     return Coupling(
         active=0,
         ambient=0,
@@ -153,7 +155,7 @@ def no_coupling(n_x: int, sources: int, known: int, modes: int = 0) -> Coupling:
         conductance_W_m=0.0,
         place_gain=np.ones(sources),
         under_C=np.zeros((sources, n_x)),
-        under_F=np.zeros((sources, known)),
+        under_F=np.zeros((sources, inputs)),
         uniform=np.zeros(n_x),
         mean=np.zeros(n_x),
         square=0.0,
@@ -163,10 +165,10 @@ def no_coupling(n_x: int, sources: int, known: int, modes: int = 0) -> Coupling:
         metric=np.zeros((0, 0)),
         beside=np.zeros((0, n_x)),
         beside_into=np.zeros((0, n_x)),
-        links=Links(none, nothing, np.zeros((0, n_x)), np.zeros((0, n_x))),
+        links=Links(no_index, no_rate, np.zeros((0, n_x)), np.zeros((0, n_x))),
         spreads=Spreads(
-            np.zeros(sources + 1, np.int64), nothing, no_shape, no_shape, np.zeros(sources), np.zeros(sources)
+            np.zeros(sources + 1, np.int64), no_rate, no_shape, no_shape, np.zeros(sources), np.zeros(sources)
         ),
         fades=Fades(np.zeros(sources), np.zeros(sources)),
-        uneven=Uneven(nothing, np.zeros((0, n_x)), np.zeros((0, n_x))),
+        uneven=Uneven(no_rate, np.zeros((0, n_x)), np.zeros((0, n_x))),
     )

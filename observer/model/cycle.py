@@ -51,10 +51,10 @@ class Sweep(NamedTuple):
 
 class Ripple(NamedTuple):
     """Of each sensor, at so many phases of a sweep, (f, s), per W of the nut's heat: how much more than in
-    the mean it reads, `seen`, K/W, and what its place, K/(W m), and its lag, K/(W s), add to that.
+    the mean it reads, `reading`, K/W, and what its place, K/(W m), and its lag, K/(W s), add to that.
     """
 
-    seen: FloatArray
+    reading: FloatArray
     by_place: FloatArray
     by_lag: FloatArray
 
@@ -80,14 +80,14 @@ def ripple(
     i_omega = 2j * np.pi * np.fft.rfftfreq(_PLACES, round_s / _PLACES)[1:, None]
     modes = np.fft.rfft(B, axis=0)[1:] / (decay_1_s + i_omega)
     dropped = np.fft.rfft(of_lag, axis=0)[1:] * table.lag_decay_1_s / (table.lag_decay_1_s + i_omega)
-    seen = modes @ C.T + dropped
-    lagging = seen * (-i_omega / (1.0 + i_omega * lag_s))
+    reading = modes @ C.T + dropped
+    lagging = reading * (-i_omega / (1.0 + i_omega * lag_s))
 
     def over_phases(harmonics: NDArray[np.complex128]) -> FloatArray:
         whole = np.fft.irfft(np.vstack([np.zeros((1, s)), harmonics]), _PLACES, axis=0)
         return np.asarray(whole.reshape(SWEEP_PHASES, -1, s).mean(axis=1))
 
-    return Ripple(over_phases(seen), over_phases(modes @ slope_C.T), over_phases(lagging))
+    return Ripple(over_phases(reading), over_phases(modes @ slope_C.T), over_phases(lagging))
 
 
 SPEED_RPM = 1000.0
@@ -149,7 +149,7 @@ def _stage(config: Config, plant: Plant, duration_s: float, speed_rpm: float) ->
     losses.append((4.0 * plant.coupling.radiation * (air_degC + ZERO_DEGC_K) ** 3, None))
     losses.append((plant.coupling.rising * RISE_K**0.25, None))
     rate_1_s = sum(rate for rate, _ in losses)
-    drawn = sum(rate * (air_degC if own is None else own) for rate, own in losses)
+    drawn = sum(rate * (air_degC if drawn_degC is None else drawn_degC) for rate, drawn_degC in losses)
     sweeps = tuple(_sweep(config, sources[m.index], speed_rpm) for m in plant.moving)
     return Stage(
         duration_s, law_W, law_W + unknown_W, z, rate_1_s, drawn / rate_1_s if rate_1_s else 0.0, sweeps
@@ -161,8 +161,8 @@ def _sweep(config: Config, source: Source, speed_rpm: float) -> Sweep | None:
     low_m, high_m = source.stroke_m or (0.0, config.screw.length_m)
     speed_m_s = speed_rpm / 60.0 * (source.lead_m or LEAD_M)
     sample_s = config.sample_s.get(source.position_channel or "", config.estimator.period_s)
-    known = speed_m_s * sample_s * SAMPLES_PER_TRAVERSE <= high_m - low_m
-    return Sweep(low_m, high_m, speed_m_s) if known else None
+    is_sampled = speed_m_s * sample_s * SAMPLES_PER_TRAVERSE <= high_m - low_m
+    return Sweep(low_m, high_m, speed_m_s) if is_sampled else None
 
 
 def _law_W(source: Source, sources: tuple[Source, ...], screw_m: float, speed_rpm: float) -> float:

@@ -90,10 +90,10 @@ def augmented(plant: Plant, step: StepMatrices) -> tuple[FloatArray, FloatArray]
     return Ad, Qd
 
 
-def fixed_noise(plant: Plant, step: StepMatrices, which: np.typing.NDArray[np.bool_]) -> FloatArray:
-    """Covariance (n_x, n_x) left by the field's own noise and the walks of heats `which` (m_e,)."""
+def fixed_noise(plant: Plant, step: StepMatrices, walking: np.typing.NDArray[np.bool_]) -> FloatArray:
+    """Covariance (n_x, n_x) left by the field's own noise and the walks of heats `walking` (m_e,)."""
     Q = plant.field_noise_Q * step.dt_s
     columns = plant.B[:, plant.estimated].T
-    for j in np.flatnonzero(which):
+    for j in np.flatnonzero(walking):
         Q = Q + np.multiply.outer(columns[j], columns[j]) * step.walk_xx[j]
     return Q

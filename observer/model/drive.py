@@ -93,17 +93,17 @@ class Drive:
         fixed = {AMBIENT: config.ambient.temperature_degC, REFERENCE: config.output.reference_degC}
         offsets = [t for t in machine.terms if isinstance(t, SensorOffset)]
         for s in config.sensor:
-            own = [t for t in offsets if t.sensor == s.name]
-            fixed[OFFSET + s.name] = sum(t.offset_K for t in own)
-            rate[OFFSET + s.name] = sum(t.rate_K_h for t in own)
+            sensor_offsets = [t for t in offsets if t.sensor == s.name]
+            fixed[OFFSET + s.name] = sum(t.offset_K for t in sensor_offsets)
+            rate[OFFSET + s.name] = sum(t.rate_K_h for t in sensor_offsets)
         self._known_fixed = [fixed.get(name) for name in plant.known_names]
         self._shift_K = np.array([shift.get(name, 0.0) for name in plant.known_names])
         self._rate_K_h = np.array([rate.get(name, 0.0) for name in plant.known_names])
-        needed = [c for read, _ in self._laws for c in read]
-        needed += [*self._known_channels, *(s.channel for s in plant.moving)]  # type: ignore[list-item]
+        required = [c for read, _ in self._laws for c in read]
+        required += [*self._known_channels, *(s.channel for s in plant.moving)]  # type: ignore[list-item]
         for loss in self.losses:
-            needed += [loss.speed_channel, loss.temperature_channel]  # type: ignore[list-item]
-        self._needed = [c for c in dict.fromkeys(needed) if c is not None]
+            required += [loss.speed_channel, loss.temperature_channel]  # type: ignore[list-item]
+        self._needed = [c for c in dict.fromkeys(required) if c is not None]
         self._channels: tuple[str, ...] | None = None  # of the last frames, and where they hold what is read
         self.read: Any = None
 
@@ -191,12 +191,12 @@ class Drive:
         values: FloatArray,
         dt_s: FloatArray,
         running_s: FloatArray,
-        which: Sequence[int],
+        sources: Sequence[int],
     ) -> FloatArray:
         """Fill in the heats by some laws at each tick, (K, m), W, NaN while not known; return for how long
         each has run.
         """
-        for j in which:
+        for j in sources:
             read = [values[:, i] for i in self._law_columns[j]] or [np.zeros(len(values))]
             law[:, j] = self._laws[j][1](*read)
             if factors := self._factors[j]:
@@ -210,19 +210,19 @@ class Drive:
 
     def products(self) -> tuple[Products, list[int]]:
         """The laws that are products, for the channels looked at, and which are none or change with time."""
-        found = [
+        laws = [
             law if isinstance(law, Product) and not factors else Product(NO_PRODUCT, ())
             for (_, law), factors in zip(self._laws, self._factors, strict=True)
         ]
-        width = max((len(law.factors) for law in found), default=0)
+        width = max((len(law.factors) for law in laws), default=0)
         products = Products(
-            np.array([law.base for law in found], np.int64),
+            np.array([law.base for law in laws], np.int64),
             np.array([columns[0] if columns else 0 for columns in self._law_columns], np.int64),
-            np.array([[*law.factors, *(width - len(law.factors)) * [1.0]] for law in found]).reshape(
+            np.array([[*law.factors, *(width - len(law.factors)) * [1.0]] for law in laws]).reshape(
                 -1, width
             ),
         )
-        return products, [j for j, law in enumerate(found) if law.base == NO_PRODUCT]
+        return products, [j for j, law in enumerate(laws) if law.base == NO_PRODUCT]
 
     def loss(self, values: FloatArray, ambient_degC: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The rate (K,) of the losses that go with speed, 1/s, and the temperature (K,) they draw to, °C; the
@@ -233,12 +233,16 @@ class Drive:
             return rate, drawn
         for loss, (speed, measured) in zip(self.losses, self._loss_columns, strict=True):
             speed_rpm = np.zeros(len(values)) if speed is None else np.nan_to_num(values[:, speed])
-            own = self._surface_rate * loss.film_W_m2K(speed_rpm)
-            rate += own
+            own_rate_1_s = self._surface_rate * loss.film_W_m2K(speed_rpm)
+            rate += own_rate_1_s
             if measured is None:
-                drawn += own * (ambient_degC if loss.temperature_degC is None else loss.temperature_degC)
+                drawn += own_rate_1_s * (
+                    ambient_degC if loss.temperature_degC is None else loss.temperature_degC
+                )
             else:
-                drawn += own * np.where(np.isnan(values[:, measured]), ambient_degC, values[:, measured])
+                drawn += own_rate_1_s * np.where(
+                    np.isnan(values[:, measured]), ambient_degC, values[:, measured]
+                )
         return rate, np.where(rate > 0.0, drawn / np.where(rate > 0.0, rate, 1.0), 0.0)
 
     def _nuts(
@@ -249,12 +253,12 @@ class Drive:
         B, C, nuts, turns = [], [], [], list(state.turns)
         for i, source in enumerate(plant.moving):
             path = frames.path[source.channel]
-            nut, own_B, own_C = moving.columns(source.table, state.nuts[i], frames.dt_s, path)
+            nut, mean_B, mean_C = moving.columns(source.table, state.nuts[i], frames.dt_s, path)
             if source.ends_fraction:
-                turns[i], own_B, own_C = turned(source, turns[i], frames.dt_s, path, own_B, own_C)
+                turns[i], mean_B, mean_C = turned(source, turns[i], frames.dt_s, path, mean_B, mean_C)
             nuts.append(nut)
-            B.append(own_B)
-            C.append(own_C)
+            B.append(mean_B)
+            C.append(mean_C)
         moving_B = _stacked(B, len(frames), len(plant.decay_1_s))
         moving_C = _stacked(C, len(frames), len(plant.rows.C))
         return tuple(nuts), tuple(turns), moving_B, moving_C

@@ -25,14 +25,14 @@ from observer.tables.sensors import Sensor
 class States(NamedTuple):
     """e states that decay by themselves: `decay_1_s` (e,), input rows `B` (e, m) and `E` (e, p).
 
-    They start at `seen` (e, n_x) of the states before them, give or take `prior_P` (e, e), of which
+    They start at `start_rows` (e, n_x) of the states before them, give or take `prior_P` (e, e), of which
     `smooth_P` (e, e) is there with a machine at rest too; `uniform` (e,): their values in a machine at 1 °C.
     """
 
     decay_1_s: FloatArray
     B: FloatArray
     E: FloatArray
-    seen: FloatArray
+    start_rows: FloatArray
     prior_P: FloatArray
     smooth_P: FloatArray
     uniform: FloatArray
@@ -40,8 +40,8 @@ class States(NamedTuple):
 
 def node_states(
     plant: Plant,
-    beside: Attached,
-    own: NodeModes,
+    bodies: Attached,
+    network_modes: NodeModes,
     places: FloatArray,
     mean: FloatArray,
     past_P: FloatArray,
@@ -52,54 +52,54 @@ def node_states(
     screw's mean (n_x,): give or take as much as that itself, and what heats before the start have left,
     `past_P` (n, n).
     """
-    n = len(beside.names)
+    n = len(bodies.names)
     start = np.tile(mean, (n, 1))
-    for node, source, _ in beside.ties:
+    for node, source, _ in bodies.ties:
         start[node] = places[source]
     apart = np.diag(np.einsum("ia,ab,ib->i", start, plant.smooth_P, start))
     E = np.zeros((n, len(plant.known_names)))
-    E[:, plant.known.ambient] = own.ambient
+    E[:, plant.known.ambient] = network_modes.ambient
     return States(
-        decay_1_s=own.decay_1_s,
-        B=own.input @ beside.shares,
+        decay_1_s=network_modes.decay_1_s,
+        B=network_modes.input @ bodies.shares,
         E=E,
-        seen=own.inverse @ start,
-        prior_P=own.inverse @ (apart + past_P) @ own.inverse.T,
-        smooth_P=own.inverse @ apart @ own.inverse.T,
-        uniform=own.inverse.sum(axis=1),
+        start_rows=network_modes.inverse @ start,
+        prior_P=network_modes.inverse @ (apart + past_P) @ network_modes.inverse.T,
+        smooth_P=network_modes.inverse @ apart @ network_modes.inverse.T,
+        uniform=network_modes.inverse.sum(axis=1),
     )
 
 
-def lag_states(seen: FloatArray, sources: int, known: int) -> States:
-    """Return the states of sensors that lag behind `seen` (e, n_x), at which they start."""
-    e = len(seen)
-    none = np.zeros((e, e))
-    return States(np.zeros(e), np.zeros((e, sources)), np.zeros((e, known)), seen, none, none, np.ones(e))
+def lag_states(rows: FloatArray, sources: int, inputs: int) -> States:
+    """Return the states of sensors that lag behind `rows` (e, n_x), at which they start."""
+    e = len(rows)
+    exact = np.zeros((e, e))
+    return States(np.zeros(e), np.zeros((e, sources)), np.zeros((e, inputs)), rows, exact, exact, np.ones(e))
 
 
-def extended(plant: Plant, more: States) -> Plant:
+def extended(plant: Plant, added: States) -> Plant:
     """Return the plant with more states at its end."""
-    if not len(more.seen):
+    if not len(added.start_rows):
         return plant
     first = len(plant.decay_1_s)
-    n_x = first + len(more.seen)
-    J = np.vstack([np.eye(first), more.seen])
+    n_x = first + len(added.start_rows)
+    J = np.vstack([np.eye(first), added.start_rows])
     prior, smooth = J @ plant.prior_P @ J.T, J @ plant.smooth_P @ J.T
-    prior[first:, first:] += more.prior_P
-    smooth[first:, first:] += more.smooth_P
+    prior[first:, first:] += added.prior_P
+    smooth[first:, first:] += added.smooth_P
     return replace(
         plant,
-        decay_1_s=np.concatenate([plant.decay_1_s, more.decay_1_s]),
-        B=np.vstack([plant.B, more.B]),
-        E=np.vstack([plant.E, more.E]),
+        decay_1_s=np.concatenate([plant.decay_1_s, added.decay_1_s]),
+        B=np.vstack([plant.B, added.B]),
+        E=np.vstack([plant.E, added.E]),
         rows=replace(plant.rows, C=wide(plant.rows.C, n_x)),
         moving=tuple(  # they heat the new states too, wherever they are
             s.with_table(
-                mean_B=np.concatenate([s.table.mean_B, more.B[:, s.index]]), turn=_wider(s.table.turn, n_x)
+                mean_B=np.concatenate([s.table.mean_B, added.B[:, s.index]]), turn=_wider(s.table.turn, n_x)
             )
             for s in plant.moving
         ),
-        uniform=np.concatenate([plant.uniform, more.uniform]),
+        uniform=np.concatenate([plant.uniform, added.uniform]),
         prior_P=prior,
         smooth_P=smooth,
         field_noise_Q=np.pad(plant.field_noise_Q, (0, n_x - first)),
@@ -107,18 +107,23 @@ def extended(plant: Plant, more: States) -> Plant:
 
 
 def reading_nodes(
-    plant: Plant, machine: Description, beside: Attached, own: NodeModes, first: int, bed: FloatArray
+    plant: Plant,
+    machine: Description,
+    bodies: Attached,
+    network_modes: NodeModes,
+    first: int,
+    bed: FloatArray,
 ) -> Plant:
     """Return the plant whose sensors on nodes read those, and whose thermal error follows the bed that is a
     node, by the column `bed` (R,); the nodes' states begin at `first`.
     """
-    on = {i: beside.names.index(s.on) for i, s in enumerate(machine.sensor) if s.on is not None}
+    on = {i: bodies.names.index(s.on) for i, s in enumerate(machine.sensor) if s.on is not None}
     plant = _reading_no_more(plant, list(on))
     for sensor, node in on.items():
-        plant.rows.C[sensor, first : first + len(beside.names)] = own.shape[node]
+        plant.rows.C[sensor, first : first + len(bodies.names)] = network_modes.shape[node]
     if machine.bed is not None and machine.bed.on is not None:
-        of_bed = own.shape[beside.names.index(machine.bed.on)]
-        plant.rows.C[:, first : first + len(beside.names)] += np.multiply.outer(bed, of_bed)
+        of_bed = network_modes.shape[bodies.names.index(machine.bed.on)]
+        plant.rows.C[:, first : first + len(bodies.names)] += np.multiply.outer(bed, of_bed)
     return plant
 
 
@@ -130,13 +135,14 @@ def showing(plant: Plant, sensors: Sequence[Sensor]) -> Plant:
     if (part == 1.0).all():
         return plant
     s, rows = len(part), plant.rows
-    every = np.concatenate([part, np.ones(len(rows.C) - s)])
-    F = np.where(plant.known.offset, rows.F, every[:, None] * rows.F)
+    row_parts = np.concatenate([part, np.ones(len(rows.C) - s)])
+    F = np.where(plant.known.offset, rows.F, row_parts[:, None] * rows.F)
     F[:s, plant.known.ambient] += 1.0 - part
     moving = tuple(
-        m.with_table(mean_C=m.table.mean_C * every, table_C=m.table.table_C * every) for m in plant.moving
+        m.with_table(mean_C=m.table.mean_C * row_parts, table_C=m.table.table_C * row_parts)
+        for m in plant.moving
     )
-    return replace(plant, rows=replace(rows, C=every[:, None] * rows.C, F=F), moving=moving)
+    return replace(plant, rows=replace(rows, C=row_parts[:, None] * rows.C, F=F), moving=moving)
 
 
 def lagging(plant: Plant, sensors: Sequence[int]) -> Plant:
@@ -186,13 +192,16 @@ def _without(columns: FloatArray, sensors: Sequence[int]) -> FloatArray:
     return out
 
 
-def with_learning(plant: Plant, config: Config, modes: Modes, beside: Iterable[Parameter] = ()) -> Plant:
-    """Return the plant with what its estimator learns or allows for, with what is so of the bodies `beside`
-    its screw; as it is where that is nothing.
+def with_learning(
+    plant: Plant, config: Config, modes: Modes, body_parameters: Iterable[Parameter] = ()
+) -> Plant:
+    """Return the plant with the uncertain parameters of machine, bodies and sensors; unchanged if none is.
+
+    The caller makes `body_parameters`, those of the bodies beside the screw.
     """
-    known = [*_of_machine(plant, config, modes), *beside, *_of_sensors(plant, config, modes)]
+    parameters = [*_of_machine(plant, config, modes), *body_parameters, *_of_sensors(plant, config, modes)]
     rest = REST_K**2 / config.estimator.initial_sigma_K**2
-    return with_parameters(plant, known, config.learnt, rest)
+    return with_parameters(plant, parameters, config.learnt, rest)
 
 
 def with_parameters(
@@ -205,39 +214,45 @@ def with_parameters(
     how far a screw is from the air's temperature after a night, as a part of the variance of its unknown
     field.
     """
-    known = [p for p in parameters if p.sigma > 0.0]
-    if not known:
+    uncertain = [p for p in parameters if p.sigma > 0.0]
+    if not uncertain:
         return plant
-    held = plant.known.left_end is not None or plant.known.right_end is not None
+    end_is_prescribed = plant.known.left_end is not None or plant.known.right_end is not None
     learning = learning_of(
-        known,
+        uncertain,
         learnt,
         len(plant.decay_1_s),
         len(plant.known_names),
         ambient=plant.known.ambient,
-        rest_P=None if held else rest * plant.smooth_P,
+        rest_P=None if end_is_prescribed else rest * plant.smooth_P,
     )
     if plant.basis is not None:
-        learning = replace(learning, arrays=learning.arrays.seen_from(plant.basis.V, plant.basis.inverse))
+        learning = replace(learning, arrays=learning.arrays.in_basis(plant.basis.V, plant.basis.inverse))
     return replace(plant, learning=learning, layout=replace(plant.layout, learned=learning.names))
 
 
 def _of_machine(plant: Plant, config: Config, modes: Modes) -> Iterator[Parameter]:
     """The machine's own: film, material, ambient, ends, and the scale of every law."""
     tolerance, screw = config.tolerance, config.screw
-    n_x, none = len(plant.decay_1_s), no_change(len(plant.decay_1_s), len(plant.known_names))
+    n_x, unchanged = len(plant.decay_1_s), no_change(len(plant.decay_1_s), len(plant.known_names))
     film_1_s, air = modes.rod.diffusivity_m2_s * modes.rod.fin_1_m**2, plant.known.ambient
-    own = np.arange(n_x) < len(modes)
-    passive = none._replace(
-        rate_1_s=np.where(own, -plant.decay_1_s, 0.0), known=np.where(own, plant.E.T, 0.0)
+    is_mode = np.arange(n_x) < len(modes)
+    passive = unchanged._replace(
+        rate_1_s=np.where(is_mode, -plant.decay_1_s, 0.0), known=np.where(is_mode, plant.E.T, 0.0)
     )
     # of a screw with sections what each mode loses, but not what the film mixes
     loses = 1.0 if modes.rod.profile is None else padded(np.diag(modes.surface()), n_x)
-    film = none._replace(rate_1_s=np.where(own, -film_1_s * loses, 0.0), known=none.known.copy())
-    film.known[air] = np.where(own, film_1_s * loses * plant.uniform, 0.0)
-    conduction = none._replace(rate_1_s=passive.rate_1_s - film.rate_1_s, known=passive.known - film.known)
+    film = unchanged._replace(
+        rate_1_s=np.where(is_mode, -film_1_s * loses, 0.0), known=unchanged.known.copy()
+    )
+    film.known[air] = np.where(is_mode, film_1_s * loses * plant.uniform, 0.0)
+    conduction = unchanged._replace(
+        rate_1_s=passive.rate_1_s - film.rate_1_s, known=passive.known - film.known
+    )
     # with more of it, all that warms or cools is slower
-    slower = none._replace(rate_1_s=-passive.rate_1_s, known=-passive.known, heats=np.where(own, -1.0, 0.0))
+    slower = unchanged._replace(
+        rate_1_s=-passive.rate_1_s, known=-passive.known, heats=np.where(is_mode, -1.0, 0.0)
+    )
     film_W_m2K = film_1_s / surface_rate(screw)
     for kind, sigma, change, name, value in (
         (Nuisance.CONVECTION, tolerance.convection if film_W_m2K > 0.0 else 0.0, film,
@@ -248,45 +263,51 @@ def _of_machine(plant: Plant, config: Config, modes: Modes) -> Iterator[Paramete
          "screw.specific_heat_J_kgK", screw.specific_heat_J_kgK),
     ):  # fmt: skip
         yield Parameter(kind, 0, sigma, change, name, value, unit=value)
-    warmer = none._replace(steady=plant.E[:, air])
+    warmer = unchanged._replace(steady=plant.E[:, air])
     yield Parameter(Nuisance.AMBIENT, 0, tolerance.ambient_K, warmer, "ambient.offset_K")
     ends = ((modes.rod.left, "left", 0.0), (modes.rod.right, "right", modes.rod.length_m))
     for i, (end, side, x_m) in enumerate(ends):
         if not end.prescribed:
             into = padded(modal_input(modes, Stretch(x_m, x_m)), n_x)
-            loss = none._replace(into=-into, seen=padded(modes.theta(x_m)[0], n_x), known=none.known.copy())
+            loss = unchanged._replace(
+                into=-into, seen=padded(modes.theta(x_m)[0], n_x), known=unchanged.known.copy()
+            )
             loss.known[air] = into
             loss_W_K = end.biot_1_m * modes.rod.conductance_W_m
             yield Parameter(Nuisance.END, i, tolerance.end_W_K, loss, f"boundary.{side}.loss_W_K", loss_W_K)
     for j, index in enumerate(np.flatnonzero(plant.estimated).tolist()):
         source = config.source[index]
         if source.law is not None and Nuisance.LAW.key in config.learnt:
-            name, more, scale = f"source.{source.name}.scale", none._replace(law=index), source.scale
-            yield Parameter(Nuisance.LAW, j, config.law_uncertainty(source), more, name, scale, scale)
+            name, law_change, scale = (
+                f"source.{source.name}.scale",
+                unchanged._replace(law=index),
+                source.scale,
+            )
+            yield Parameter(Nuisance.LAW, j, config.law_uncertainty(source), law_change, name, scale, scale)
 
 
 def _of_sensors(plant: Plant, config: Config, modes: Modes) -> Iterator[Parameter]:
     """The sensors' own: what each reads too much, where it sits, how late it is, what part it shows."""
     n_x, tolerance = len(plant.decay_1_s), config.tolerance
-    none = no_change(n_x, len(plant.known_names))
+    unchanged = no_change(n_x, len(plant.known_names))
     for i, sensor in enumerate(config.sensor):
         name, offset_K = f"sensor.{sensor.name}", sensor.offset(tolerance.offset_K)
         if sensor.shows != 1.0:  # the rest is what surrounds it, which is known as well as the air
             offset_K = math.hypot(offset_K, (1.0 - sensor.shows) * tolerance.ambient_K)
         if sensor.kind == "displacement":  # its place and lag matter little: growth is a mean over the screw
-            more = none._replace(shift_K=1.0)
-            yield Parameter(Nuisance.OFFSET, i, offset_K, more, f"{name}.zero_um")
+            change = unchanged._replace(shift_K=1.0)
+            yield Parameter(Nuisance.OFFSET, i, offset_K, change, f"{name}.zero_um")
             continue
-        yield Parameter(Nuisance.OFFSET, i, offset_K, none._replace(shift_K=1.0), f"{name}.offset_K")
+        yield Parameter(Nuisance.OFFSET, i, offset_K, unchanged._replace(shift_K=1.0), f"{name}.offset_K")
         if (place_m := sensor.position_m) is not None:  # one beside the screw has no place there
-            slope = none._replace(row=sensor.shows * padded(modes.slope(place_m), n_x))
+            slope = unchanged._replace(row=sensor.shows * padded(modes.slope(place_m), n_x))
             yield Parameter(Nuisance.PLACE, i, tolerance.position_m, slope, f"{name}.position_m", place_m)
-        late = none._replace(lag_s=tolerance.lag_s)
+        late = unchanged._replace(lag_s=tolerance.lag_s)
         yield Parameter(Nuisance.LAG, i, tolerance.lag_s, late, f"{name}.lag_s")
         if sensor.shows_tolerance is not None:
-            more = none._replace(row=plant.rows.C[i], row_known=_above_air(plant, i))
+            change = unchanged._replace(row=plant.rows.C[i], row_known=_above_air(plant, i))
             yield Parameter(
-                Nuisance.GAIN, i, sensor.shows_tolerance, more, f"{name}.shows", sensor.shows, sensor.shows
+                Nuisance.GAIN, i, sensor.shows_tolerance, change, f"{name}.shows", sensor.shows, sensor.shows
             )
 
 

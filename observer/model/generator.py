@@ -192,9 +192,9 @@ def own_modes(plant: Plant, A: FloatArray, follow: tuple[int, ...] = ()) -> tupl
     A[alike, alike] *= 1.0 + APART * np.arange(len(alike))
     rates, V = np.linalg.eig(A)
     rates, V = rates.real, V.real
-    own, mode = linear_sum_assignment(-np.abs(V * np.linalg.inv(V).T))
-    V = V[:, mode[np.argsort(own)]]
-    return V / np.diag(V), np.maximum(-rates[mode[np.argsort(own)]], 0.0)
+    state, mode = linear_sum_assignment(-np.abs(V * np.linalg.inv(V).T))
+    V = V[:, mode[np.argsort(state)]]
+    return V / np.diag(V), np.maximum(-rates[mode[np.argsort(state)]], 0.0)
 
 
 def turned(plant: Plant, V: FloatArray, decay_1_s: FloatArray) -> Plant:
@@ -207,17 +207,17 @@ def turned(plant: Plant, V: FloatArray, decay_1_s: FloatArray) -> Plant:
 
     learning = plant.learning
     if learning is not None:
-        arrays = learning.arrays.seen_from(V, inverse)
+        arrays = learning.arrays.in_basis(V, inverse)
         learning = replace(learning, arrays=arrays._replace(rest_P=both(arrays.rest_P)))
     rows = replace(plant.rows, C=plant.rows.C @ V)
     # what a row sees of a moving nut's lag beside the lag itself stays as the nut moves
     moving = []
     for s in plant.moving:
         lag = plant.modes + s.index
-        beside = rows.C[:, lag] - plant.rows.C[:, lag] * V[lag, lag]
+        fixed_part = rows.C[:, lag] - plant.rows.C[:, lag] * V[lag, lag]
         turn = inverse @ s.table.turn if len(s.table.turn) else inverse
         moving.append(
-            s.with_table(turn=turn, table_C=s.table.table_C + beside, mean_C=s.table.mean_C + beside)
+            s.with_table(turn=turn, table_C=s.table.table_C + fixed_part, mean_C=s.table.mean_C + fixed_part)
         )
     return replace(
         plant,
@@ -239,14 +239,14 @@ def turned(plant: Plant, V: FloatArray, decay_1_s: FloatArray) -> Plant:
 def _coupling(plant: Plant, basis: Basis) -> Coupling:
     """The time-varying couplings in the new states."""
     c, (V, inverse, _) = plant.coupling, basis
-    N, beside = plant.modes, np.arange(plant.modes, len(V))
+    N, other_states = plant.modes, np.arange(plant.modes, len(V))
     links = c.links._replace(C=c.links.C @ V, B=c.links.B @ inverse.T)
     spreads = c.spreads._replace(row=c.spreads.row @ V[:N], into=c.spreads.into @ inverse[:, :N].T)
-    own: Coupling = packed(
+    coupling: Coupling = packed(
         c._replace(
             metric=V[:N].T @ V[:N],
-            beside=V[beside],
-            beside_into=inverse[:, beside].T,
+            beside=V[other_states],
+            beside_into=inverse[:, other_states].T,
             under_C=c.under_C @ V,
             uniform=inverse @ c.uniform,
             mean=c.mean @ V,
@@ -255,13 +255,15 @@ def _coupling(plant: Plant, basis: Basis) -> Coupling:
             uneven=c.uneven._replace(row=c.uneven.row @ V, into=c.uneven.into @ inverse.T),
         )
     )
-    return own
+    return coupling
 
 
 def frozen(plant: Plant) -> tuple[Plant, FloatArray]:
     """Return a plant that nothing couples any more, in its own modes with nuts over their strokes, and V
     (n_x, n_x), its states in the plant's; time-varying losses are left out. For designs that place poles.
     """
-    none = no_coupling(len(plant.decay_1_s), len(plant.source_names), len(plant.known_names), plant.modes)
+    uncoupled = no_coupling(
+        len(plant.decay_1_s), len(plant.source_names), len(plant.known_names), plant.modes
+    )
     V, decay_1_s = own_modes(plant, generator(plant))
-    return turned(replace(plant, moving=(), learning=None, coupling=none), V, decay_1_s), V
+    return turned(replace(plant, moving=(), learning=None, coupling=uncoupled), V, decay_1_s), V

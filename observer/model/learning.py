@@ -157,7 +157,7 @@ class LearningArrays(NamedTuple):
         A = np.diag(theta @ self.rate_1_s) + (self.into.T * theta) @ self.seen
         return self.inverse @ A @ self.V if len(self.V) else A
 
-    def seen_from(self, V: FloatArray, inverse: FloatArray) -> LearningArrays:
+    def in_basis(self, V: FloatArray, inverse: FloatArray) -> LearningArrays:
         """Return the same for the states ξ, x = V ξ (n_x, n_x), of a plant that has others than these."""
         row = self.row @ V
         if len(self.V):
@@ -184,22 +184,22 @@ class LearningArrays(NamedTuple):
         return np.asarray(self.row @ x + self.row_known @ z + self.shift_K)
 
 
-_EACH = ("kind", "of", "sigma", "heated", *Change._fields)
+_PER_PARAMETER = ("kind", "of", "sigma", "heated", *Change._fields)
 
 
-def of_parameters(arrays: LearningArrays, which: NDArray[np.int64]) -> LearningArrays:
+def of_parameters(arrays: LearningArrays, selected: NDArray[np.int64]) -> LearningArrays:
     """Return the arrays of some parameters (r,) in that order, those of the machine first; all learnt."""
-    own = {name: getattr(arrays, name)[which] for name in _EACH}
-    machine = int((which < arrays.machine).sum())
-    return arrays._replace(machine=machine, held=np.zeros(0, np.int64), **own)
+    fields = {name: getattr(arrays, name)[selected] for name in _PER_PARAMETER}
+    machine = int((selected < arrays.machine).sum())
+    return arrays._replace(machine=machine, held=np.zeros(0, np.int64), **fields)
 
 
-def joined(arrays: LearningArrays, more: LearningArrays) -> LearningArrays:
+def joined(arrays: LearningArrays, added: LearningArrays) -> LearningArrays:
     """Return the arrays with more parameters behind them."""
-    each: dict[str, Any] = {
-        name: np.concatenate([getattr(arrays, name), getattr(more, name)]) for name in _EACH
+    fields: dict[str, Any] = {
+        name: np.concatenate([getattr(arrays, name), getattr(added, name)]) for name in _PER_PARAMETER
     }
-    return arrays._replace(**each)
+    return arrays._replace(**fields)
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,18 +225,18 @@ class Learning:
         return dict(zip(self.names, zip(value.tolist(), sigma.tolist(), strict=True), strict=True))
 
 
-def no_change(n_x: int, known: int) -> Change:
+def no_change(n_x: int, inputs: int) -> Change:
     """Return what a parameter does that does nothing."""
-    none = np.zeros(n_x)
-    nothing = np.zeros((known, n_x))
-    return Change(none, none, none, none, -1, -1, -1, nothing, none, none, np.zeros(known), 0.0, 0.0)
+    zeros = np.zeros(n_x)
+    no_inputs = np.zeros((inputs, n_x))
+    return Change(zeros, zeros, zeros, zeros, -1, -1, -1, no_inputs, zeros, zeros, np.zeros(inputs), 0.0, 0.0)
 
 
 def learning_of(
     parameters: Sequence[Parameter],
     learnt: Collection[str],
     n_x: int,
-    known: int,
+    inputs: int,
     *,
     ambient: int = 0,
     rest_P: FloatArray | None = None,
@@ -245,12 +245,12 @@ def learning_of(
     `learnt` whose kind's key is among these; `rest_P` as in `LearningArrays`, None where no screw rests.
     """
     parameters = sorted(parameters, key=lambda p: p.kind.of_a_sensor)
-    none = no_change(n_x, known)
+    unchanged = no_change(n_x, inputs)
     change: dict[str, Any] = {
-        name: np.array([getattr(p.change, name) for p in parameters], np.asarray(own).dtype).reshape(
-            -1, *np.shape(own)
+        name: np.array([getattr(p.change, name) for p in parameters], np.asarray(default).dtype).reshape(
+            -1, *np.shape(default)
         )
-        for name, own in none._asdict().items()
+        for name, default in unchanged._asdict().items()
     }
     learnt_states = [i for i, p in enumerate(parameters) if p.kind.key in learnt]
     arrays = LearningArrays(

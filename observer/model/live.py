@@ -28,8 +28,8 @@ class Frame:
             dict(zip(positions, offset, strict=True)),
         )
         self.paths = {
-            name: record(NutPath(own[0], own[1], self._offset[name], own[2], own[3]))
-            for name, own in self._samples.items()
+            name: record(NutPath(array[0], array[1], self._offset[name], array[2], array[3]))
+            for name, array in self._samples.items()
         }
 
     def path(self, channel: str) -> NutPath:
@@ -83,11 +83,16 @@ class LiveDrive:
         self._inputs = Bundle.of(empty._asdict())
         self.inputs = Inputs._make(self._inputs[name] for name in Inputs._fields)
         self.inputs_record = record(self.inputs)
-        self._law, own, given, u = np.empty((1, len(state.law_W))), self._bundle, frame.bundle, self.inputs
+        self._law, state_fields, frame_fields, u = (
+            np.empty((1, len(state.law_W))),
+            self._bundle,
+            frame.bundle,
+            self.inputs,
+        )
         desk = DriveDesk(
-            given["time_s"], given["values"], given["fresh"], given["quality"], own["law_W"], own["z"],
-            self._law, np.empty((1, len(state.z))), u.z_start, u.z_end, u.law_W, u.law_jump_W, u.y_degC,
-            u.usable, u.quality, u.degraded,
+            frame_fields["time_s"], frame_fields["values"], frame_fields["fresh"], frame_fields["quality"],
+            state_fields["law_W"], state_fields["z"], self._law, np.empty((1, len(state.z))), u.z_start,
+            u.z_end, u.law_W, u.law_jump_W, u.y_degC, u.usable, u.quality, u.degraded,
         )  # fmt: skip
         self._nuts = [self._nut(i, source) for i, source in enumerate(plant.moving)]
         nuts = tuple(
@@ -97,22 +102,23 @@ class LiveDrive:
         after = bool(drive.losses) or any(source.ends_fraction for source in plant.moving) or drive.displaces
         self.record = record(
             DriveTick(
-                given.octets, drive.read, laws, desk, given["dt_s"], own["moment"], nuts, self.inputs_record,
-                self._put_heats if self._others else None, self._put_rest if after else None,
+                frame_fields.octets, drive.read, laws, desk, frame_fields["dt_s"], state_fields["moment"],
+                nuts, self.inputs_record, self._put_heats if self._others else None,
+                self._put_rest if after else None,
             )
         )  # fmt: skip
 
     def _nut(self, i: int, source: MovingSource) -> NutDesk:
         B, C = len(source.table.mean_B), len(source.table.mean_C)
-        own = {name: self._bundle[f"{name}{i}"] for name in NutDesk._fields[:6]}
+        state_fields = {name: self._bundle[f"{name}{i}"] for name in NutDesk._fields[:6]}
         out_B, out_C = self.inputs.moving_B[:, i], self.inputs.moving_C[:, i]
-        return NutDesk(**own, out_B=out_B, out_C=out_C, step_B=np.empty(B), step_C=np.empty(C))
+        return NutDesk(**state_fields, out_B=out_B, out_C=out_C, step_B=np.empty(B), step_C=np.empty(C))
 
     def _put_heats(self) -> None:
         """Fill in the heats by laws that are no products."""
-        own, frame = self._bundle, self._frame.bundle
-        own["running_s"][:] = self._drive.heats(
-            self._law, frame["values"], frame["dt_s"], own["running_s"], self._others
+        state_fields, frame = self._bundle, self._frame.bundle
+        state_fields["running_s"][:] = self._drive.heats(
+            self._law, frame["values"], frame["dt_s"], state_fields["running_s"], self._others
         )
 
     def _put_rest(self) -> None:
@@ -143,19 +149,25 @@ class LiveDrive:
         """Return where it stands, to be put back."""
         return self._bundle.octets.tobytes(), self._turns
 
-    def put_back(self, kept: tuple[bytes, tuple[Records, ...]]) -> None:
+    def put_back(self, checkpoint: tuple[bytes, tuple[Records, ...]]) -> None:
         """Stand where it stood."""
-        self._bundle.put_back(kept[0])
-        self._turns = kept[1]
+        self._bundle.put_back(checkpoint[0])
+        self._turns = checkpoint[1]
 
     @property
     def state(self) -> DriveState:
         """Where it stands."""
-        own = self._bundle
-        begin_s, last_s = own["moment"].tolist()
+        bundle = self._bundle
+        begin_s, last_s = bundle["moment"].tolist()
         nuts = tuple(map(moving.state_of, self._nuts))
         return DriveState(
-            own["law_W"].copy(), own["z"].copy(), nuts, self._turns, begin_s, last_s, own["running_s"].copy()
+            bundle["law_W"].copy(),
+            bundle["z"].copy(),
+            nuts,
+            self._turns,
+            begin_s,
+            last_s,
+            bundle["running_s"].copy(),
         )
 
     def take(self, state: DriveState) -> None:
@@ -168,7 +180,7 @@ class LiveDrive:
 def _arrays(state: DriveState) -> dict[str, FloatArray]:
     """A state's arrays by name."""
     moment = np.array([state.begin_s, state.last_s])
-    own = {"law_W": state.law_W, "z": state.z, "moment": moment, "running_s": state.running_s}
+    arrays = {"law_W": state.law_W, "z": state.z, "moment": moment, "running_s": state.running_s}
     for i, nut in enumerate(state.nuts):
-        own |= {f"{name}{i}": array for name, array in moving.arrays_of(nut).items()}
-    return own
+        arrays |= {f"{name}{i}": array for name, array in moving.arrays_of(nut).items()}
+    return arrays

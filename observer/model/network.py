@@ -15,8 +15,8 @@ import numpy as np
 
 from observer.effects.terms import Body, Term, WarmedAir
 from observer.frames import FloatArray
+from observer.model.caching import cached
 from observer.model.coupling import Spreads
-from observer.model.keeping import kept
 from observer.model.rod.modes import (
     NODES,
     Modes,
@@ -148,8 +148,8 @@ def node_modes(network: Network) -> NodeModes:
     """
     root = np.sqrt(network.capacity_J_K)
     if not len(root):
-        none = np.zeros((0, 0))
-        return NodeModes(np.zeros(0), none, none, none, np.zeros(0))
+        empty = np.zeros((0, 0))
+        return NodeModes(np.zeros(0), empty, empty, empty, np.zeros(0))
     rates, U = np.linalg.eigh(network.conductance_W_K / np.multiply.outer(root, root))
     rates = np.where(rates > ROUNDING * np.abs(rates).max(initial=0.0), rates, 0.0)
     shape = U / root[:, None]
@@ -172,7 +172,7 @@ class Attached(NamedTuple):
     air: tuple[tuple[int, WarmedAir], ...]
 
     @property
-    def held(self) -> Network:
+    def with_screw_at_ambient(self) -> Network:
         """The network with the screw, wherever it touches that, at ambient temperature."""
         to_ambient = np.zeros(len(self.names))
         for node, _, G in self.ties:
@@ -213,16 +213,16 @@ def attached(machine: Description, terms: Sequence[Term]) -> Attached:
 
 
 def past_covariance(
-    beside: Attached, sigma_W: FloatArray, length_m: float, diffusivity_m2_s: float
+    bodies: Attached, sigma_W: FloatArray, length_m: float, diffusivity_m2_s: float
 ) -> FloatArray:
     """Covariance (n, n), K², of the nodes' temperatures left by heats of unknown size before the start.
 
     As `prior.past_heat_covariance` for the screw, which is held at ambient temperature here; `sigma_W` (m,).
     """
-    modes = node_modes(beside.held)
-    covariance = np.zeros((len(beside.names), len(beside.names)))
+    modes = node_modes(bodies.with_screw_at_ambient)
+    covariance = np.zeros((len(bodies.names), len(bodies.names)))
     for gathered in gathered_s(modes.decay_1_s, length_m, diffusivity_m2_s):
-        response = modes.shape @ (gathered * (modes.input @ (beside.shares * sigma_W)))
+        response = modes.shape @ (gathered * (modes.input @ (bodies.shares * sigma_W)))
         covariance += response @ response.T
     return covariance
 
@@ -245,7 +245,7 @@ class Shapes(NamedTuple):
     swept: float
 
 
-def shapes_of_strokes(modes: Modes, machine: Description, beside: Attached) -> Iterator[Shapes]:
+def shapes_of_strokes(modes: Modes, machine: Description, bodies: Attached) -> Iterator[Shapes]:
     """Yield what nuts that sweep exchange with their nodes on top of the exchange at the mean temperature.
 
     Each place under the nut exchanges by itself (Li 2022, eq. 45): over a stroke swept evenly, w = 1/stroke,
@@ -253,7 +253,7 @@ def shapes_of_strokes(modes: Modes, machine: Description, beside: Attached) -> I
     """
     kA = modes.rod.conductance_W_m
     for j, source in enumerate(machine.source):
-        G = sum(tie for _, place, tie in beside.ties if place == j)
+        G = sum(tie for _, place, tie in bodies.ties if place == j)
         if source.shape != "nut" or G == 0.0:
             continue
         stroke = mean_stretch(source, machine.screw)
@@ -262,24 +262,28 @@ def shapes_of_strokes(modes: Modes, machine: Description, beside: Attached) -> I
         theta, weights = shapes_within(modes, stroke)
         weights = weights / stroke.width_m
         mean = weights @ theta
-        own, shape = np.linalg.eigh((theta * weights[:, None]).T @ theta - np.multiply.outer(mean, mean))
-        felt = own > SMALL * own.max()
-        yield Shapes(j, G / kA * own[felt], shape[:, felt].T, float(mean @ mean) / kA**2)
+        eigenvalues, shape = np.linalg.eigh(
+            (theta * weights[:, None]).T @ theta - np.multiply.outer(mean, mean)
+        )
+        is_large = eigenvalues > SMALL * eigenvalues.max()
+        yield Shapes(j, G / kA * eigenvalues[is_large], shape[:, is_large].T, float(mean @ mean) / kA**2)
 
 
-def spreads(modes: Modes, machine: Description, beside: Attached, moving: Sequence[int]) -> Spreads:
+def spreads(modes: Modes, machine: Description, bodies: Attached, moving: Sequence[int]) -> Spreads:
     """Return the shapes of the sources that are `moving`."""
     m = len(machine.source)
     swept, at_rest = np.zeros(m), np.ones(m)
-    found = [s for s in shapes_of_strokes(modes, machine, beside) if s.source in moving]
-    for s in found:
+    sweeping = [s for s in shapes_of_strokes(modes, machine, bodies) if s.source in moving]
+    for s in sweeping:
         source = machine.source[s.source]
         swept[s.source] = s.swept
         at_rest[s.source] = _at_rest(modes, source, mean_stretch(source, machine.screw))
-    shape = np.vstack([np.zeros((0, len(modes))), *(s.shape for s in found)])
+    shape = np.vstack([np.zeros((0, len(modes))), *(s.shape for s in sweeping)])
     return Spreads(
-        np.array([sum(len(s.rate_1_s) for s in found if s.source < j) for j in range(m + 1)], dtype=np.int64),
-        np.concatenate([np.zeros(0), *(s.rate_1_s for s in found)]),
+        np.array(
+            [sum(len(s.rate_1_s) for s in sweeping if s.source < j) for j in range(m + 1)], dtype=np.int64
+        ),
+        np.concatenate([np.zeros(0), *(s.rate_1_s for s in sweeping)]),
         shape,
         shape,
         swept,
@@ -300,7 +304,7 @@ PAST = (1e-3, 1e-2, 1e-1)
 """How long sources may have been on before the start, in diffusion times L²/α (a minute to hours on 1 m)."""
 
 
-@kept(8)
+@cached(8)
 def smooth_field_covariance(modes: Modes) -> FloatArray:
     """Covariance (N, N) of the modal amplitudes of a random field with 1 K standard deviation everywhere.
 

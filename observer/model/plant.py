@@ -195,14 +195,14 @@ class Plant:
     @property
     def lags(self) -> FloatArray:
         """What each source's lag at 1 W is of the states, (m, n_x)."""
-        every = np.eye(len(self.decay_1_s)) if self.basis is None else self.basis.inverse
-        return every[:, self.lag_slice].T
+        inverse = np.eye(len(self.decay_1_s)) if self.basis is None else self.basis.inverse
+        return inverse[:, self.lag_slice].T
 
     @property
     def lag_rows(self) -> FloatArray:
         """The rows (m, n_x) that read the sources' lags."""
-        every = np.eye(len(self.decay_1_s)) if self.basis is None else self.basis.V
-        return every[self.lag_slice]
+        V = np.eye(len(self.decay_1_s)) if self.basis is None else self.basis.V
+        return V[self.lag_slice]
 
     @property
     def learnt(self) -> int:

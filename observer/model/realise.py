@@ -101,13 +101,13 @@ def _with_places(config: Config) -> Config:
 
 def _place(source: Source) -> Source:
     """A source that stands where another does and delivers nothing."""
-    where = ("shape", "length_m", "stroke_m", "position_channel", "position_m", "from_m", "to_m")
+    placement = ("shape", "length_m", "stroke_m", "position_channel", "position_m", "from_m", "to_m")
     return Source(
         name=f"{source.name}.place",
         heat_W=0.0,
         estimate=False,
         initial_sigma_W=1.0,
-        **{key: getattr(source, key) for key in where},
+        **{key: getattr(source, key) for key in placement},
     )
 
 

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.frames import FloatArray, Layout
+from observer.model.caching import cached
 from observer.model.coupling import no_coupling
-from observer.model.keeping import kept
 from observer.model.network import past_heat_covariance, smooth_field_covariance
 from observer.model.plant import BED, OFFSET, REFERENCE, Following, MovingSource, OutputRows, Plant
 from observer.model.rod.modes import (
@@ -114,7 +114,7 @@ def remainder_rows(
     `steady(x)` is the closed form per unit of the input, `amplitude` (N,) the kept modes' steady share
     b_n/Λ_n, `rows` (R, N) those of the amplitudes where they are known already.
     """
-    kept = (modal_rows(modes, places) if rows is None else rows) @ amplitude
+    retained = (modal_rows(modes, places) if rows is None else rows) @ amplitude
     whole = places.with_displacement(
         steady(places.temperature_m),
         lambda x_m: places.um_per_K_m * _running_integral(modes, x_m, steady, kinks),
@@ -122,7 +122,7 @@ def remainder_rows(
     if places.expansion_1_K is not None:
         growth = places.um_per_K_m * _running_integral(modes, places.growth_m, steady, kinks)
         whole = np.concatenate([whole, restrained_rows(places.restraint, growth)])
-    return np.asarray(whole - kept)
+    return np.asarray(whole - retained)
 
 
 def reference_rows(places: Places) -> FloatArray:
@@ -215,7 +215,7 @@ class FullModel:
 
     modes: Modes
     heats: tuple[HeatInput, ...]
-    known: tuple[KnownInput, ...]
+    known_inputs: tuple[KnownInput, ...]
     places: Places
     sensors: tuple[str, ...]
     noise_K: FloatArray
@@ -224,14 +224,16 @@ class FullModel:
     static_correction: bool = True
 
 
-def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS) -> tuple[Plant, Modes]:
-    """Return the plant with the modes `kept` (from 0) of a full model, and these modes.
+def reduce(
+    full: FullModel, mode_numbers: Sequence[int], nut_places: int = TABLE_POINTS
+) -> tuple[Plant, Modes]:
+    """Return the plant with the modes `mode_numbers` (from 0) of a full model, and these modes.
 
     `nut_places` is how many places of a nut its lag's output column is tabulated for.
     """
-    modes, heats, places = full.modes.take(list(kept)), full.heats, full.places
-    known = [k._replace(modal=k.modal[list(kept)]) for k in full.known]
-    lag_decay_1_s = _first_dropped(full.modes, kept)
+    modes, heats, places = full.modes.take(list(mode_numbers)), full.heats, full.places
+    known_inputs = [k._replace(modal=k.modal[list(mode_numbers)]) for k in full.known_inputs]
+    lag_decay_1_s = _first_dropped(full.modes, mode_numbers)
     N, m, rod = len(modes), len(heats), modes.rod
     sigma_W = np.array([h.initial_sigma_W for h in heats])
     footprints = [_footprint(full, modes, h, h.ends_fraction) for h in heats]
@@ -239,7 +241,7 @@ def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS)
     B[:N] = np.column_stack([b for b, _ in footprints])
     B[N:] = np.diag(np.full(m, lag_decay_1_s))
     C = np.hstack([modal_rows(modes, places), np.column_stack([c for _, c in footprints])])
-    E = np.vstack([np.column_stack([k.modal for k in known]), np.zeros((m, len(known)))])
+    E = np.vstack([np.column_stack([k.modal for k in known_inputs]), np.zeros((m, len(known_inputs)))])
     smooth = np.pad(smooth_field_covariance(modes), (0, m))
     past = past_heat_covariance(modes, B[:N], sigma_W)
     # a lag starts at its law, but a machine that was just switched on has not settled there yet
@@ -261,7 +263,7 @@ def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS)
         E=E,
         rows=OutputRows(
             C=C,
-            F=_known_rows(full, modes, known),
+            F=_known_rows(full, modes, known_inputs),
             sensors=len(full.sensors),
             grid=len(places.grid_m),
             restraint=places.restraint,
@@ -278,12 +280,12 @@ def reduce(full: FullModel, kept: Sequence[int], nut_places: int = TABLE_POINTS)
         law_uncertainty=np.array([h.law_uncertainty for h in free]),
         initial_sigma_W=np.array([h.initial_sigma_W for h in free]),
         field_noise_Q=full.field_noise_K_sqrt_s**2 * smooth,
-        mode_index=tuple(i + 1 for i in kept),
+        mode_index=tuple(i + 1 for i in mode_numbers),
         source_names=tuple(h.name for h in heats),
-        known_names=tuple(k.name for k in known),
+        known_names=tuple(k.name for k in known_inputs),
         diffusion_rate_1_s=rod.diffusivity_m2_s / rod.length_m**2,
         dropped_rate_1_s=lag_decay_1_s,
-        coupling=no_coupling(N + m, m, len(known)),
+        coupling=no_coupling(N + m, m, len(known_inputs)),
         following=_following(heats),
         by_speed=tuple(i for i, heat in enumerate(heats) if heat.is_by_speed),
     )
@@ -296,9 +298,9 @@ def _following(heats: Sequence[HeatInput]) -> tuple[Following, ...]:
     return tuple(Following(i, at[h.follows[0]], h.follows[1]) for i, h in enumerate(heats) if h.follows)
 
 
-def _first_dropped(candidates: Modes, kept: Sequence[int]) -> float:
+def _first_dropped(candidates: Modes, mode_numbers: Sequence[int]) -> float:
     """Decay rate of the slowest dropped mode."""
-    dropped = sorted(set(range(len(candidates))) - set(kept))
+    dropped = sorted(set(range(len(candidates))) - set(mode_numbers))
     return float(candidates.decay_1_s[dropped[0]])
 
 
@@ -346,7 +348,7 @@ def _left_of(modes: Modes, places: Places, stretch: Stretch, rows: FloatArray) -
     return remainder_rows(modes, places, steady, contributions(modes, stretch), stretch, rows)
 
 
-def _known_rows(full: FullModel, modes: Modes, known: Sequence[KnownInput]) -> FloatArray:
+def _known_rows(full: FullModel, modes: Modes, known_inputs: Sequence[KnownInput]) -> FloatArray:
     """Output columns (R, p) of the known inputs: the dropped modes' share, an offset, a reference."""
     safe = np.where(modes.decay_1_s > 0, modes.decay_1_s, math.inf)
 
@@ -360,14 +362,14 @@ def _known_rows(full: FullModel, modes: Modes, known: Sequence[KnownInput]) -> F
             rows[full.sensors.index(k.name.removeprefix(OFFSET))] = 1.0
         return rows
 
-    return np.column_stack([rows_of(k) for k in known])
+    return np.column_stack([rows_of(k) for k in known_inputs])
 
 
 def _moving_sources(
     full: FullModel, modes: Modes, lag_decay_1_s: float, B: FloatArray, nut_places: int
 ) -> tuple[MovingSource, ...]:
     """Tables of the sources that follow a position channel."""
-    found = []
+    sources = []
     for index, heat in enumerate(full.heats):
         if heat.nut is None:
             continue
@@ -396,10 +398,10 @@ def _moving_sources(
             turn[: len(more_b), table.lag] = more_b / lag_decay_1_s
             table = replace(table, table_C=table.table_C + more_c, mean_C=mean_C + more_c, turn=turn)
         # one alone may stand beyond its stroke, as when a machine is set up; several are in each other's way
-        alone = sum(h.nut is not None for h in full.heats) == 1
-        reach_m = None if alone else (heat.stretch.a_m, heat.stretch.b_m)
-        found.append(MovingSource(index, heat.nut.channel, table, heat.ends_fraction, reach_m))
-    return tuple(found)
+        is_only_nut = sum(h.nut is not None for h in full.heats) == 1
+        reach_m = None if is_only_nut else (heat.stretch.a_m, heat.stretch.b_m)
+        sources.append(MovingSource(index, heat.nut.channel, table, heat.ends_fraction, reach_m))
+    return tuple(sources)
 
 
 def _cosines_of_nut(modes: Modes) -> Modes:
@@ -433,7 +435,7 @@ def _nut_rows(full: FullModel, modes: Modes, nut: Nut, nut_places: int) -> Float
     return _left_along(modes, full.places, nut.length_m, nut_places)
 
 
-@kept(8)
+@cached(8)
 def _left_along(modes: Modes, places: Places, nut_m: float, nut_places: int) -> FloatArray:
     """The same where there is such a column."""
     L, rows = modes.rod.length_m, modal_rows(modes, places)

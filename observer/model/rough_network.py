@@ -34,36 +34,39 @@ def with_rough_network(
     The links of `config` lead to places on the screw, those `described` to the sources that stand there;
     `constant` is what is to be added to the plant's generator.
     """
-    own = node_modes(attached(config, terms).network)
-    beside = _Beside(plant, config, own)
+    network_modes = node_modes(attached(config, terms).network)
+    node_states = _NodeStates(plant, config, network_modes)
     rough = [
-        *beside.links(config, described),
-        *beside.capacities(config, constant),
-        *beside.divisions(config),
+        *node_states.links(config, described),
+        *node_states.capacities(config, constant),
+        *node_states.divisions(config),
     ]
     plant = with_learning(plant, config, modes, rough)
-    if plant.learning is None or beside.apart:
+    if plant.learning is None or node_states.apart:
         return plant
-    arrays = plant.learning.arrays.described_on(beside.temperatures, beside.inverse)
+    arrays = plant.learning.arrays.described_on(node_states.temperatures, node_states.inverse)
     return replace(plant, learning=replace(plant.learning, arrays=arrays))
 
 
-class _Beside:
+class _NodeStates:
     """The nodes among the states of a plant.
 
     With V = `temperatures` (n_x, n_x) and its `inverse`, V x has the temperature of each node as a state.
     Where they are `apart`, no node linked to another, each is a state by itself already.
     """
 
-    def __init__(self, plant: Plant, config: Config, own: NodeModes) -> None:
-        n_x, nodes, first = len(plant.decay_1_s), len(own.shape), plant.lag_slice.stop
-        there = slice(first, first + nodes)
+    def __init__(self, plant: Plant, config: Config, network_modes: NodeModes) -> None:
+        n_x, nodes, first = len(plant.decay_1_s), len(network_modes.shape), plant.lag_slice.stop
+        node_slice = slice(first, first + nodes)
         self._plant, self._names = plant, [n.name for n in config.node]
         self._read, self._into = np.zeros((nodes, n_x)), np.zeros((nodes, n_x))
-        self._read[:, there], self._into[:, there] = own.shape, own.input.T
+        self._read[:, node_slice], self._into[:, node_slice] = network_modes.shape, network_modes.input.T
         self.temperatures, self.inverse = np.eye(n_x), np.eye(n_x)
-        self.temperatures[there, there], self.inverse[there, there] = own.shape, own.inverse
-        self.apart = bool((np.count_nonzero(own.shape, axis=1) == 1).all())
+        self.temperatures[node_slice, node_slice], self.inverse[node_slice, node_slice] = (
+            network_modes.shape,
+            network_modes.inverse,
+        )
+        self.apart = bool((np.count_nonzero(network_modes.shape, axis=1) == 1).all())
         self._first = first
 
     def links(self, config: Config, described: Sequence[Link]) -> Iterator[Parameter]:
@@ -71,12 +74,14 @@ class _Beside:
         in the plant's coupling.
         """
         moving, tied = [self._plant.source_names[m.index] for m in self._plant.moving], 0
-        for link, own in zip(config.link, described, strict=True):
-            sigma, name = config.tolerance.of_link(own.tolerance), f"{own.key}.factor"
+        for link, described_link in zip(config.link, described, strict=True):
+            sigma, name = config.tolerance.of_link(described_link.tolerance), f"{described_link.key}.factor"
             change = self._passing(link)
             if not set(link.between).isdisjoint(moving):
                 change, tied = change._replace(tie=tied), tied + 1
-            yield Parameter(Nuisance.LINK, 0, sigma, change, name, own.factor, own.factor)
+            yield Parameter(
+                Nuisance.LINK, 0, sigma, change, name, described_link.factor, described_link.factor
+            )
 
     def capacities(self, config: Config, constant: Constant) -> Iterator[Parameter]:
         """Yield a parameter for each node: a part of its heat capacity."""
@@ -90,14 +95,14 @@ class _Beside:
         """Yield a parameter for each source that heats screw and nodes: the part of the screw's heat that
         goes into the nodes instead.
         """
-        none = no_change(len(self._plant.decay_1_s), len(self._plant.known_names))
+        unchanged = no_change(len(self._plant.decay_1_s), len(self._plant.known_names))
         for source in config.source:
             if source.nodes and source.screw_share > 0.0:
                 shares = [source.nodes.get(name, 0.0) for name in self._names]
                 into = np.asarray(shares) @ self._into[: len(shares)] / sum(shares)
                 sigma = config.tolerance.division / source.screw_share
                 index = self._plant.source_names.index(source.name)
-                change = none._replace(into=into, divided=index)
+                change = unchanged._replace(into=into, divided=index)
                 yield Parameter(Nuisance.DIVISION, index, sigma, change, f"source.{source.name}.division")
 
     def _passing(self, link: Link) -> Change:
@@ -105,21 +110,21 @@ class _Beside:
         column v of 1 J passed, dx/dt grows by G v d x. A nut that moves is spread over its stroke.
         """
         plant, G = self._plant, conductance_W_K(link)
-        none = no_change(len(plant.decay_1_s), len(plant.known_names))
+        unchanged = no_change(len(plant.decay_1_s), len(plant.known_names))
         first, second = sorted(link.between, key=lambda end: end not in self._names)
         node = self._names.index(first)
-        row, into, known = self._read[node], -self._into[node], none.known.copy()
+        row, into, inputs = self._read[node], -self._into[node], unchanged.known.copy()
         if second in self._names:
             other = self._names.index(second)
             row, into = row - self._read[other], into + self._into[other]
         elif second == AMBIENT:
-            known[plant.known.ambient] = -G * into
+            inputs[plant.known.ambient] = -G * into
         else:
             source = plant.source_names.index(second)
             under, foot = self._under(source)
             row, into = row - under, into + foot
-            known = -G * np.multiply.outer(plant.coupling.under_F[source], into)
-        return none._replace(into=G * into, seen=row, known=known)
+            inputs = -G * np.multiply.outer(plant.coupling.under_F[source], into)
+        return unchanged._replace(into=G * into, seen=row, known=inputs)
 
     def _storing(self, node: int, capacity_J_K: float, A: FloatArray, E: FloatArray) -> Change:
         """What a node does that stores as much again: all that warms or cools it is slower."""
@@ -127,9 +132,9 @@ class _Beside:
         state = int(np.argmax(np.abs(row))) if self.apart else self._first + node
         heats = np.zeros(len(row))
         heats[state] = -1.0
-        known = np.multiply.outer(row @ E, into)
-        none = no_change(len(plant.decay_1_s), len(plant.known_names))
-        return none._replace(into=into, seen=row @ A, heats=heats, known=known)
+        inputs = np.multiply.outer(row @ E, into)
+        unchanged = no_change(len(plant.decay_1_s), len(plant.known_names))
+        return unchanged._replace(into=into, seen=row @ A, heats=heats, known=inputs)
 
     def _under(self, source: int) -> tuple[FloatArray, FloatArray]:
         """The row (n_x,) that reads the screw under a source, and what 1 J that enters there does (n_x,)."""

@@ -144,9 +144,12 @@ def mean_point(plant: Plant, blocks: Sequence[Inputs]) -> OperatingPoint:
         np.concatenate([getattr(block, name) for block in blocks])
         for name in ("dt_s", "law_W", "z_start", "z_end", "moving_B", "moving_C", "loss_1_s", "loss_degC")
     )
-    known = np.isfinite(law_W).all(axis=1) & np.isfinite(z_start).all(axis=1) & (dt_s > 0.0)
-    share = np.where(known, dt_s, 0.0) / dt_s[known].sum()
-    law_W, z = np.where(known[:, None], law_W, 0.0), np.where(known[:, None], 0.5 * (z_start + z_end), 0.0)
+    is_complete = np.isfinite(law_W).all(axis=1) & np.isfinite(z_start).all(axis=1) & (dt_s > 0.0)
+    share = np.where(is_complete, dt_s, 0.0) / dt_s[is_complete].sum()
+    law_W, z = (
+        np.where(is_complete[:, None], law_W, 0.0),
+        np.where(is_complete[:, None], 0.5 * (z_start + z_end), 0.0),
+    )
     nuts_W = np.abs(law_W[:, [m.index for m in plant.moving]])
     heated = share[:, None] * nuts_W
     weight = np.where(heated.sum(axis=0) > 0.0, heated, share[:, None])

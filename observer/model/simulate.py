@@ -94,16 +94,16 @@ def start_from_sensors(
     Takes `y_degC`, `noise_R_K2` (s,), a sensor without a value as NaN; `law_W` (m,); `z` (p,). Raises
     `ValueError` where no thermocouple has a value.
     """
-    seen = np.flatnonzero(np.isfinite(y_degC) & plant.thermal)
-    if len(seen) == 0:
+    sensors = np.flatnonzero(np.isfinite(y_degC) & plant.thermal)
+    if len(sensors) == 0:
         raise ValueError("no sensor has a value to start from")
-    C, y = plant.rows.C[seen], y_degC[seen]
+    C, y = plant.rows.C[sensors], y_degC[sensors]
     x = start(plant, float(np.mean(y)), law_W)
     PC = plant.smooth_P @ C.T
     prior_S = C @ PC
     widen = max(1.0, float(np.ptp(y) ** 2 / np.max(np.diag(prior_S))))
-    gain = np.linalg.solve(widen * prior_S + np.diag(noise_R_K2[seen]), widen * PC.T).T
-    return np.asarray(x + gain @ (y - C @ x - plant.rows.F[seen] @ z))
+    gain = np.linalg.solve(widen * prior_S + np.diag(noise_R_K2[sensors]), widen * PC.T).T
+    return np.asarray(x + gain @ (y - C @ x - plant.rows.F[sensors] @ z))
 
 
 def simulate(
@@ -116,9 +116,9 @@ def simulate(
     squares add up to the covariance of each moving source's input column over the step, where that is known.
     """
     rows, x = np.empty((len(inputs), len(plant.rows.C))), state
-    seen = np.vstack([_lagless(plant), plant.rows.F.T])
+    output_matrix = np.vstack([_lagless(plant), plant.rows.F.T])
     for part, states in _marched(plant, state, inputs, sweep):
-        np.matmul(states, seen, out=rows[part])
+        np.matmul(states, output_matrix, out=rows[part])
         if plant.moving:
             rows[part] += _of_lags(plant, inputs, part, states)
         x = states[-1, : len(x)]
@@ -145,8 +145,8 @@ def simulate_means(plant: Plant, state: FloatArray, inputs: Inputs, sweep: Float
     """
     rows = np.empty((3, len(inputs), len(plant.rows.C)))
     out = Means(rows[0], rows[1], rows[2], passed_W=np.empty((len(inputs), len(plant.moving))))
-    length_s, which = np.unique(inputs.dt_s, return_inverse=True)
-    left, x = (1.0 - _share_of_way(plant.decay_1_s * length_s[:, None]))[which], state
+    length_s, length_index = np.unique(inputs.dt_s, return_inverse=True)
+    left, x = (1.0 - _share_of_way(plant.decay_1_s * length_s[:, None]))[length_index], state
     lagless, F = _lagless(plant), plant.rows.F
     for part, states in _marched(plant, state, inputs, sweep):
         ends, z_start, z_end = states[:, : len(x)], inputs.z_start[part], inputs.z_end[part]
@@ -189,9 +189,9 @@ def _marched(
     work, decay_1_s = AdvanceWork.of(p, len(state), sweep), contiguous(plant.decay_1_s)
     loop = record(OpenLoopMarch(p, table, u, work, decay_1_s))
     for begin in range(0, K, _CHUNK):
-        here = states[: K - begin]
-        march(loop, x, here, begin)
-        yield slice(begin, begin + _CHUNK), here
+        ends = states[: K - begin]
+        march(loop, x, ends, begin)
+        yield slice(begin, begin + _CHUNK), ends
 
 
 def _lagless(plant: Plant) -> FloatArray:

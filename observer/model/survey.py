@@ -64,10 +64,10 @@ def survey_of(config: Config) -> Survey:
     close_m = sorted(peaks.union(np.linspace(0.0, length_m, CLOSE_STEPS + 1).tolist()))
     places = (*grid_m.tolist(), *close_m)
     output = config.output.model_copy(update={"positions_m": places})
-    seen = config.model_copy(
+    surveyed = config.model_copy(
         update={"sensor": (*warm, *nodes), "effect": effects, "supports": None, "output": output}
     )
-    return Survey(seen, build_plant(seen), grid_m)
+    return Survey(surveyed, build_plant(surveyed), grid_m)
 
 
 def _free(name: str, taken: set[str]) -> str:

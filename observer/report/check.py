@@ -214,7 +214,7 @@ def _nodes(config: Installation) -> dict[str, dict[str, float]]:
     """Each node's time constant, and how much 1 W into it warms it at rest, with the screw at ambient
     temperature where it touches that.
     """
-    held = attached(realise(config).config, ()).held
+    held = attached(realise(config).config, ()).with_screw_at_ambient
     through = np.diag(held.conductance_W_K)
     rise_K_W = np.diag(np.linalg.pinv(held.conductance_W_K))
     return {

@@ -147,10 +147,10 @@ def _passing(plant: Plant, a: LearningArrays, stage: Stage, n: int) -> FloatArra
         if sweep is None or sweep.speed_m_s == 0.0 or nut.index not in estimated:
             continue
         ripple_rows = ripple(nut.table, sweep, decay_1_s[:N], C[:, :N], slope_C, lag_s)
-        rows[:, :, n_x + estimated.index(nut.index)] = ripple_rows.seen
+        rows[:, :, n_x + estimated.index(nut.index)] = ripple_rows.reading
         for q, (kind, of) in enumerate(zip(a.kind, a.of, strict=True)):
             if kind == Nuisance.LAW and estimated[of] == nut.index:
-                rows[:, :, first + q] = ripple_rows.seen * stage.law_W[nut.index]
+                rows[:, :, first + q] = ripple_rows.reading * stage.law_W[nut.index]
             elif kind in (Nuisance.PLACE, Nuisance.LAG):
                 by = ripple_rows.by_place if kind == Nuisance.PLACE else ripple_rows.by_lag
                 rows[:, of, first + q] += by[:, of] * stage.heat_W[nut.index]

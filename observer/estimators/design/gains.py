@@ -20,9 +20,9 @@ from scipy.linalg import eigvals
 from scipy.optimize import linear_sum_assignment
 
 from observer.frames import BoolArray, FloatArray
+from observer.model.caching import cached
 from observer.model.discretise import StepMatrices, step_matrices
 from observer.model.generator import design_step, frozen
-from observer.model.keeping import kept
 from observer.model.plant import Plant
 
 ComplexArray = NDArray[np.complex128]
@@ -247,7 +247,7 @@ def _place(pair: SlowPair, plant: Plant, present: BoolArray, z: FloatArray) -> F
     return np.asarray(pair.scale[:, None] * _placed(A, CA, z).T / sigma_K)
 
 
-@kept(256)
+@cached(256)
 def _placed(A: FloatArray, CA: FloatArray, z: FloatArray) -> FloatArray:
     """Return the gain (rows of CA, n_s) in the scaled coordinates; cached for search, report and loop."""
     from scipy.signal import place_poles  # noqa: PLC0415  (start-up: only this estimator needs it)

@@ -24,7 +24,7 @@ from observer.frames import FloatArray
 from observer.model.rod.screw import End, Rod
 from observer.model.rod.stepped import (
     cosines_needed,
-    own_waves,
+    galerkin_modes,
     stepped_end_field,
     stepped_source_field,
 )
@@ -98,8 +98,8 @@ def ambient_field(rod: Rod, x_m: FloatArray) -> FloatArray:
 
 def quadrature(length_m: float, breaks_m: Sequence[float], panels: int = 24) -> tuple[FloatArray, FloatArray]:
     """Nodes and weights (k,) from 0 to a length, `NODES` a panel, for functions with kinks at `breaks_m`."""
-    within = np.clip([*np.linspace(0.0, length_m, panels + 1), *breaks_m], 0.0, length_m)
-    edges = np.array(sorted(set(within.tolist())))  # np.unique would import numpy.ma: 5 MB, and 30 ms
+    breaks = np.clip([*np.linspace(0.0, length_m, panels + 1), *breaks_m], 0.0, length_m)
+    edges = np.array(sorted(set(breaks.tolist())))  # np.unique would import numpy.ma: 5 MB, and 30 ms
     half = np.diff(edges)[:, None] / 2
     nodes = edges[:-1, None] + half * (1 + _GAUSS_X)
     return nodes.ravel(), (half * _GAUSS_W).ravel()
@@ -179,8 +179,8 @@ def nut_stretch(position_m: float, nut_length_m: float, screw_length_m: float) -
 
 def footprints(sources: Sequence[Source], screw: Screw) -> list[Stretch]:
     """All footprints that the number of modes must serve; the left end where no source is on the screw."""
-    found = [s for source in sources for s in design_stretches(source, screw)]
-    return found or [Stretch(0.0, 0.0)]
+    stretches = [s for source in sources for s in design_stretches(source, screw)]
+    return stretches or [Stretch(0.0, 0.0)]
 
 
 def design_stretches(source: Source, screw: Screw) -> list[Stretch]:
@@ -270,8 +270,8 @@ class Modes:
         """Return the input (N,) of which the steady response is a field: Λ_n ∫ a θ_n T dx/α."""
         rod = self.rod
         nodes, weights = quadrature(rod.length_m, rod.edges_m, panels=max(24, len(self.mu_1_m) // 4))
-        held = (weights * rod.area_at(nodes) * steady(nodes)) @ self.theta(nodes)
-        return np.asarray(self.decay_1_s * held / rod.diffusivity_m2_s)
+        projection = (weights * rod.area_at(nodes) * steady(nodes)) @ self.theta(nodes)
+        return np.asarray(self.decay_1_s * projection / rod.diffusivity_m2_s)
 
 
 def solve_modes(rod: Rod, count: int) -> Modes:
@@ -291,10 +291,12 @@ def solve_modes(rod: Rod, count: int) -> Modes:
 @lru_cache(maxsize=16)
 def _stepped_modes(rod: Rod, count: int) -> Modes:
     """The modes of a rod with sections; where only heats or sensors differ they are the same."""
-    ends = (End(end.biot_1_m / own) for end, own in zip((rod.left, rod.right), _end_areas(rod), strict=True))
+    ends = (
+        End(end.biot_1_m / area) for end, area in zip((rod.left, rod.right), _end_areas(rod), strict=True)
+    )
     left, right = ends
     cosines = solve_modes(rod._replace(profile=None, left=left, right=right), cosines_needed(count))
-    decay_1_s, mix = own_waves(rod, cosines.mu_1_m, cosines.phase, cosines.scale, count)
+    decay_1_s, mix = galerkin_modes(rod, cosines.mu_1_m, cosines.phase, cosines.scale, count)
     return replace(cosines, rod=rod, decay_1_s=decay_1_s, mix=mix)
 
 
@@ -363,11 +365,17 @@ def wetted_within(modes: Modes, stretch: Stretch) -> tuple[FloatArray, FloatArra
 
 
 class SteadyUnder(NamedTuple):
-    """Means over a stretch: `kept` (N,) of the modes that are kept, `dropped_K_W` (m,) of the others per W of
-    each source, and of the steady fields per K of `ambient`, `left` and `right` end.
+    """Means of fields over a stretch.
+
+    Attributes:
+        retained: Means of the modes that the plant keeps, (N,).
+        dropped_K_W: Means of the sum of the other modes, K per W of each source, (m,).
+        ambient: Mean of the steady field per K of the ambient.
+        left: Mean of the steady field per K of the left end.
+        right: Mean of the steady field per K of the right end.
     """
 
-    kept: FloatArray
+    retained: FloatArray
     dropped_K_W: FloatArray
     ambient: float
     left: float
@@ -376,20 +384,20 @@ class SteadyUnder(NamedTuple):
 
 def steady_under(modes: Modes, stretches: Sequence[Stretch], index: int) -> SteadyUnder:
     """Return the means of steady fields over one of the sources' stretches."""
-    rod, own = modes.rod, stretches[index]
-    if own.width_m == 0:
-        nodes, weights = np.array([own.a_m]), np.ones(1)
+    rod, stretch = modes.rod, stretches[index]
+    if stretch.width_m == 0:
+        nodes, weights = np.array([stretch.a_m]), np.ones(1)
     else:
         nodes, weights = quadrature_within(
-            rod.length_m, own, [*rod.edges_m, *(x for s in stretches for x in s)]
+            rod.length_m, stretch, [*rod.edges_m, *(x for s in stretches for x in s)]
         )
-        weights = weights / own.width_m
-    kept = weights @ modes.theta(nodes)
-    dropped = [weights @ source_field(rod, s, nodes) - kept @ contributions(modes, s) for s in stretches]
+        weights = weights / stretch.width_m
+    retained = weights @ modes.theta(nodes)
+    dropped = [weights @ source_field(rod, s, nodes) - retained @ contributions(modes, s) for s in stretches]
     ends = (("left", rod.left), ("right", rod.right))
     left, right = (weights @ end_field(rod, side, nodes) if end.prescribed else 0.0 for side, end in ends)
     return SteadyUnder(
-        kept, np.array(dropped), float(weights @ ambient_field(rod, nodes)), float(left), float(right)
+        retained, np.array(dropped), float(weights @ ambient_field(rod, nodes)), float(left), float(right)
     )
 
 
@@ -417,9 +425,9 @@ def keep_by_tail(modes: Modes, stretch: Stretch, beta: float) -> list[int]:
     return list(range(int(enough[0]) + 1 if len(enough) else len(modes)))
 
 
-def tail_left(modes: Modes, kept: int, stretch: Stretch) -> float:
-    """1 − s_N/s_∞: the part of a source's steady field that the first `kept` modes leave out."""
-    s2 = np.sum(contributions(modes, stretch)[:kept] ** 2)
+def tail_left(modes: Modes, count: int, stretch: Stretch) -> float:
+    """1 − s_N/s_∞: the part of a source's steady field that the first `count` modes leave out."""
+    s2 = np.sum(contributions(modes, stretch)[:count] ** 2)
     return 1.0 - float(np.sqrt(min(s2 / _whole_square(modes, stretch), 1.0)))
 
 

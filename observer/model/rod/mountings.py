@@ -64,30 +64,36 @@ class MountingProblem(NamedTuple):
         return restraint_of(supports, self.screw, self.grid_m)
 
 
-def best_of_each(problem: MountingProblem, given: Supports | None) -> list[MountedScrew]:
+def best_of_each(problem: MountingProblem, configured: Supports | None) -> list[MountedScrew]:
     """Return the best of each mounting, the smallest error first.
 
-    Stiffness and modulus are those of the supports `given`, rigid where these say nothing.
+    Stiffness and modulus are those of the supports `configured`, rigid where these say nothing.
     """
-    found = [_best(problem, supports) for supports in _mountings(given)]
+    candidates = [_best(problem, supports) for supports in _mountings(configured)]
     allowed = [
-        m for m in found if problem.permitted_N is None or abs(m.force_N) <= problem.permitted_N * 1.001
+        m for m in candidates if problem.permitted_N is None or abs(m.force_N) <= problem.permitted_N * 1.001
     ]
     return sorted(allowed, key=lambda m: m.size_um)
 
 
-def _mountings(given: Supports | None) -> Iterator[Supports]:
+def _mountings(configured: Supports | None) -> Iterator[Supports]:
     """Every mounting without preload or gap; supports that slide on either side are the same."""
-    first, second = (None, None) if given is None else (given.stiffness_first_N_m, given.stiffness_second_N_m)
+    first, second = (
+        (None, None)
+        if configured is None
+        else (configured.stiffness_first_N_m, configured.stiffness_second_N_m)
+    )
     yield Supports(mounting="L-I")
     for mounting in ("L-II", "L-III", "L-IV"):
         for side in ("left", "right"):
             stiff = {"stiffness_first_N_m": first, "stiffness_second_N_m": second}
-            if given is not None:
-                stiff["elastic_modulus_Pa"] = given.elastic_modulus_Pa
-            own = {key: value for key, value in stiff.items() if value is not None and mounting == "L-III"}
+            if configured is not None:
+                stiff["elastic_modulus_Pa"] = configured.elastic_modulus_Pa
+            support_values = {
+                key: value for key, value in stiff.items() if value is not None and mounting == "L-III"
+            }
             if mounting != "L-III" or side == "left" or first != second:
-                yield Supports.model_validate({"mounting": mounting, "first": side, **own})
+                yield Supports.model_validate({"mounting": mounting, "first": side, **support_values})
 
 
 def _best(problem: MountingProblem, supports: Supports) -> MountedScrew:
@@ -101,11 +107,11 @@ def _best(problem: MountingProblem, supports: Supports) -> MountedScrew:
         most_N = min(most_N, problem.permitted_N)
     if grown_um <= 0.0 or most_N <= 0.0:
         return judged(problem, supports)
-    few = _thinned(problem)
+    thinned = _thinned(problem)
 
     def cost_um(share: FloatArray) -> float:
         lost_um = share[0] * most_N / free.stiffness_N_um
-        return _cost_um(few, free._replace(lost_um=lost_um, gap_um=share[1] * grown_um), most_N)
+        return _cost_um(thinned, free._replace(lost_um=lost_um, gap_um=share[1] * grown_um), most_N)
 
     share = _searched(cost_um)
     at = {"preload_N": round(share[0] * most_N, 3), "gap_m": round(share[1] * grown_um / UM_PER_M, 9)}
@@ -117,8 +123,8 @@ def _searched(cost_um: Callable[[FloatArray], float]) -> FloatArray:
     from scipy.optimize import Bounds, direct, minimize  # noqa: PLC0415  (start-up)
 
     bounds = Bounds([0.0, 0.0], [1.0, 1.0])
-    found = direct(cost_um, bounds, maxfun=_EVALUATIONS, locally_biased=False)
-    starts = [found.x, *np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [0.5, 0.0]])]
+    coarse = direct(cost_um, bounds, maxfun=_EVALUATIONS, locally_biased=False)
+    starts = [coarse.x, *np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [0.5, 0.0]])]
     best = min(starts, key=cost_um)
     finer = minimize(
         cost_um, best, method="Nelder-Mead", bounds=bounds,
@@ -151,7 +157,7 @@ def judged(problem: MountingProblem, supports: Supports) -> MountedScrew:
 def _thinned(problem: MountingProblem) -> MountingProblem:
     """The problem at few moments: evenly spread, and where any place is farthest."""
     count = len(problem.whole_um)
-    every = np.linspace(0, count - 1, min(count, _MOST_STEPS)).round().astype(int)
+    evenly_spread = np.linspace(0, count - 1, min(count, _MOST_STEPS)).round().astype(int)
     columns = np.column_stack([problem.along_um, problem.whole_um])
-    steps = np.unique(np.concatenate([every, columns.argmax(axis=0), columns.argmin(axis=0)]))
+    steps = np.unique(np.concatenate([evenly_spread, columns.argmax(axis=0), columns.argmin(axis=0)]))
     return problem._replace(along_um=problem.along_um[steps], whole_um=problem.whole_um[steps])

@@ -87,9 +87,9 @@ class NutTable:
 
     def of_lag(self) -> NutTable:
         """The table of the lag's output column alone, for a plant without modes."""
-        none = np.zeros(0)
+        empty = np.zeros(0)
         return replace(
-            self, mu_1_m=none, phase=none, scale=none, lag=0, mean_B=np.zeros(1), turn=np.zeros((0, 0))
+            self, mu_1_m=empty, phase=empty, scale=empty, lag=0, mean_B=np.zeros(1), turn=np.zeros((0, 0))
         )
 
 
@@ -153,9 +153,9 @@ def columns(
     lag (K, R).
     """
     k, B, C = len(dt_s), len(state.B), len(state.C)
-    own = {name: array.copy() for name, array in arrays_of(state).items()}
+    arrays = {name: array.copy() for name, array in arrays_of(state).items()}
     desk = NutDesk(
-        **own,
+        **arrays,
         out_B=np.empty((k, table.states)),
         out_C=np.empty((k, C)),
         step_B=np.empty(B),
@@ -190,9 +190,9 @@ def columns_at_ends(
     spread = (table.turn @ table.mean_B if len(table.turn) else table.mean_B), table.mean_C
     new = np.flatnonzero(np.append(True, np.any(ends_m[1:] != ends_m[:-1], axis=1)))
     for begin, end in itertools.pairwise([*new.tolist(), len(dt_s)]):
-        known = np.isfinite(ends_m[begin]).all()
-        own = columns_at(table, ends_m[begin].tolist()) if known else spread
-        B[begin:end], C[begin:end] = own
+        are_known = np.isfinite(ends_m[begin]).all()
+        mean_columns = columns_at(table, ends_m[begin].tolist()) if are_known else spread
+        B[begin:end], C[begin:end] = mean_columns
     return state, B, C
 
 
@@ -222,6 +222,6 @@ def judge_path(position_m: FloatArray, stroke_m: float) -> PathRegime:
     moving = jumps > 1e-6 * stroke_m
     if not moving.any() or float(np.quantile(jumps[moving], 0.9)) * SAMPLES_PER_TRAVERSE <= stroke_m:
         return "path"
-    seen = position[1:][moving]
-    bins = np.histogram(seen, bins=20, range=(float(seen.min()), float(seen.max()) + 1e-12))[0]
-    return "points" if np.count_nonzero(bins > 0.002 * len(seen)) >= 12 else "undetermined"
+    visited_m = position[1:][moving]
+    bins = np.histogram(visited_m, bins=20, range=(float(visited_m.min()), float(visited_m.max()) + 1e-12))[0]
+    return "points" if np.count_nonzero(bins > 0.002 * len(visited_m)) >= 12 else "undetermined"

@@ -23,7 +23,7 @@ def cosines_needed(count: int) -> int:
     return max(160, min(4 * count, count + 100))
 
 
-def own_waves(
+def galerkin_modes(
     rod: Rod, mu_1_m: FloatArray, phase: FloatArray, scale: FloatArray, count: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return the rates (N,), 1/s, and the shapes (M, N) of the first `count` modes of a stepped rod in M
@@ -38,10 +38,10 @@ def own_waves(
     mass, stiff = np.zeros((n, n)), np.zeros((n, n))
     for i, (a, p) in enumerate(zip(profile.area, profile.perimeter, strict=True)):
         ends_m = profile.edges_m[i], profile.edges_m[i + 1]
-        even, odd = _cosine(apart, turned, *ends_m), _cosine(total, both, *ends_m)
-        stored = size * (even + odd)
+        of_difference, of_sum = _cosine(apart, turned, *ends_m), _cosine(total, both, *ends_m)
+        stored = size * (of_difference + of_sum)
         mass += a * stored
-        stiff += a * size * steep * (even - odd) + rod.fin_1_m**2 * p * stored
+        stiff += a * size * steep * (of_difference - of_sum) + rod.fin_1_m**2 * p * stored
     for end, x_m in ((rod.left, 0.0), (rod.right, rod.length_m)):
         if not end.prescribed:
             at = scale * np.cos(mu_1_m * x_m - phase)
@@ -113,11 +113,11 @@ def _fin(profile: Profile, fin_1_m: float, end: End) -> _Fin:
     m = fin_1_m * np.sqrt(np.array(profile.perimeter) / area)
     u, flow, gathered = (0.0, 1.0, 0.0) if end.prescribed else (1.0, end.biot_1_m, 0.0)
     rows = []
-    for width, a, own in zip(np.diff(edges), area, m, strict=True):
+    for width, a, section_m in zip(np.diff(edges), area, m, strict=True):
         rows.append((u, flow, gathered))
-        C, S, of_S = np.cosh(own * width), _S(own, width), 2 * _S(own, width / 2) ** 2
+        C, S, of_S = np.cosh(section_m * width), _S(section_m, width), 2 * _S(section_m, width / 2) ** 2
         gathered += u * S + flow / a * of_S
-        u, flow = u * C + flow / a * S, flow * C + a * own**2 * S * u
+        u, flow = u * C + flow / a * S, flow * C + a * section_m**2 * S * u
     return _Fin(edges, m, area, *np.array(rows).T)
 
 
@@ -140,9 +140,9 @@ def stepped_source_field(rod: Rod, a_m: float, b_m: float, x_m: FloatArray) -> F
         low, high = np.minimum(x, a_m), np.maximum(x, a_m)
         value = left.value(low) * right.value(L - high)
     else:
-        within = np.clip(x, a_m, b_m)
-        from_left = left.integral(within) - left.integral(a_m)
-        from_right = right.integral(L - within) - right.integral(L - b_m)
+        inside = np.clip(x, a_m, b_m)
+        from_left = left.integral(inside) - left.integral(a_m)
+        from_right = right.integral(L - inside) - right.integral(L - b_m)
         value = (right.value(L - x) * from_left + left.value(x) * from_right) / (b_m - a_m)
     return np.asarray(value / (rod.conductance_W_m * wronskian))
 
@@ -164,11 +164,11 @@ def _floating_field(rod: Rod, a_m: float, b_m: float, x_m: FloatArray) -> FloatA
     middle, width = (knots[1:] + knots[:-1]) / 2, np.diff(knots)
     a = profile.at(profile.area, middle)
     stored = np.concatenate([[0.0], np.cumsum(a * width)]) / rod.storage_m
-    given = np.clip((knots - a_m) / (b_m - a_m), 0.0, 1.0) if b_m > a_m else None
-    if given is None:  # a point: what has passed it, seen from either side
+    deposited = np.clip((knots - a_m) / (b_m - a_m), 0.0, 1.0) if b_m > a_m else None
+    if deposited is None:  # a point: what has passed it, seen from either side
         before, after = (knots > a_m).astype(float), (knots >= a_m).astype(float)
     else:
-        before = after = given
+        before = after = deposited
     first, last = (stored[:-1] - after[:-1]) / a, (stored[1:] - before[1:]) / a
     rise = np.concatenate([[0.0], np.cumsum(0.5 * (first + last) * width)])
 

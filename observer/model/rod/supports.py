@@ -59,16 +59,16 @@ class Restraint(NamedTuple):
 
 def restraint_of(supports: Supports, screw: Screw, grid_m: FloatArray) -> Restraint:
     """Return the restraint of a configuration's supports at positions (g,) of a screw."""
-    own = screw.length_m / (supports.elastic_modulus_Pa * screw.spring_area_m2)
+    screw_m_N = screw.length_m / (supports.elastic_modulus_Pa * screw.spring_area_m2)
     left, right = _compliances_m_N(supports)
     share = screw.spring_share(grid_m)
     if math.isinf(left) and math.isinf(right):
         return Restraint(np.full_like(grid_m, 0.5), 0.0, 0.0, 0.0)
     if math.isinf(left) or math.isinf(right):
         return Restraint(np.full_like(grid_m, 1.0 if math.isinf(left) else 0.0), 0.0, 0.0, 0.0)
-    total = left + own + right
+    total = left + screw_m_N + right
     return Restraint(
-        hold=(left + own * share) / total,
+        hold=(left + screw_m_N * share) / total,
         lost_um=supports.preload_N * total * UM_PER_M,
         gap_um=supports.gap_m * UM_PER_M,
         stiffness_N_um=1.0 / total / UM_PER_M,
@@ -129,10 +129,10 @@ def restrained_rows(restraint: Restraint | None, free: FloatArray) -> FloatArray
     growth, whole = free[:-1], free[-1:]
     if restraint is None:
         return growth
-    held = growth - np.multiply.outer(restraint.hold, free[-1])
+    held_rows = growth - np.multiply.outer(restraint.hold, free[-1])
     if not restraint.linear:
-        return np.concatenate([held, growth - restraint.leaves_left * whole, whole])
-    return np.concatenate([held, whole]) if restraint.holds else held
+        return np.concatenate([held_rows, growth - restraint.leaves_left * whole, whole])
+    return np.concatenate([held_rows, whole]) if restraint.holds else held_rows
 
 
 def fold(restraint: Restraint | None, value: FloatArray, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -149,9 +149,11 @@ def fold(restraint: Restraint | None, value: FloatArray, sigma: FloatArray) -> t
         return value[:, :g], sigma[:, :g]
     growth = value[:, -1:]
     error = value[:, :g] + restraint.hold * growth - taken_off_um(restraint, growth)
-    held, free = sigma[:, :g], sigma[:, g : 2 * g]
+    held_sigma, free_sigma = sigma[:, :g], sigma[:, g : 2 * g]
     inside, outside = _about_gap(restraint, growth, sigma[:, -1:])
-    return error, np.where(inside, free, np.where(outside, held, np.maximum(held, free)))
+    return error, np.where(
+        inside, free_sigma, np.where(outside, held_sigma, np.maximum(held_sigma, free_sigma))
+    )
 
 
 def tension(
@@ -163,8 +165,8 @@ def tension(
     In a gap there is no force, whatever the growth; within two σ of its ends the σ is that of a held screw.
     """
     if restraint is None or not restraint.holds or value.shape[1] == 0:
-        nothing = np.zeros((len(value), 0))
-        return nothing, nothing
+        no_force = np.zeros((len(value), 0))
+        return no_force, no_force
     growth, growth_sigma = value[:, -1:], sigma[:, -1:]
     inside, _ = _about_gap(restraint, growth, growth_sigma)
     return force_N(restraint, growth), np.where(inside, 0.0, restraint.stiffness_N_um * growth_sigma)
@@ -189,8 +191,8 @@ def error_at(
     the grid takes its end, one that is not known gives NaN.
     """
     place = np.interp(position_m, grid_m, np.arange(len(grid_m), dtype=float))
-    known = np.isfinite(place)
-    low = np.minimum(np.where(known, place, 0.0).astype(int), len(grid_m) - 2)
-    right, row = np.where(known, place - low, np.nan), np.arange(len(place))
+    is_known = np.isfinite(place)
+    low = np.minimum(np.where(is_known, place, 0.0).astype(int), len(grid_m) - 2)
+    right, row = np.where(is_known, place - low, np.nan), np.arange(len(place))
     values = [(1.0 - right) * a[row, low] + right * a[row, low + 1] for a in (error_um, sigma_um)]
     return values[0], values[1]

@@ -12,7 +12,7 @@ from observer.frames import FloatArray
 P = ParamSpec("P")
 
 
-class _Asked:
+class _Arguments:
     """Arguments that are equal where all of their bytes are, arrays included."""
 
     __slots__ = ("arguments", "data")
@@ -21,26 +21,26 @@ class _Asked:
         self.arguments, self.data = arguments, pickle.dumps(arguments)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Asked) and self.data == other.data
+        return isinstance(other, _Arguments) and self.data == other.data
 
     def __hash__(self) -> int:
         return hash(self.data)
 
 
-def kept(most: int) -> Callable[[Callable[P, FloatArray]], Callable[P, FloatArray]]:
+def cached(size: int) -> Callable[[Callable[P, FloatArray]], Callable[P, FloatArray]]:
     """Have a function of positional arguments keep its last results; each caller gets a copy of its own."""
 
-    def keeping(function: Callable[P, FloatArray]) -> Callable[P, FloatArray]:
-        @lru_cache(maxsize=most)
-        def found(asked: _Asked) -> FloatArray:
-            return function(*asked.arguments)  # type: ignore[call-arg,arg-type]
+    def decorate(function: Callable[P, FloatArray]) -> Callable[P, FloatArray]:
+        @lru_cache(maxsize=size)
+        def lookup(key: _Arguments) -> FloatArray:
+            return function(*key.arguments)  # type: ignore[call-arg,arg-type]
 
         @wraps(function)
         def copied(*arguments: P.args, **named: P.kwargs) -> FloatArray:
             if named:
                 raise TypeError(f"{function.__name__} takes its arguments by position")
-            return found(_Asked(arguments)).copy()
+            return lookup(_Arguments(arguments)).copy()
 
         return copied
 
-    return keeping
+    return decorate
