@@ -32,7 +32,7 @@ from observer.kernels.bank import SPAN_S
 from observer.kernels.codes import DEPARTED
 from observer.kernels.layout import Bundle
 from observer.kernels.screening import DECIDED_S, YOUNG_S
-from observer.kernels.selftest import KNOWN
+from observer.kernels.selftest import KNOWN_SHARE
 from observer.model.discretise import quantise
 from observer.model.learning import Nuisance
 from observer.model.plant import Plant
@@ -64,14 +64,14 @@ class Gathered(NamedTuple):
     plain_B: FloatArray
     C: FloatArray
     y_degC: FloatArray
-    seen: BoolArray
+    fresh: BoolArray
     free: BoolArray
     loss: FloatArray
     ahead: FloatArray
     ahead_degC: FloatArray
 
 
-class Held(NamedTuple):
+class BankBounds(NamedTuple):
     """The last bounds of the heats and of the reported rows, with the limits `limit` of the rows.
 
     Drifts add the variances `heat_drift_W2` and `field_drift2`, changed laws add `law_change_W2` to heats.
@@ -190,10 +190,10 @@ class Bank:
         g = plant.rows.grid
         limit[:g] = np.inf if settings.limit_K is None else settings.limit_K
         limit[g:] = np.inf if settings.limit_um is None else settings.limit_um
-        remembered = [self._own[name] for name in Held._fields[: Held._fields.index("limit")]]
-        known_sigma, publishes = KNOWN * _largest_prior(plant), not self._rests_on_laws
-        self.held = Held._make([*remembered, limit, known_sigma, g, publishes, self.design.sigmas])
-        self.held_record = record(self.held)
+        remembered = [self._own[name] for name in BankBounds._fields[: BankBounds._fields.index("limit")]]
+        known_sigma, publishes = KNOWN_SHARE * _largest_prior(plant), not self._rests_on_laws
+        self.bounds = BankBounds._make([*remembered, limit, known_sigma, g, publishes, self.design.sigmas])
+        self.bounds_record = record(self.bounds)
         self._results = packing.empty_results(plant, F)
         m, p, M = len(plant.B.T), len(plant.E.T), len(plant.moving)
         self._inputs = Inputs.empty(m, p, s, M, len(plant.decay_1_s), len(plant.rows.C))
@@ -278,7 +278,7 @@ class Bank:
 
         Heats are compared as deviations from their laws, which the bank averages over its steps.
         """
-        design, bounds, filtered = self.design, self.held, self._results
+        design, bounds, filtered = self.design, self.bounds, self._results
         heat_W = np.abs((results.heat[k] - results.law[k]) - (filtered.heat - filtered.law))
         field = np.abs(results.field[k] - filtered.field)
         for bound, apart, sigma in (

@@ -72,11 +72,11 @@ class FilterpyEstimator(BlockEstimator):
             H = np.zeros((s, n))
             H[:, : work.C.shape[1]] = work.C
             y = u.y_degC[k] - p.F @ u.z_end[k]
-            learning.keep(p, state.x, state.P, work.kept)
+            learning.keep(p, state.x, state.P, work.saved)
             kf.x, kf.P = state.x[:, None].copy(), state.P[:, :n].copy()
             kf.update(y[good, None], R=np.diag(p.R_K2[good]), H=H[good])
             state.x[:], state.P[:, :n] = kf.x[:, 0], kf.P
-            learning.give_back(p, state.x, state.P, work.kept)
+            learning.give_back(p, state.x, state.P, work.saved)
         learning.draw_near(p, u.dt_s[k], state.x, state.around)
 
     def _write(self, u: Inputs, k: int, scratch: Scratch, out: Results) -> None:

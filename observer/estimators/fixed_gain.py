@@ -22,7 +22,7 @@ from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import Chunk
 from observer.frames import BoolArray, FloatArray
 from observer.kernels import record, run_fixed_gain
-from observer.kernels.codes import DONE
+from observer.kernels.codes import FINISHED
 from observer.kernels.fixed_gain import KEY
 from observer.model.discretise import StepMatrices, quantise, step_matrices
 from observer.model.learning import Learning
@@ -131,7 +131,7 @@ class FixedGainEstimator(BlockEstimator):
         while True:
             work.gains = self._bank.table
             run_fixed_gain(batch, scratch.running_record, results, work)
-            if at[KEY] == DONE:
+            if at[KEY] == FINISHED:
                 return
             self._bank.add(int(at[KEY]))
 

@@ -59,7 +59,7 @@ class KalmanEstimator(BlockEstimator):
         """Allocate the memory that kernels change; each thread has its own."""
         bank = None if self._integrity is None else self._bank()
         scratch = Scratch(self._arrays, self.initial(), bank)
-        scratch.running.flags[2] = bank is not None and bool(np.isfinite(bank.held.limit).any())
+        scratch.running.flags[2] = bank is not None and bool(np.isfinite(bank.bounds.limit).any())
         return scratch
 
     def _bank(self) -> Bank:
@@ -75,8 +75,8 @@ class KalmanEstimator(BlockEstimator):
         while k < len(chunk.step):
             k = run_until_due(
                 batch, scratch.running_record, results, scratch.work_record, bank.gathered_record,
-                bank.held_record, k,
+                bank.bounds_record, k,
             )  # fmt: skip
             if bank.is_due:
                 scratch.step_bank(out, k - 1, float(chunk.inputs.time_s[k - 1]))
-                put_bounds(self.plant_record, inputs, results, k - 1, bank.held_record)
+                put_bounds(self.plant_record, inputs, results, k - 1, bank.bounds_record)

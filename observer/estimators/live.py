@@ -63,7 +63,7 @@ class LiveEstimator:
         bank = self._scratch.bank
         if bank is None:
             return None, None, None
-        return bank.gathered_record, bank.held_record, self._step_bank
+        return bank.gathered_record, bank.bounds_record, self._step_bank
 
     def _step_bank(self) -> None:
         """Step the bank, which is due."""
@@ -122,7 +122,7 @@ class EstimatorTick(NamedTuple):
     time_s: FloatArray
     octets: Any
     gathered: Any
-    held: Any
+    bounds: Any
     step_bank: Callable[[], None] | None
 
 
@@ -155,7 +155,7 @@ class TestTick(NamedTuple):
     travel_m: FloatArray
     state: SelfTestState
     inputs: Any
-    seen: Tested
+    tested: Tested
     trust: Any
     scores: FloatArray
 

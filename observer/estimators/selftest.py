@@ -124,7 +124,7 @@ class Tested(NamedTuple):
 
     time_s: FloatArray
     dt_s: FloatArray
-    given: QualityArray
+    input_quality: QualityArray
     sensor_quality: QualityArray
     nu: FloatArray
     nu_sigma: FloatArray

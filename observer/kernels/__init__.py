@@ -56,7 +56,7 @@ def _load(way: str) -> dict[str, Any]:
         if way == "avx2":
             del __path__[0]
     # kernels of before the first that keep the digest are taken as they are
-    if compiled.get("FILES", found := digest(Path(__path__[0]))) != found:
+    if compiled.get("FILES", installed := digest(Path(__path__[0]))) != installed:
         raise KernelsError(f"the compiled kernels are of other files than those installed; {_REMEDY}")
     return compiled
 

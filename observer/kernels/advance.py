@@ -1,15 +1,18 @@
 """The compiled advance of a plant's state over one step: filter, smoother, open loop and fit share it.
 
-What couples the states acts for half a step on either side of the exact diagonal step (see `coupling`); the
-heats are taken by their laws at the temperature of the moment. Nothing here calls BLAS and no sum is
-reordered: K steps give the same bits as K runs of one.
+The couplings act for half a step on either side of the exact diagonal step (see `coupling`). Heats follow
+their laws at the current temperature. Nothing here calls BLAS and no sum is reordered: K steps give the same
+bits as K runs of one.
 
-The records are taken by their fields: of a plant `p` its `B` (m, W) and `E` (p, W) as rows of W ≥ n_x states,
-`modes`, `coupling`, `source` (m_e,) the source of each heat that is a state, and `moving` (M,) that of each
-moving column; of a table of step lengths `t` its `decay`, `hold`, `ramp` (D, W), `heat_decay` (D, m_e) and
-`couple` (D, m_e, W); the inputs `u` are `Inputs`. `work` is scratch but for `sweep` (K, M, e, N), shapes of
-which the squares add up to the covariance of each moving source's column over each step: empty where that is
-not known.
+| Record | Fields |
+|---|---|
+| plant `p` | `B` (m, W) and `E` (p, W) as rows of W ≥ n_x states, `modes`, `coupling` |
+| | `source` (m_e,) of each heat that is a state, `moving` (M,) source of each moving column |
+| table of step lengths `t` | `decay`, `hold`, `ramp` (D, W), `heat_decay` (D, m_e), `couple` (D, m_e, W) |
+| inputs `u` | those of `Inputs` |
+| `work` | scratch, and `sweep` (K, M, e, N), empty if unknown |
+
+The squares of the shapes in `sweep` add up to the covariance of a moving source's column over a step.
 """
 
 from __future__ import annotations
@@ -33,8 +36,8 @@ def move_columns(p, u, k, B, C):
 def advance(p, t, d, u, k, x, work):
     """Take the state x, plant states and deviations of the heats, over step k of the length d of the table.
 
-    `work.law` are then the heats by their laws, and `work.before` (2, n_x), where states are coupled, what
-    the state was before each half of it.
+    Afterwards `work.law` contains the heats by their laws. With couplings, `work.before` (2, n_x) contains
+    the states before each half of the couplings.
     """
     if p.coupling.active:
         couple_half(p, u, k, u.z_start[k], x, 0, work)
@@ -45,7 +48,7 @@ def advance(p, t, d, u, k, x, work):
 
 
 def put_laws(p, u, k, B, x, law):
-    """Each source's heat by its law over step k, at the temperature of the moment if it depends on that."""
+    """Write each source's heat by its law over step k, at the current temperature if it depends on that."""
     for j in range(len(law)):
         law[j] = u.law_W[k, j]
         if p.coupling.active:
@@ -70,7 +73,7 @@ def advance_diagonal(p, t, d, u, k, x, work):
 
 
 def ramp_up(p, t, d, u, k, x):
-    """What the known inputs' rises over step k do to the states: x += ramp∘(E (z_end - z_start))."""
+    """Add the effect of the known inputs' rises over step k: x += ramp∘(E (z_end - z_start))."""
     for q in range(p.E.shape[0]):
         rise = u.z_end[k, q] - u.z_start[k, q]
         if rise != 0.0:
@@ -79,11 +82,11 @@ def ramp_up(p, t, d, u, k, x):
 
 
 def couple_half(p, u, k, z, x, half, work):
-    """Half a step of what couples the states; `half` is 0 before the diagonal step and 1 after it."""
+    """Take half a step of the couplings; `half` is 0 before the diagonal step and 1 after it."""
     X, n_x, half_s = work.state.X, work.before.shape[1], 0.5 * u.dt_s[k]
-    known = len(p.moving) if work.sweep.shape[0] * work.sweep.shape[2] > 0 else 0
+    sweeps = len(p.moving) if work.sweep.shape[0] * work.sweep.shape[2] > 0 else 0
     if half == 1:
-        for i in range(known - 1, -1, -1):
+        for i in range(sweeps - 1, -1, -1):
             swept(p.coupling, p.moving[i], work.sweep[k, i], half_s, x, -1)
     rate_1_s, drawn = uniform_loss(p.coupling, u.loss_1_s[k], u.loss_degC[k], z[p.coupling.ambient], x)
     for a in range(n_x):
@@ -94,14 +97,14 @@ def couple_half(p, u, k, z, x, half, work):
     for a in range(n_x):
         x[a] = X[a, 0]
     if half == 0:
-        for i in range(known):
+        for i in range(sweeps):
             swept(p.coupling, p.moving[i], work.sweep[k, i], half_s, x, 1)
 
 
 def form_half(p, u, k, z, B, x, work):
-    """Put what couples the states in half of step k into the columns `work.half_step`: x⁺ = M x + N z + r, as
-    [M N r], and transposed into `half_step_T`. They stay as they are where all that they were made of,
-    `made_of`, is the same.
+    """Write half a step of the couplings as [M N r] into `work.half_step`: x⁺ = M x + N z + r.
+
+    The transpose goes into `half_step_T`. Nothing is computed if the inputs in `made_of` are unchanged.
     """
     X, made_of, n_x = work.half_step.X, work.made_of, B.shape[1]
     rate_1_s, drawn = uniform_loss(p.coupling, u.loss_1_s[k], u.loss_degC[k], z[p.coupling.ambient], x)
@@ -139,13 +142,13 @@ def step_half(p, u, k, z, x, half, work):
 
 
 def couple_covariance(p, u, k, z, half, P, work):
-    """What a half of the coupling, taken where `step_half` was, does to a covariance (see `take_along`)."""
+    """Take a covariance over half a step of the couplings, linearised as in `step_half`."""
     form_half(p, u, k, z, work.B, work.before[half], work)
     take_along(work.half_step.X, work.half_step_T, work.B.shape[1], P, work.was)
 
 
 def couple_columns(p, u, k, z, x, X, work):
-    """What half a coupling, taken at the state x, does to every column of X."""
+    """Take every column of X over half a step of the couplings, linearised at x."""
     form_half(p, u, k, z, work.B, x, work)
     multiply_columns(work.half_step.X, work.B.shape[1], X, work.was)
 
@@ -184,8 +187,10 @@ def advance_columns(p, t, d, B, X):
 
 
 def march_steps(loop, x, states, first):
-    """March x over steps of the inputs from `first` on; `states` (K, n_x + p) are the states and known inputs
-    at their ends. What drives a plant that is not coupled is made anew only where it is not what it was.
+    """March x over steps of the inputs from `first` on.
+
+    States and known inputs at the ends of the steps go into `states` (K, n_x + p). Without couplings, the
+    inputs' effect is recomputed only if it changes.
     """
     decay, B = loop.decay_1_s, loop.work.B
     n_x, dt_known, driven = len(decay), -1.0, False
@@ -214,7 +219,7 @@ def march_steps(loop, x, states, first):
 
 
 def is_held(p, u, k):
-    """Whether step k is driven like the one before it, but for what known inputs do within it."""
+    """Return whether laws and known inputs at the start of step k equal those of the step before."""
     for j in range(u.law_W.shape[1]):
         if u.law_W[k, j] != u.law_W[k - 1, j]:
             return False

@@ -12,7 +12,7 @@ cdef void predict_on(Batch b, Gathered g, Work work) noexcept nogil
 @cython.locals(state=Running, result=Results, p=PlantArrays, u=Inputs, g=Gathered)
 cpdef run_bank(Batch b, BankFilters bank, Running main, double walk_K2)
 @cython.locals(jump_W=double)
-cdef inline double add_change(PlantArrays p, Inputs u, Py_ssize_t k, Held held, Py_ssize_t j) noexcept nogil
+cdef inline double add_change(PlantArrays p, Inputs u, Py_ssize_t k, BankBounds bounds, Py_ssize_t j) noexcept nogil
 @cython.locals(bound=double, part=Py_ssize_t, variance_W2=double)
-cpdef void put_bounds(PlantArrays p, Inputs u, Results out, Py_ssize_t k, Held held) noexcept nogil
-cpdef Py_ssize_t run_until_due(Batch b, Running state, Results out, Work work, Gathered g, Held held, Py_ssize_t first) noexcept nogil
+cpdef void put_bounds(PlantArrays p, Inputs u, Results out, Py_ssize_t k, BankBounds bounds) noexcept nogil
+cpdef Py_ssize_t run_until_due(Batch b, Running state, Results out, Work work, Gathered g, BankBounds bounds, Py_ssize_t first) noexcept nogil

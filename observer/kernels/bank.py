@@ -1,7 +1,7 @@
-"""A bank of filters beside the estimate, each without some of the sensors: what they take, and the bounds.
+"""A bank of filters, each without some of the sensors: their inputs, their steps, and the bounds.
 
-The bank steps seldom: what drives the plant is gathered over the estimate's own steps, and a step of the bank
-is one over all of them. Every filter is the Kalman filter itself, with sensors that it may not use.
+The bank steps rarely. Inputs are gathered over a span of the estimate's steps, and the bank takes one step
+over the span. Every filter is the Kalman filter without some of the sensors.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from observer.kernels.libc import NAN, exp, isfinite, sqrt
 from observer.kernels.screening import open_common, open_offset
 from observer.kernels.step import project, residual, sensor_covariance
 
-# What of a span is gathered beside arrays: how long it is and shall be, and the worst that was degraded.
+# Entries of `span`: its length, the length at which the bank is due, and the worst degradation of an input.
 SPAN_S, DUE_S, DEGRADED = 0, 1, 2
 ANSWER_S = 20.0
-"""How long readings take to answer a heat that has changed: the lags of sensors and of dropped modes."""
+"""Time of readings to respond to a changed heat: the lags of sensors and of dropped modes."""
 
 
 def gather(u, k, g):
@@ -46,7 +46,7 @@ def gather(u, k, g):
             g.C[i, r] = u.moving_C[k, i, r]
     for i in range(len(g.y_degC)):
         if u.usable[k, i]:
-            g.y_degC[i], g.seen[i] = u.y_degC[k, i], True
+            g.y_degC[i], g.fresh[i] = u.y_degC[k, i], True
     g.loss[0] += u.loss_1_s[k] * dt_s
     g.loss[1] += u.loss_1_s[k] * u.loss_degC[k] * dt_s
     g.loss[2] = u.loss_degC[k]
@@ -54,7 +54,7 @@ def gather(u, k, g):
 
 
 def pour(g, state, u):
-    """Make one step of the span; the readings in doubt of an estimate that stands at `state` are left out."""
+    """Write the span as the inputs of one step, without readings that the estimate's `state` doubts."""
     span_s = g.span[SPAN_S]
     u.dt_s[0] = span_s
     u.degraded[0] = int(g.span[DEGRADED])
@@ -72,8 +72,8 @@ def pour(g, state, u):
             u.moving_C[0, i, r] = g.C[i, r]
     for i in range(len(g.y_degC)):
         doubted = state.guard[i].cause != 0.0 or state.guard[i].pending > 0.0 or state.suspect[i] > 0.0
-        u.y_degC[0, i], g.free[i] = g.y_degC[i], g.seen[i] and not doubted
-        g.seen[i] = False
+        u.y_degC[0, i], g.free[i] = g.y_degC[i], g.fresh[i] and not doubted
+        g.fresh[i] = False
     u.loss_1_s[0] = g.loss[0] / span_s
     u.loss_degC[0] = g.loss[1] / g.loss[0] if g.loss[0] > 0.0 else g.loss[2]
     g.loss[0], g.loss[1] = 0.0, 0.0
@@ -81,7 +81,7 @@ def pour(g, state, u):
 
 
 def open_again(p, state, P):
-    """Open P as that of the estimate was opened since the last step of the bank."""
+    """Inflate P as the estimate's covariance was inflated since the last step of the bank."""
     if state.verdict[0].opened_prior > 0.0:
         add_prior(p, P, min(1.0, state.verdict[0].opened_prior))
     if state.verdict[0].opened_common_K2 > 0.0:
@@ -92,7 +92,7 @@ def open_again(p, state, P):
 
 
 def pass_left_out(b, bank, f, state):
-    """Write how far each reading that filter f has not used is from what it expects, in σ."""
+    """Write the misfit of each reading that filter f has not used: its innovation in σ."""
     for i in range(len(bank.gathered.free)):
         bank.misfit[f, i] = 0.0
         if not bank.gathered.free[i] or bank.uses[f, i] or state.flags[0] == 0:
@@ -104,7 +104,7 @@ def pass_left_out(b, bank, f, state):
 
 
 def predict_on(b, g, work):
-    """Take estimates of some time ago on over the span without readings, and write what sensors should read.
+    """Continue earlier estimates over the span without readings, and write the predicted readings.
 
     `work` holds the columns of the span.
     """
@@ -115,11 +115,11 @@ def predict_on(b, g, work):
 
 
 def run_bank(b, bank, main, walk_K2):
-    """Step every filter of a bank over the span: filter f takes the sensors that `bank.uses[f]` names.
+    """Step every filter of a bank over the span; filter f uses the sensors marked in `bank.uses[f]`.
 
-    In filter `bank.drifting` each offset walks, and what all have in common, by a variance of `walk_K2`. The
-    inputs of `b` come from what the bank has gathered. `bank.misfit` (F, s) is filled with what readings say
-    that filters have not used, `bank.S` (s, s) with the covariance of the first one's innovations.
+    In filter `bank.drifting` each offset and their common part walk by a variance of `walk_K2`. The inputs of
+    `b` are the gathered ones. The misfits of unused readings go into `bank.misfit` (F, s). The covariance of
+    the first filter's innovations goes into `bank.S` (s, s).
     """
     p, u, g = b.plant, b.inputs, bank.gathered
     for f in range(len(bank.filters)):
@@ -146,59 +146,58 @@ def run_bank(b, bank, main, walk_K2):
         main.guard[i].opened_K2 = 0.0
 
 
-def add_change(p, u, k, held, j):
-    """Return what a change of its law adds to the variance of heat j at step k, W².
+def add_change(p, u, k, bounds, j):
+    """Return the variance that a change of its law adds to heat j at step k, W².
 
-    Within the step it is not known when the law changed. Afterwards the law is as uncertain as at first until
-    readings have had time to answer: those of the first seconds say too little of a heat, and too surely.
+    The time of the change within the step is unknown. Afterwards the law keeps its initial uncertainty until
+    readings have had time to respond. Without this, σ would be too small in the first seconds.
     """
     jump_W = u.law_jump_W[k, p.source[j]]
-    held.law_change_W2[j] = held.law_change_W2[j] * exp(-2.0 * u.dt_s[k] / ANSWER_S) + squared(
+    bounds.law_change_W2[j] = bounds.law_change_W2[j] * exp(-2.0 * u.dt_s[k] / ANSWER_S) + squared(
         p.jump_uncertainty[j] * jump_W
     )
-    return held.law_change_W2[j] + squared(0.5 * jump_W)
+    return bounds.law_change_W2[j] + squared(0.5 * jump_W)
 
 
-def put_bounds(p, u, out, k, held):
-    """Write the bounds of step k: those of the bank's last step, and at least `held.sigmas` standard
-    deviations.
+def put_bounds(p, u, out, k, bounds):
+    """Write the bounds of step k: those of the bank's last step, at least `bounds.sigmas` times σ.
 
-    The standard deviations first get what readings that drift add to them. The bound of a heat also gets what
-    a law that has just changed adds: a few seconds, in which the heat still counts as known. Field and error
-    are each not good beyond their limits, and not known yet while readings have said little of them. Sensors
-    that do not check each other give no bound: limits then hold for the same multiple of σ.
+    First, the variances of drifting readings are added to those of the estimate. The bound of a heat also
+    contains the variance of a changed law, for some seconds. Field and error are degraded beyond their
+    limits, and starting while their σ is above `known_sigma`. Sensors that do not check each other give no
+    bound; limits then apply to the same multiple of σ.
     """
-    for j in range(len(held.heat_W)):
-        variance_W2 = squared(out.heat_sigma[k, j]) + held.heat_drift_W2[j]
+    for j in range(len(bounds.heat_W)):
+        variance_W2 = squared(out.heat_sigma[k, j]) + bounds.heat_drift_W2[j]
         out.heat_sigma[k, j] = sqrt(variance_W2)
-        bound = max(held.heat_W[j], held.sigmas * sqrt(variance_W2 + add_change(p, u, k, held, j)))
-        out.heat_bound[k, j] = bound if held.published else NAN
-    for r in range(len(held.field)):
-        out.field_sigma[k, r] = sqrt(squared(out.field_sigma[k, r]) + held.field_drift2[r])
-        part, bound = FIELD if r < held.grid else ERROR, held.sigmas * out.field_sigma[k, r]
-        if held.published:
-            bound = max(held.field[r], bound)
-        out.field_bound[k, r] = bound if held.published else NAN
-        if isfinite(held.limit[r]) and not bound <= held.limit[r]:
+        bound = max(bounds.heat_W[j], bounds.sigmas * sqrt(variance_W2 + add_change(p, u, k, bounds, j)))
+        out.heat_bound[k, j] = bound if bounds.published else NAN
+    for r in range(len(bounds.field)):
+        out.field_sigma[k, r] = sqrt(squared(out.field_sigma[k, r]) + bounds.field_drift2[r])
+        part, bound = FIELD if r < bounds.grid else ERROR, bounds.sigmas * out.field_sigma[k, r]
+        if bounds.published:
+            bound = max(bounds.field[r], bound)
+        out.field_bound[k, r] = bound if bounds.published else NAN
+        if isfinite(bounds.limit[r]) and not bound <= bounds.limit[r]:
             out.part_quality[k, part] = max(out.part_quality[k, part], ESTIMATE_DEGRADED)
-        elif out.field_sigma[k, r] > held.known_sigma[part - FIELD]:
+        elif out.field_sigma[k, r] > bounds.known_sigma[part - FIELD]:
             out.part_quality[k, part] = max(out.part_quality[k, part], ESTIMATE_STARTING)
     out.quality[k] = max(out.part_quality[k, FIELD], out.part_quality[k, ERROR])
     if out.quality[k] == ESTIMATE_INVALID:
-        for j in range(len(held.heat_W)):
+        for j in range(len(bounds.heat_W)):
             out.heat_bound[k, j] = NAN
-        for r in range(len(held.field)):
+        for r in range(len(bounds.field)):
             out.field_bound[k, r] = NAN
 
 
-def run_until_due(b, state, out, work, g, held, first):
-    """Run the filter on from step `first` until the bank is due; return the step after the last one taken.
+def run_until_due(b, state, out, work, g, bounds, first):
+    """Run the filter from step `first` until the bank is due; return the step after the last one taken.
 
-    The bounds of a step at which the bank is due are put after it has stepped.
+    The bounds of the last step are written after the bank has stepped.
     """
     for k in range(first, len(b.step)):
         filter_part(b, state, out, work, k, k + 1)
         if gather(b.inputs, k, g):
             return k + 1
-        put_bounds(b.plant, b.inputs, out, k, held)
+        put_bounds(b.plant, b.inputs, out, k, bounds)
     return len(b.step)

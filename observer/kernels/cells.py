@@ -13,11 +13,11 @@ _FARTHEST = 400.0
 
 
 def read_rows(text, column, out):
-    """Read the rows of `text` (bytes), a newline after each, into `out` (rows, k); return how many there are.
+    """Read the rows of `text` (bytes), a newline after each, into `out` (rows, k); return their number.
 
-    `column` (c,) says in which column of `out` each cell of a row goes, -1 for none. A cell that is no number
-    is NaN, a row that has not c cells is left out. A number of up to 15 digits and a power of ten up to 22 is
-    the one that Python reads; others differ by some roundings, and what is below 1e-290 may be 0.
+    Cell i of a row goes into column `column[i]` of `out`, or is ignored if that is -1. A cell without a valid
+    number is NaN, and a row without exactly c cells is omitted. Numbers of up to 15 digits with a power of
+    ten up to 22 equal Python's. Others differ by some roundings, and numbers below 1e-290 may be 0.
     """
     with cython.nogil:
         rows = _read(text, column, out)
@@ -41,7 +41,7 @@ def _read(text, column, out):
 
 
 def _number(text, begin, end):
-    """Return the number that stands from `begin` to `end`, NaN where there is none."""
+    """Return the number in the bytes from `begin` to `end`, NaN without a valid number."""
     at, sign, whole, power, digits, after = begin, 1.0, 0, 0, 0, 0
     if at < end and (text[at] == _PLUS or text[at] == _MINUS):
         sign = -1.0 if text[at] == _MINUS else 1.0
@@ -66,7 +66,7 @@ def _number(text, begin, end):
 
 
 def _exponent(text, begin, end):
-    """Return the whole number that stands from `begin` to `end`, NaN where there is none."""
+    """Return the whole number in the bytes from `begin` to `end`, NaN without a valid one."""
     at, sign, value = begin, 1.0, 0.0
     if at < end and (text[at] == _PLUS or text[at] == _MINUS):
         sign = -1.0 if text[at] == _MINUS else 1.0

@@ -1,7 +1,7 @@
-"""What the smoother makes of changed readings: many changes at once over the gains of one filter's tape.
+"""Response of the smoother to changed readings: many changes at once over the gains of one filter's tape.
 
-Gains and covariances do not depend on what sensors read, so a change of the readings costs the state's own
-arithmetic only. Column 0 stands for the log itself on the way back, the others for the changes.
+Gains and covariances do not depend on readings. A change of the readings therefore needs the arithmetic of
+the state only. In the backward pass, column 0 is the log itself, and the others are changes.
 """
 
 from __future__ import annotations
@@ -21,11 +21,10 @@ from observer.kernels.libc import cython
 
 
 def run_tolerances(a, b, x, begins, D, expected):
-    """Fill D (K, s, ≥ L) with what one standard deviation of each tolerance does to the sensors, and
-    `expected` (K, s) with what they would read without any, °C.
+    """Fill D (K, s, ≥ L) with the effect of one standard deviation of each tolerance on the readings.
 
-    The field is an open loop's along the heats of `u`, from the state `x` where it `begins`; a step that
-    cannot be computed leaves it as it is.
+    Readings without deviations go into `expected` (K, s), °C. The field is that of an open loop with the
+    inputs' heats, from the state `x` if it `begins`. A step that cannot be computed does not change it.
     """
     with cython.nogil:
         tolerances_forward(a, b, x, begins, D, expected)
@@ -34,9 +33,9 @@ def run_tolerances(a, b, x, begins, D, expected):
 def run_changes_forward(b, tape, work, X, changed):
     """Take the changes X (n, c) of the state over the K steps on the tape.
 
-    `changed.moved` (K, s, c) are the changes of the readings, and then those of the innovations, each given
-    the sensors before it; `changed.heat` (K, m_e, c) is filled with those of the heats. Where the filter
-    began, nothing has changed: the level it began from is what the log says.
+    On entry `changed.moved` (K, s, c) contains the changes of the readings. On return it contains those of
+    the innovations, each given the sensors before it. Changes of the heats go into `changed.heat`
+    (K, m_e, c). At the start of the filter the changes are zero, because its level is that of the log.
     """
     with cython.nogil:
         changes_forward(b, tape, work, X, changed)
@@ -54,7 +53,7 @@ def run_changes_backward(b, tape, work, R, changed, D, information):
 def tolerances_forward(a, b, x, begins, D, expected):
     """Carry the columns S = ∂x/∂θ σ_θ of the machine's tolerances along an open loop over the K steps.
 
-    Those of the sensors act on their own rows alone.
+    Tolerances of a sensor act on its row only.
     """
     machine, L = a.plant.learn.machine, len(a.plant.learn.kind)
     first = len(a.plant.uniform) + len(a.plant.source)
@@ -74,8 +73,8 @@ def tolerances_forward(a, b, x, begins, D, expected):
             for q in range(machine):
                 D[k, i, q] = sensed(a, i, q)
         for q in range(machine, L):
-            own = a.plant.learn.of[q]
-            D[k, own, q] = a.work.C[own, first + q] * a.plant.learn.sigma[q]
+            sensor = a.plant.learn.of[q]
+            D[k, sensor, q] = a.work.C[sensor, first + q] * a.plant.learn.sigma[q]
 
 
 def carry_sensitivities(a, b, k):
@@ -92,7 +91,7 @@ def carry_sensitivities(a, b, k):
 
 
 def sensed(a, i, q):
-    """What one standard deviation of the machine's tolerance q has done to sensor i, °C."""
+    """Return the effect of one standard deviation of the machine's tolerance q on sensor i, °C."""
     first = len(a.plant.uniform) + len(a.plant.source)
     total = a.work.C[i, first + q] * a.plant.learn.sigma[q]
     for b in range(len(a.plant.uniform)):
@@ -160,7 +159,7 @@ def changes_backward(b, tape, work, R, changed, D, information):
 
 
 def step_changes_back(p, t, d, B, R):
-    """R ← Adᵀ R column by column, through the step without what couples the states."""
+    """R ← Adᵀ R column by column, through the step without couplings."""
     n_x, count = B.shape[1], R.shape[1]
     for j in range(len(p.source)):
         keep, index = t.heat_decay[d, j], p.source[j]
@@ -175,6 +174,6 @@ def step_changes_back(p, t, d, B, R):
 
 
 def couple_changes_back(p, u, k, z, x, R, work):
-    """R ← Tᵀ R for the states, column by column, T what half a coupling does at the state x."""
+    """R ← Tᵀ R for the states, column by column; T is half a step of the couplings at the state x."""
     form_half(p, u, k, z, work.B, x, work)
     multiply_columns(work.half_step_T, work.B.shape[1], R, work.was)

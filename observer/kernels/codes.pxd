@@ -6,6 +6,6 @@ cdef Py_ssize_t AMBIENT, LAW, OFFSET
 cdef Py_ssize_t NO_PRODUCT, OF_SPEED, OF_CHANNEL, OF_NOTHING
 cdef double STILL
 cdef double TICKS_PER_S
-cdef Py_ssize_t DONE
+cdef Py_ssize_t FINISHED
 
 cdef Py_ssize_t JUMPED, SWAPPED, DEPARTED, RESTLESS, UNEQUAL, GAIN, NO_OFFSET, DRIFTING, AMBIGUOUS, AIR_LEAPT

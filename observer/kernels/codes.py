@@ -41,7 +41,7 @@ TICKS_PER_S = 1e6
 """Step lengths are whole numbers of these: epoch seconds in double precision carry no more (2.4e-7 s)."""
 
 # What a run with fixed gains returns when it is done, in place of the key of a gain that it lacks.
-DONE = -1
+FINISHED = -1
 
 
 # Why a sensor is excluded.

@@ -1,12 +1,12 @@
-"""What couples a plant's states by the moment (see `observer.model.coupling`, whose records these are).
+"""Couplings of a plant's states, with the records of `observer.model.coupling`.
 
-It is taken in half a step before and half a step after the exact diagonal step (Strang 1968), and within
-each half in an order that reads the same backwards: the error is of second order in the step. Each is solved
-exactly by itself, so none can become unstable.
+Couplings act for half a step before and half a step after the exact diagonal step (Strang 1968). Within each
+half their order is symmetric, so the error is of second order in the step. Each coupling is solved exactly,
+so all are stable.
 
-It acts on columns X (n_x, w): a state is one column, the matrix of a half step has one for each state, for
-each known input and for what is constant. `known` (p + 1, w) has the known inputs and a one, as those columns
-have them. Factors that do not act on each other are taken together; `sums` (f, w) is scratch for f of them.
+They act on columns X (n_x, w). A state is one column. The matrix of a half step has a column for each state,
+each known input and the constant. `known` (p + 1, w) contains the known inputs and a one for these columns.
+Factors that do not act on each other are taken together; `sums` (f, w) is scratch for f of them.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from observer.kernels.libc import exp, expm1, sqrt
 
 
 def couple(c, rate_1_s, drawn, B, half_s, columns, link):
-    """Do to the columns what the couplings do to a state in `half_s`.
+    """Take the columns over the time `half_s` of the couplings.
 
-    `rate_1_s` and `drawn` are those of `uniform_loss`; B (m, n_x) the input columns in force, as rows; `link`
-    (4, w) is scratch. The losses act for the whole time, links and shapes half before and half after them.
+    `rate_1_s` and `drawn` are those of `uniform_loss`. B (m, n_x) are the current input columns, as rows.
+    `link` (4, w) is scratch. The losses act for the whole time, links and shapes half before and half after
+    them.
     """
     _fade_shapes(c, B, 0.5 * half_s, link[3])
     for j in range(len(c.place_gain) - 1, -1, -1):
@@ -34,7 +35,7 @@ def couple(c, rate_1_s, drawn, B, half_s, columns, link):
 
 
 def uniform_loss(c, loss_1_s, loss_degC, ambient_degC, x):
-    """The rate of the losses that are the same along the screw, 1/s, and rate × what they draw to.
+    """Return the rate of the losses that are uniform along the screw, 1/s, and rate × target temperature.
 
     Radiation and a film that grows with its own rise are taken in their tangents at the mean temperature, and
     with the variance along the screw in their means.
@@ -68,7 +69,7 @@ def uniform_loss(c, loss_1_s, loss_degC, ambient_degC, x):
 
 
 def _product(c, x, y):
-    """The sum over the screw's modes of the products of what two states are there."""
+    """Return the inner product of two states over the screw's modes."""
     total = 0.0
     if c.metric.shape[0] == 0:
         for a in range(c.modes):
@@ -83,8 +84,9 @@ def _product(c, x, y):
 
 
 def _lose(c, rate_1_s, drawn, time_s, columns, gain):
-    """Losses that are the same along the screw; what is beside it keeps its temperature. Each shape of a
-    screw with sections loses at a rate of its own.
+    """Take the losses that are uniform along the screw; attached bodies keep their temperatures.
+
+    On a screw with sections each shape has its own rate.
     """
     if rate_1_s == 0.0:
         return
@@ -116,10 +118,10 @@ def _warm(c, by_K, columns):
 
 
 def _link(c, i, B, time_s, columns, link):
-    """A node gives Q = G (T_node − T) to the screw.
+    """Take the heat flow Q = G (T_node − T) from a node to the screw.
 
-    With d the row of the difference and v the column of 1 J passed, dx/dt = G v d x: both temperatures meet
-    at the rate κ = −G d·v.
+    Let d be the row of the difference and v the column of 1 J passed. Then dx/dt = G v d x. Both temperatures
+    approach each other at the rate κ = −G d·v.
     """
     source, compliance = c.links.source[i], 0.0
     see_under(c, source, B, link)
@@ -149,7 +151,7 @@ def see_under(c, source, B, link):
 
 
 def _fade_shapes(c, B, time_s, gain):
-    """Put into `gain` what each shape that fades under a nut that sweeps loses: nothing where the nut stands.
+    """Write the loss of each shape that fades under a sweeping nut into `gain`; 0 for a standing nut.
 
     The rate goes with the variance of the places swept: with the square of the stretch, which is about the
     reciprocal of the column's squared size.
@@ -166,7 +168,7 @@ def _fade_shapes(c, B, time_s, gain):
 
 
 def _spread(c, j, columns, gain):
-    """What a sweeping nut passes on top of its mean: its shapes fade."""
+    """Fade the shapes of a sweeping nut: the heat it passes in addition to its mean."""
     first = c.spreads.first[j]
     count = c.spreads.first[j + 1] - first
     if count > 0 and gain[first] < 0.0:
@@ -175,7 +177,7 @@ def _spread(c, j, columns, gain):
 
 
 def _read_columns(rows, first, count, columns):
-    """Put what each of `count` rows reads of the columns into `sums`."""
+    """Write the products of `count` rows with the columns into `sums`."""
     states = min(rows.shape[1], columns.X.shape[0])
     for i in range(count):
         for q in range(columns.X.shape[1]):
@@ -202,9 +204,10 @@ def _add_factors(into, first, count, gain, columns):
 
 
 def swept(c, source, shapes, time_s, x, order):
-    """What a nut passes to its nodes on top of its mean, where the places swept are known: the squares of
-    the `shapes` (e, w) add up to the covariance of its input column over the time. They are taken from the
-    first on (`order` 1) or from the last (-1).
+    """Take the heat that a nut passes to its nodes in addition to its mean, for known swept places.
+
+    The squares of the `shapes` (e, w) add up to the covariance of its input column over the time. They are
+    taken from the first on (`order` 1) or from the last (-1).
     """
     rate_1_s = 0.0
     for i in range(len(c.links.source)):
@@ -220,7 +223,7 @@ def swept(c, source, shapes, time_s, x, order):
 
 
 def faded(c, j, z, B, x):
-    """The factor on the law of source j at the temperature under it."""
+    """Return the factor on the law of source j at the temperature under it."""
     if c.fades.per_K[j] == 0.0:
         return 1.0
     seen_degC = c.conductance_W_m * c.place_gain[j] * _product(c, B[j], x)

@@ -1,4 +1,4 @@
-@cython.locals(own=lanes)
+@cython.locals(row=lanes)
 cdef inline void force_columns(double[:, ::1] P, double[:, ::1] G, Py_ssize_t columns, Py_ssize_t n_x, StepTable t, Py_ssize_t d, Work work) noexcept nogil
 @cython.locals(left=lanes, right=lanes, left0=lanes, right0=lanes, left1=lanes, right1=lanes, left2=lanes, right2=lanes, left3=lanes, right3=lanes)
 cdef inline void fade_and_force(double[:, ::1] P, double[:, ::1] H, double[:, ::1] G, Py_ssize_t columns, Py_ssize_t n_x, StepTable t, Py_ssize_t d) noexcept nogil

@@ -1,8 +1,8 @@
-"""What a step does to covariances, some numbers of a row at a time (see `vector`).
+"""Steps and corrections of covariances, some numbers of a row at a time (see `vector`).
 
-Of a symmetric matrix the lower triangle is worked out, in whole registers, and copied where a row is needed;
-both triangles would be the same to the last bit. No sum is reordered, nor does one go across the lanes, so
-that every build gives the same bits. `q` counts registers; rows are padded with zeros to pairs of them.
+The lower triangle of a symmetric matrix is computed, in whole registers, and copied if a row is needed. Both
+triangles would be the same to the last bit. No sum is reordered or crosses the lanes. Every build therefore
+gives the same bits. The index `q` counts registers; rows are padded with zeros to pairs of them.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from observer.kernels.vector import (
     load_at,
     load_of,
     mirror_block,
-    none,
     registers,
     store,
     store_at,
+    zero_lanes,
 )
 
 
 def force_columns(P, G, columns, n_x, t, d, work):
-    """H_j = d∘P_j + ½ Σ_i P_ji G_i for the rows P_j of what acts through a column G_j."""
+    """H_j = d∘P_j + ½ Σ_i P_ji G_i for the rows P_j of states that act through a column G_j."""
     n, width, forced = P.shape[0], P.shape[1], registers(n_x)
     for j in range(columns):
         for b in range(n_x + j + 1, n):
@@ -30,10 +30,10 @@ def force_columns(P, G, columns, n_x, t, d, work):
         for i in range(columns):
             work.half[i] = 0.5 * P[n_x + j, n_x + i]
         for q in range(forced):
-            own = load(t.decay, d, q) * load(P, n_x + j, q)
+            row = load(t.decay, d, q) * load(P, n_x + j, q)
             for i in range(columns):
-                own += work.half[i] * load(G, i, q)
-            store(work.H, j, q, own)
+                row += work.half[i] * load(G, i, q)
+            store(work.H, j, q, row)
         for q in range(forced, width // LANES):
             store(work.H, j, q, load(t.decay, d, q) * load(P, n_x + j, q))
 
@@ -111,14 +111,15 @@ def subtract_seen(read, C, x):
 
 
 def multiply_rows(A, B, inner, columns, lower, out):
-    """out_i = Σ_a A_ia B_a over the first `inner` rows of B, for every row of `out`, four at a time; as many
-    `columns` of it, or where it is `lower` those up to the diagonal, in whole pairs of registers.
+    """out_i = Σ_a A_ia B_a over the first `inner` rows of B, for every row of `out`, four at a time.
+
+    It computes `columns` columns, or with `lower` those up to the diagonal, in whole pairs of registers.
     """
     fours = out.shape[0] // 4 * 4
     for i in range(0, fours, 4):
         for q in range(0, registers(min(columns, i + 4) if lower else columns), 2):
-            left0, left1, left2, left3 = none(), none(), none(), none()
-            right0, right1, right2, right3 = none(), none(), none(), none()
+            left0, left1, left2, left3 = zero_lanes(), zero_lanes(), zero_lanes(), zero_lanes()
+            right0, right1, right2, right3 = zero_lanes(), zero_lanes(), zero_lanes(), zero_lanes()
             for a in range(inner):
                 left, right = load(B, a, q), load(B, a, q + 1)
                 left0 += A[i, a] * left
@@ -135,7 +136,7 @@ def multiply_rows(A, B, inner, columns, lower, out):
             store_pair(out, i + 3, q, left3, right3)
     for i in range(fours, out.shape[0]):
         for q in range(0, registers(min(columns, i + 1) if lower else columns), 2):
-            left, right = none(), none()
+            left, right = zero_lanes(), zero_lanes()
             for a in range(inner):
                 left += A[i, a] * load(B, a, q)
                 right += A[i, a] * load(B, a, q + 1)
@@ -143,8 +144,9 @@ def multiply_rows(A, B, inner, columns, lower, out):
 
 
 def take_along(M, MT, n_x, P, scratch):
-    """P ← T P Tᵀ for the T that is M on the first n_x states and leaves the others as they are; `MT` is Mᵀ,
-    `scratch` as large as P. P is whole before; after it its lower triangle counts.
+    """P ← T P Tᵀ with T = M on the first n_x states and the identity on the others.
+
+    `MT` is Mᵀ, and `scratch` has the size of P. P is complete before; afterwards its lower triangle is valid.
     """
     multiply_rows(P, MT, n_x, n_x, False, scratch)
     multiply_rows(M, scratch, n_x, n_x, True, P[:n_x])
@@ -164,7 +166,7 @@ def innovation_covariances(g, C, S):
     s, width = S.shape[0], S.shape[1] // LANES
     for j in range(0, s - 1, 2):
         for q in range(j // LANES, width):
-            one, other = none(), none()
+            one, other = zero_lanes(), zero_lanes()
             for a in range(C.shape[0]):
                 one += g[j, a] * load(C, a, q)
                 other += g[j + 1, a] * load(C, a, q)
@@ -172,7 +174,7 @@ def innovation_covariances(g, C, S):
             store(S, j + 1, q, other)
     for j in range(s // 2 * 2, s):
         for q in range(j // LANES, width):
-            one = none()
+            one = zero_lanes()
             for a in range(C.shape[0]):
                 one += g[j, a] * load(C, a, q)
             store(S, j, q, one)
@@ -208,11 +210,12 @@ def subtract_squares(W, count, P):
 
 
 def squares_of_rows(P, rows, count, total):
-    """c P cᵀ of the first `count` of the rows (n_x, W), which are columns here, from the lower triangle of P:
-    2 Σ_a c_a (½ P_aa c_a + Σ_{b<a} P_ab c_b).
+    """Write c P cᵀ of the first `count` of the rows (n_x, W), stored as columns.
+
+    It uses the lower triangle of P: 2 Σ_a c_a (½ P_aa c_a + Σ_{b<a} P_ab c_b).
     """
     for q in range(registers(count)):
-        whole = none()
+        whole = zero_lanes()
         for a in range(rows.shape[0]):
             half = sum_scaled(0.5 * P[a, a] * load(rows, a, q), rows, q, P, a, a)
             whole += 2.0 * load(rows, a, q) * half
@@ -238,8 +241,10 @@ def add_scaled(target, rows, weights, count):
         w4, w5, w6, w7 = weights[a + 4], weights[a + 5], weights[a + 6], weights[a + 7]
         for b in range(len(target)):
             four = (w0 * rows[a, b] + w1 * rows[a + 1, b]) + (w2 * rows[a + 2, b] + w3 * rows[a + 3, b])
-            more = (w4 * rows[a + 4, b] + w5 * rows[a + 5, b]) + (w6 * rows[a + 6, b] + w7 * rows[a + 7, b])
-            target[b] = (target[b] + four) + more
+            next_four = (w4 * rows[a + 4, b] + w5 * rows[a + 5, b]) + (
+                w6 * rows[a + 6, b] + w7 * rows[a + 7, b]
+            )
+            target[b] = (target[b] + four) + next_four
     for a in range(pairs, whole, 4):
         w0, w1, w2, w3 = weights[a], weights[a + 1], weights[a + 2], weights[a + 3]
         for b in range(len(target)):

@@ -1,4 +1,4 @@
-"""One exact step of a diagonal plant over a time dt, in closed form but for what random walks leave."""
+"""One exact step of a diagonal plant over a time dt, in closed form except for the random walks' noise."""
 
 from __future__ import annotations
 
@@ -60,20 +60,20 @@ def number_steps(dt_s, start, step, lengths):
 
     Returns the first step that is left and how many lengths there are.
     """
-    count, known = 0, 0
+    count, number = 0, 0
     for k in range(start, len(dt_s)):
         if k > start and dt_s[k] == dt_s[k - 1]:
-            step[k] = known
+            step[k] = number
             continue
         length = rint(dt_s[k] * TICKS_PER_S) / TICKS_PER_S
-        if known == count or lengths[known] != length:
-            known = 0
-            while known < count and lengths[known] != length:
-                known += 1
-            if known == len(lengths):
+        if number == count or lengths[number] != length:
+            number = 0
+            while number < count and lengths[number] != length:
+                number += 1
+            if number == len(lengths):
                 return k, count
-            if known == count:
+            if number == count:
                 lengths[count] = length
                 count += 1
-        step[k] = known
+        step[k] = number
     return len(dt_s), count

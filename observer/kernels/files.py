@@ -1,4 +1,4 @@
-"""What the compiled kernels are made of; `setup.py` reads this file as it stands."""
+"""The sources of the compiled kernels; `setup.py` reads this file as text."""
 
 from __future__ import annotations
 

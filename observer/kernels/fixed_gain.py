@@ -1,4 +1,4 @@
-"""The loop of an observer whose gains are given: one gain per set of sensors and length of step.
+"""The loop of an observer with designed gains: one gain per set of sensors and length of step.
 
 The step is that of the Kalman filter. Only the correction differs: x⁺ = x_pred + K (y - C x_pred), and the
 covariance follows by Joseph's form, which holds for any K (Bucy and Joseph 1968). Parameters that are
@@ -7,7 +7,7 @@ considered have rows of zeros in K, so that Joseph's form is the consider filter
 
 from __future__ import annotations
 
-from observer.kernels.codes import DONE, GOOD
+from observer.kernels.codes import FINISHED, GOOD
 from observer.kernels.covariance import mirror, squared
 from observer.kernels.judging import invalidate, readmit, refuse, skip, write_innovations, write_step
 from observer.kernels.kalman import SKIPPED, STARTED, start_or_predict
@@ -47,7 +47,7 @@ def key_of(u, k, state, work, step_bin):
 
 
 def law_jumps(p, u, k, P):
-    """Return whether a law's jump at step k adds to the variance of its heat what σ would notice."""
+    """Return whether a law's jump at step k adds noticeably to the variance of its heat."""
     n_x, jumps = len(p.uniform), False
     for j in range(len(p.source)):
         jump_W2 = squared(p.jump_uncertainty[j] * u.law_jump_W[k, p.source[j]])
@@ -55,60 +55,60 @@ def law_jumps(p, u, k, P):
     return jumps
 
 
-def observe(b, state, out, own):
+def observe(b, state, out, gain_work):
     """Run the observer over the K steps of the batch, changing `state` and filling `out`.
 
-    `own.at` is the next step. Where its gain is not among `own.gains`, it also holds that gain's key and how
-    the step was taken; with the gain added, the next call goes on from there. For `own.settling_s` after a
-    start, a release of all sensors, a law's jump, or a change of the sensors that are good, the Kalman gain
-    of the moment corrects instead of the given one, which is made for another covariance.
+    `gain_work.at` contains the next step. If `gain_work.gains` lacks its gain, it also contains the gain's
+    key and the kind of the step. The next call continues from there with the gain added. The current Kalman
+    gain replaces the designed one for `gain_work.settling_s` after a start, a release of all sensors, a law's
+    jump, or a change of the good sensors. The designed gain is for another covariance.
     """
-    taken, k = own.at[TAKEN], own.at[STEP]
+    taken, k = gain_work.at[TAKEN], gain_work.at[STEP]
     while k < len(b.step):
         if taken == SKIPPED:
-            taken = start_or_predict(b, k, state, own.work)
+            taken = start_or_predict(b, k, state, gain_work.work)
             if taken == SKIPPED:
-                skip(b.inputs, k, own.work.usable, state, out)
+                skip(b.inputs, k, gain_work.work.usable, state, out)
                 k += 1
                 continue
             state.verdict[0].runs_s = 0.0 if taken == STARTED else state.verdict[0].runs_s + b.inputs.dt_s[k]
-        compare(b.plant, b.inputs, k, state, own.work)
-        copy(state.suspect, own.work.suspect)
-        write_innovations(own.work.nu, own.work.S_nu, own.work.usable, k, out)
+        compare(b.plant, b.inputs, k, state, gain_work.work)
+        copy(state.suspect, gain_work.work.suspect)
+        write_innovations(gain_work.work.nu, gain_work.work.S_nu, gain_work.work.usable, k, out)
         out.log_likelihood[k] = 0.0
-        released = refuse(own.work.S_nu, b.gate_sigma, True, state, own.work)
-        key, correcting = key_of(b.inputs, k, state, own.work, own.bins[b.step[k]])
-        chosen = find_gain(own.gains, key)
+        released = refuse(gain_work.work.S_nu, b.gate_sigma, True, state, gain_work.work)
+        key, correcting = key_of(b.inputs, k, state, gain_work.work, gain_work.bins[b.step[k]])
+        chosen = find_gain(gain_work.gains, key)
         if chosen < 0 and correcting:
-            copy(own.work.suspect, state.suspect)
-            own.at[STEP], own.at[KEY], own.at[TAKEN] = k, key, taken
+            copy(gain_work.work.suspect, state.suspect)
+            gain_work.at[STEP], gain_work.at[KEY], gain_work.at[TAKEN] = k, key, taken
             return
-        if readmit(b.plant, b.inputs.dt_s[k], released, True, state, own.work) > 0.0:
-            compare(b.plant, b.inputs, k, state, own.work)
-        sensors, moved = key & ((1 << len(own.work.usable)) - 1), False
-        if correcting and own.settling_s > 0.0:
+        if readmit(b.plant, b.inputs.dt_s[k], released, True, state, gain_work.work) > 0.0:
+            compare(b.plant, b.inputs, k, state, gain_work.work)
+        sensors, moved = key & ((1 << len(gain_work.work.usable)) - 1), False
+        if correcting and gain_work.settling_s > 0.0:
             moved = sensors != state.flags[3] or law_jumps(b.plant, b.inputs, k, state.P)
         if released or moved:
             state.verdict[0].runs_s = 0.0
         if correcting:
             state.flags[3] = sensors
-        if correcting and state.verdict[0].runs_s <= own.settling_s:
-            keep(b.plant, state.x, state.P, own.work.kept)
-            correct_lower(b.plant, state, own.work)
-            give_back(b.plant, state.x, state.P, own.work.kept)
+        if correcting and state.verdict[0].runs_s <= gain_work.settling_s:
+            keep(b.plant, state.x, state.P, gain_work.work.saved)
+            correct_lower(b.plant, state, gain_work.work)
+            give_back(b.plant, state.x, state.P, gain_work.work.saved)
             mirror(state.P)
         elif correcting:
-            correct_by_gain(b.plant, own.gains.K[chosen], state, own.work)
+            correct_by_gain(b.plant, gain_work.gains.K[chosen], state, gain_work.work)
         draw_near(b.plant, b.inputs.dt_s[k], state.x, state.around)
-        known = write_step(b.plant, b.inputs, k, state, own.work, out)
-        report_learned(b.plant, state.x, state.P, k, own.work, out)
-        if not known:
+        is_valid = write_step(b.plant, b.inputs, k, state, gain_work.work, out)
+        report_learned(b.plant, state.x, state.P, k, gain_work.work, out)
+        if not is_valid:
             invalidate(out, k)
         k, taken = k + 1, SKIPPED
-    own.at[STEP], own.at[KEY] = k, DONE
+    gain_work.at[STEP], gain_work.at[KEY] = k, FINISHED
 
 
-def run_fixed_gain(b, state, out, own):
+def run_fixed_gain(b, state, out, gain_work):
     """Run an observer with given gains (see `fixed_gain.observe`)."""
     with cython.nogil:
-        observe(b, state, out, own)
+        observe(b, state, out, gain_work)

@@ -27,7 +27,7 @@ cdef inline void move_rows(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1]
 cdef inline bint write_values(PlantArrays p, Inputs u, Py_ssize_t k, Running state, Work work, Results out) noexcept nogil
 cdef inline bint write_sigmas(Running state, Py_ssize_t k, Work work, Results out) noexcept nogil
 cdef inline void clear(double[:, ::1] P) noexcept nogil
-@cython.locals(known=bint)
+@cython.locals(is_valid=bint)
 cdef inline bint write_step(PlantArrays p, Inputs u, Py_ssize_t k, Running state, Work work, Results out) noexcept nogil
 @cython.locals(released=bint)
 cdef inline bint judge_sensors(PlantArrays p, Inputs u, Py_ssize_t k, double gate_sigma, Running state, Work work) noexcept nogil

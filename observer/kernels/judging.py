@@ -1,4 +1,4 @@
-"""What a step is worth: which values may be used, the gate, the qualities, and what is reported."""
+"""Quality of a step: usable readings, the gate, the qualities, and the reported results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from observer.kernels.codes import (
 )
 from observer.kernels.covariance import add_scaled, squared, squares_of_rows, sum_scaled
 from observer.kernels.libc import INFINITY, NAN, cython, floor, fmod, isfinite, isinf, sqrt
-from observer.kernels.vector import LANES, none, store_at
+from observer.kernels.vector import LANES, store_at, zero_lanes
 
 RELEASE_AFTER_STEPS = 3
 STALE_AFTER_STEPS = 2
@@ -35,7 +35,7 @@ _AGREES = 0.3  # part of what a sensor was off when the state was opened for it
 
 
 def step_is_finite(u, k):
-    """Whether every law, known input and moving column of step k is a number."""
+    """Return whether every law, known input and moving column of step k is finite."""
     total = 0.0
     for j in range(u.law_W.shape[1]):
         total += u.law_W[k, j]
@@ -48,7 +48,7 @@ def step_is_finite(u, k):
 
 
 def find_usable(u, k, usable):
-    """Which sensors may correct at step k; return how many. A value that is no number never may."""
+    """Mark the usable sensors at step k, those with a finite value; return their number."""
     count = 0
     for i in range(len(usable)):
         usable[i] = u.usable[k, i] and isfinite(u.y_degC[k, i])
@@ -58,11 +58,11 @@ def find_usable(u, k, usable):
 
 
 def gate(S, gate_sigma, state, work):
-    """Refuse |ν_i| > gate √S_i; return whether the model, not the sensors, is the surprised one.
+    """Reject |ν_i| > gate √S_i; return whether the model rather than the sensors must be wrong.
 
-    That is so when more than half of the usable sensors have each been refused for three steps in a row: then
-    everything is accepted, the counts start afresh, and the caller must inflate P before it corrects. A
-    single sensor among several stays refused for as long as it disagrees.
+    This is the case if more than half of the usable sensors have been rejected for three steps in a row. Then
+    all readings are accepted, the counts start again, and the caller must inflate P before the correction. A
+    single sensor among several stays rejected while it disagrees.
     """
     present, long_refused = 0, 0
     for i in range(len(work.nu)):
@@ -86,7 +86,7 @@ def gate(S, gate_sigma, state, work):
 
 
 def defer_readmitted(state, work):
-    """Keep sensors out for which P was inflated, until the others have corrected or they agree again."""
+    """Reject sensors for which P was inflated, until the others have corrected or they agree again."""
     for i in range(len(work.usable)):
         since_s, opened_K = state.refused_s[i] - REOPEN_AFTER_S, state.opened_K[i]
         due = since_s >= 0.0 and fmod(since_s, REOPEN_EVERY_S) < HELD_BACK_S
@@ -96,7 +96,7 @@ def defer_readmitted(state, work):
 
 
 def refuse(S, gate_sigma, model_may_be_wrong, state, work):
-    """Refuse what lies beyond the gate; return whether most sensors were released from it (see `gate`)."""
+    """Reject readings beyond the gate; return whether all sensors were released from it (see `gate`)."""
     released = gate(S, gate_sigma, state, work)
     if model_may_be_wrong and not released:
         defer_readmitted(state, work)
@@ -104,12 +104,12 @@ def refuse(S, gate_sigma, model_may_be_wrong, state, work):
 
 
 def readmit(p, dt_s, released, model_may_be_wrong, state, work):
-    """The rule by which refused sensors come back; return by what share of its prior P was inflated.
+    """Inflate P so that rejected sensors can return; return the added share of the prior.
 
-    Where most were released at once, by the whole. A filter that was led astray by wrong inputs is sure of
-    itself and refuses the sensors that are right. While the model may be wrong, P gets, after 20 s and three
-    samples and then every minute, the share of its prior that would let the refused sensor be right. The
-    others say first what they make of it. A broken sensor is refused again.
+    After a release of all sensors the share is 1. Wrong inputs make a filter overconfident, so that it
+    rejects correct sensors. If the model may be wrong, a share of the prior is added after 20 s and three
+    samples, and then every minute. The share is the one with which the rejected sensor could be right. The
+    other sensors correct first. A broken sensor is rejected again.
     """
     share = 0.0
     if released:
@@ -134,15 +134,15 @@ def readmit(p, dt_s, released, model_may_be_wrong, state, work):
 
 
 def judge_sensors(p, u, k, gate_sigma, state, work):
-    """Which usable sensors may correct; return whether P was inflated: then they are to be compared anew."""
+    """Mark the accepted sensors; return whether P was inflated, so that `compare` must run again."""
     released = refuse(work.S_nu, gate_sigma, True, state, work)
     return readmit(p, u.dt_s[k], released, True, state, work) > 0.0
 
 
 def inflate_for_lost_position(p, u, k, lost_s, P):
-    """Let P grow while the place of a nut is not known: its heat goes where nobody sees it.
+    """Inflate P while the position of a nut is unknown, because its heat enters at an unknown place.
 
-    What is misplaced grows with time, so the prior's share with its square, up to the whole after 40 s.
+    The misplaced heat grows with time. The share of the prior grows with its square, up to 1 after 40 s.
     """
     if u.degraded[k] < NUT_LOST:
         lost_s[0] = 0.0
@@ -154,7 +154,7 @@ def inflate_for_lost_position(p, u, k, lost_s, P):
 
 
 def _share_of_prior(p, C, i, nu):
-    """The share of the prior that makes an innovation of sensor i one of three standard deviations."""
+    """Return the share of the prior with which an innovation of sensor i is three standard deviations."""
     n_x, variance = len(p.uniform), 0.0
     for a in range(n_x):
         for b in range(n_x):
@@ -163,8 +163,9 @@ def _share_of_prior(p, C, i, nu):
 
 
 def add_prior(p, P, share):
-    """Add a share of the prior's covariance of field, heats and what is learnt to P; of the last no more than
-    makes it that of the prior.
+    """Add a share of the prior's covariance of field, heats and parameters to P.
+
+    Variances of parameters do not exceed those of the prior.
     """
     n_x, first = len(p.uniform), len(p.uniform) + len(p.source)
     for a in range(n_x):
@@ -178,12 +179,11 @@ def add_prior(p, P, share):
 
 
 def judge(u, k, usable, accepted, state, out):
-    """Fill in each sensor's quality and return that of the estimate; `state.flags[1]` counts the silent
-    steps.
+    """Write each sensor's quality and return that of the estimate; `state.flags[1]` counts silent steps.
 
-    A refused sensor stays marked between its samples. Only quality is judged: a tick between two samples of a
-    slow sensor is neither degraded nor stale. With `state.flags[2]` the bounds have limits: an estimate that
-    meets them does not need the sensors that deliver nothing usable.
+    A rejected sensor stays marked between its samples. A tick between two samples of a slow sensor is neither
+    degraded nor stale. With `state.flags[2]` the bounds have limits, and an estimate within them does not
+    need sensors without usable readings.
     """
     good, stale, refused, lost = 0, 0, 0, 0
     for i in range(len(usable)):
@@ -215,8 +215,10 @@ def judge(u, k, usable, accepted, state, out):
 
 
 def judge_screening(verdict, time_s):
-    """The quality that is left where something is not explained, was decided just now or still settles, or
-    where readings are not judged yet.
+    """Return the quality by the screening's verdict.
+
+    It is degraded if a fault is unexplained or was decided just now. It is starting if the estimate still
+    settles or readings are not yet judged.
     """
     if verdict.hold_s > 0.0 or verdict.settling_s > 0.0:
         if time_s > verdict.held_until_s:
@@ -233,7 +235,7 @@ def judge_screening(verdict, time_s):
 
 
 def skip(u, k, usable, state, out):
-    """Report a step that cannot be computed; the state stays as it is."""
+    """Report a step that cannot be computed; the state does not change."""
     judge(u, k, usable, usable, state, out)
     forget(out.law, k)
     forget(out.innovation, k)
@@ -243,7 +245,7 @@ def skip(u, k, usable, state, out):
 
 
 def write_innovations(nu, S, usable, k, out):
-    """Innovations and their σ of step k, and NaN where no value came."""
+    """Write innovations and their σ of step k, NaN without a usable value."""
     for i in range(len(usable)):
         out.innovation[k, i] = nu[i] if usable[i] else NAN
         out.innovation_sigma[k, i] = sqrt(S[i]) if usable[i] else NAN
@@ -256,7 +258,7 @@ def forget(rows, k):
 
 
 def invalidate(out, k):
-    """Mark step k as not known."""
+    """Write NaN for the results of step k, with the quality invalid."""
     forget(out.heat, k)
     forget(out.heat_sigma, k)
     forget(out.field, k)
@@ -282,7 +284,7 @@ def move_rows(p, u, k, rows):
 
 
 def write_values(p, u, k, state, work, out):
-    """Heats and their laws, field and error of step k; return whether all are numbers."""
+    """Write heats and their laws, field and error of step k; return whether all are finite."""
     n_x, lost = len(p.uniform), 0
     for j in range(len(p.source)):
         law = work.law[p.source[j]]
@@ -290,7 +292,7 @@ def write_values(p, u, k, state, work, out):
         out.heat[k, j] = law + state.x[n_x + j]
         lost += 0 if isfinite(out.heat[k, j]) else 1
     for q in range(len(work.value) // LANES):
-        store_at(work.value, q, sum_scaled(none(), p.rows_F, q, u.z_end, k, len(p.rows_F)))
+        store_at(work.value, q, sum_scaled(zero_lanes(), p.rows_F, q, u.z_end, k, len(p.rows_F)))
     add_scaled(work.value, work.rows, state.x, n_x)
     for r in range(out.field.shape[1]):
         out.field[k, r] = work.value[r]
@@ -299,15 +301,15 @@ def write_values(p, u, k, state, work, out):
 
 
 def write_step(p, u, k, state, work, out):
-    """Write what step k has estimated, and its quality; return whether all are numbers."""
+    """Write the results and the quality of step k; return whether all are finite."""
     rate(out, k, judge(u, k, work.usable, work.accepted, state, out))
     move_rows(p, u, k, work.rows)
-    known = write_values(p, u, k, state, work, out)
-    return write_sigmas(state, k, work, out) and known
+    is_valid = write_values(p, u, k, state, work, out)
+    return write_sigmas(state, k, work, out) and is_valid
 
 
 def write_sigmas(state, k, work, out):
-    """σ = √(c P cᵀ) of every heat and output row at step k; return whether all are numbers."""
+    """Write σ = √(c P cᵀ) of every heat and output row at step k; return whether all are finite."""
     n_x, lost = len(work.rows), 0
     for j in range(out.heat_sigma.shape[1]):
         out.heat_sigma[k, j] = sqrt(state.P[n_x + j, n_x + j])

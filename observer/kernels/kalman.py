@@ -23,9 +23,7 @@ SKIPPED, STARTED, STEPPED = 0, 1, 2
 
 
 def start_or_predict(b, k, state, work):
-    """Take the state to the end of step k, before its measurements; return whether it could not be computed,
-    was the first, or a step from the one before.
-    """
+    """Take the state to the end of step k, before its measurements; return SKIPPED, STARTED or STEPPED."""
     present = find_usable(b.inputs, k, work.usable)
     for i in range(len(work.accepted)):
         work.accepted[i] = False
@@ -60,9 +58,9 @@ def judge_and_correct(p, u, k, gate_sigma, state, work):
         return 0.0
     if opened:
         compare(p, u, k, state, work)
-    keep(p, state.x, state.P, work.kept)
+    keep(p, state.x, state.P, work.saved)
     log_likelihood = correct_lower(p, state, work)
-    give_back(p, state.x, state.P, work.kept)
+    give_back(p, state.x, state.P, work.saved)
     return log_likelihood
 
 
@@ -74,8 +72,7 @@ def filter_steps(b, state, out, work):
 def filter_part(b, state, out, work, first, end):
     """Run the Kalman filter from step `first` up to `end`, changing `state` and filling `out`.
 
-    `step` (K,) is where each step's length is in the table `t`. A step whose laws or known inputs are no
-    numbers cannot be computed: it leaves the state as it is and is invalid.
+    A step with laws or known inputs that are not finite is invalid and does not change the state.
     """
     for k in range(first, end):
         if start_or_predict(b, k, state, work) == SKIPPED:
@@ -85,9 +82,9 @@ def filter_part(b, state, out, work, first, end):
         write_innovations(work.nu, work.S_nu, work.usable, k, out)
         out.log_likelihood[k] = judge_and_correct(b.plant, b.inputs, k, b.gate_sigma, state, work)
         draw_near(b.plant, b.inputs.dt_s[k], state.x, state.around)
-        known = write_step(b.plant, b.inputs, k, state, work, out)
+        is_valid = write_step(b.plant, b.inputs, k, state, work, out)
         report_learned(b.plant, state.x, state.P, k, work, out)
-        if not known:
+        if not is_valid:
             invalidate(out, k)
     mirror(state.P)
 

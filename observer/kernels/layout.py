@@ -76,17 +76,17 @@ class Bundle:
 
     @classmethod
     def of(cls, like: Mapping[str, Any]) -> Bundle:
-        """Take arrays of these names, shapes and types, with what they hold."""
-        own = cls(Fields(np.dtype([(n, a.dtype, a.shape) for n, a in like.items()], align=True)))
+        """Return a bundle with copies of arrays, by their names."""
+        bundle = cls(Fields(np.dtype([(n, a.dtype, a.shape) for n, a in like.items()], align=True)))
         for name, array in like.items():
-            own[name][...] = array
-        return own
+            bundle[name][...] = array
+        return bundle
 
     def __getitem__(self, name: str) -> Any:
         return self._whole[name]
 
     def put_back(self, data: bytes) -> None:
-        """Hold again what the octets were."""
+        """Restore the octets."""
         self.octets[:] = np.frombuffer(data, np.uint8)
 
     def over(self, name: str, shape: tuple[int, ...]) -> Array:

@@ -1,9 +1,9 @@
-"""What is learnt of a machine while it runs: what each parameter does to field and readings.
+"""Effects of learnt and considered parameters on field and readings.
 
-A filter that took these sensitivities at its own estimate would have gains that go with the noise of that
-estimate, and whatever multiplies a state (a place, a lag, a loss at an end) would drift by several σ. They
-are taken at a state `around` instead, which the laws and what is learnt drive, and which follows the estimate
-so slowly that the noise is gone from it.
+Sensitivities taken at the estimate would make the gains depend on its noise. Parameters that multiply a state
+(a position, a lag, a loss at an end) would then drift by several σ. The sensitivities are therefore taken at
+a linearisation point. Laws and learnt parameters drive this state, and it follows the estimate so slowly that
+it is free of its noise.
 """
 
 from __future__ import annotations
@@ -16,21 +16,23 @@ from observer.kernels.judging import add_prior, clear
 from observer.kernels.libc import exp, expm1, sqrt
 
 FOLLOWS_S = 1200.0
-"""How slowly `around` follows the estimate."""
+"""Time constant with which the linearisation point follows the estimate."""
 _SURE = 3.0
 
 
-def follow(p, b, k, around, x, work):
-    """Take `around` over step k; put what the machine's parameters do over it into the rows of `work.G` that
-    follow those of the heats, and what those of the sensors do to readings into C.
+def follow(p, b, k, linearisation_point, x, work):
+    """Take the linearisation point over step k, and write the effects of the parameters.
+
+    Those of the machine over the step go into the rows of `work.G` after those of the heats. Those of the
+    sensors on readings go into C.
     """
     if len(p.learn.kind) == 0:
         return
     B, n_x, m_e = work.B, work.B.shape[1], len(p.source)
     machine = p.learn.machine
     for a in range(n_x + m_e):
-        work.before_around[a] = around[a]
-    advance_learning(p, b, k, around, 0, work)
+        work.before_around[a] = linearisation_point[a]
+    advance_learning(p, b, k, linearisation_point, 0, work)
     if len(p.learn.V) > 0:
         bring(p, B, work.before_around, work)
     for i in range(machine):
@@ -47,12 +49,12 @@ def follow(p, b, k, around, x, work):
         learnt = x[n_x + row]
         for a in range(n_x):
             work.G[row, a] *= b.table.hold[b.step[k], a]
-            around[a] += work.G[row, a] * learnt
-    see(p, b.inputs, k, b.inputs.dt_s[k], work.C, around)
+            linearisation_point[a] += work.G[row, a] * learnt
+    see(p, b.inputs, k, b.inputs.dt_s[k], work.C, linearisation_point)
 
 
 def bring(p, B, before, work):
-    """Take columns and a state of [ξ | δ] to the states x = V ξ in which parameters are described."""
+    """Write columns and a state of [ξ | δ] in the states x = V ξ of the parameters' matrices."""
     n_x = B.shape[1]
     for j in range(B.shape[0]):
         multiply(p.VT, B[j], work.plain_B[j])
@@ -70,8 +72,9 @@ def multiply(VT, x, y):
 
 
 def drive(p, u, k, B, i, x, work, c):
-    """What a unit of parameter i adds to dx/dt at the state x at the start of step k, (n_x,):
-    A x + B q + E z + f (see `observer.model.learning.Change`).
+    """Write the effect of a unit of parameter i on dx/dt at the state x at the start of step k, (n_x,).
+
+    It is A x + B q + E z + f (see `observer.model.learning.Change`).
     """
     n_x, source = B.shape[1], p.learn.law[i]
     if source >= 0:
@@ -105,8 +108,10 @@ def drive(p, u, k, B, i, x, work, c):
 
 
 def pass_heat(p, u, k, B, i, x, work, c):
-    """What link i of a node to a nut that moves adds to dx/dt if it conducts as much again: G v d x with the
-    nut where it is, d the row of the temperature difference and v what 1 J passed does.
+    """Write the change of dx/dt if link i of a node to a moving nut conducts twice as much: G v d x.
+
+    The nut is at its position of the step, d is the row of the temperature difference, and v the column of
+    1 J passed.
     """
     source, apart_K = p.coupling.links.source[i], 0.0
     see_under(p.coupling, source, B, work.link)
@@ -119,11 +124,11 @@ def pass_heat(p, u, k, B, i, x, work, c):
         c[a] = heat_W * (p.coupling.place_gain[source] * B[source, a] - p.coupling.links.B[i, a])
 
 
-def see(p, u, k, dt_s, C, around):
-    """Put what a unit of each sensor's parameters does to its reading into its row of C.
+def see(p, u, k, dt_s, C, linearisation_point):
+    """Write the effect of a unit of each sensor's parameters on its reading into its row of C.
 
-    `around` goes on with what each sensor would read without a lag and with one of its whole tolerance; a lag
-    is judged by the difference, so a reading is right with none, with that one, and nearly so in between.
+    The linearisation point also contains each sensor's reading without lag and with a lag of one tolerance.
+    The effect of a lag is their difference. It is exact for these two lags, and nearly so in between.
     """
     first, s = len(p.uniform) + len(p.source), len(p.R_K2)
     for q in range(p.learn.machine, len(p.learn.kind)):
@@ -131,34 +136,36 @@ def see(p, u, k, dt_s, C, around):
         entry = p.learn.shift_K[q]
         if lag_s > 0.0:
             slow = first + s + i
-            now_degC = below(p, u, k, C, i, around)
+            now_degC = below(p, u, k, C, i, linearisation_point)
             if dt_s > 0.0:
                 fade = exp(-dt_s / lag_s)
                 mean = lag_s / dt_s * (1.0 - fade)
-                around[slow] = (
-                    fade * around[slow] + (mean - fade) * around[first + i] + (1.0 - mean) * now_degC
+                linearisation_point[slow] = (
+                    fade * linearisation_point[slow]
+                    + (mean - fade) * linearisation_point[first + i]
+                    + (1.0 - mean) * now_degC
                 )
-            around[first + i] = now_degC
-            entry += (around[slow] - now_degC) / lag_s
+            linearisation_point[first + i] = now_degC
+            entry += (linearisation_point[slow] - now_degC) / lag_s
         for a in range(len(p.uniform)):
-            entry += p.learn.row[q, a] * around[a]
+            entry += p.learn.row[q, a] * linearisation_point[a]
         for z in range(p.F.shape[1]):
             entry += p.learn.row_known[q, z] * u.z_end[k, z]
         C[i, first + q] = entry
 
 
-def below(p, u, k, C, i, around):
-    """The temperature that a true sensor i would read at the end of step k, °C."""
+def below(p, u, k, C, i, linearisation_point):
+    """Return the reading of an exact sensor i at the end of step k, °C."""
     degC = 0.0
     for a in range(len(p.uniform)):
-        degC += C[i, a] * around[a]
+        degC += C[i, a] * linearisation_point[a]
     for q in range(p.F.shape[1]):
         degC += p.F[i, q] * u.z_end[k, q]
     return degC
 
 
 def advance_learning(p, b, k, x, learnt, work):
-    """Take a state over step k as `advance` does, with what so many parameters behind it add, which fade."""
+    """Take a state over step k as `advance` does, with the effects and the fading of `learnt` parameters."""
     n_x, first = work.B.shape[1], work.B.shape[1] + len(p.source)
     if p.coupling.active:
         step_half(p, b.inputs, k, b.inputs.z_start[k], x, 0, work)
@@ -185,64 +192,66 @@ def add_columns_of(G, first, count, n_x, x):
             x[a] += w0 * G[i, a]
 
 
-def keep(p, x, P, kept):
-    """Remember the values of what is considered only, and their covariance's lower triangle, (h, h + 1)."""
+def keep(p, x, P, saved):
+    """Save considered parameters with the lower triangle of their covariance, (h, h + 1)."""
     first = len(p.uniform) + len(p.source)
     for i in range(len(p.learn.held)):
-        kept[i, 0] = x[first + p.learn.held[i]]
+        saved[i, 0] = x[first + p.learn.held[i]]
         for j in range(i + 1):
-            kept[i, j + 1] = P[first + p.learn.held[i], first + p.learn.held[j]]
+            saved[i, j + 1] = P[first + p.learn.held[i], first + p.learn.held[j]]
 
 
-def give_back(p, x, P, kept):
-    """Put them back: a correction leaves them as they are, and their covariance with the rest as it becomes
-    (Schmidt 1966).
+def give_back(p, x, P, saved):
+    """Restore the values that `keep` saved after a correction.
+
+    The covariance of considered parameters with other states stays corrected (Schmidt 1966).
     """
     first = len(p.uniform) + len(p.source)
     for i in range(len(p.learn.held)):
-        x[first + p.learn.held[i]] = kept[i, 0]
+        x[first + p.learn.held[i]] = saved[i, 0]
         for j in range(i + 1):
-            P[first + p.learn.held[i], first + p.learn.held[j]] = kept[i, j + 1]
+            P[first + p.learn.held[i], first + p.learn.held[j]] = saved[i, j + 1]
 
 
-def draw_near(p, dt_s, x, around):
-    """Have `around` follow the estimate."""
+def draw_near(p, dt_s, x, linearisation_point):
+    """Move the linearisation point towards the estimate."""
     if len(p.learn.kind) == 0:
         return
     share = -expm1(-dt_s / FOLLOWS_S)
     for a in range(len(p.uniform) + len(p.source)):
-        around[a] += share * (x[a] - around[a])
+        linearisation_point[a] += share * (x[a] - linearisation_point[a])
 
 
 def begin(p, u, k, state, work):
-    """After the start: `around` is the state, and where the machine stands, the state is that of the air.
+    """Set the linearisation point to the state after the start; a machine at rest starts from the air.
 
-    A machine that stood overnight has one temperature, the air's, and what its sensors say then is what they
-    and the air's thermometer read too much.
+    A machine at rest overnight has the air's temperature. Its readings then show the offsets of its sensors
+    and of the air's thermometer.
     """
     if len(p.learn.kind) == 0:
         return
-    if stands(p, u, k, work.usable, work.C):
+    if is_at_rest(p, u, k, work.usable, work.C):
         rest(p, u, k, state.x, state.P)
     linearise_at(p, u, k, work.C, state.x, state.around)
 
 
-def linearise_at(p, u, k, C, x, around):
-    """Take the effects at the state x from now on, no sensor lagging."""
+def linearise_at(p, u, k, C, x, linearisation_point):
+    """Set the linearisation point to the state x, without lags of sensors."""
     first, s = len(p.uniform) + len(p.source), len(p.R_K2)
     for a in range(first):
-        around[a] = x[a]
+        linearisation_point[a] = x[a]
     for i in range(s):
-        around[first + i] = below(p, u, k, C, i, around)
-        around[first + s + i] = around[first + i]
-    see(p, u, k, 0.0, C, around)
+        linearisation_point[first + i] = below(p, u, k, C, i, linearisation_point)
+        linearisation_point[first + s + i] = linearisation_point[first + i]
+    see(p, u, k, 0.0, C, linearisation_point)
 
 
-def stands(p, u, k, usable, C):
-    """Whether no law makes heat, and every sensor shows the air's temperature, within what is known; some
-    must see more of the screw than of the air.
+def is_at_rest(p, u, k, usable, C):
+    """Return whether no law makes heat and every sensor agrees with the air's temperature.
+
+    At least one sensor must respond to the screw more than to the air.
     """
-    ambient_K, seen = 0.0, 0
+    ambient_K, count = 0.0, 0
     for q in range(p.learn.machine):
         if p.learn.kind[q] == AMBIENT:
             ambient_K = p.learn.sigma[q]
@@ -256,15 +265,15 @@ def stands(p, u, k, usable, C):
             for a in range(len(p.uniform)):
                 part += C[i, a] * p.uniform[a]
             if part > 0.5:
-                seen += 1
+                count += 1
             variance = squared(p.learn.sigma[q]) + squared(ambient_K) + p.R_K2[i]
             apart_K = u.y_degC[k, i] - u.z_end[k, p.learn.ambient]
             quiet = quiet and apart_K * apart_K <= _SURE * _SURE * variance
-    return quiet and seen > 0
+    return quiet and count > 0
 
 
 def rest(p, u, k, x, P):
-    """The state of a machine at the temperature of the air, and what is not known of it."""
+    """Write state and covariance of a machine at the temperature of the air."""
     n_x, m_e, first = len(p.uniform), len(p.source), len(p.uniform) + len(p.source)
     for a in range(len(x)):
         x[a] = 0.0
@@ -288,14 +297,14 @@ def rest(p, u, k, x, P):
 
 
 def report_learned(p, x, P, k, work, out):
-    """Add to the heats what is learnt of their laws, and write what is learnt at all."""
+    """Add the learnt changes of laws to the heats, and write the learnt parameters."""
     n_x, m_e = len(p.uniform), len(p.source)
     for q in range(len(p.learn.kind)):
-        own = n_x + m_e + q
-        out.learned[k, q], out.learned_sigma[k, q] = x[own], sqrt(P[own, own])
+        index = n_x + m_e + q
+        out.learned[k, q], out.learned_sigma[k, q] = x[index], sqrt(P[index, index])
         if p.learn.kind[q] == LAW:
             j = p.learn.of[q]
             law_W = work.law[p.source[j]]
-            out.heat[k, j] += law_W * x[own]
-            shared = 2.0 * P[own, n_x + j] + law_W * P[own, own]
+            out.heat[k, j] += law_W * x[index]
+            shared = 2.0 * P[index, n_x + j] + law_W * P[index, index]
             out.heat_sigma[k, j] = sqrt(max(0.0, squared(out.heat_sigma[k, j]) + law_W * shared))

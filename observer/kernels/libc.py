@@ -22,7 +22,7 @@ NAN: Final = math.nan
 M_PI: Final = math.pi
 
 
-def _as_in_c(function: Callable[[float], float], beyond: float) -> Callable[[float], float]:
+def _as_in_c(function: Callable[[float], float], overflow: float) -> Callable[[float], float]:
     """The function with C's answers where Python raises: NaN outside its domain, `beyond` on overflow."""
 
     def answer(value: float) -> float:
@@ -31,7 +31,7 @@ def _as_in_c(function: Callable[[float], float], beyond: float) -> Callable[[flo
         except ValueError:
             return NAN
         except OverflowError:
-            return beyond
+            return overflow
 
     return answer
 

@@ -1,7 +1,7 @@
 @cython.locals(rows=Rows, row=Py_ssize_t, taken=Py_ssize_t)
-cpdef Py_ssize_t put_reading(LiveWalk own, double time_s, double late_s, values) except -2
+cpdef Py_ssize_t put_reading(LiveWalk walk, double time_s, double late_s, values) except -2
 @cython.locals(rows=Rows, count=Py_ssize_t)
-cpdef tick_on(LiveWalk own, double time_s)
+cpdef tick_on(LiveWalk walk, double time_s)
 @cython.locals(hours=double, hours_before=double, ready=bint, column=Py_ssize_t)
 cpdef void fill_inputs(ColumnsRead read, DriveDesk desk, double begin_s, double last_s) noexcept nogil
 @cython.locals(ready=bint, before=double, start=double)
@@ -11,9 +11,9 @@ cdef inline void _fill_laws(DriveDesk desk, Py_ssize_t k) noexcept nogil
 @cython.locals(heat_W=double)
 cdef void put_products(Products laws, const double[:, ::1] values, double[:, ::1] law) noexcept nogil
 @cython.locals(desk=DriveDesk, inputs=Inputs, moment=double[::1], nut=LiveNut)
-cdef drive_frame(DriveTick own)
-cdef watch_frame(TestTick own)
+cdef drive_frame(DriveTick tick)
+cdef watch_frame(TestTick tick)
 @cython.locals(length_s=double)
-cdef estimate_frame(EstimatorTick own)
+cdef estimate_frame(EstimatorTick tick)
 @cython.locals(drive=DriveTick, estimator=EstimatorTick, test=TestTick)
-cpdef step_frame(LiveStep own, bytes data)
+cpdef step_frame(LiveStep step, bytes data)

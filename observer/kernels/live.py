@@ -1,7 +1,7 @@
-"""The way of one reading and one tick, on records that live on from tick to tick.
+"""One reading and one tick, on records that persist from tick to tick.
 
-The same kernels as over whole logs, one call a stage: what they work on is handed over as a record, whose
-memory belongs to the part that takes the steps.
+The kernels are those of whole logs, with one call for each stage. Each stage receives a record. Its memory
+belongs to the part that takes the steps.
 """
 
 from __future__ import annotations
@@ -15,38 +15,39 @@ from observer.kernels.selftest import compare_ways, run_selftest
 from observer.kernels.walk import walk_rows
 
 
-def put_reading(own, time_s, late_s, values):
-    """Have the values of a reading wait as a row; return how many are floats of channels, -1 without room."""
-    rows, row, taken = own.rows, own.waiting, 0
+def put_reading(walk, time_s, late_s, values):
+    """Queue the values of a reading as a row; return the number of floats of channels, -1 without room."""
+    rows, row, taken = walk.rows, walk.waiting, 0
     if row == len(rows.time_s):
         return -1
     rows.time_s[row], rows.late_s[row] = time_s, late_s
-    for j in range(len(own.names)):
+    for j in range(len(walk.names)):
         rows.present[row, j] = False
-        if own.names[j] in values:
-            value = values[own.names[j]]
+        if walk.names[j] in values:
+            value = values[walk.names[j]]
             rows.values[row, j], rows.present[row, j], rows.faulted[row, j] = value, True, False
             taken += type(value) is float
-    own.waiting = row + 1
+    walk.waiting = row + 1
     return taken
 
 
-def tick_on(own, time_s):
-    """Walk over the rows that wait and a tick behind them; return its frame for good, None without room."""
-    rows, count = own.rows, own.waiting
+def tick_on(walk, time_s):
+    """Walk over the queued rows and a tick after them; return a copy of its frame, None without room."""
+    rows, count = walk.rows, walk.waiting
     if count == len(rows.time_s):
         return None
     rows.time_s[count], rows.late_s[count], rows.step[count] = time_s, 0.0, True
     for j in range(rows.present.shape[1]):
         rows.present[count, j] = False
-    walk_rows(rows, count + 1, own.plan, own.memory, own.frames)
-    rows.step[count], own.waiting = False, 0
-    return bytes_of(own.octets, len(own.octets))
+    walk_rows(rows, count + 1, walk.plan, walk.memory, walk.frames)
+    rows.step[count], walk.waiting = False, 0
+    return bytes_of(walk.octets, len(walk.octets))
 
 
 def fill_inputs(read, desk, begin_s, last_s):
-    """Fill in the inputs of K steps from the values of frames, and of `desk.law` what is not known; shapes as
-    in `Inputs`.
+    """Fill in the inputs of K steps from the values of frames, and missing values of `desk.law`.
+
+    Shapes are those of `Inputs`.
     """
     time_s, quality, degraded = desk.time_s, desk.quality, desk.degraded
     for k in range(len(time_s)):
@@ -74,13 +75,13 @@ def _fill_known(read, desk, k, hours, hours_before):
 
     The error's reference, which comes after it, is the first ambient unless it is given.
     """
-    ready, known, z_start, z_end = True, desk.known, desk.z_start, desk.z_end
-    for q in range(known.shape[1]):
-        before = known[k - 1, q] if k > 0 else desk.z_before[q]
-        known[k, q] = desk.values[k, read.known[q]] if read.known[q] >= 0 else before
-        if q == read.reference and isnan(known[k, q]):
-            known[k, q] = known[k, read.ambient]
-        z_end[k, q] = known[k, q] + read.shift_K[q] + hours * read.rate_K_h[q]
+    ready, known_inputs, z_start, z_end = True, desk.known, desk.z_start, desk.z_end
+    for q in range(known_inputs.shape[1]):
+        before = known_inputs[k - 1, q] if k > 0 else desk.z_before[q]
+        known_inputs[k, q] = desk.values[k, read.known[q]] if read.known[q] >= 0 else before
+        if q == read.reference and isnan(known_inputs[k, q]):
+            known_inputs[k, q] = known_inputs[k, read.ambient]
+        z_end[k, q] = known_inputs[k, q] + read.shift_K[q] + hours * read.rate_K_h[q]
         start = before + read.shift_K[q] + hours_before * read.rate_K_h[q]
         z_start[k, q] = z_end[k, q] if isnan(start) else start
         ready = ready and isfinite(z_end[k, q])
@@ -112,57 +113,57 @@ def put_products(laws, values, law):
         law[0, j] = heat_W
 
 
-def drive_frame(own):
+def drive_frame(tick):
     """Fill in the inputs of one frame, and the state after it."""
-    desk, inputs, moment = own.desk, own.inputs, own.moment
-    put_products(own.laws, desk.values, desk.law)
+    desk, inputs, moment = tick.desk, tick.inputs, tick.moment
+    put_products(tick.laws, desk.values, desk.law)
     if isnan(moment[0]):
         moment[0] = desk.time_s[0]
-    fill_inputs(own.read, desk, moment[0], moment[1])
+    fill_inputs(tick.read, desk, moment[0], moment[1])
     moment[1] = desk.time_s[0]
     for j in range(len(desk.law_before_W)):
         desk.law_before_W[j] = desk.law[0, j]
     for q in range(len(desk.z_before)):
         desk.z_before[q] = desk.known[0, q]
-    inputs.time_s[0], inputs.dt_s[0] = desk.time_s[0], own.dt_s[0]
-    for i in range(len(own.nuts)):
-        nut = own.nuts[i]
-        average_columns(nut.table, nut.desk, own.dt_s, nut.path)
+    inputs.time_s[0], inputs.dt_s[0] = desk.time_s[0], tick.dt_s[0]
+    for i in range(len(tick.nuts)):
+        nut = tick.nuts[i]
+        average_columns(nut.table, nut.desk, tick.dt_s, nut.path)
 
 
-def watch_frame(own):
+def watch_frame(tick):
     """Compare the ways of nuts with their speeds over one frame (see `selftest.compare_ways`)."""
-    for i in range(len(own.paths)):
+    for i in range(len(tick.paths)):
         compare_ways(
-            own.paths[i], own.travel_m[i], own.state.motion[i : i + 1], own.seen.motion[:, i],
-            own.inputs.degraded,
+            tick.paths[i], tick.travel_m[i], tick.state.motion[i : i + 1], tick.tested.motion[:, i],
+            tick.inputs.degraded,
         )  # fmt: skip
 
 
-def estimate_frame(own):
-    """Take the step of one frame: by the Kalman filter, unless `own.other` takes it."""
-    length_s = rint(own.batch.inputs.dt_s[0] * TICKS_PER_S) / TICKS_PER_S
-    if length_s != own.length_s:
-        own.batch.table, own.length_s = own.table_of(length_s), length_s
-    if own.other is not None:
-        own.other()
+def estimate_frame(tick):
+    """Take the step of one frame, by the Kalman filter or by `tick.other`."""
+    length_s = rint(tick.batch.inputs.dt_s[0] * TICKS_PER_S) / TICKS_PER_S
+    if length_s != tick.length_s:
+        tick.batch.table, tick.length_s = tick.table_of(length_s), length_s
+    if tick.other is not None:
+        tick.other()
     else:
-        filter_steps(own.batch, own.running, own.results, own.work)
-    own.time_s[0] = own.batch.inputs.time_s[0]
-    if own.step_bank is not None:
-        if gather(own.batch.inputs, 0, own.gathered):
-            own.step_bank()
-        put_bounds(own.batch.plant, own.batch.inputs, own.results, 0, own.held)
-    if own.finish is not None:
-        own.finish()
+        filter_steps(tick.batch, tick.running, tick.results, tick.work)
+    tick.time_s[0] = tick.batch.inputs.time_s[0]
+    if tick.step_bank is not None:
+        if gather(tick.batch.inputs, 0, tick.gathered):
+            tick.step_bank()
+        put_bounds(tick.batch.plant, tick.batch.inputs, tick.results, 0, tick.bounds)
+    if tick.finish is not None:
+        tick.finish()
 
 
-def step_frame(own, data):
-    """Take a frame, kept as `data`, through drive, estimator and, if there is one, self-test.
+def step_frame(step, data):
+    """Take a frame, stored as `data`, through drive, estimator and, if there is one, self-test.
 
-    What only Python can do is called on the way. Returns the estimate for good.
+    Stages without a kernel are called in Python. Returns a copy of the estimate.
     """
-    drive, estimator, test = own.drive, own.estimator, own.test
+    drive, estimator, test = step.drive, step.estimator, step.test
     take_bytes(drive.octets, data)
     if drive.before is not None:
         drive.before()
@@ -174,7 +175,7 @@ def step_frame(own, data):
     estimate_frame(estimator)
     if test is not None:
         run_selftest(
-            test.seen,
+            test.tested,
             test.trust,
             test.state,
             estimator.results.quality,

@@ -6,16 +6,16 @@ from observer.kernels.codes import PARTS
 from observer.kernels.libc import bytes_of, float_at, octet_at, put_float32, put_float64
 
 
-def put_piece(own, at, piece):
-    """Write what is the same in every message; return where it ends."""
-    for i in range(own.ends[piece], own.ends[piece + 1]):
-        own.out[at] = own.pieces[i]
+def put_piece(message, at, piece):
+    """Write a constant piece of the message; return the position after it."""
+    for i in range(message.ends[piece], message.ends[piece + 1]):
+        message.out[at] = message.pieces[i]
         at += 1
     return at
 
 
 def put_count(out, at, count):
-    """Write a whole number from 0 on as CBOR; return where it ends."""
+    """Write a whole number ≥ 0 as CBOR; return the position after it."""
     size, mark = 0, count
     if count > 23:
         size, mark = 1, 24
@@ -27,31 +27,33 @@ def put_count(out, at, count):
     return at + 1 + size
 
 
-def encode(own, data, sequence, sensors_used):
-    """Return the message of an estimate, kept as `data`.
+def encode(message, data, sequence, sensors_used):
+    """Return the message of an estimate, stored as `data`.
 
-    Pieces: the beginning, what is between time and sequence, between that and the number of sensors used,
-    between that and quality, a name for each quality, the key of each part's quality, the head of each
-    array, the head of the sensors' qualities, a name for each of these.
+    The constant pieces are, in order:
+
+    - the beginning, and the pieces between time, sequence, number of used sensors, and quality;
+    - a name for each quality, and the key of each part's quality;
+    - the head of each array, the head of the sensors' qualities, and a name for each of these.
     """
-    source, arrays, first = data, len(own.begin), 4 + own.qualities + PARTS
-    at = put_piece(own, 0, 0)
-    put_float64(own.out, at, float_at(source, own.time_at))
-    at = put_piece(own, at + 8, 1)
-    at = put_count(own.out, at, sequence)
-    at = put_piece(own, at, 2)
-    at = put_count(own.out, at, sensors_used)
-    at = put_piece(own, at, 3)
-    at = put_piece(own, at, 4 + octet_at(source, own.quality_at))
+    source, arrays, first = data, len(message.begin), 4 + message.qualities + PARTS
+    at = put_piece(message, 0, 0)
+    put_float64(message.out, at, float_at(source, message.time_at))
+    at = put_piece(message, at + 8, 1)
+    at = put_count(message.out, at, sequence)
+    at = put_piece(message, at, 2)
+    at = put_count(message.out, at, sensors_used)
+    at = put_piece(message, at, 3)
+    at = put_piece(message, at, 4 + octet_at(source, message.quality_at))
     for part in range(PARTS):
-        at = put_piece(own, at, 4 + own.qualities + part)
-        at = put_piece(own, at, 4 + octet_at(source, own.parts_at + part))
+        at = put_piece(message, at, 4 + message.qualities + part)
+        at = put_piece(message, at, 4 + octet_at(source, message.parts_at + part))
     for a in range(arrays):
-        at = put_piece(own, at, first + a)
-        for i in range(own.numbers[a]):
-            put_float32(own.out, at, float_at(source, own.begin[a] + 8 * i))
+        at = put_piece(message, at, first + a)
+        for i in range(message.numbers[a]):
+            put_float32(message.out, at, float_at(source, message.begin[a] + 8 * i))
             at += 4
-    at = put_piece(own, at, first + arrays)
-    for i in range(own.sensors):
-        at = put_piece(own, at, first + 1 + arrays + octet_at(source, own.sensors_at + i))
-    return bytes_of(own.out, at)
+    at = put_piece(message, at, first + arrays)
+    for i in range(message.sensors):
+        at = put_piece(message, at, first + 1 + arrays + octet_at(source, message.sensors_at + i))
+    return bytes_of(message.out, at)

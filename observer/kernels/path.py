@@ -51,11 +51,11 @@ def take_sample(nut, at_s, there_m, driven_m_s, stroke_m):
         made_m_s = abs(there_m - here_m) / since_s
         lately_m_s = _remember(nut, made_m_s, since_s)
         speed_m_s = _mean_driven(nut.driven_m_s, driven_m_s)
-        known = not isnan(speed_m_s)
+        has_speed = not isnan(speed_m_s)
         resolved = (
-            speed_m_s if known else max(lately_m_s, made_m_s)
+            speed_m_s if has_speed else max(lately_m_s, made_m_s)
         ) * since_s * SAMPLES_PER_TRAVERSE <= stroke_m
-        if not known or (resolved and nut.count >= RECENT and lately_m_s < BELIEVED * speed_m_s):
+        if not has_speed or (resolved and nut.count >= RECENT and lately_m_s < BELIEVED * speed_m_s):
             speed_m_s = lately_m_s
         if resolved:
             nut.speed_m_s = speed_m_s
@@ -63,7 +63,7 @@ def take_sample(nut, at_s, there_m, driven_m_s, stroke_m):
             _come(nut, turn_m, stroke_m)
             _come(nut, there_m, stroke_m)
         elif since_s < FORGOTTEN_S and before != 0.0 and nut.low_m < nut.high_m:
-            if known:
+            if has_speed:
                 nut.speed_m_s = speed_m_s
             run_m = sign(before) * nut.speed_m_s * since_s
             _, sense = on_the_way(here_m, run_m, nut.low_m, nut.high_m)
@@ -79,7 +79,7 @@ def take_sample(nut, at_s, there_m, driven_m_s, stroke_m):
 
 
 def _mean_driven(first_m_s, last_m_s):
-    """The mean of speed times lead over a step, by what is known of it at both ends."""
+    """Return the mean of speed times lead over a step, from its known values at both ends."""
     if isnan(first_m_s):
         return last_m_s
     return first_m_s if isnan(last_m_s) else 0.5 * (first_m_s + last_m_s)
@@ -90,17 +90,17 @@ def _remember(nut, made_m_s, since_s):
     if since_s >= BRIEF_S:
         nut.recent_m_s[lrint(fmod(nut.count, RECENT))] = made_m_s
         nut.count += 1.0
-    known = min(lrint(nut.count), RECENT)
-    if known == 0:
+    count = min(lrint(nut.count), RECENT)
+    if count == 0:
         return 0.0
-    rank = min(RANK, 1 + known // 4)
-    for i in range(known):
-        faster, as_fast, own = 0, 0, nut.recent_m_s[i]
-        for j in range(known):
-            faster += 1 if nut.recent_m_s[j] > own else 0
-            as_fast += 1 if nut.recent_m_s[j] == own else 0
+    rank = min(RANK, 1 + count // 4)
+    for i in range(count):
+        faster, as_fast, speed_m_s = 0, 0, nut.recent_m_s[i]
+        for j in range(count):
+            faster += 1 if nut.recent_m_s[j] > speed_m_s else 0
+            as_fast += 1 if nut.recent_m_s[j] == speed_m_s else 0
         if faster < rank <= faster + as_fast:
-            return own
+            return speed_m_s
     return 0.0
 
 
@@ -191,8 +191,10 @@ def average_columns(nut, desk, dt_s, path):
                 B[n] = step_B[n] / weight if located else nut.mean_B[n] if spread else sum_B[n] / weight_s[0]
             for r in range(len(C)):
                 sum_C[r] = fade * sum_C[r] + share * step_C[r] / weight
-                seen = step_C[r] / weight if located else nut.mean_C[r] if spread else sum_C[r] / weight_s[0]
-                C[r] += settle * (seen - C[r])
+                column = (
+                    step_C[r] / weight if located else nut.mean_C[r] if spread else sum_C[r] / weight_s[0]
+                )
+                C[r] += settle * (column - C[r])
         B[nut.lag] = nut.lag_decay_1_s
         for n in range(desk.out_B.shape[1]):
             desk.out_B[k, n] = B[n]
@@ -224,8 +226,9 @@ def add_columns(B, C, share, centre_m, nut):
 
 
 def add_waves(B, share, x, half, mu):
-    """Add `share` of the means over x ± half of cos(μ x) and, behind them, of sin(μ x), for μ evenly spaced
-    from 0: each follows from the one before it by a turn of the angle.
+    """Add `share` of the means over x ± half of cos(μ x), and after them of sin(μ x).
+
+    The μ are evenly spaced from 0, so each term follows from the one before it by a rotation.
     """
     G = len(mu) // 2
     cos_x, sin_x, cos_half, sin_half = cos(mu[1] * x), sin(mu[1] * x), cos(mu[1] * half), sin(mu[1] * half)
@@ -245,6 +248,6 @@ def sign(value):
 
 
 def remainder(value, period):
-    """What is left of a value after whole periods, from 0 up to one."""
+    """Return the remainder of a value after whole periods, from 0 up to one period."""
     left = fmod(value, period)
     return left + period if left < 0.0 else left

@@ -90,7 +90,7 @@ cdef class Work(AdvanceWork):
     cdef public CoupledColumns half_step
     cdef public double[::1] plain, value, shared, shift, e, K, row, half, nu, S_nu, suspect
     cdef public double[::1] before_around, read, made_of
-    cdef public double[:, ::1] plain_B, rows, half_step_T, was, G, H, M, L, W, g, A, kept, CT, S
+    cdef public double[:, ::1] plain_B, rows, half_step_T, was, G, H, M, L, W, g, A, saved, CT, S
     cdef public Py_ssize_t[::1] order
     cdef public unsigned char[::1] usable, accepted
 
@@ -140,10 +140,10 @@ cdef class Gathered(Record):
     cdef public double[::1] span, law_J, jump_W2, z_first, z_last, weight, y_degC, loss
     cdef public Py_ssize_t[::1] moving
     cdef public double[:, ::1] B, plain_B, C, ahead, ahead_degC
-    cdef public unsigned char[::1] seen, free
+    cdef public unsigned char[::1] fresh, free
 
 
-cdef class Held(Record):
+cdef class BankBounds(Record):
     cdef public double[::1] heat_W, field, heat_drift_W2, field_drift2, law_change_W2, limit, known_sigma
     cdef public Py_ssize_t grid
     cdef public bint published
@@ -234,7 +234,7 @@ cdef class Trust(Record):
 
 cdef class Tested(Record):
     cdef public double[::1] time_s, dt_s
-    cdef public signed char[:, ::1] given, sensor_quality
+    cdef public signed char[:, ::1] input_quality, sensor_quality
     cdef public double[:, ::1] nu, nu_sigma, heat_W, heat_sigma_W, law_W
     cdef public MotionStep[:, ::1] motion
 

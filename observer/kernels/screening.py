@@ -1,14 +1,18 @@
-"""Which readings may correct at all, before the update: what no heat can do is the sensors' doing.
+"""Screening of readings before the update: changes that no heat can cause are faults of sensors.
 
-A temperature on steel changes slowly, so an innovation that steps from one sample to the next is a fault of
-the sensor, of several, or of what they share. The pattern of the steps says which: one or some alone are
-excluded; equal steps of all are a common offset (a reference junction); two readings that take each other's
-place are swapped; steps in proportion to the rise above the air are a gain; any other step of all cannot be
-explained. Who is at fault where readings depart slowly, the bank beside the estimate finds out
-(`observer.estimators.bank`). An excluded sensor comes back only after it has agreed for ten minutes with what
-was estimated without it, and with its offset open. Agreement proves little where the rest knows little, so
-the sensor must have stepped back first, or the rest must know four times better than it was off. Of readings
-that were exchanged only a step counts, of both plugs put right (Brown and Chin 1998).
+A temperature on steel changes slowly. An innovation that steps from one sample to the next is therefore a
+fault of one sensor, of several, or of a shared part. The pattern of the steps identifies the fault:
+
+- steps of one or some sensors: these are excluded;
+- equal steps of all: a common offset (a reference junction);
+- two readings that exchange their values: swapped sensors;
+- steps in proportion to the rise above the air: a gain;
+- any other step of all sensors: unexplained.
+
+The bank of filters finds the sensor at fault in a slow departure (`observer.estimators.bank`). An excluded
+sensor is readmitted, with its offset open, after ten minutes of agreement with the estimate without it. It
+must have stepped back first, or the other sensors must predict it to within a quarter of its error. Swapped
+sensors must step back (Brown and Chin 1998).
 """
 
 from __future__ import annotations
@@ -30,9 +34,9 @@ from observer.kernels.libc import cython, exp, isfinite, isnan, sqrt
 JUMP_SIGMA = 6.0
 LEAST_JUMP_K = 0.15
 DRIFT_K_S = 0.02
-"""How fast an innovation may change by what the model does not know, as a law that is wrong by a third."""
+"""Fastest change of an innovation by errors of the model, such as a law that is wrong by a third."""
 YOUNG_S = 600.0  # for so long after a start, or after an input was lost, the model may be the wrong one
-_FEW = 5.0
+_LEAST_SAMPLES = 5.0
 _MEAN_S = 15.0
 LASTS_SAMPLES, LASTS_S = 3.0, 2.0
 _EQUAL_K, _EQUAL_SIGMA = 0.12, 4.0
@@ -49,7 +53,7 @@ _LEAST_LEAP_K, _LEAP_K_S = 2.0, 0.01  # of the air's reading, and for each secon
 
 
 def screen(p, u, k, gate_sigma, state, work):
-    """Which usable sensors may correct; return whether P was opened: then they are to be compared anew."""
+    """Mark the accepted sensors; return whether P was inflated, so that `compare` must run again."""
     guard, verdict = state.guard, cython.address(state.verdict[0])
     pass_time(u, k, verdict)
     watch_air(p, u, k, verdict)
@@ -100,12 +104,12 @@ def watch_air(p, u, k, verdict):
 
 
 def look_at(i, sensor, age_s, state, work):
-    """Note whether sensor i has stepped, where a sample came."""
+    """Record whether sensor i has stepped, if it has a sample."""
     if not work.usable[i] or sensor.cause != 0.0:
         return
     step_K = work.nu[i] - sensor.mean_K
     limit_K = max(JUMP_SIGMA * sqrt(work.S_nu[i]), LEAST_JUMP_K) + DRIFT_K_S * sensor.since_s
-    judged = sensor.samples >= _FEW and age_s > QUIET_S
+    judged = sensor.samples >= _LEAST_SAMPLES and age_s > QUIET_S
     if judged and not abs(step_K) <= limit_K:
         sensor.pending_s += sensor.since_s if sensor.pending > 0.0 else 0.0
         sensor.pending += 1.0
@@ -125,7 +129,7 @@ def settle(sensor):
 
 
 def is_decided(guard):
-    """Whether a step has lasted for so long that it is none of a single sample."""
+    """Return whether a step has lasted longer than a single sample."""
     decided = False
     for i in range(len(guard)):
         lasted = guard[i].pending >= LASTS_SAMPLES and guard[i].pending_s >= LASTS_S
@@ -195,7 +199,7 @@ def forget_step(sensor):
 
 
 def open_all(p, u, k, mean_K, state):
-    """All have stepped: take an equal step out of what they read; nothing else can be explained."""
+    """Handle a step of all sensors: subtract an equal step from the readings, or latch a fault."""
     guard, verdict = state.guard, cython.address(state.verdict[0])
     equal, factor, free = True, gain_of(p, u, k, guard), 0
     for i in range(len(guard)):
@@ -241,7 +245,7 @@ def gain_of(p, u, k, guard):
 
 
 def offset_of(p, i):
-    """Which of the learnt states is the offset of sensor i; -1 where none is learnt."""
+    """Return the learnt parameter that is the offset of sensor i, or -1."""
     for q in range(p.learn.machine, len(p.learn.kind)):
         if p.learn.kind[q] == OFFSET and p.learn.of[q] == i:
             for h in range(len(p.learn.held)):
@@ -256,13 +260,13 @@ def open_offset(p, i, variance_K2, P):
     q = offset_of(p, i)
     if q < 0:
         return False
-    own = len(p.uniform) + len(p.source) + q
-    P[own, own] += variance_K2
+    index = len(p.uniform) + len(p.source) + q
+    P[index, index] += variance_K2
     return True
 
 
 def open_common(p, variance_K2, P):
-    """Add to the variance of what the offsets of all thermocouples have in common."""
+    """Add a variance to the common part of all thermocouples' offsets."""
     first = len(p.uniform) + len(p.source)
     for i in range(len(p.R_K2)):
         for j in range(len(p.R_K2)):
@@ -272,11 +276,10 @@ def open_common(p, variance_K2, P):
 
 
 def refuse_or_settle(p, u, k, gate_sigma, state, work):
-    """Refuse what lies beyond the gate; return whether P was opened.
+    """Reject readings beyond the gate; return whether P was inflated.
 
-    While the model may be wrong it gives way to the sensors, and the estimate settles. Later only where most
-    are refused at once, without a step, has something surprised model and sensors alike: then field and
-    offsets are open, and the estimate settles.
+    While the model may be wrong, P is inflated for rejected sensors, and the estimate settles. Later, field
+    and offsets are opened only if most sensors are rejected at once, without a step.
     """
     verdict = cython.address(state.verdict[0])
     young = verdict.age_s < YOUNG_S
@@ -296,16 +299,16 @@ def refuse_or_settle(p, u, k, gate_sigma, state, work):
 
 
 def look_for_return(sensor, since_s, noise_K, nu, sigma_K):
-    """Count for how long an excluded sensor agrees with the others, where that proves something; `nu` is its
-    innovation and `sigma_K` the σ of that.
+    """Count the time for which an excluded sensor agrees with the others, if agreement is significant.
 
-    What two exchanged sensors read may meet as a machine cools, so of them a step back is asked.
+    Its innovation `nu` has the standard deviation `sigma_K`. Readings of swapped sensors may meet as a
+    machine cools, so they must step back.
     """
     exchanged = sensor.cause == SWAPPED
     size_K = sensor.mean_K if exchanged else sensor.size_K
     clear = not exchanged or abs(size_K) >= max(_CLEARLY_OFF * noise_K, LEAST_JUMP_K)
     back_K = sensor.mean_K - nu
-    if sensor.samples >= _FEW and clear and abs(back_K - size_K) <= _BACK * abs(size_K):
+    if sensor.samples >= _LEAST_SAMPLES and clear and abs(back_K - size_K) <= _BACK * abs(size_K):
         sensor.stepped_back = 1.0
     sensor.mean_K += (1.0 - exp(-since_s / _MEAN_S)) * (nu - sensor.mean_K)
     if sensor.samples == 0.0:

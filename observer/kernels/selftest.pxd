@@ -1,5 +1,5 @@
 cdef double[2] WINDOWS_S, _BIAS, _COLOUR, _LAW_WINDOWS_S, _OFF_LAW, _ALL_OFF_LAW
-cdef double _SURE_SE, _LASTING, _NOISE, _CLEAR, _CLEAN, _CLIP, _CLIP_LAW, KNOWN, _PEAK_S, _FLOOR, _LEAST_W, _MOTION_S, _MOTION_ENOUGH
+cdef double _SURE_SE, _LASTING, _NOISE, _CLEAR, _CLEAN, _CLIP, _CLIP_LAW, KNOWN_SHARE, _PEAK_S, _FLOOR, _LEAST_W, _MOTION_S, _MOTION_ENOUGH
 cdef double GREATEST_ACCELERATION_m_s2, GREATEST_SPEED_m_s, SKEW_S, ROUNDED_m, _WAY_SHARE, _SAMPLES_FIRST
 cdef double _LATENESS_FADES_S, _STOPPED_S, _UNEXPLAINED, _LONGEST_REFRESH_S, _UNUSUAL, _OPEN_S, _AGREE_S, _AGREE_TRAVELS
 cdef double DISAGREE, FALLS_SHORT
@@ -31,11 +31,11 @@ cdef inline bint _fails(SelfTestState state, Py_ssize_t test) noexcept nogil
 cdef inline bint _is_refused(Tested u, Py_ssize_t k, Py_ssize_t i) noexcept nogil
 @cython.locals(refused=double)
 cdef inline void _forget_after_refusals(SelfTestState state, Tested u, Py_ssize_t k) noexcept nogil
-@cython.locals(refused=bint, test=Py_ssize_t, came=bint, last=double, long=double, mean=double, product=double, square=double, failing=bint, nu=double, lasting=double)
+@cython.locals(refused=bint, test=Py_ssize_t, has_value=bint, last=double, long=double, mean=double, product=double, square=double, failing=bint, nu=double, lasting=double)
 cdef inline bint _test_sensor(SelfTestState state, Tested u, Py_ssize_t k, Py_ssize_t i, Trust trust, double[::1] scores) noexcept nogil
 @cython.locals(law_W=double, trusted_W=double, floor_W=double)
 cdef inline double _distance(SelfTestState state, Tested u, Py_ssize_t k, Py_ssize_t j, double uncertainty) noexcept nogil
 @cython.locals(total=double, laws=Py_ssize_t, failing=bint, starting=bint, sigma_W=double, needed_W=double, test=Py_ssize_t, unknown=bint, distance=double, score=double)
 cdef inline (bint, bint) _test_heats(SelfTestState state, Tested u, Py_ssize_t k, Trust trust, Py_ssize_t base) noexcept nogil
-@cython.locals(failing=bint, starting=bint, sensors_agree=bint, stands=bint, step="MotionStep*", test=Py_ssize_t, score=double)
+@cython.locals(failing=bint, starting=bint, sensors_agree=bint, jump_remains=bint, step="MotionStep*", test=Py_ssize_t, score=double)
 cpdef void run_selftest(Tested u, Trust trust, SelfTestState state, signed char[::1] quality, signed char[:, ::1] part_quality, double[::1] scores) noexcept nogil

@@ -29,7 +29,7 @@ _CLEAR = 0.7  # part of a limit below which a reason is gone …
 _CLEAN = 0.3  # … or of the last minute's, whatever there was before
 _CLIP = 5.0
 _CLIP_LAW = 30.0
-KNOWN = 0.6  # part of its prior below which a σ must be for a heat, the field or the error to be known
+KNOWN_SHARE = 0.6  # part of its prior below which a σ must be for a heat, the field or the error to be known
 _PEAK_S = 3600.0  # for how long the largest heat by a law counts for what the law is trusted for …
 _FLOOR = 0.05  # … by this part of it
 _LEAST_W = 0.3
@@ -62,9 +62,9 @@ OF_SENSOR, OF_HEAT = 4, 2
 
 
 def compare_ways(path, travel_m, memory, motion, degraded):
-    """Fill in what the nut's samples show of each of K steps; `memory` (1,) is updated.
+    """Fill in the motion of the nut in each of K steps from its samples; `memory` (1,) is updated.
 
-    Where way and speed disagree, and for a time after a jump, the nut's position is lost.
+    If distance and speed disagree, and for a time after a jump, the nut's position is lost.
     """
     nut, stroke_m = cython.address(memory[0]), travel_m[1] - travel_m[0]
     for k in range(len(motion)):
@@ -107,10 +107,10 @@ def compare_ways(path, travel_m, memory, motion, degraded):
 
 
 def longest_way(before_m_s, after_m_s, unsure_m_s, elapsed_s):
-    """Return the longest way in m that a nut can make in a time between two speeds.
+    """Return the longest distance in m that a nut can travel in a time between two speeds.
 
-    It accelerates as fast as any nut and brakes as fast: half of the change of direction is
-    (a T² - Δv²/a)/4 beyond the mean of both speeds, which are `unsure_m_s` apart from those read.
+    It accelerates and brakes with the greatest acceleration a. The distance exceeds that of the mean speed by
+    (a T² - Δv²/a)/4. The true speeds differ from the readings by up to `unsure_m_s`.
     """
     change_m_s = max(abs(after_m_s - before_m_s) - 2.0 * unsure_m_s, 0.0)
     gained_m = (
@@ -192,7 +192,7 @@ def jump_stands(nut, step, dt_s, agree):
 
 
 def _note(state, test, score, time_s, value, expected):
-    """Note how a test stands, by its score: 1 and more fails, and below `_CLEAR` passes again."""
+    """Update a test by its score: it fails from 1 on, and passes again below `_CLEAR`."""
     failing = not isnan(state.since_s[test])
     if score >= 1.0 or (failing and score >= _CLEAR):
         if not failing:
@@ -221,10 +221,10 @@ def _average_innovation(state, i, nu, lasting, time_s):
 
 
 def _scores(state, i, scores):
-    """The scores of sensor i: bias, colour, noise; a clean minute makes the longer window forget.
+    """Write the scores of sensor i: bias, colour, noise; a clean minute resets the longer window.
 
-    Of an innovation's variance S that part lasts from sample to sample which is not the reading's own noise,
-    ρ = 1 - R/S: where the filter allows for tolerances, bias and colour are what lies beyond 2 √ρ and 4 ρ.
+    The share ρ = 1 - R/S of an innovation's variance S lasts from sample to sample; R is the reading's noise.
+    With tolerances considered, the limits of bias and colour are wider by 2 √ρ and 4 ρ.
     """
     for q in range(3):
         scores[q] = 0.0
@@ -247,12 +247,12 @@ def _scores(state, i, scores):
 
 
 def forget_window(window):
-    """Begin the means of a window afresh."""
+    """Reset the means of a window."""
     window.mean, window.product, window.square, window.variance, window.lasting = 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 def _off_law(state, row, distance, dt_s, limit, slack):
-    """Take in how far a heat is from its law; return the score; limits are `slack` times as wide."""
+    """Average the distance of a heat from its law; return the score. Limits are `slack` times as wide."""
     score = 0.0
     clipped = min(max(distance, -_CLIP_LAW), _CLIP_LAW)
     for w in range(2):
@@ -269,12 +269,12 @@ def _fails(state, test):
 
 
 def _is_refused(u, k, i):
-    """Whether sensor i was good when it came, and refused by the gate."""
-    return u.given[k, i] == GOOD and u.sensor_quality[k, i] == REJECTED
+    """Return whether sensor i arrived good and was rejected by the gate."""
+    return u.input_quality[k, i] == GOOD and u.sensor_quality[k, i] == REJECTED
 
 
 def _forget_after_refusals(state, u, k):
-    """Begin the means afresh when no sensor is refused any more: the state has been another one since."""
+    """Reset the means when no sensor is rejected any longer, because the state has changed since."""
     refused = 0.0
     for i in range(u.nu.shape[1]):
         if _is_refused(u, k, i):
@@ -290,7 +290,7 @@ def _forget_after_refusals(state, u, k):
 
 
 def _test_sensor(state, u, k, i, trust, scores):
-    """Test sensor i; return whether anything about it fails. One that is excluded is not tested."""
+    """Test sensor i; return whether a test fails. Excluded sensors are not tested."""
     refused, test = _is_refused(u, k, i), OF_SENSOR * i
     if u.sensor_quality[k, i] == EXCLUDED:
         for j in range(OF_SENSOR):
@@ -298,8 +298,8 @@ def _test_sensor(state, u, k, i, trust, scores):
         for w in range(2):
             forget_window(cython.address(state.sensor[i, w]))
         return False
-    came = isfinite(u.nu[k, i])
-    if came and not refused:
+    has_value = isfinite(u.nu[k, i])
+    if has_value and not refused:
         nu = min(max(u.nu[k, i] / u.nu_sigma[k, i], -_CLIP), _CLIP)
         lasting = max(0.0, 1.0 - squared(trust.noise_K[i] / u.nu_sigma[k, i]))
         _average_innovation(state, i, nu, lasting, u.time_s[k])
@@ -311,7 +311,7 @@ def _test_sensor(state, u, k, i, trust, scores):
     _note(state, test, scores[0], u.time_s[k], mean, 0.0)
     _note(state, test + 1, scores[1], u.time_s[k], product, 0.0)
     _note(state, test + 2, scores[2], u.time_s[k], sqrt(max(square, 0.0)), 1.0)
-    if came or not refused:
+    if has_value or not refused:
         _note(state, test + 3, 2.0 if refused else 0.0, u.time_s[k], u.nu[k, i], u.nu_sigma[k, i])
     failing = False
     for j in range(OF_SENSOR):
@@ -320,7 +320,7 @@ def _test_sensor(state, u, k, i, trust, scores):
 
 
 def _distance(state, u, k, j, uncertainty):
-    """How far heat j is from its law, in what law and estimate are trusted for."""
+    """Return the distance of heat j from its law, relative to their joint uncertainty."""
     law_W = u.law_W[k, j]
     state.peak_W[j] = max(state.peak_W[j] * exp(-u.dt_s[k] / _PEAK_S), abs(law_W))
     trusted_W, floor_W = uncertainty * abs(law_W), _LEAST_W + _FLOOR * state.peak_W[j]
@@ -330,11 +330,11 @@ def _distance(state, u, k, j, uncertainty):
 
 
 def _test_heats(state, u, k, trust, base):
-    """Test every heat and all of them together; return whether one fails, and whether one is not known."""
+    """Test every heat and all of them together; return whether one fails, and whether one is unknown."""
     m_e, total, laws, failing, starting = u.heat_W.shape[1], 0.0, 0, False, False
     for j in range(m_e):
         sigma_W, test = u.heat_sigma_W[k, j], base + OF_HEAT * j
-        needed_W = KNOWN * trust.initial_W[j]
+        needed_W = KNOWN_SHARE * trust.initial_W[j]
         unknown = sigma_W > needed_W
         _note(state, test, 2.0 if unknown else 0.0, u.time_s[k], sigma_W, needed_W)
         starting = starting or unknown
@@ -382,8 +382,10 @@ def run_selftest(u, trust, state, quality, part_quality, scores):
             _note(state, test, score, u.time_s[k], step.ratio, 1.0)
             failing = failing or _fails(state, test)
             test += state.motion.shape[0]
-            stands = jump_stands(cython.address(state.motion[i]), step, u.dt_s[k], sensors_agree)
-            _note(state, test, 2.0 if stands else 0.0, u.time_s[k], step.jump_m, state.motion[i].usual_s)
+            jump_remains = jump_stands(cython.address(state.motion[i]), step, u.dt_s[k], sensors_agree)
+            _note(
+                state, test, 2.0 if jump_remains else 0.0, u.time_s[k], step.jump_m, state.motion[i].usual_s
+            )
             failing = failing or _fails(state, test)
         if failing:
             quality[k] = max(quality[k], ESTIMATE_DEGRADED)

@@ -28,10 +28,10 @@ def filter_with_tape(b, state, work, tape):
 
 
 def write_tape(p, k, state, work, tape):
-    """Write down step k, each sensor's correction as if one came after the other.
+    """Write step k on the tape, as corrections by one sensor after the other.
 
-    What the joint correction leaves is just that: row i of W is c_i P over √S, with P and S as the sensors
-    before it leave them, and e_i is the innovation over √S. Joseph's form leaves g_i = P c_i and ν_i.
+    Row i of W from the joint correction is c_i P / √S, with P and S after the sensors before it; e_i is the
+    innovation over √S. Joseph's form provides g_i = P c_i and ν_i.
     """
     n_x, width = work.C.shape[1], state.P.shape[1]
     one_by_one, count = is_drastic(p, work), 0
@@ -115,20 +115,20 @@ def quadratic(rows, k, i, N, NK):
 
 
 def correct_back(p, C, i, k, tape, adjoint, out):
-    """Take r and N back through sensor i's correction; write its smoothed residual and what is left of it.
+    """Take r and N back through sensor i's correction; write its smoothed residual and its free share.
 
-    e = ν/S - Kᵀ r, r⁻ = r + c e, N⁻ = (I - c Kᵀ) N (I - K cᵀ) + c cᵀ/S: N is a sum of squares, term by term.
-    With R its noise, the residual is R e, and R (1/S + Kᵀ N K) is 1 less the reading's influence on its own
-    smoothed value (Kohn and Ansley 1989).
+    e = ν/S - Kᵀ r, r⁻ = r + c e, N⁻ = (I - c Kᵀ) N (I - K cᵀ) + c cᵀ/S. N is a sum of squares, term by term.
+    The residual is R e, with R the noise of the reading. The free share R (1/S + Kᵀ N K) is 1 minus the
+    reading's influence on its own smoothed value (Kohn and Ansley 1989).
     """
     r, N, NK = adjoint.r, adjoint.N, adjoint.NK
     n_x, width = C.shape[1], N.shape[1]
     weight = tape.weight[k, i]
     error = tape.innovation[k, i] * weight - dot(tape.gain, k, i, r)
-    own = quadratic(tape.gain, k, i, N, NK) + weight
-    half = 0.5 * own
+    information = quadratic(tape.gain, k, i, N, NK) + weight
+    half = 0.5 * information
     out.residual[k, i] = p.R_K2[i] * error
-    out.free[k, i] = p.R_K2[i] * own
+    out.free[k, i] = p.R_K2[i] * information
     for a in range(n_x):
         r[a] += C[i, a] * error
         NK[a] -= half * C[i, a]

@@ -10,7 +10,7 @@ cdef inline void sensor_covariance(double[:, ::1] C, Py_ssize_t i, double[:, ::1
 cdef inline void add_rows(double[:, ::1] C, Py_ssize_t i, Py_ssize_t first, Py_ssize_t end, double[:, ::1] P, double[:, ::1] g) noexcept nogil
 @cython.locals(total=double)
 cdef inline double project(double[:, ::1] C, Py_ssize_t i, double[:, ::1] g, Py_ssize_t j) noexcept nogil
-@cython.locals(seen=double, level=double, count=Py_ssize_t, place=Py_ssize_t)
+@cython.locals(response=double, level=double, count=Py_ssize_t, place=Py_ssize_t)
 cdef void start(PlantArrays p, Inputs u, Py_ssize_t k, Running state, Work work) noexcept nogil
 cdef inline bint is_drastic(PlantArrays p, Work work) noexcept nogil
 @cython.locals(squares=double, volume=double, shared=double, variance=double, rest=double)

@@ -24,11 +24,11 @@ from observer.kernels.judging import add_prior, clear
 from observer.kernels.learning import advance_learning
 from observer.kernels.libc import M_PI, log, sqrt
 
-_DRASTIC = 1e8  # what P expects of a sensor, in variances of its noise
+_DRASTIC = 1e8  # variance of an innovation, in variances of the sensor's noise
 
 
 def predict(b, k, state, work):
-    """One step of state and covariance; what couples the states acts in two halves around it."""
+    """Take one step of state and covariance; the couplings act in two halves around it."""
     advance_learning(b.plant, b, k, state.x, len(b.plant.learn.kind), work)
     if b.plant.coupling.active:
         mirror(state.P)
@@ -46,8 +46,8 @@ def predict_covariance(p, t, d, u, k, state, work):
 
         P⁺ = (d dᵀ)∘P + Σ_j (H_j G_jᵀ + G_j H_jᵀ) + Q.
 
-    Written so, P stays symmetric to the last bit without being made so. Rows are worked out over their padded
-    width, where d, G and H are zero. What is learnt of the machine acts through columns too, which are in G.
+    In this form P stays symmetric to the last bit. Rows are computed over their padded width, where d, G and
+    H are zero. Parameters of the machine act through further columns in G.
     """
     n_x, m_e = len(p.uniform), len(p.source)
     columns = m_e + p.learn.machine
@@ -66,12 +66,12 @@ def predict_covariance(p, t, d, u, k, state, work):
 
 
 def add_walk(B, index, t, d, j, P):
-    """Add what the walk of heat j leaves through its moving column."""
+    """Add the noise of the walk of heat j through its moving column."""
     n_x = B.shape[1]
     for a in range(n_x):
-        own, shared = B[index, a], B[index, a] * t.walk_dx[d, j, a]
+        weight, shared = B[index, a], B[index, a] * t.walk_dx[d, j, a]
         for b in range(n_x):
-            P[a, b] += own * B[index, b] * t.walk_xx[d, j, a, b]
+            P[a, b] += weight * B[index, b] * t.walk_xx[d, j, a, b]
         P[n_x + j, a] += shared
         P[a, n_x + j] += shared
 
@@ -114,7 +114,7 @@ def sensor_covariance(C, i, P, g):
 
 
 def add_rows(C, i, first, end, P, g):
-    """g_i += P c_i for the states from `first` to `end`; of what is learnt, a sensor sees its own only."""
+    """g_i += P c_i for the states from `first` to `end`; entries of other sensors' parameters are zero."""
     for a in range(first, end):
         c = C[i, a]
         if c != 0.0:
@@ -144,11 +144,11 @@ def start(p, u, k, state, work):
     count = 0
     for i in range(len(work.usable)):
         if work.usable[i]:
-            seen = 0.0
+            response = 0.0
             for a in range(n_x):
-                seen += C[i, a] * p.uniform[a]
+                response += C[i, a] * p.uniform[a]
             # Next to a prescribed end the modes alone see little of a uniform temperature.
-            level = residual(p, C, u, k, i, x) / seen if seen > 0.5 else u.y_degC[k, i]
+            level = residual(p, C, u, k, i, x) / response if response > 0.5 else u.y_degC[k, i]
             place = count
             while place > 0 and levels[place - 1] > level:
                 levels[place] = levels[place - 1]
@@ -163,7 +163,7 @@ def start(p, u, k, state, work):
 
 
 def is_drastic(p, work):
-    """Whether an accepted sensor says so much that P - Wᵀ W would have no digits left."""
+    """Return whether an accepted sensor reduces P so much that P - Wᵀ W would lose all digits."""
     for i in range(len(work.accepted)):
         if work.accepted[i] and work.S_nu[i] > _DRASTIC * p.R_K2[i]:
             return True
@@ -171,12 +171,11 @@ def is_drastic(p, work):
 
 
 def correct_lower(p, state, work):
-    """Correct x and the lower triangle of P by all accepted sensors at once; return the log-likelihood of
-    their innovations.
+    """Correct x and the lower triangle of P by all accepted sensors at once; return the log-likelihood.
 
-    With S = L Lᵀ the covariance of the innovations ν and W = L⁻¹ [c_i P]: x⁺ = x + Wᵀ L⁻¹ ν, P⁺ = P - Wᵀ W,
-    which is symmetric to the last bit. Where a sensor says so much that the difference would have no digits
-    left, the sensors correct one after the other in Joseph's form. `compare` was before.
+    S = L Lᵀ is the covariance of the innovations ν, and W = L⁻¹ [c_i P]. Then x⁺ = x + Wᵀ L⁻¹ ν and
+    P⁺ = P - Wᵀ W, which is symmetric to the last bit. If this difference would lose all digits, the sensors
+    correct one after the other in Joseph's form. `compare` must run before.
     """
     if is_drastic(p, work):
         return correct_in_turn(p, state, work)
@@ -209,13 +208,12 @@ def correct_lower(p, state, work):
 def joseph_covariance(i, r, P, work):
     """P⁺ = A - K (cᵀ A) + r K Kᵀ with A = P - g Kᵀ, for sensor i of noise variance r.
 
-    Both outer products are written as the mean of themselves and their transposes, term by term, so that P
-    stays symmetric to the last bit. Where they are not, what rounding leaves antisymmetric grows without
-    bound once P has fourteen digits to lose: copying one triangle over the other is not enough (seen in the
-    tests, and in filterpy).
+    Both outer products are written as the mean of themselves and their transposes, term by term. P then stays
+    symmetric to the last bit. Without this, the antisymmetric rounding error grows without bound when P loses
+    fourteen digits. Copying one triangle over the other is not enough (seen in the tests, and in filterpy).
     """
     C, K, half, rest = work.C, work.K, work.half, work.row
-    n, width, seen = P.shape[0], P.shape[1], C.shape[1]
+    n, width, columns = P.shape[0], P.shape[1], C.shape[1]
     for b in range(width):
         half[b] = 0.5 * work.g[i, b]
         rest[b] = r * K[b]
@@ -223,7 +221,7 @@ def joseph_covariance(i, r, P, work):
         gain, expected = K[a], half[a]
         for b in range(width):
             P[a, b] -= expected * K[b] + gain * half[b]
-    for a in range(seen):
+    for a in range(columns):
         c = C[i, a]
         for b in range(width):
             rest[b] -= c * P[a, b]
@@ -238,9 +236,9 @@ def joseph_covariance(i, r, P, work):
 def correct_in_turn(p, state, work):
     """Correct x and P by every accepted sensor in turn; return the log-likelihood of their innovations.
 
-    `work.nu` are the innovations before any correction; those of the sensors still to come follow on the way.
-    Their g is worked out anew from the P in force: Joseph's form forgives a wrong gain, but not a wrong c P
-    (Bucy and Joseph, 1968). P is symmetric to rounding; the lower triangle is the one that counts.
+    On entry `work.nu` are the innovations before any correction; those of later sensors are updated. Each g
+    is recomputed from the current P, because Joseph's form is exact for a wrong gain but not for a wrong c P
+    (Bucy and Joseph, 1968). P is symmetric to rounding; the lower triangle is valid.
     """
     n, width, s = state.P.shape[0], state.P.shape[1], len(work.accepted)
     squares, volume = 0.0, 1.0
@@ -257,17 +255,17 @@ def correct_in_turn(p, state, work):
         for a in range(n):
             state.x[a] += work.K[a] * innovation
         joseph_covariance(i, r, state.P, work)
-        for later in range(i + 1, s):
-            work.nu[later] -= project(work.C, later, work.g, i) / S * innovation
+        for j in range(i + 1, s):
+            work.nu[j] -= project(work.C, j, work.g, i) / S * innovation
     return -0.5 * (squares + log(volume))
 
 
 def correct_by_gain(p, K, state, work):
-    """Correct by a given gain K (n, s): x⁺ = x + K ν, P⁺ = (I - K C) P (I - K C)ᵀ + K R Kᵀ (Joseph's form).
+    """Correct by a designed gain K (n, s): x⁺ = x + K ν, with the covariance in Joseph's form.
 
-    Sensors that are not accepted take no part. `compare` was before.
+    P⁺ = (I - K C) P (I - K C)ᵀ + K R Kᵀ. Only accepted sensors correct. `compare` must run before.
     """
-    P, A, n, seen = state.P, work.A, state.P.shape[0], work.C.shape[1]
+    P, A, n, columns = state.P, work.A, state.P.shape[0], work.C.shape[1]
     for a in range(n):
         for b in range(n):
             A[a, b] = P[a, b]
@@ -285,16 +283,16 @@ def correct_by_gain(p, K, state, work):
                 work.K[b] = K[b, i]
             for a in range(n):
                 rest = p.R_K2[i] * K[a, i]
-                for b in range(seen):
+                for b in range(columns):
                     rest -= A[a, b] * work.C[i, b]
                 add_row(P[a], rest, work.K)
     symmetrise(P)
 
 
 def compare(p, u, k, state, work):
-    """Innovation ν_i and its variance S_ii before any correction, for every usable sensor; g_i = P c_i.
+    """Write innovation ν_i and its variance S_ii before any correction, for every usable sensor; g_i = P c_i.
 
-    All sensors are worked out at once, on the states that the plant has; what is learnt each sees for itself.
+    All sensors are computed at once on the plant's states, and each by itself on its parameters.
     """
     n_x, first, s = len(p.uniform), len(p.uniform) + len(p.source), len(work.usable)
     for i in range(len(p.moving)):

@@ -13,8 +13,9 @@ from observer.kernels.libc import cython
 
 
 def run_sweep(b, work, X, begins, w, heat, rows):
-    """Take the states X (n, c) over K steps with the jumps `w` (K, m_e, c), W; fill `heat` (K, m_e, c), what
-    is held over each, and `rows` (K, s, c), the readings at their ends.
+    """Take the states X (n, c) over K steps with the jumps `w` (K, m_e, c), W.
+
+    The heats over each step go into `heat` (K, m_e, c), and the readings at its end into `rows` (K, s, c).
     """
     with cython.nogil:
         sweep_forward(b, work, X, begins, w, heat, rows)

@@ -40,7 +40,7 @@ cdef class EstimatorTick(Record):
     cdef public double[::1] time_s
     cdef public unsigned char[::1] octets
     cdef public Gathered gathered
-    cdef public Held held
+    cdef public BankBounds bounds
 
 
 cdef class TestTick(Record):
@@ -49,7 +49,7 @@ cdef class TestTick(Record):
     cdef public double[::1] scores
     cdef public SelfTestState state
     cdef public Inputs inputs
-    cdef public Tested seen
+    cdef public Tested tested
     cdef public Trust trust
 
 

@@ -7,7 +7,7 @@ cdef extern from *:
     #define LANES 2
     #endif
     typedef double lanes __attribute__((vector_size(8 * LANES), aligned(8)));
-    #define none() ((lanes){0.0})
+    #define zero_lanes() ((lanes){0.0})
 
     static inline void transpose_block(const double *from, double *to, Py_ssize_t stride)
     {
@@ -29,7 +29,7 @@ cdef extern from *:
     """
     ctypedef double lanes
     enum: LANES
-    lanes none() noexcept nogil
+    lanes zero_lanes() noexcept nogil
     void transpose_block(double *source, double *target, Py_ssize_t stride) noexcept nogil
 
 

@@ -1,7 +1,7 @@
 """Some neighbouring numbers of a row at a time, as many as a register of the processor holds.
 
-What is worked out this way gives the same bits whatever LANES is: no sum goes across the lanes. A row is as
-wide as whole pairs of registers. Compiled, these functions are those of `vector.pxd`.
+Results have the same bits for any LANES, because no sum crosses the lanes. The width of a row is a whole
+number of pairs of registers. The compiled functions are those of `vector.pxd`.
 """
 
 from __future__ import annotations
@@ -14,38 +14,38 @@ LANES: Final = 4
 
 
 def registers(count: int) -> int:
-    """How many registers so many numbers fill."""
+    """Return the number of registers for `count` numbers."""
     return -(-count // LANES)
 
 
-def none() -> Any:
+def zero_lanes() -> Any:
     """Zeros."""
     return np.zeros(LANES)
 
 
 def load(A: Any, a: int, q: int) -> Any:
     """Register q of row a."""
-    return _within(A[a], q).copy()
+    return _register(A[a], q).copy()
 
 
 def load_of(A: Any, d: int, a: int, q: int) -> Any:
     """Register q of row a of matrix d."""
-    return _within(A[d, a], q).copy()
+    return _register(A[d, a], q).copy()
 
 
 def load_at(A: Any, q: int) -> Any:
     """Register q of a vector."""
-    return _within(A, q).copy()
+    return _register(A, q).copy()
 
 
 def store(A: Any, a: int, q: int, value: Any) -> None:
     """Put a register back."""
-    _within(A[a], q)[:] = value
+    _register(A[a], q)[:] = value
 
 
 def store_at(A: Any, q: int, value: Any) -> None:
     """Put register q of a vector back."""
-    _within(A, q)[:] = value
+    _register(A, q)[:] = value
 
 
 def mirror_block(A: Any, p: int, q: int) -> None:
@@ -54,7 +54,7 @@ def mirror_block(A: Any, p: int, q: int) -> None:
     A[columns, rows] = A[rows, columns].T
 
 
-def _within(row: Any, q: int) -> Any:
+def _register(row: Any, q: int) -> Any:
     part = row[q * LANES : (q + 1) * LANES]
     if len(part) < LANES:
         raise IndexError(f"register {q} of a row of {len(row)}")

@@ -1,11 +1,11 @@
-"""The walk over rows of readings and ticks: what is remembered of each channel, and the frames.
+"""The walk over rows of readings and ticks: the memory of each channel, and the frames.
 
 The records are those of `observer.align.walk`. Samples of a position are put back to when they were sent
 (`even_out`), and a thermocouple that used to show noise and now repeats one value is found (`is_stuck`).
 
-A frame that waits on its way comes late, never early; several that waited together come at once. Where a
-source gives its own times there is nothing to correct; where only the arrival is known, frames cannot have
-been sent closer together than their message's period.
+A frame that waits on its way arrives late, never early; several that waited together arrive at once. Times
+given by the source need no correction. If only the arrival is known, frames are spread, because they were
+sent at least a message period apart.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from __future__ import annotations
 from observer.kernels.codes import GOOD, MISSING, REJECTED, STALE
 from observer.kernels.libc import INFINITY, NAN, cython, isfinite, isnan
 
-_TOGETHER = 0.25
+_SIMULTANEOUS = 0.25
 """Part of a period within which a value that repeats is the same frame twice."""
 
 
 def even_out(samples, begin, end, passed, period_s):
-    """Put the samples `begin` to `end` of a step in order of their times, these apart; return the new end.
+    """Sort the samples `begin` to `end` of a step by time and spread their times; return the new end.
 
-    `samples` (4, n) are times, positions and what goes with them; `passed` (2,), the time and position of the
-    last sample before, becomes that of the last one here. From the newest back, which was held up least, each
-    sample is at the latest a period before the next, less where more have come since the last step than
-    periods fit in. NaN as `period_s` leaves the times as they are.
+    `samples` (4, n) contains times, positions and accompanying values. `passed` (2,) is the time and position
+    of the last sample before, and is updated. The newest sample was delayed least. Going back from it, each
+    sample is at least a period before the next, or less if more samples arrived than periods have passed.
+    With NaN as `period_s` the times do not change.
     """
     end = _in_order(samples, begin, end, passed, period_s)
     if end == begin:
@@ -39,23 +39,23 @@ def even_out(samples, begin, end, passed, period_s):
 
 
 def _in_order(samples, begin, end, passed, period_s):
-    """Sort by time, stably, leave out what is older than the last step or there twice; return the end."""
+    """Sort stably by time, and omit samples older than the last step and duplicates; return the end."""
     for i in range(begin + 1, end):
         place = i
         while place > begin and samples[0, place - 1] > samples[0, place]:
             for r in range(4):
                 samples[r, place - 1], samples[r, place] = samples[r, place], samples[r, place - 1]
             place -= 1
-    before_s, before_m, kept = passed[0], passed[1], begin
+    before_s, before_m, retained = passed[0], passed[1], begin
     for i in range(begin, end):
         since_s = samples[0, i] - before_s
-        if since_s <= 0.0 or (since_s < _TOGETHER * period_s and samples[1, i] == before_m):
+        if since_s <= 0.0 or (since_s < _SIMULTANEOUS * period_s and samples[1, i] == before_m):
             continue
         for r in range(4):
-            samples[r, kept] = samples[r, i]
-        before_s, before_m = samples[0, kept], samples[1, kept]
-        kept += 1
-    return kept
+            samples[r, retained] = samples[r, i]
+        before_s, before_m = samples[0, retained], samples[1, retained]
+        retained += 1
+    return retained
 
 
 _MEMORY_SAMPLES = 64.0
@@ -67,13 +67,13 @@ _NOISE_SEEN = 0.35  # of noise_K; white noise bends by 1.95 noise_K a sample, a 
 
 
 def is_stuck(noise, value, noise_K):
-    """Whether a channel is stuck, given one more usable value; `noise` is updated.
+    """Return whether a channel is stuck, given one more usable value; `noise` is updated.
 
-    Noise is judged by the running mean of |Δ_k - Δ_{k-1}|, the bend of the last three samples, because it
-    is nothing on the smooth curve of a noise-free log, however steep. The mean is over the samples seen so
-    far, but at least 16 and at most 64, so that twenty noisy ones after the start are enough. A channel
-    counts as stuck from the 60th repeat on (more if it has repeated for long before), until it changes. NaN
-    as `noise_K` means that the channel is no thermocouple.
+    Noise is measured by the running mean of |Δ_k - Δ_{k-1}|, the bend of the last three samples. It vanishes
+    on a smooth curve without noise, however steep. The mean is over all samples so far, but at least 16 and
+    at most 64, so that twenty noisy samples after the start are enough. A channel is stuck from the 60th
+    repeat on (more if it has repeated for long before), until it changes. For channels other than
+    thermocouples `noise_K` is NaN.
     """
     last = noise.last
     noise.last = value
