@@ -87,7 +87,7 @@ def carry_into(
     nu = carried.value[selected] - np.concatenate(offsets) - H @ state.x_hat
     considered = np.zeros(0, np.int64)
     if plant.learning is not None:
-        considered = len(plant.decay_1_s) + len(sources) + plant.learning.arrays.held
+        considered = len(plant.decay_1_s) + len(sources) + plant.learning.arrays.considered
     x, P = _replaced(state.x_hat, state.P, H, nu, carried.covariance[np.ix_(selected, selected)], considered)
     return estimator.at(state, x, P, _linearisation_point(plant, inputs, x, state.around))
 

@@ -148,7 +148,7 @@ def considering_all(plant: Plant) -> Plant:
         return plant
     arrays, empty = plant.learning.arrays, np.zeros(0)
     learning = Learning(
-        arrays._replace(held=np.arange(len(arrays.kind))), (), np.zeros(0, np.int64), empty, empty,
+        arrays._replace(considered=np.arange(len(arrays.kind))), (), np.zeros(0, np.int64), empty, empty,
         plant.learning.wander_s,
     )  # fmt: skip
     return replace(plant, learning=learning, layout=replace(plant.layout, learned=()))

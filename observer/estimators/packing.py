@@ -276,7 +276,7 @@ def scratch(arrays: PlantArrays) -> Work:
         "M": (m_e, width), "L": (s, s), "W": (s, width), "e": (s,), "K": (width,), "row": (width,),
         "half": (width,), "g": (s, width), "nu": (s,), "S_nu": (s,), "suspect": (s,), "A": (n, width),
         "before_around": (n_x + m_e,), "plain": (n_x + m_e,), "plain_B": (m, n_x),
-        "saved": (len(learn.held), len(learn.held) + 1), "S": (s, sensors), "read": (sensors,),
+        "saved": (len(learn.considered), len(learn.considered) + 1), "S": (s, sensors), "read": (sensors,),
     }  # fmt: skip
     return Work(
         B=arrays.B.copy(),

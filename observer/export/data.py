@@ -44,7 +44,7 @@ class Exportable:
         self.config = config
         self.plant = build_plant(config)
         self.drive = Drive(config, self.plant)
-        self.drive.look_at(config.channels)
+        self.drive.set_channels(config.channels)
         refuse_unexportable(config, self.plant, self.drive)
         self.period_s = float(quantise(np.array(config.estimator.period_s)))
         self.step: StepMatrices = step_matrices(self.plant, self.period_s)
@@ -153,7 +153,7 @@ def input_constants(machine: Exportable) -> dict[str, Any]:
     age = [_STALE_PERIODS * max(machine.period_s, usual) / machine.period_s for usual in usual_s]
     fixed, reference = machine.drive.initial().z, machine.plant.known.reference
     terms = law_terms(config)
-    at = np.asarray(read.known).copy()
+    at = np.asarray(read.inputs).copy()
     opens = reference is not None and at[reference] < 0 and math.isnan(fixed[reference])
     if opens and at[read.ambient] < 0:
         fixed[reference], opens = fixed[read.ambient], False

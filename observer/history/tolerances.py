@@ -115,7 +115,7 @@ def _roughly_known(config: Config) -> tuple[Plant, BoolArray]:
     selected = np.flatnonzero(parameters.kind != Nuisance.LAW)
     learning = replace(plant.learning, arrays=of_parameters(parameters, selected))
     plant = replace(plant, coupling=plant.coupling._replace(fades=sought), learning=learning)
-    return plant, np.isin(selected, parameters.held, invert=True)
+    return plant, np.isin(selected, parameters.considered, invert=True)
 
 
 class Sensitivities(NamedTuple):

@@ -92,7 +92,7 @@ def couple_half(p, u, k, z, x, half, work):
     for a in range(n_x):
         X[a, 0] = x[a]
     for q in range(len(z)):
-        work.state.known[q, 0] = z[q]
+        work.state.inputs[q, 0] = z[q]
     couple(p.coupling, rate_1_s, drawn, work.B, half_s, work.state, work.link)
     for a in range(n_x):
         x[a] = X[a, 0]

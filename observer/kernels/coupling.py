@@ -5,7 +5,7 @@ half their order is symmetric, so the error is of second order in the step. Each
 so all are stable.
 
 They act on columns X (n_x, w). A state is one column. The matrix of a half step has a column for each state,
-each known input and the constant. `known` (p + 1, w) contains the known inputs and a one for these columns.
+each known input and the constant. `inputs` (p + 1, w) contains the known inputs and a one for these columns.
 Factors that do not act on each other are taken together; `sums` (f, w) is scratch for f of them.
 """
 
@@ -99,12 +99,12 @@ def _lose(c, rate_1_s, drawn, time_s, columns, gain):
         _warm(c, drawn / rate_1_s, columns)
         return
     keep, lost, states = exp(-rate_1_s * time_s), -expm1(-rate_1_s * time_s), c.modes
-    if len(c.beside) > 0:  # they get back what they will lose with the screw
+    if len(c.non_modal_rows) > 0:  # they get back what they will lose with the screw
         states = len(c.uniform)
-        for i in range(len(c.beside)):
+        for i in range(len(c.non_modal_rows)):
             gain[i] = lost / keep
-        _read_columns(c.beside, 0, len(c.beside), columns)
-        _add_factors(c.beside_into, 0, len(c.beside), gain, columns)
+        _read_columns(c.non_modal_rows, 0, len(c.non_modal_rows), columns)
+        _add_factors(c.non_modal_into, 0, len(c.non_modal_rows), gain, columns)
     for a in range(states):
         for q in range(columns.X.shape[1]):
             columns.X[a, q] *= keep
@@ -114,7 +114,7 @@ def _lose(c, rate_1_s, drawn, time_s, columns, gain):
 def _warm(c, by_K, columns):
     """Warm the whole screw, and nothing else."""
     for a in range(len(c.uniform)):
-        add_row(columns.X[a], by_K * c.uniform[a], columns.known[columns.known.shape[0] - 1])
+        add_row(columns.X[a], by_K * c.uniform[a], columns.inputs[columns.inputs.shape[0] - 1])
 
 
 def _link(c, i, B, time_s, columns, link):
@@ -132,7 +132,7 @@ def _link(c, i, B, time_s, columns, link):
     link[2, 0] = -expm1(-c.links.conductance_W_K[i] * compliance * time_s) / compliance
     _read_columns(link, 0, 1, columns)
     for q in range(c.under_F.shape[1]):
-        add_row(columns.sums[0], -c.under_F[source, q], columns.known[q])
+        add_row(columns.sums[0], -c.under_F[source, q], columns.inputs[q])
     _add_factors(link, 1, 1, link[2], columns)
 
 

@@ -37,8 +37,8 @@ def follow(p, b, k, linearisation_point, x, work):
         bring(p, B, work.before_around, work)
     for i in range(machine):
         row = m_e + i
-        if p.learn.tie[i] >= 0:
-            pass_heat(p, b.inputs, k, B, p.learn.tie[i], work.before_around, work, work.G[row])
+        if p.learn.link[i] >= 0:
+            pass_heat(p, b.inputs, k, B, p.learn.link[i], work.before_around, work, work.G[row])
         elif len(p.learn.V) > 0:
             drive(p, b.inputs, k, work.plain_B, i, work.plain, work, work.shift)
             multiply(p.inverse_T, work.shift, work.G[row])
@@ -92,12 +92,12 @@ def drive(p, u, k, B, i, x, work, c):
         return
     tied = 0.0
     for a in range(n_x):
-        tied += p.learn.seen[i, a] * x[a]
+        tied += p.learn.feedback_row[i, a] * x[a]
     for a in range(n_x):
         c[a] = p.learn.steady[i, a] + p.learn.rate_1_s[i, a] * x[a] + p.learn.into[i, a] * tied
-    for q in range(p.learn.known.shape[1]):
+    for q in range(p.learn.inputs.shape[1]):
         for a in range(n_x):
-            c[a] += p.learn.known[i, q, a] * u.z_start[k, q]
+            c[a] += p.learn.inputs[i, q, a] * u.z_start[k, q]
     if p.learn.heated[i] != 0:
         for j in range(B.shape[0]):
             for a in range(n_x):
@@ -195,10 +195,10 @@ def add_columns_of(G, first, count, n_x, x):
 def keep(p, x, P, saved):
     """Save considered parameters with the lower triangle of their covariance, (h, h + 1)."""
     first = len(p.uniform) + len(p.source)
-    for i in range(len(p.learn.held)):
-        saved[i, 0] = x[first + p.learn.held[i]]
+    for i in range(len(p.learn.considered)):
+        saved[i, 0] = x[first + p.learn.considered[i]]
         for j in range(i + 1):
-            saved[i, j + 1] = P[first + p.learn.held[i], first + p.learn.held[j]]
+            saved[i, j + 1] = P[first + p.learn.considered[i], first + p.learn.considered[j]]
 
 
 def give_back(p, x, P, saved):
@@ -207,10 +207,10 @@ def give_back(p, x, P, saved):
     The covariance of considered parameters with other states stays corrected (Schmidt 1966).
     """
     first = len(p.uniform) + len(p.source)
-    for i in range(len(p.learn.held)):
-        x[first + p.learn.held[i]] = saved[i, 0]
+    for i in range(len(p.learn.considered)):
+        x[first + p.learn.considered[i]] = saved[i, 0]
         for j in range(i + 1):
-            P[first + p.learn.held[i], first + p.learn.held[j]] = saved[i, j + 1]
+            P[first + p.learn.considered[i], first + p.learn.considered[j]] = saved[i, j + 1]
 
 
 def draw_near(p, dt_s, x, linearisation_point):

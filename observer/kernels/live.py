@@ -62,8 +62,8 @@ def fill_inputs(read, desk, begin_s, last_s):
             desk.y_degC[k, i], desk.sensor_quality[k, i] = desk.values[k, column], quality[k, column]
             desk.usable[k, i] = desk.fresh[k, column] and quality[k, column] == GOOD and ready
         degraded[k] = 0
-        for i in range(len(read.needed)):
-            if quality[k, read.needed[i]] != GOOD:
+        for i in range(len(read.required)):
+            if quality[k, read.required[i]] != GOOD:
                 degraded[k] = INPUT_LOST
         for i in range(len(read.nuts)):
             if quality[k, read.nuts[i]] != GOOD:
@@ -75,10 +75,10 @@ def _fill_known(read, desk, k, hours, hours_before):
 
     The error's reference, which comes after it, is the first ambient unless it is given.
     """
-    ready, known_inputs, z_start, z_end = True, desk.known, desk.z_start, desk.z_end
+    ready, known_inputs, z_start, z_end = True, desk.z, desk.z_start, desk.z_end
     for q in range(known_inputs.shape[1]):
         before = known_inputs[k - 1, q] if k > 0 else desk.z_before[q]
-        known_inputs[k, q] = desk.values[k, read.known[q]] if read.known[q] >= 0 else before
+        known_inputs[k, q] = desk.values[k, read.inputs[q]] if read.inputs[q] >= 0 else before
         if q == read.reference and isnan(known_inputs[k, q]):
             known_inputs[k, q] = known_inputs[k, read.ambient]
         z_end[k, q] = known_inputs[k, q] + read.shift_K[q] + hours * read.rate_K_h[q]
@@ -124,7 +124,7 @@ def drive_frame(tick):
     for j in range(len(desk.law_before_W)):
         desk.law_before_W[j] = desk.law[0, j]
     for q in range(len(desk.z_before)):
-        desk.z_before[q] = desk.known[0, q]
+        desk.z_before[q] = desk.z[0, q]
     inputs.time_s[0], inputs.dt_s[0] = desk.time_s[0], tick.dt_s[0]
     for i in range(len(tick.nuts)):
         nut = tick.nuts[i]

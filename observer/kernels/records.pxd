@@ -28,7 +28,7 @@ cdef class Coupling(Record):
     cdef public Py_ssize_t ambient, modes
     cdef public double conductance_W_m, square, radiation, rising, zero_degC_K
     cdef public double[::1] place_gain, uniform, mean
-    cdef public double[:, ::1] under_C, under_F, metric, beside, beside_into
+    cdef public double[:, ::1] under_C, under_F, metric, non_modal_rows, non_modal_into
     cdef public Links links
     cdef public Spreads spreads
     cdef public Fades fades
@@ -37,10 +37,10 @@ cdef class Coupling(Record):
 
 cdef class LearningArrays(Record):
     cdef public Py_ssize_t machine, ambient, rests
-    cdef public Py_ssize_t[::1] kind, of, held, law, divided, tie, heated
+    cdef public Py_ssize_t[::1] kind, of, considered, law, divided, link, heated
     cdef public double[::1] sigma, shift_K, lag_s
-    cdef public double[:, ::1] rate_1_s, into, seen, heats, steady, row, row_known, rest_P, V, inverse
-    cdef public double[:, :, ::1] known
+    cdef public double[:, ::1] rate_1_s, into, feedback_row, heats, steady, row, row_known, rest_P, V, inverse
+    cdef public double[:, :, ::1] inputs
 
 
 cdef class AdvancePlant(Record):
@@ -76,7 +76,7 @@ cdef class StepMatrices(Record):
 
 
 cdef class CoupledColumns(Record):
-    cdef public double[:, ::1] X, known, sums
+    cdef public double[:, ::1] X, inputs, sums
 
 
 cdef class AdvanceWork(Record):
@@ -198,7 +198,7 @@ cdef class Smoothed(Record):
 
 
 cdef class ColumnsRead(Record):
-    cdef public Py_ssize_t[::1] sensors, known, needed, nuts
+    cdef public Py_ssize_t[::1] sensors, inputs, required, nuts
     cdef public double[::1] shift_K, rate_K_h
     cdef public Py_ssize_t ambient, reference
 
@@ -259,7 +259,7 @@ cdef class Frames(Record):
 
 cdef class DriveDesk(Record):
     cdef public double[::1] time_s, law_before_W, z_before
-    cdef public double[:, ::1] values, law, known, z_start, z_end, law_W, jump_W, y_degC
+    cdef public double[:, ::1] values, law, z, z_start, z_end, law_W, jump_W, y_degC
     cdef public unsigned char[:, ::1] fresh, usable
     cdef public signed char[:, ::1] quality, sensor_quality
     cdef public signed char[::1] degraded

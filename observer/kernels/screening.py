@@ -248,8 +248,8 @@ def offset_of(p, i):
     """Return the learnt parameter that is the offset of sensor i, or -1."""
     for q in range(p.learn.machine, len(p.learn.kind)):
         if p.learn.kind[q] == OFFSET and p.learn.of[q] == i:
-            for h in range(len(p.learn.held)):
-                if p.learn.held[h] == q:
+            for h in range(len(p.learn.considered)):
+                if p.learn.considered[h] == q:
                     return -1
             return q
     return -1

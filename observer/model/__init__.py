@@ -1,1 +1,1 @@
-"""The plant and what drives it: pure mathematics, no bus, no file, no clock."""
+"""The plant and its inputs: pure mathematics without bus, file or clock."""

@@ -1,8 +1,8 @@
-"""The screw at one temperature everywhere, and what its ends and the air do to it from then on.
+"""The start of a screw at one temperature, and its first response to ends and air.
 
-In the plant the dropped modes follow known inputs at once, which is right for what changes slowly. At the
-start it is not: an end at another temperature than the screw would act along the whole screw in no time. So
-what the plant's outputs lack for a while is added from a screw of many modes.
+In the plant, dropped modes follow the known inputs at once. That is right for slow changes and wrong at the
+start. An end at another temperature would act along the whole screw immediately. `Beginning` adds the
+difference to the response of a plant with many modes.
 """
 
 from __future__ import annotations
@@ -19,14 +19,19 @@ from observer.model.rod.modes import held_s
 from observer.model.simulate import start
 
 _NEGLIGIBLE = 1e-6
-"""K or µm of an output row below which a step of the known inputs needs no addition."""
+"""K or µm of an output row below which both responses count as equal."""
 _SETTLED = 30.0
-"""Times the slowest dropped mode's time constant after which nothing is lacking: e⁻³⁰."""
+"""Time constants of the slowest dropped mode until both responses agree: e⁻³⁰."""
 
 
 class Response(NamedTuple):
-    """How rows respond to a step that known inputs make: states (n,) that it `drives` at `decay_1_s`, rows
-    `C` (R, n) of them, and what the rows (R,) show `at_once`.
+    """The response of output rows to a step of the known inputs.
+
+    Attributes:
+        decay_1_s: Decay rates of the states, (n,).
+        drives: Rates at which the step drives the states, (n,).
+        C: Output rows of the states, (R, n).
+        at_once: Immediate change of the rows, (R,).
     """
 
     decay_1_s: FloatArray
@@ -36,17 +41,24 @@ class Response(NamedTuple):
 
     @classmethod
     def of(cls, plant: Plant, step_K: FloatArray) -> Response:
-        """That of a plant to a step (p,) of its known inputs."""
+        """Return the response of a plant to a step (p,) of its known inputs."""
         return cls(plant.decay_1_s, plant.E @ step_K, plant.rows.C, plant.rows.F @ step_K)
 
     def after(self, time_s: FloatArray) -> FloatArray:
-        """The rows (K, R) some times (K,) after the step."""
+        """Return the rows (K, R) at times (K,) after the step."""
         return held_s(self.decay_1_s, time_s[:, None]) * self.drives @ self.C.T + self.at_once
 
 
 class Beginning(NamedTuple):
-    """The state `x` of the start, its output rows (R,), and what the known inputs do from `begin_s` on, by
-    the plant and by `reference` modes, None where the two are the same.
+    """The start of a simulation.
+
+    Attributes:
+        x: The state at the start.
+        rows: Its output rows, (R,).
+        begin_s: The time at which the known inputs begin to act.
+        reduced: The response of the plant.
+        reference: The response of a plant with many modes; None if both are equal.
+        lasts_s: The time after which both responses agree.
     """
 
     x: FloatArray
@@ -57,7 +69,7 @@ class Beginning(NamedTuple):
     lasts_s: float
 
     def add_to(self, rows: FloatArray, time_s: FloatArray) -> None:
-        """Put the start itself, and what the plant lacks after it, into output rows (K, R) at times (K,)."""
+        """Write the start into output rows (K, R) at times (K,), and add the difference of both responses."""
         after_s = time_s - self.begin_s
         rows[after_s <= 0.0] = self.rows
         lacking = np.flatnonzero((after_s > 0.0) & (after_s < self.lasts_s))
@@ -70,8 +82,8 @@ def beginning(
 ) -> Beginning:
     """Return the start of a screw at one temperature, its lags empty: no heat has acted yet.
 
-    `z` (p,) are the known inputs from `begin_s` on; until then ends and air were at the screw's temperature.
-    Without a configuration nothing is added to what the plant itself makes of the step.
+    `z` (p,) are the known inputs from `begin_s` on; until then ends and air had the screw's temperature.
+    Without a configuration, `reference` is None.
     """
     columns = plant.known
     before = z.copy()

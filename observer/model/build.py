@@ -1,4 +1,4 @@
-"""From a configuration to the plant: the full model, the modes that are kept, and what stands beside."""
+"""Build the plant of a configuration: the full model, its reduction, and the bodies beside the screw."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from observer.effects.terms import COUPLING_TERMS, LawFactor, SensorOffset, Stro
 from observer.errors import ConfigError
 from observer.frames import FloatArray
 from observer.model.couple import with_coupling
-from observer.model.extend import showing, with_learning
+from observer.model.extend import with_learning, with_shown_part
 from observer.model.generator import diagonalised
 from observer.model.plant import AMBIENT, BED, LEFT, OFFSET, REFERENCE, RIGHT, Plant
 from observer.model.realise import realise
@@ -39,15 +39,15 @@ from observer.tables.sections import Description, Source, following, part_of_hea
 
 MOST_MODES = 400
 MOST_ASKED = 150
-"""The most modes that a criterion may ask for: a step costs their square, a design their cube."""
+"""Maximum number of modes of a criterion: a step costs their square, a design their cube."""
 DEFAULT_GRID_POINTS = 21
 
 
 def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool = False) -> Plant:
-    """Return the plant of a configuration with its effects. Raises `ConfigError` where one cannot stand.
+    """Return the plant of a configuration with its effects. Raises `ConfigError` if an effect is impossible.
 
-    `nut_places` is how many places of a nut its lag's output column is tabulated for. With `learns` the plant
-    has what its estimator learns or allows for, too.
+    `nut_places` is how many places of a nut its lag's output column is tabulated for. With `learns`, the
+    plant includes the parameters that its estimator learns or considers.
     """
     machine = realise(config)
     full = full_model(machine.config, machine.terms)
@@ -58,7 +58,7 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool 
         rows = bed_rows(full.places)
         plant, constant = with_coupling(plant, modes, machine.config, machine.terms, sigma_W, rows)
     else:
-        plant = showing(plant, machine.config.sensor)
+        plant = with_shown_part(plant, machine.config.sensor)
     if learns and constant is not None:
         plant = with_rough_network(plant, machine.config, config.link, machine.terms, constant, modes)
     elif learns:
@@ -67,7 +67,7 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool 
 
 
 def full_model(config: Config, terms: Sequence[Term]) -> FullModel:
-    """The full model of a configuration with its effects in place, without what couples its states."""
+    """Return the full model of a configuration with its effects, without the couplings of its states."""
     modes = solve_modes(rod_of(config), (config.model.modes or MOST_MODES) + 1)
     refuse_on_followed(config, terms)
     ends = {t.source: t.fraction for t in terms if isinstance(t, StrokeEnds)}
@@ -109,7 +109,7 @@ def _heat(config: Config, source: Source, ends_fraction: float) -> HeatInput:
 
 
 def refuse_on_followed(machine: Description, terms: Sequence[Term]) -> None:
-    """Raise `ConfigError` for what acts on one of several sources that have one heat."""
+    """Raise `ConfigError` if an effect acts on one of several sources that share one heat."""
     owners = following(machine.source)
     followers = {s.name for s in machine.source if s.follows}
     for term in terms:
@@ -124,10 +124,11 @@ def refuse_on_followed(machine: Description, terms: Sequence[Term]) -> None:
 
 
 def keep_modes(config: Config, candidates: Modes) -> list[int]:
-    """Which modes (from 0) the configuration keeps: enough for every source's footprint.
+    """Return the numbers (from 0) of the modes that the configuration keeps: enough for every source's
+    footprint.
 
-    With the tail criterion, also enough that the first dropped mode settles within `settle_s`. What is stated
-    and asks for more than `MOST_ASKED` is refused (`ConfigError`); a default is met as far as they reach.
+    With the tail criterion, the first dropped mode also settles within `settle_s`. Raises `ConfigError` if a
+    stated criterion needs more than `MOST_ASKED` modes. A default is met as far as that many modes reach.
     """
     settings = config.model
     if settings.modes is not None:
@@ -172,7 +173,7 @@ def _places(config: Config) -> Places:
 
 
 def restraint_on(config: Config, places_m: FloatArray) -> Restraint | None:
-    """Return what holds a configuration's screw at places (g,), None where nothing is said of supports."""
+    """Return the restraint of a configuration's supports at places (g,); None without supports."""
     return None if config.supports is None else restraint_of(config.supports, config.screw, places_m)
 
 
@@ -206,7 +207,7 @@ REFERENCE_MODES = 400
 
 
 def with_many_modes(config: Config) -> Plant:
-    """Return the plant of a configuration with so many modes that nothing is left out that shows."""
+    """Return the plant of a configuration with `REFERENCE_MODES` modes."""
     model = config.model.model_copy(update={"modes": REFERENCE_MODES, "static_correction": True})
     return build_plant(config.model_copy(update={"model": model}))
 
@@ -214,8 +215,8 @@ def with_many_modes(config: Config) -> Plant:
 def transient_error_K_W(config: Config, plant: Plant, times_s: tuple[float, ...]) -> FloatArray:
     """Return the largest field error per W of a heat step at each time after it, over sources, (t,), K/W.
 
-    The reference is the same screw with 400 modes. Nuts stand still, spread over their stroke, and what
-    varies in time (`coupling`) is left out.
+    The reference is the same screw with 400 modes. Nuts are spread over their strokes. Time-varying couplings
+    (`coupling`) are left out.
     """
     reference = with_many_modes(config)
     worst = []

@@ -1,4 +1,4 @@
-"""Keeps results that are asked for again: check, search and variants build the same machine many times."""
+"""Caches results of functions: check, search and variants build the same machine many times."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class _Arguments:
 
 
 def cached(size: int) -> Callable[[Callable[P, FloatArray]], Callable[P, FloatArray]]:
-    """Have a function of positional arguments keep its last results; each caller gets a copy of its own."""
+    """Return a decorator that caches the last `size` results of a function; each caller gets a copy."""
 
     def decorate(function: Callable[P, FloatArray]) -> Callable[P, FloatArray]:
         @lru_cache(maxsize=size)

@@ -1,7 +1,7 @@
-"""Extend a plant by what couples its states: nodes and lagging sensors get states of their own.
+"""Couple a plant with nodes and lagging sensors, which get states of their own.
 
-What lasts (links at fixed places, films along stretches, sensors that lag) becomes part of the generator
-(`generator`); what varies in time is taken step by step (`coupling`).
+Constant couplings become part of the generator (`generator`): links at fixed places, films along stretches,
+lagging sensors. Time-varying couplings are applied step by step (`coupling`).
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from observer.model.coupling import Fades, Links, Uneven, no_coupling
 from observer.model.extend import (
     extended,
     lag_states,
-    lagging,
     node_states,
     padded,
-    reading_nodes,
-    showing,
     wide,
+    with_lagging_sensors,
+    with_node_sensors,
+    with_shown_part,
 )
 from observer.model.generator import Constant
 from observer.model.network import (
@@ -50,12 +50,12 @@ def with_coupling(
     sigma_W: FloatArray,
     bed: FloatArray,
 ) -> tuple[Plant, Constant]:
-    """Return the plant with the nodes beside it and its time-varying couplings, and what lasts of `terms`;
-    other kinds are passed over.
+    """Return the plant with the nodes beside it and its time-varying couplings, and its constant couplings.
 
-    New states come after the lags of the sources: the amplitudes of the nodes' own modes (a node that
-    touches the screw only is its own, in °C), then one per lagging sensor, in °C. `sigma_W` (m,) is how large
-    the heats may have been before the start, `bed` (R,) the output column of the bed's temperature.
+    `terms` of other kinds are ignored. New states come after the lags of the sources. First come the
+    amplitudes of the nodes' own modes; an isolated node has its temperature in °C as its state. Then comes
+    one state per lagging sensor, in °C. `sigma_W` (m,) bounds the heats before the start. `bed` (R,) is the
+    output column of the bed's temperature.
     """
     bodies, screw = attached(machine, terms), len(plant.decay_1_s)
     network_modes, gain = node_modes(bodies.network), _place_gain(machine)
@@ -64,7 +64,9 @@ def with_coupling(
     places = under_C.copy()
     places[:, : plant.modes] += modes.rod.conductance_W_m * (plant.B[: plant.modes] * gain).T
     plant = extended(plant, node_states(plant, bodies, network_modes, places, _mean(modes, screw), before))
-    plant = showing(reading_nodes(plant, machine, bodies, network_modes, screw, bed), machine.sensor)
+    plant = with_shown_part(
+        with_node_sensors(plant, machine, bodies, network_modes, screw, bed), machine.sensor
+    )
     plant, lags = _with_lags(plant, terms)
     n_x, m, p = len(plant.decay_1_s), len(plant.source_names), len(plant.known_names)
     moving = [s.index for s in plant.moving]
@@ -114,7 +116,7 @@ def _watched(plant: Plant, bodies: Attached, terms: Sequence[Term]) -> set[int]:
 
 
 def _place_gain(machine: Description) -> FloatArray:
-    """What makes a source's column, which holds its part for the screw, that of 1 W into the screw, (m,)."""
+    """The factor (m,) that scales a source's column to 1 W into the screw."""
     share = np.array([s.screw_share for s in machine.source])
     return np.where(share > 0, 1.0 / np.where(share > 0, share, 1.0), 0.0)
 
@@ -122,7 +124,7 @@ def _place_gain(machine: Description) -> FloatArray:
 def _passed(
     plant: Plant, network_modes: NodeModes, gain: FloatArray, screw: int, node: int, source: int
 ) -> tuple[FloatArray, FloatArray]:
-    """The row (n_x,) that reads a node, and what 1 J that it passes to the screw at a source does, (n_x,)."""
+    """The row (n_x,) that reads a node, and the effect (n_x,) of 1 J from it to the screw at a source."""
     n_x, nodes = len(plant.decay_1_s), slice(screw, screw + len(network_modes.shape))
     row, passed = np.zeros(n_x), np.zeros(n_x)
     row[nodes], passed[nodes] = network_modes.shape[node], -network_modes.input[:, node]
@@ -133,7 +135,7 @@ def _passed(
 def _add_warmed_air(
     constant: Constant, plant: Plant, modes: Modes, bodies: Attached, network_modes: NodeModes, screw: int
 ) -> None:
-    """Add what the base film exchanges with air of its own, along stretches, without the dropped modes."""
+    """Add the exchange of the base film with air along stretches, without the dropped modes."""
     n_x, rod = len(plant.decay_1_s), modes.rod
     for node, air in bodies.air:
         into = rod.fin_1_m**2 * padded(modes.wetted(air.from_m, air.to_m), n_x)
@@ -178,7 +180,7 @@ def _add_strokes(
     bodies: Attached,
     moving: Sequence[int],
 ) -> None:
-    """Add what nuts of which nobody knows the place exchange with their nodes on top of the mean."""
+    """Add the exchange between nodes and nuts without a position channel beyond that of the mean."""
     N = plant.modes
     for shapes in shapes_of_strokes(modes, machine, bodies):
         if shapes.source not in moving:
@@ -188,19 +190,20 @@ def _add_strokes(
 def _with_lags(
     plant: Plant, terms: Sequence[Term]
 ) -> tuple[Plant, list[tuple[float, FloatArray, FloatArray]]]:
-    """The plant with a state for each lagging sensor, and of each its time constant, s, and the rows of
-    states and of known inputs that it follows.
+    """The plant with a state for each lagging sensor, and the time constants of these states.
+
+    Each tuple holds a time constant, s, and the rows of states and of known inputs that the sensor follows.
     """
     lags = [t for t in terms if isinstance(t, Lag) and t.time_constant_s > 0]
     sensors = [plant.layout.sensors.index(t.sensor) for t in lags]
     C, F = plant.rows.C[sensors], np.where(plant.known.offset, 0.0, plant.rows.F[sensors])
     states = lag_states(C, len(plant.source_names), len(plant.known_names))
     followed = zip((t.time_constant_s for t in lags), C, F, strict=True)
-    return lagging(extended(plant, states), sensors), list(followed)
+    return with_lagging_sensors(extended(plant, states), sensors), list(followed)
 
 
 def _fades(plant: Plant, terms: Sequence[Term]) -> Fades:
-    """The friction that fades."""
+    """The decrease of friction with temperature."""
     per_K, reference_degC = np.zeros((2, len(plant.source_names)))
     for fade in (t for t in terms if isinstance(t, Fade)):
         per_K[plant.source_names.index(fade.source)] = fade.per_K
@@ -214,7 +217,7 @@ def _mean(modes: Modes, n_x: int) -> FloatArray:
 
 
 def _uneven(modes: Modes, n_x: int) -> Uneven:
-    """The shapes of which a film loses each at its own rate: those of ∫ p θ_i θ_j dx/α."""
+    """The shapes that a film cools each at its own rate: those of ∫ p θ_i θ_j dx/α."""
     if modes.rod.profile is None:
         return no_coupling(n_x, 0, 0).uneven
     rate, shape = np.linalg.eigh(modes.surface())
@@ -225,7 +228,7 @@ def _uneven(modes: Modes, n_x: int) -> Uneven:
 def _dropped(
     plant: Plant, modes: Modes, machine: Description, sources: set[int]
 ) -> tuple[FloatArray, FloatArray]:
-    """What the dropped modes hold under each source, (m, n_x) and (m, p); nothing for all but `sources`."""
+    """The temperature of the dropped modes under each of `sources`, (m, n_x) and (m, p); 0 elsewhere."""
     m, p = len(plant.source_names), len(plant.known_names)
     of_states, of_known = np.zeros((m, len(plant.decay_1_s))), np.zeros((m, p))
     # near a nut that moves it is left out: its footprint is long against what the dropped modes see
@@ -237,7 +240,7 @@ def _dropped(
 def _dropped_under(
     plant: Plant, modes: Modes, machine: Description, index: int
 ) -> tuple[FloatArray, FloatArray]:
-    """What the dropped modes hold under a source, °C per W of each (m,), per °C of each known input (p,)."""
+    """The temperature of the dropped modes under a source, K/W of each (m,), K per input (p,)."""
     under = steady_under(modes, [mean_stretch(s, machine.screw) for s in machine.source], index)
     per_input, at = np.zeros(len(plant.known_names)), plant.known
     safe = np.where(modes.decay_1_s > 0, modes.decay_1_s, np.inf)

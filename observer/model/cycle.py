@@ -1,8 +1,8 @@
-"""A standard shift of a machine, for designs: what drives the plant while it rests, works, dwells and cools.
+"""A standard shift of a machine, for designs: the inputs of the plant in rest, work, dwell and cooling.
 
-A design knows no log, so the shift is the same for every machine: from cold, two hours of work with a dwell
-between, and an hour at rest. Nuts sweep over their strokes, and rest in the middle; `ripple` is what sensors
-see of a sweep beyond the nut's mean columns.
+A design has no log, so the shift is the same for every machine: from cold, two hours of work with a dwell
+between, and an hour at rest. Nuts sweep over their strokes, and rest in the middle. `ripple` is the reading
+of sensors in a sweep beyond the nut's mean columns.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ FAST = 0.15
 
 _PLACES = 64
 SWEEP_PHASES = 8
-"""At how many phases of a sweep the readings are distinguished."""
+"""Number of phases of a sweep."""
 
 
 class Sweep(NamedTuple):
-    """A nut that runs to and fro between two places, m, at a speed, m/s; at none it stands in the middle."""
+    """A nut's motion to and fro between two places, m, at a speed, m/s; at zero speed it rests midway."""
 
     low_m: float
     high_m: float
@@ -45,13 +45,17 @@ class Sweep(NamedTuple):
 
     @property
     def middle_m(self) -> float:
-        """Where it stands."""
+        """The middle of both places."""
         return 0.5 * (self.low_m + self.high_m)
 
 
 class Ripple(NamedTuple):
-    """Of each sensor, at so many phases of a sweep, (f, s), per W of the nut's heat: how much more than in
-    the mean it reads, `reading`, K/W, and what its place, K/(W m), and its lag, K/(W s), add to that.
+    """Readings of s sensors at f phases of a sweep beyond the mean, per W of the nut's heat.
+
+    Attributes:
+        reading: The reading, K/W, (f, s).
+        by_place: Its change with the sensor's position, K/(W m), (f, s).
+        by_lag: Its change with the sensor's lag, K/(W s), (f, s).
     """
 
     reading: FloatArray
@@ -67,10 +71,11 @@ def ripple(
     slope_C: FloatArray,
     lag_s: FloatArray,
 ) -> Ripple:
-    """Return what sensors see of a sweep in the periodic steady state, by Fourier's series.
+    """Return the readings of sensors in the periodic steady state of a sweep, by Fourier series.
 
-    `decay_1_s` (N,) of the modes, `C` and `slope_C` (s, N) the sensors' rows of T, and of ∂T/∂x, by them;
-    `lag_s` (s,). Each mode answers a harmonic by 1/(λ + iω), the column of the lag by g/(g + iω).
+    `decay_1_s` (N,) are the rates of the modes. `C` and `slope_C` (s, N) are the sensors' rows of T and
+    ∂T/∂x, `lag_s` (s,) their lags. Each mode answers a harmonic by 1/(λ + iω), the column of the lag by g/(g
+    + iω).
     """
     N, s = len(decay_1_s), len(C)
     way = np.abs((np.arange(_PLACES) + 0.5) / (_PLACES / 2) - 1.0)
@@ -91,24 +96,28 @@ def ripple(
 
 
 SPEED_RPM = 1000.0
-"""How fast machines work, where only a log could show it."""
+"""Speed of a working machine, which only a log could show."""
 AIR_degC = 20.0
-"""The air, where a channel measures it."""
+"""Temperature of the air, if a channel measures it."""
 RISE_K = 10.0
-"""Rise at which a film that grows with it is taken."""
+"""Rise for a film that grows with it."""
 LEAD_M = 0.01
-"""How far a turn carries a nut, where its source does not say."""
+"""Default lead of a source."""
 SHIFT = ((300.0, 0.0), (5400.0, 1.0), (600.0, 0.0), (1800.0, 1.0), (3600.0, 0.0))
-"""Stretches of the shift: how long, in s, and whether the machine works."""
+"""Stretches of the shift: duration, s, and 1 if the machine works."""
 
 
 class Stage(NamedTuple):
-    """A stretch of time in which nothing that drives the plant changes.
+    """A stretch of time with constant inputs.
 
-    `law_W` (m,), W, each source's heat by its law; `heat_W` (m,), the heat that is taken for true; `z` (p,),
-    °C, the known inputs; `loss_1_s` the rate of the losses that go with the speed or with the temperature's
-    fourth power, along the screw, towards `drawn_degC`. `sweeps` (M,) are the ways of the moving sources,
-    None where the samples do not show them.
+    Attributes:
+        duration_s: Its length.
+        law_W: Each source's heat by its law, (m,).
+        heat_W: The heat taken as true, (m,).
+        z: The known inputs, °C, (p,).
+        loss_1_s: Rate of the losses by speed and by radiation, the same along the screw.
+        drawn_degC: The temperature that these losses approach.
+        sweeps: Motions of the moving sources, (M,); None if the samples do not resolve them.
     """
 
     duration_s: float
@@ -123,8 +132,8 @@ class Stage(NamedTuple):
 def standard_shift(config: Config, plant: Plant) -> tuple[Stage, ...]:
     """Return the stages of the standard shift of a configuration and its plant.
 
-    What a law of power does not give, and a source without a law, is taken for the source's
-    `initial_sigma_W` while the machine works.
+    While the machine works, a source without a law, or with a law of a measured power, has its
+    `initial_sigma_W`.
     """
     return tuple(_stage(config, plant, duration_s, share * SPEED_RPM) for duration_s, share in SHIFT)
 
@@ -157,7 +166,7 @@ def _stage(config: Config, plant: Plant, duration_s: float, speed_rpm: float) ->
 
 
 def _sweep(config: Config, source: Source, speed_rpm: float) -> Sweep | None:
-    """The way of a nut; the same that `check` says of the speeds up to which it is known."""
+    """The motion of a nut; None if it is faster than the speed limit that `check` reports."""
     low_m, high_m = source.stroke_m or (0.0, config.screw.length_m)
     speed_m_s = speed_rpm / 60.0 * (source.lead_m or LEAD_M)
     sample_s = config.sample_s.get(source.position_channel or "", config.estimator.period_s)
@@ -166,7 +175,7 @@ def _sweep(config: Config, source: Source, speed_rpm: float) -> Sweep | None:
 
 
 def _law_W(source: Source, sources: tuple[Source, ...], screw_m: float, speed_rpm: float) -> float:
-    """The heat by a source's law at a speed; a nut that turns too does so half as fast."""
+    """The heat by a source's law at a speed; a rotating nut turns half as fast."""
     works = speed_rpm > 0.0
     values = {s.power_channel: s.initial_sigma_W if works else 0.0 for s in sources}
     values |= {s.drive_channel: float(works) for s in sources}

@@ -1,9 +1,9 @@
 """One exact step of the plant over a time dt.
 
-The plant is diagonal, each estimated heat deviates from its law by δ_j with dδ_j = -g_j δ_j dt + dw_j, and
-laws and known inputs are held or ramp over the step. Everything then has a closed form, except the covariance
-that the random walk leaves in the states, which is a sum of outer products (quadrature) so that it can never
-be indefinite.
+The plant is diagonal. Each estimated heat deviates from its law by δ_j with dδ_j = -g_j δ_j dt + dw_j. Laws
+and known inputs are constant or linear over the step. Everything then has a closed form, except the
+covariance that the random walk leaves in the states. Quadrature makes it a sum of outer products, which is
+never indefinite.
 """
 
 from __future__ import annotations
@@ -24,12 +24,18 @@ _WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(16)[1]
 
 
 class StepMatrices(NamedTuple):
-    """What a step of length `dt_s` does; n_x plant states, m_e estimated heats.
+    """The matrices of a step of length `dt_s`; n_x plant states, m_e estimated heats.
 
-    `decay` (n_x,) e_i = exp(-λ_i dt); `hold` (n_x,) the response to an input of 1 held over the step, s;
-    `ramp` (n_x,) the response to an input that rises from 0 to 1 over the step, s; `heat_decay` (m_e,)
-    γ_j = exp(-g_j dt); `couple` (m_e, n_x) the response to δ_j = 1 at the start, s; and, for input columns of
-    1, the random walk's covariance `walk_xx` (m_e, n_x, n_x), `walk_dx` (m_e, n_x), `walk_dd` (m_e,).
+    Attributes:
+        dt_s: Length of the step.
+        decay: e_i = exp(-λ_i dt), (n_x,).
+        hold: Response to an input of 1 over the step, s, (n_x,).
+        ramp: Response to an input that rises from 0 to 1 over the step, s, (n_x,).
+        heat_decay: γ_j = exp(-g_j dt), (m_e,).
+        couple: Response to δ_j = 1 at the start, s, (m_e, n_x).
+        walk_xx: Covariance of the states by the random walk, for input columns of 1, (m_e, n_x, n_x).
+        walk_dx: Covariance of δ and the states by the random walk, likewise, (m_e, n_x).
+        walk_dd: Variance of δ by the random walk, (m_e,).
     """
 
     dt_s: float
@@ -44,7 +50,7 @@ class StepMatrices(NamedTuple):
 
 
 def quantise(dt_s: FloatArray) -> FloatArray:
-    """Steps to the whole microsecond: epoch seconds in double precision carry no more (2.4e-7 s)."""
+    """Round steps to whole microseconds: epoch seconds in double precision resolve 2.4e-7 s."""
     return np.rint(dt_s * TICKS_PER_S) / TICKS_PER_S
 
 
@@ -76,7 +82,7 @@ def step_matrices(plant: Plant, dt_s: float) -> StepMatrices:
 def augmented(plant: Plant, step: StepMatrices) -> tuple[FloatArray, FloatArray]:
     """Dense transition Ad and noise Qd, both (n, n), of the pair [x | δ] with the plant's own (mean) columns.
 
-    Ad = [[diag e, G], [0, diag γ]] with G_ij = B_ij couple_ji. What couples the states is not in it.
+    Ad = [[diag e, G], [0, diag γ]] with G_ij = B_ij couple_ji. Couplings of the states are not included.
     """
     B = plant.B[:, plant.estimated]
     n_x, m_e = B.shape
@@ -91,7 +97,7 @@ def augmented(plant: Plant, step: StepMatrices) -> tuple[FloatArray, FloatArray]
 
 
 def fixed_noise(plant: Plant, step: StepMatrices, walking: np.typing.NDArray[np.bool_]) -> FloatArray:
-    """Covariance (n_x, n_x) left by the field's own noise and the walks of heats `walking` (m_e,)."""
+    """Covariance (n_x, n_x) left by the field's own noise and the walks of the heats `walking` (m_e,)."""
     Q = plant.field_noise_Q * step.dt_s
     columns = plant.B[:, plant.estimated].T
     for j in np.flatnonzero(walking):

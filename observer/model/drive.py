@@ -1,8 +1,7 @@
-"""From frames to what drives the plant: sensor rows, heats by law, known inputs, the moving nut's columns.
+"""Convert frames to the inputs of the plant: sensor rows, heats by law, known inputs, columns of moving nuts.
 
 Pure: `run(state, frames)` returns the next state and the inputs of K steps, and K steps give the same bits
-as K runs of one. What is missing is held at its last value and the step is marked, never filled in
-silently.
+as K runs of one. A missing value keeps its last value, and the step is marked.
 """
 
 from __future__ import annotations
@@ -31,11 +30,16 @@ from observer.tables.sections import law_channels
 
 @dataclass(frozen=True, slots=True)
 class DriveState:
-    """What the drive remembers between steps.
+    """The state of the drive between steps.
 
-    `law_W` (m,) and `z` (p,), NaN before they are first known; `nuts` and `turns`, one state per moving
-    source; the time `begin_s` of the first frame, NaN before it, that of the last, and for how long each
-    law's channel has not been zero, `running_s` (m,), counted only where a factor of the law asks for it.
+    Attributes:
+        law_W: Heats by law, NaN before the first values, (m,).
+        z: Known inputs, NaN before the first values, (p,).
+        nuts: State of each moving source.
+        turns: Path memory of each moving source.
+        begin_s: Time of the first frame, NaN before it.
+        last_s: Time of the last frame, NaN before it.
+        running_s: Total time with each law's channel not zero, (m,); counted only for laws with factors.
     """
 
     law_W: FloatArray
@@ -48,7 +52,7 @@ class DriveState:
 
 
 class Driving(NamedTuple):
-    """What drives the open loop through K steps; each as in `Inputs`."""
+    """The inputs of the open loop in K steps; each as in `Inputs`."""
 
     law_W: FloatArray
     law_jump_W: FloatArray
@@ -59,10 +63,10 @@ class Driving(NamedTuple):
 
 
 class Drive:
-    """The plant's reading of the channels; holds no state of its own."""
+    """The plant's reading of the channels; has no state of its own."""
 
     def __init__(self, config: Config, plant: Plant) -> None:
-        """Fix, once, which channel feeds which input."""
+        """Assign the channels to the inputs."""
         machine = realise(config)
         config = machine.config
         self._plant = plant
@@ -75,7 +79,7 @@ class Drive:
         self._sensor_channels = [s.channel for s in config.sensor]
         self._scale = np.array([s.channel_scale for s in config.sensor])
         self.displaces = not plant.thermal.all()
-        self._every = range(len(config.source))
+        self._all_sources = range(len(config.source))
         self._laws: list[tuple[tuple[str, ...], Law]] = [
             (law_channels(s, config.source), heat_law(s, config.source, config.screw.length_m))
             for s in config.source
@@ -130,29 +134,29 @@ class Drive:
             *self.loss(frames.values, desk.z_end[:, self._known.ambient]),
         )  # fmt: skip
         last_s = float(frames.time_s[-1])
-        return DriveState(desk.law[-1], desk.known[-1], nuts, turns, begin_s, last_s, running_s), inputs
+        return DriveState(desk.law[-1], desk.z[-1], nuts, turns, begin_s, last_s, running_s), inputs
 
     def open_loop(self, frames: FrameBlock) -> Driving:
-        """Return what drives a plant through a log from its first frame on, but for where nuts are."""
+        """Return the inputs of a plant in a log from its first frame on, without columns of nuts."""
         desk, _, _ = self._driven(self.initial(), frames)
         losses = self.loss(frames.values, desk.z_end[:, self._known.ambient])
         return Driving(desk.law_W, desk.jump_W, desk.z_start, desk.z_end, *losses)
 
     def _driven(self, state: DriveState, frames: FrameBlock) -> tuple[DriveDesk, float, FloatArray]:
-        """What drives the plant in K steps and what sensors say, the first frame's time, and how long each
-        law has run.
-        """
-        self.look_at(frames.channels)
+        """Inputs and readings of K steps, the time of the first frame, and the running time of each law."""
+        self.set_channels(frames.channels)
         desk = _desk(frames, state, len(self._sensor_channels))
-        running_s = self.heats(desk.law, frames.values, frames.dt_s, state.running_s, self._every)
+        running_s = self.heats(desk.law, frames.values, frames.dt_s, state.running_s, self._all_sources)
         begin_s = float(frames.time_s[0]) if math.isnan(state.begin_s) else state.begin_s
         fill_inputs(self.read, record(desk), begin_s, state.last_s)
         self.displace(desk.time_s, desk.y_degC, desk.usable, begin_s)
         return desk, begin_s, running_s
 
     def displace(self, time_s: FloatArray, y_degC: FloatArray, usable: BoolArray, begin_s: float) -> None:
-        """Bring the readings (K, s) of displacements to µm, in place, and use none before a thermocouple has
-        had a value, nor in the first frame: an estimate starts from temperatures.
+        """Convert the readings (K, s) of displacements to µm, in place, and mark which of them are usable.
+
+        An estimate starts from temperatures. So a displacement is usable after the first frame, once a
+        thermocouple has had a value.
         """
         if self.displaces:
             thermal = self._plant.thermal
@@ -160,13 +164,13 @@ class Drive:
             started = np.isfinite(y_degC[:, thermal]).any(axis=1) & (time_s > begin_s)
             usable[:, ~thermal] &= started[:, None]
 
-    def look_at(self, channels: tuple[str, ...]) -> None:
-        """Find where frames of these channels hold what is read."""
+    def set_channels(self, channels: tuple[str, ...]) -> None:
+        """Find the columns of frames with these channels."""
         if channels is not self._channels:
             self._channels, self.read = channels, record(self._places(channels))
 
     def _places(self, channels: tuple[str, ...]) -> ColumnsRead:
-        """Where frames of these channels hold what is read."""
+        """The columns of frames with these channels."""
         at: dict[str | None, int] = {name: i for i, name in enumerate(channels)}
         self._law_columns = [[at[c] for c in read] for read, _ in self._laws]
         self._loss_columns = [(at.get(x.speed_channel), at.get(x.temperature_channel)) for x in self.losses]
@@ -193,8 +197,9 @@ class Drive:
         running_s: FloatArray,
         sources: Sequence[int],
     ) -> FloatArray:
-        """Fill in the heats by some laws at each tick, (K, m), W, NaN while not known; return for how long
-        each has run.
+        """Fill in the heats by some laws at each tick, (K, m), W, NaN before the first value.
+
+        Returns the running time of each law, (m,), s.
         """
         for j in sources:
             read = [values[:, i] for i in self._law_columns[j]] or [np.zeros(len(values))]
@@ -209,7 +214,7 @@ class Drive:
         return running_s
 
     def products(self) -> tuple[Products, list[int]]:
-        """The laws that are products, for the channels looked at, and which are none or change with time."""
+        """Return the laws as products, and the numbers of those that are not constant products."""
         laws = [
             law if isinstance(law, Product) and not factors else Product(NO_PRODUCT, ())
             for (_, law), factors in zip(self._laws, self._factors, strict=True)
@@ -225,8 +230,9 @@ class Drive:
         return products, [j for j, law in enumerate(laws) if law.base == NO_PRODUCT]
 
     def loss(self, values: FloatArray, ambient_degC: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The rate (K,) of the losses that go with speed, 1/s, and the temperature (K,) they draw to, °C; the
-        ambient's until one that is measured is first known.
+        """Return the rate (K,) of the losses by speed, 1/s, and the temperature (K,) that they approach, °C.
+
+        A measured temperature is replaced by the ambient's before its first value.
         """
         rate, drawn = np.zeros(len(values)), np.zeros(len(values))
         if not self.losses:
@@ -265,27 +271,34 @@ class Drive:
 
 
 class ColumnsRead(NamedTuple):
-    """The columns of the frames that hold sensors (s,), known inputs (p,), what else the model needs, and
-    nuts' positions (M,); −1 is a known input without a channel. `shift_K` (p,) is how far those are from
-    what is given, and `rate_K_h` (p,) how fast they drift from there;
-    `ambient` and `reference` are two of them, −1 where there is none.
+    """Columns of the frames that the model reads.
+
+    Attributes:
+        sensors: Columns of the sensors, (s,).
+        inputs: Columns of the known inputs, −1 without a channel, (p,).
+        shift_K: Offsets of the known inputs from their channels, (p,).
+        rate_K_h: Rates of these offsets, (p,).
+        required: Columns of all the model's inputs.
+        nuts: Columns of the nuts' positions, (M,).
+        ambient: Number of the ambient among the known inputs.
+        reference: Number of the reference among them, −1 without one.
     """
 
     sensors: NDArray[np.int64]
-    known: NDArray[np.int64]
+    inputs: NDArray[np.int64]
     shift_K: FloatArray
     rate_K_h: FloatArray
-    needed: NDArray[np.int64]
+    required: NDArray[np.int64]
     nuts: NDArray[np.int64]
     ambient: int
     reference: int
 
 
 class DriveDesk(NamedTuple):
-    """What the kernel reads of K frames and of the state, and what it fills in.
+    """Inputs and outputs of the kernel for K frames.
 
-    Names and shapes as in `FrameBlock`, `DriveState` and `Inputs`; `law` (K, m) and `known` (K, p) are heats
-    by law and known inputs at the ticks.
+    Names and shapes as in `FrameBlock`, `DriveState` and `Inputs`. At the ticks, `law` (K, m) holds the heats
+    by law, and `z` (K, p) the known inputs.
     """
 
     time_s: FloatArray
@@ -295,7 +308,7 @@ class DriveDesk(NamedTuple):
     law_before_W: FloatArray
     z_before: FloatArray
     law: FloatArray
-    known: FloatArray
+    z: FloatArray
     z_start: FloatArray
     z_end: FloatArray
     law_W: FloatArray
@@ -307,7 +320,7 @@ class DriveDesk(NamedTuple):
 
 
 def _desk(frames: FrameBlock, state: DriveState, s: int) -> DriveDesk:
-    """The desk of some frames and a state, on their memory."""
+    """The desk of some frames and a state; both share their memory."""
     k, m, p = len(frames), len(state.law_W), len(state.z)
     read = (frames.time_s, frames.values, frames.fresh, frames.quality, state.law_W, state.z)
     numbers = (np.empty((k, width)) for width in (m, p, p, p, m, m, s))
@@ -316,7 +329,7 @@ def _desk(frames: FrameBlock, state: DriveState, s: int) -> DriveDesk:
 
 
 class Products(NamedTuple):
-    """Laws that are products (see `law.Product`): `base`, `column` (m,), `factors` (m, f), filled up by 1."""
+    """Laws as products (see `law.Product`): `base`, `column` (m,), `factors` (m, f), padded with 1."""
 
     base: NDArray[np.int64]
     column: NDArray[np.int64]
@@ -326,7 +339,7 @@ class Products(NamedTuple):
 def turned(
     source: MovingSource, turn: Records, dt_s: FloatArray, path: NutPath, B: FloatArray, C: FloatArray
 ) -> tuple[Records, FloatArray, FloatArray]:
-    """The averaged columns of a nut, but for the part of its heat that enters where it turns."""
+    """The averaged columns of a nut; a share `ends_fraction` of its heat enters at the reversals."""
     turn, ends_B, ends_C = moving.columns_at_ends(source.table, turn, dt_s, path)
     return turn, B + source.ends_fraction * (ends_B - B), C + source.ends_fraction * (ends_C - C)
 

@@ -1,6 +1,4 @@
-"""A plant with more states than screw and sources have: nodes beside the screw, sensors that lag, and what of
-the machine is only roughly known.
-"""
+"""Additional states of a plant: nodes beside the screw, lagging sensors, uncertain parameters."""
 
 from __future__ import annotations
 
@@ -23,10 +21,16 @@ from observer.tables.sensors import Sensor
 
 
 class States(NamedTuple):
-    """e states that decay by themselves: `decay_1_s` (e,), input rows `B` (e, m) and `E` (e, p).
+    """e states that decay independently of each other.
 
-    They start at `start_rows` (e, n_x) of the states before them, give or take `prior_P` (e, e), of which
-    `smooth_P` (e, e) is there with a machine at rest too; `uniform` (e,): their values in a machine at 1 °C.
+    Attributes:
+        decay_1_s: Decay rates, (e,).
+        B: Input rows of the heats, (e, m).
+        E: Input rows of the known inputs, (e, p).
+        start_rows: Their start, as rows of the states before them, (e, n_x).
+        prior_P: Covariance about that start, (e, e).
+        smooth_P: The part of it that a machine at rest has too, (e, e).
+        uniform: Their values in a machine at 1 °C, (e,).
     """
 
     decay_1_s: FloatArray
@@ -48,9 +52,9 @@ def node_states(
 ) -> States:
     """Return the states of the nodes' own modes.
 
-    A node starts at the temperature of the screw where it touches it, `places` (m, n_x), else at the
-    screw's mean (n_x,): give or take as much as that itself, and what heats before the start have left,
-    `past_P` (n, n).
+    A node starts at the temperature of the screw under it, `places` (m, n_x), or at the screw's mean (n_x,).
+    The prior variance is that of this temperature, plus the effect of heats before the start, `past_P` (n,
+    n).
     """
     n = len(bodies.names)
     start = np.tile(mean, (n, 1))
@@ -71,14 +75,14 @@ def node_states(
 
 
 def lag_states(rows: FloatArray, sources: int, inputs: int) -> States:
-    """Return the states of sensors that lag behind `rows` (e, n_x), at which they start."""
+    """Return the states of sensors that follow `rows` (e, n_x); they start at these."""
     e = len(rows)
     exact = np.zeros((e, e))
     return States(np.zeros(e), np.zeros((e, sources)), np.zeros((e, inputs)), rows, exact, exact, np.ones(e))
 
 
 def extended(plant: Plant, added: States) -> Plant:
-    """Return the plant with more states at its end."""
+    """Return the plant with additional states at its end."""
     if not len(added.start_rows):
         return plant
     first = len(plant.decay_1_s)
@@ -106,7 +110,7 @@ def extended(plant: Plant, added: States) -> Plant:
     )
 
 
-def reading_nodes(
+def with_node_sensors(
     plant: Plant,
     machine: Description,
     bodies: Attached,
@@ -114,11 +118,12 @@ def reading_nodes(
     first: int,
     bed: FloatArray,
 ) -> Plant:
-    """Return the plant whose sensors on nodes read those, and whose thermal error follows the bed that is a
-    node, by the column `bed` (R,); the nodes' states begin at `first`.
+    """Connect sensors on nodes to these, and the thermal error to a bed that is a node.
+
+    `bed` (R,) is the column of the bed; the nodes' states begin at `first`.
     """
     on = {i: bodies.names.index(s.on) for i, s in enumerate(machine.sensor) if s.on is not None}
-    plant = _reading_no_more(plant, list(on))
+    plant = _without_readings(plant, list(on))
     for sensor, node in on.items():
         plant.rows.C[sensor, first : first + len(bodies.names)] = network_modes.shape[node]
     if machine.bed is not None and machine.bed.on is not None:
@@ -127,9 +132,10 @@ def reading_nodes(
     return plant
 
 
-def showing(plant: Plant, sensors: Sequence[Sensor]) -> Plant:
-    """Return the plant whose sensors show a part `shows` of the rise above the air: of what they read, and
-    the air's temperature for the rest. A sensor's own offset is not a part of that.
+def with_shown_part(plant: Plant, sensors: Sequence[Sensor]) -> Plant:
+    """Return the plant whose sensors show a part `shows` of their temperature's rise above the air.
+
+    A sensor reads the air's temperature for the remainder. Its own offset is not scaled.
     """
     part = np.array([sensor.shows for sensor in sensors])
     if (part == 1.0).all():
@@ -145,16 +151,16 @@ def showing(plant: Plant, sensors: Sequence[Sensor]) -> Plant:
     return replace(plant, rows=replace(rows, C=row_parts[:, None] * rows.C, F=F), moving=moving)
 
 
-def lagging(plant: Plant, sensors: Sequence[int]) -> Plant:
+def with_lagging_sensors(plant: Plant, sensors: Sequence[int]) -> Plant:
     """Return the plant whose `sensors` read the last states, one each."""
-    plant = _reading_no_more(plant, sensors)
+    plant = _without_readings(plant, sensors)
     for i, sensor in enumerate(sensors):
         plant.rows.C[sensor, plant.rows.C.shape[1] - len(sensors) + i] = 1.0
     return plant
 
 
 def _wider(turn: FloatArray, n_x: int) -> FloatArray:
-    """A nut's `turn`, if it has one, for more states, which it leaves as they are."""
+    """A nut's `turn`, if it has one, with additional states, which it does not change."""
     if not len(turn):
         return turn
     rows, columns = turn.shape
@@ -173,8 +179,8 @@ def wide(matrix: FloatArray, columns: int) -> FloatArray:
     return np.hstack([matrix, np.zeros((len(matrix), columns - matrix.shape[1]))])
 
 
-def _reading_no_more(plant: Plant, sensors: Sequence[int]) -> Plant:
-    """The plant whose `sensors` see no state and no input any more, but for their own offsets."""
+def _without_readings(plant: Plant, sensors: Sequence[int]) -> Plant:
+    """The plant whose `sensors` read neither states nor inputs, except for their own offsets."""
     C, F = plant.rows.C.copy(), plant.rows.F.copy()
     C[list(sensors)] = 0.0
     F[list(sensors)] = np.where(plant.known.offset, F[list(sensors)], 0.0)
@@ -207,12 +213,11 @@ def with_learning(
 def with_parameters(
     plant: Plant, parameters: Sequence[Parameter], learnt: Collection[str], rest: float = 0.0
 ) -> Plant:
-    """Return the plant with those parameters of which something is not known, of which those are `learnt`
-    whose kind's key is among these: a further one is one more entry here.
+    """Return the plant with those of the parameters that are uncertain.
 
-    What they do is described on the screw's modes, lags and nodes, whatever basis the plant has. `rest` is
-    how far a screw is from the air's temperature after a night, as a part of the variance of its unknown
-    field.
+    Parameters with a kind in `learnt` are learnt; the others are considered. Their effects are described on
+    the screw's modes, lags and nodes in any basis. The variance of the screw's temperature against the air's
+    after a night is `rest` times that of its unknown field.
     """
     uncertain = [p for p in parameters if p.sigma > 0.0]
     if not uncertain:
@@ -232,26 +237,26 @@ def with_parameters(
 
 
 def _of_machine(plant: Plant, config: Config, modes: Modes) -> Iterator[Parameter]:
-    """The machine's own: film, material, ambient, ends, and the scale of every law."""
+    """Yield the parameters of the machine: film, material, ambient, ends, and the scale of every law."""
     tolerance, screw = config.tolerance, config.screw
     n_x, unchanged = len(plant.decay_1_s), no_change(len(plant.decay_1_s), len(plant.known_names))
     film_1_s, air = modes.rod.diffusivity_m2_s * modes.rod.fin_1_m**2, plant.known.ambient
     is_mode = np.arange(n_x) < len(modes)
     passive = unchanged._replace(
-        rate_1_s=np.where(is_mode, -plant.decay_1_s, 0.0), known=np.where(is_mode, plant.E.T, 0.0)
+        rate_1_s=np.where(is_mode, -plant.decay_1_s, 0.0), inputs=np.where(is_mode, plant.E.T, 0.0)
     )
     # of a screw with sections what each mode loses, but not what the film mixes
     loses = 1.0 if modes.rod.profile is None else padded(np.diag(modes.surface()), n_x)
     film = unchanged._replace(
-        rate_1_s=np.where(is_mode, -film_1_s * loses, 0.0), known=unchanged.known.copy()
+        rate_1_s=np.where(is_mode, -film_1_s * loses, 0.0), inputs=unchanged.inputs.copy()
     )
-    film.known[air] = np.where(is_mode, film_1_s * loses * plant.uniform, 0.0)
+    film.inputs[air] = np.where(is_mode, film_1_s * loses * plant.uniform, 0.0)
     conduction = unchanged._replace(
-        rate_1_s=passive.rate_1_s - film.rate_1_s, known=passive.known - film.known
+        rate_1_s=passive.rate_1_s - film.rate_1_s, inputs=passive.inputs - film.inputs
     )
     # with more of it, all that warms or cools is slower
     slower = unchanged._replace(
-        rate_1_s=-passive.rate_1_s, known=-passive.known, heats=np.where(is_mode, -1.0, 0.0)
+        rate_1_s=-passive.rate_1_s, inputs=-passive.inputs, heats=np.where(is_mode, -1.0, 0.0)
     )
     film_W_m2K = film_1_s / surface_rate(screw)
     for kind, sigma, change, name, value in (
@@ -270,9 +275,9 @@ def _of_machine(plant: Plant, config: Config, modes: Modes) -> Iterator[Paramete
         if not end.prescribed:
             into = padded(modal_input(modes, Stretch(x_m, x_m)), n_x)
             loss = unchanged._replace(
-                into=-into, seen=padded(modes.theta(x_m)[0], n_x), known=unchanged.known.copy()
+                into=-into, feedback_row=padded(modes.theta(x_m)[0], n_x), inputs=unchanged.inputs.copy()
             )
-            loss.known[air] = into
+            loss.inputs[air] = into
             loss_W_K = end.biot_1_m * modes.rod.conductance_W_m
             yield Parameter(Nuisance.END, i, tolerance.end_W_K, loss, f"boundary.{side}.loss_W_K", loss_W_K)
     for j, index in enumerate(np.flatnonzero(plant.estimated).tolist()):
@@ -287,7 +292,7 @@ def _of_machine(plant: Plant, config: Config, modes: Modes) -> Iterator[Paramete
 
 
 def _of_sensors(plant: Plant, config: Config, modes: Modes) -> Iterator[Parameter]:
-    """The sensors' own: what each reads too much, where it sits, how late it is, what part it shows."""
+    """Yield the parameters of the sensors: offset, position, lag and the shown part of the rise."""
     n_x, tolerance = len(plant.decay_1_s), config.tolerance
     unchanged = no_change(n_x, len(plant.known_names))
     for i, sensor in enumerate(config.sensor):
@@ -312,7 +317,7 @@ def _of_sensors(plant: Plant, config: Config, modes: Modes) -> Iterator[Paramete
 
 
 def _above_air(plant: Plant, sensor: int) -> FloatArray:
-    """The row (p,) of the known inputs in what a sensor shows of its rise above the air."""
+    """The known inputs' row (p,) of a sensor's rise above the air."""
     row = np.where(plant.known.offset, 0.0, plant.rows.F[sensor])
     row[plant.known.ambient] -= 1.0
     return row

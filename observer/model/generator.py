@@ -1,8 +1,8 @@
-"""A coupled plant as one matrix, dx/dt = A x + B q + E z, and in the own modes of that, x = V ξ.
+"""A coupled plant as one matrix, dx/dt = A x + B q + E z, and in its own modes, x = V ξ.
 
 Links at fixed places, films along stretches and sensors that lag make the generator a full matrix. In its own
 modes it is diagonal again, so that a step is exact and as cheap as that of a screw alone. Couplings that
-vary in time (nuts that move, films of speed, radiation) are left to the step (`coupling`). Designs take
+vary in time (moving nuts, films of speed, radiation) are left to the step (`coupling`). Designs take
 the whole matrix, with nuts over their strokes and a time-varying loss where one is given.
 """
 
@@ -30,8 +30,10 @@ _LONGEST = 16.0
 
 
 def generator(plant: Plant, loss_1_s: float = 0.0) -> FloatArray:
-    """Return A (n_x, n_x), 1/s: decay, the links of nuts that move and what these exchange as they sweep, and
-    a loss that is the same along the screw.
+    """Return A (n_x, n_x), 1/s, with moving nuts over their strokes.
+
+    It has decay, the links of moving nuts, their exchange beyond the mean, and a loss that is the same along
+    the screw.
     """
     c, n_x, N = plant.coupling, len(plant.decay_1_s), plant.modes
     A = -np.diag(plant.decay_1_s)
@@ -48,8 +50,9 @@ def generator(plant: Plant, loss_1_s: float = 0.0) -> FloatArray:
 
 
 def on_the_screw(plant: Plant) -> FloatArray:
-    """Return what is left of each state (n_x, n_x) where all that is no mode of the screw is taken away; of a
-    screw with sections, times what its film loses there against one of its own diameter and bore.
+    """Return the projection (n_x, n_x) of the states on the modes of the screw.
+
+    For a screw with sections, it is weighted by the loss of its film, relative to its own diameter and bore.
     """
     n_x, uneven = len(plant.decay_1_s), plant.coupling.uneven
     if len(uneven.rate):
@@ -61,7 +64,7 @@ def on_the_screw(plant: Plant) -> FloatArray:
 
 
 def settled_rows(plant: Plant) -> FloatArray:
-    """Return what rows see of screw and sources, (R, N + m), once nodes and lagging sensors followed."""
+    """Return the rows of screw and sources, (R, N + m), after nodes and lagging sensors have followed."""
     first = plant.lag_slice.stop
     if len(plant.decay_1_s) == first:
         return plant.rows.C
@@ -71,7 +74,7 @@ def settled_rows(plant: Plant) -> FloatArray:
 
 
 def design_step(plant: Plant, step: StepMatrices) -> tuple[FloatArray, FloatArray]:
-    """Return transition and noise (n, n) of [x | δ] for a design: with what couples states permanently."""
+    """Return transition and noise (n, n) of [x | δ] for a design, with the constant couplings."""
     return augmented_step(plant, step.dt_s) if len(plant.coupling.links.source) else augmented(plant, step)
 
 
@@ -106,10 +109,10 @@ def augmented_step(plant: Plant, dt_s: float, loss_1_s: float = 0.0) -> tuple[Fl
 def state_space(plant: Plant) -> control.StateSpace:
     """Return the plant with fixed footprints as a continuous-time system with named inputs and outputs.
 
-    Inputs are the heats in W and the known inputs, outputs the rows in °C and µm; a moving nut is spread
-    over its stroke, and losses that change with speed or temperature are left out. For design and study with
-    python-control; the estimators step the plant by their own exact formulas. Raises `ConfigError` where the
-    thermal error is no linear output.
+    Inputs are the heats in W and the known inputs. Outputs are the rows in °C and µm. A moving nut is spread
+    over its stroke. Losses that change with speed or temperature are left out. For design and study with
+    python-control; the estimators step the plant by their own exact formulas. Raises `ConfigError` if the
+    thermal error is nonlinear.
     """
     import control  # noqa: PLC0415  (takes two seconds: only who asks for it pays)
 
@@ -158,12 +161,16 @@ def _without_dots(names: Sequence[str]) -> list[str]:
 
 
 APART = 1e-8
-"""How far the rates of the sources' lags are taken apart, which are all the same, and those of sensors."""
+"""Relative spacing of the equal rates of the sources' lags, and of those of sensors."""
 
 
 class Constant(NamedTuple):
-    """Constant couplings of a plant's states: `A` (n_x, n_x) and `E` (n_x, p), added to the plant's, 1/s;
-    the states that `follow` others and act on none.
+    """Constant couplings of a plant's states, added to the plant's own.
+
+    Attributes:
+        A: Coupling of the states, 1/s, (n_x, n_x).
+        E: Coupling with the known inputs, 1/s, (n_x, p).
+        follow: Numbers of the states that follow others and act on none.
     """
 
     A: FloatArray
@@ -172,7 +179,7 @@ class Constant(NamedTuple):
 
 
 def diagonalised(plant: Plant, constant: Constant) -> Plant:
-    """Return the plant in its own modes, with what is constant in it: nothing of it is left to the step."""
+    """Return the plant in its own modes, which include its constant couplings."""
     plant = replace(plant, E=plant.E + constant.E)
     if not constant.A.any():
         return plant
@@ -180,10 +187,10 @@ def diagonalised(plant: Plant, constant: Constant) -> Plant:
 
 
 def own_modes(plant: Plant, A: FloatArray, follow: tuple[int, ...] = ()) -> tuple[FloatArray, FloatArray]:
-    """Return V (n_x, n_x) of a generator A (n_x, n_x), and the rates (n_x,), 1/s, at which its columns decay.
+    """Return V (n_x, n_x) of a generator A (n_x, n_x), and the decay rates (n_x,) of its columns, 1/s.
 
-    Screw, nodes and lags are passive and sensors only follow: the rates are real. Each mode has the place of
-    the state that takes most part in it (Pérez-Arriaga et al. 1982), and is 1 there.
+    Screw, nodes and lags are passive, and sensors only follow: the rates are real. Each mode has the number
+    of the state with the largest part in it (Pérez-Arriaga et al. 1982), and is 1 there.
     """
     from scipy.optimize import linear_sum_assignment  # noqa: PLC0415  (start-up: a screw alone needs none)
 
@@ -198,7 +205,7 @@ def own_modes(plant: Plant, A: FloatArray, follow: tuple[int, ...] = ()) -> tupl
 
 
 def turned(plant: Plant, V: FloatArray, decay_1_s: FloatArray) -> Plant:
-    """Return the plant with the states ξ, x = V ξ, that decay at given rates (n_x,)."""
+    """Return the plant with the states ξ, x = V ξ, which decay at `decay_1_s` (n_x,)."""
     basis = Basis(V, np.asarray(np.linalg.inv(V), dtype=np.float64), plant.decay_1_s)
     inverse = basis.inverse
 
@@ -245,8 +252,8 @@ def _coupling(plant: Plant, basis: Basis) -> Coupling:
     coupling: Coupling = packed(
         c._replace(
             metric=V[:N].T @ V[:N],
-            beside=V[other_states],
-            beside_into=inverse[:, other_states].T,
+            non_modal_rows=V[other_states],
+            non_modal_into=inverse[:, other_states].T,
             under_C=c.under_C @ V,
             uniform=inverse @ c.uniform,
             mean=c.mean @ V,
@@ -259,8 +266,9 @@ def _coupling(plant: Plant, basis: Basis) -> Coupling:
 
 
 def frozen(plant: Plant) -> tuple[Plant, FloatArray]:
-    """Return a plant that nothing couples any more, in its own modes with nuts over their strokes, and V
-    (n_x, n_x), its states in the plant's; time-varying losses are left out. For designs that place poles.
+    """Return an uncoupled plant in its own modes, and V (n_x, n_x), its states in the plant's.
+
+    Nuts are over their strokes, and time-varying losses are left out. For designs that place poles.
     """
     uncoupled = no_coupling(
         len(plant.decay_1_s), len(plant.source_names), len(plant.known_names), plant.modes

@@ -20,8 +20,9 @@ Law = Callable[..., FloatArray]
 
 @dataclass(frozen=True, slots=True)
 class Product:
-    """A law that is a product of factors and, by `base`, the size of its channel (a speed), the channel, or
-    nothing else.
+    """A law that is a product of factors and a base.
+
+    The base is the size of its channel (a speed), the channel itself, or 1.
     """
 
     base: int
@@ -37,19 +38,27 @@ class Product:
         return heat_W
 
     def times(self, factor: float) -> Product:
-        """The law with one more factor."""
+        """Return the law with one more factor."""
         return Product(self.base, (*self.factors, factor))
 
 
 def heat_law(source: Source, sources: Sequence[Source], screw_m: float) -> Law:
     """Return a source's heat in W as a function of its law's channels.
 
-    Friction: scale · share · duty · M(n) (π/30) |n|, with the torque M given, of a bearing (Palmgren) or of a
-    nut (preload, load, efficiency); where the nut turns too, `relative_heat_W` or, with a torque of its own,
-    `dual_drive_heat_W`. Bearing in one number: scale · duty · heat_W_rpm · |n|. Measured: scale · power.
-    Constant: scale · heat_W, with a drive_channel only while that is not zero. Part of another source:
-    scale · its heat / ratio (Kim et al., eqs. 28 and 29). No law: 0 W. A law without channels takes one array
-    all the same, for its shape.
+    - Friction: scale · share · duty · M(n) (π/30) |n|. The torque M is given, or that of a bearing (Palmgren)
+      or a nut (preload, load, efficiency).
+
+    - Friction of a nut that turns too: `relative_heat_W`, or `dual_drive_heat_W` with a torque of its own.
+
+    - Bearing in one number: scale · duty · heat_W_rpm · |n|.
+
+    - Measured: scale · power.
+
+    - Constant: scale · heat_W, with a drive_channel only while that is not zero.
+
+    - Part of another source: scale · its heat / ratio (Kim et al., eqs. 28 and 29).
+
+    Without a law, the heat is 0 W. A law without channels takes one array, for its shape.
     """
     if source.law == "heat_of":
         other = heat_law(owner(source, sources), sources, screw_m)
@@ -71,7 +80,7 @@ def _times(law: Law, factor: float) -> Law:
 
 
 def _factor(source: Source, screw_m: float) -> float:
-    """What multiplies a law of the speed."""
+    """The factor of a law of the speed."""
     factor = source.scale * source.duty
     if source.heat_W_rpm is None:
         factor *= source.share
@@ -81,7 +90,7 @@ def _factor(source: Source, screw_m: float) -> float:
 
 
 def _of_speed(source: Source) -> Law:
-    """A law of the speed, before anything multiplies it."""
+    """A law of the speed, without its factor."""
     if source.bearing is not None:
         return _bearing(source.bearing)
     if source.heat_W_rpm is not None:

@@ -1,12 +1,12 @@
-"""What of a machine is only roughly known, as states beside its heats: learnt while it runs, or considered.
+"""Uncertain parameters of a machine, as states beside its heats: learnt while it runs, or considered.
 
-Each is a small change θ of the configuration, and what it does is linear in θ:
+Each is a small change θ of the configuration with a linear effect:
 
     dx/dt = … + c θ,  c = A x + B q + E z + f,        y_i = … + (C x + F z + d) θ.
 
-Live filters, fixed gains, predictions within tolerances and `check` all take these arrays. All wander as
-first-order Markov processes about nothing, in a day, so that none is ever known exactly. What is
-considered only (Schmidt 1966) keeps its value while its covariances are carried.
+Live filters, fixed gains, predictions within tolerances and `check` all take these arrays. All parameters
+wander as first-order Markov processes about 0, in a day, so that their σ never vanishes. A considered
+parameter (Schmidt 1966) keeps its value while its covariances are carried.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from observer.frames import FloatArray
 from observer.tables.estimator import Learnable
 
 WANDER_S = 86_400.0
-"""In what time a parameter becomes another one, as films, clamps and laws do from day to day."""
+"""Time constant of a parameter's random changes: films, clamps and laws differ from day to day."""
 REST_K = 0.1
-"""How far a screw is from one temperature, and that from the air's, after a night."""
+"""σ of a screw's temperature about the air's after a night."""
 
 
 class Nuisance(IntEnum):
-    """What a state is of: the machine, or one of its sensors; in the order of `Learnable`."""
+    """The kind of an uncertain parameter, of the machine or of a sensor; in the order of `Learnable`."""
 
     CONVECTION = 0
     CONDUCTIVITY = 1
@@ -47,35 +47,48 @@ class Nuisance(IntEnum):
 
     @property
     def key(self) -> str:
-        """What `[tolerance]` and `[estimator] learn` call it."""
+        """Its name in `[tolerance]` and in `[estimator] learn`."""
         return str(get_args(Learnable)[self])
 
     @property
     def of_a_sensor(self) -> bool:
-        """Whether it is one of the sensors', and not of the machine."""
+        """Whether it belongs to a sensor and not to the machine."""
         return self in (Nuisance.OFFSET, Nuisance.PLACE, Nuisance.LAG, Nuisance.GAIN)
 
 
 class Change(NamedTuple):
-    """What one unit of a parameter does, on a plant of n_x states with p known inputs.
+    """The effect of one unit of a parameter, on a plant of n_x states with p known inputs.
 
-    To dx/dt: A is `rate_1_s` (n_x,) on the diagonal, and `into` (n_x,) times the row `seen` (n_x,) beside it,
-    for a link to a nut that moves with the nut over its stroke; filters take the nut where it is, by the
-    number of this link among those of the plant's coupling, `tie`, none for -1;
-    B q is `heats` (n_x,) times what all heats do, and what the law of source `law` does, none for -1; where
-    the heat of source `divided` enters `into` instead of where it does, none for -1, q (`into` − B); E is
-    `known` (p, n_x), and f `steady` (n_x,). To the reading of sensor `of`: the row C, `row` (n_x,), the row
-    F, `row_known` (p,), and d, `shift_K`; a lag makes of a reading what it was `lag_s` before.
+    On dx/dt, A is diag(`rate_1_s`) + `into` `feedback_row`. B q is `heats` times the effect of all heats,
+    plus the effect of one law. One unit moves all the heat of the source `divided` from its place to `into`.
+    E is `inputs` and f `steady`. On the reading of the parameter's sensor, C is `row`, F `row_known`
+    and d `shift_K`. Filters replace A by that of the moving nut's current place, for the link with the number
+    `link`.
+
+    Attributes:
+        rate_1_s: Diagonal of A, (n_x,).
+        into: States that the parameter changes, (n_x,).
+        feedback_row: Row that reads the states, (n_x,).
+        heats: Factors on the effect of all heats, (n_x,).
+        law: Source whose law is scaled, −1 without one.
+        divided: Source whose heat is divided, −1 without one.
+        link: Number of the link to a moving nut in the plant's coupling, −1 without one.
+        inputs: E, (p, n_x).
+        steady: f, (n_x,).
+        row: Row C of the sensor, (n_x,).
+        row_known: Row F of the sensor, (p,).
+        shift_K: Offset d of the sensor.
+        lag_s: Delay of the sensor.
     """
 
     rate_1_s: FloatArray
     into: FloatArray
-    seen: FloatArray
+    feedback_row: FloatArray
     heats: FloatArray
     law: int
     divided: int
-    tie: int
-    known: FloatArray
+    link: int
+    inputs: FloatArray
     steady: FloatArray
     row: FloatArray
     row_known: FloatArray
@@ -84,9 +97,16 @@ class Change(NamedTuple):
 
 
 class Parameter(NamedTuple):
-    """One parameter: its `kind`, and of which end, estimated heat or sensor it is; `sigma` its prior, in the
-    unit of its state: relative to its value, or in K, W/K, m, s; what a unit of it does; and, where it is
-    learnt, what it is called, and the `value` and `unit` in which it is reported: value + unit · state.
+    """An uncertain parameter. It is reported as value + unit · state.
+
+    Attributes:
+        kind: Its kind.
+        of: Number of its end, estimated heat or sensor.
+        sigma: Its prior σ in the unit of its state: relative, or in K, W/K, m or s.
+        change: The effect of one unit.
+        name: Its name in results, if it is learnt.
+        value: Its value in the configuration.
+        unit: Its unit in results.
     """
 
     kind: Nuisance
@@ -99,28 +119,38 @@ class Parameter(NamedTuple):
 
 
 class LearningArrays(NamedTuple):
-    """What kernels need of L such states, the t of the machine before those of sensors; no state where L = 0.
+    """L uncertain parameters as arrays for the kernels, those of the machine first; L may be 0.
 
-    `kind`, `of`, `sigma` (L,) as in `Parameter`; `held` (h,) which are considered only; then what each does,
-    as in `Change`, (L, …), and `heated` (L,), whether it has a part in what heats do. `ambient` is the column
-    of z; `rest_P` (n_x, n_x), K², how far a screw is from the air's temperature after a night, where `rests`
-    is 1. What those of the machine do is described on the states x = `V` ξ of a plant in another basis, with
-    `inverse`; both are empty where ξ is x.
+    The fields of `Change` have an axis (L, …) in front. In a plant of another basis, the effects of the
+    machine's parameters are described on the states x = V ξ.
+
+    Attributes:
+        machine: Number of the machine's parameters.
+        kind: As in `Parameter`, (L,).
+        of: As in `Parameter`, (L,).
+        sigma: As in `Parameter`, (L,).
+        considered: Numbers of the parameters that are considered only, (h,).
+        heated: Whether each has a part in the effect of the heats, (L,).
+        ambient: Column of the ambient among the known inputs.
+        rests: 1 if `rest_P` applies.
+        rest_P: Covariance of a screw's temperature against the air's after a night, K², (n_x, n_x).
+        V: Basis of the states, (n_x, n_x); empty if ξ is x.
+        inverse: Inverse of V; empty if ξ is x.
     """
 
     machine: int
     kind: NDArray[np.int64]
     of: NDArray[np.int64]
     sigma: FloatArray
-    held: NDArray[np.int64]
+    considered: NDArray[np.int64]
     rate_1_s: FloatArray
     into: FloatArray
-    seen: FloatArray
+    feedback_row: FloatArray
     heats: FloatArray
     law: NDArray[np.int64]
     divided: NDArray[np.int64]
-    tie: NDArray[np.int64]
-    known: FloatArray
+    link: NDArray[np.int64]
+    inputs: FloatArray
     steady: FloatArray
     row: FloatArray
     row_known: FloatArray
@@ -136,15 +166,17 @@ class LearningArrays(NamedTuple):
     def drives(
         self, x: FloatArray, B: FloatArray, law_W: FloatArray, heat_W: FloatArray, z: FloatArray
     ) -> FloatArray:
-        """Return c (n_x, L) at a state x (n_x,), with input columns B (n_x, m), the heats by their laws and
-        as they are (m,), and known inputs z (p,).
+        """Return c (n_x, L) at a state x (n_x,).
+
+        `B` (n_x, m) are the input columns, `law_W` and `heat_W` (m,) the heats by law and in fact, `z` (p,)
+        the known inputs.
         """
         turned = len(self.V) > 0
         if turned:
             x, B = self.V @ x, self.V @ B
-        tied, driven = self.seen @ x, B @ heat_W
+        tied, driven = self.feedback_row @ x, B @ heat_W
         c = self.rate_1_s * x + self.into * tied[:, None] + self.heats * driven
-        c += np.einsum("ipa,p->ia", self.known, z) + self.steady
+        c += np.einsum("ipa,p->ia", self.inputs, z) + self.steady
         by_law = self.law >= 0
         c[by_law] += (B * law_W).T[self.law[by_law]]
         for i in np.flatnonzero(self.divided >= 0):
@@ -154,32 +186,34 @@ class LearningArrays(NamedTuple):
 
     def feedback(self, theta: FloatArray) -> FloatArray:
         """Return ∂(c θ)/∂x (n_x, n_x) at parameters θ (L,)."""
-        A = np.diag(theta @ self.rate_1_s) + (self.into.T * theta) @ self.seen
+        A = np.diag(theta @ self.rate_1_s) + (self.into.T * theta) @ self.feedback_row
         return self.inverse @ A @ self.V if len(self.V) else A
 
     def in_basis(self, V: FloatArray, inverse: FloatArray) -> LearningArrays:
-        """Return the same for the states ξ, x = V ξ (n_x, n_x), of a plant that has others than these."""
+        """Return the same for the states ξ, x = V ξ (n_x, n_x)."""
         row = self.row @ V
         if len(self.V):
             V, inverse = self.V @ V, inverse @ self.inverse
         return self._replace(V=V, inverse=inverse, row=row)
 
     def described_on(self, V: FloatArray, inverse: FloatArray) -> LearningArrays:
-        """Return the same, described on the states V x (n_x, n_x) of a plant whose x these are; what acts on
-        each state by itself, `rate_1_s` and `heats`, is taken as described on V x already.
+        """Return the same, described on the states V x (n_x, n_x).
+
+        `rate_1_s` and `heats`, which act on each state separately, are described on V x already.
         """
         return self._replace(
             into=self.into @ V.T,
-            seen=self.seen @ inverse,
-            known=self.known @ V.T,
+            feedback_row=self.feedback_row @ inverse,
+            inputs=self.inputs @ V.T,
             steady=self.steady @ V.T,
             V=V,
             inverse=inverse,
         )
 
     def entries(self, x: FloatArray, z: FloatArray) -> FloatArray:
-        """Return C x + F z + d (L,) at a state and known inputs (p,); lags do not follow from these alone,
-        and are 0 here.
+        """Return C x + F z + d (L,) at a state and known inputs (p,).
+
+        The entries of lags need more than these, and are 0 here.
         """
         return np.asarray(self.row @ x + self.row_known @ z + self.shift_K)
 
@@ -188,14 +222,14 @@ _PER_PARAMETER = ("kind", "of", "sigma", "heated", *Change._fields)
 
 
 def of_parameters(arrays: LearningArrays, selected: NDArray[np.int64]) -> LearningArrays:
-    """Return the arrays of some parameters (r,) in that order, those of the machine first; all learnt."""
+    """Return the arrays of the `selected` parameters (r,) in that order, the machine's first; all learnt."""
     fields = {name: getattr(arrays, name)[selected] for name in _PER_PARAMETER}
     machine = int((selected < arrays.machine).sum())
-    return arrays._replace(machine=machine, held=np.zeros(0, np.int64), **fields)
+    return arrays._replace(machine=machine, considered=np.zeros(0, np.int64), **fields)
 
 
 def joined(arrays: LearningArrays, added: LearningArrays) -> LearningArrays:
-    """Return the arrays with more parameters behind them."""
+    """Return the arrays with additional parameters at their end."""
     fields: dict[str, Any] = {
         name: np.concatenate([getattr(arrays, name), getattr(added, name)]) for name in _PER_PARAMETER
     }
@@ -204,9 +238,15 @@ def joined(arrays: LearningArrays, added: LearningArrays) -> LearningArrays:
 
 @dataclass(frozen=True, slots=True)
 class Learning:
-    """The states, and what the learnt ones are called: `names` (l,), which `states` (l,) they are, and the
-    `value` (l,) and `unit` (l,) in which they are reported: value + unit · state. All become others in
-    `wander_s`.
+    """Uncertain parameters, and the names of the learnt ones. A result is value + unit · state.
+
+    Attributes:
+        arrays: The parameters.
+        names: Names of the learnt ones, (l,).
+        states: Their numbers among the parameters, (l,).
+        value: Their values in the configuration, (l,).
+        unit: Their units in results, (l,).
+        wander_s: Time constant of all parameters' random changes.
     """
 
     arrays: LearningArrays
@@ -217,8 +257,9 @@ class Learning:
     wander_s: float = WANDER_S
 
     def estimates(self, x: FloatArray, P: FloatArray) -> dict[str, tuple[float, float]]:
-        """What is learnt, by name, with its σ: from the states (L,), the last of an estimator's, and their
-        covariance (L, L).
+        """Return the learnt values with their σ, by name.
+
+        `x` (L,) are the parameters' states, the last of an estimator's, and `P` (L, L) their covariance.
         """
         value = self.value + self.unit * x[self.states]
         sigma = self.unit * np.sqrt(np.diag(P)[self.states])
@@ -226,7 +267,7 @@ class Learning:
 
 
 def no_change(n_x: int, inputs: int) -> Change:
-    """Return what a parameter does that does nothing."""
+    """Return a change without effect."""
     zeros = np.zeros(n_x)
     no_inputs = np.zeros((inputs, n_x))
     return Change(zeros, zeros, zeros, zeros, -1, -1, -1, no_inputs, zeros, zeros, np.zeros(inputs), 0.0, 0.0)
@@ -241,8 +282,10 @@ def learning_of(
     ambient: int = 0,
     rest_P: FloatArray | None = None,
 ) -> Learning:
-    """Return the states of parameters, of a plant of n_x states with so many known inputs, of which those are
-    `learnt` whose kind's key is among these; `rest_P` as in `LearningArrays`, None where no screw rests.
+    """Return the states of parameters, for a plant of n_x states with `inputs` known inputs.
+
+    Parameters with a kind in `learnt` are learnt, the others considered. `rest_P` is as in `LearningArrays`,
+    None if no screw rests.
     """
     parameters = sorted(parameters, key=lambda p: p.kind.of_a_sensor)
     unchanged = no_change(n_x, inputs)
@@ -258,7 +301,7 @@ def learning_of(
         kind=np.array([p.kind for p in parameters], np.int64),
         of=np.array([p.of for p in parameters], np.int64),
         sigma=np.array([p.sigma for p in parameters], np.float64),
-        held=np.array([i for i in range(len(parameters)) if i not in learnt_states], np.int64),
+        considered=np.array([i for i in range(len(parameters)) if i not in learnt_states], np.int64),
         **change,
         heated=change["heats"].any(axis=1).astype(np.int64),
         ambient=ambient,

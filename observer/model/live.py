@@ -1,4 +1,4 @@
-"""A drive that takes one frame after the other, on memory that lives as long as it does."""
+"""A drive that processes one frame after the other in memory that it allocates once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Frame:
     """The memory of one frame (see `align.walk.Frames`), with a record of each position's samples."""
 
     def __init__(self, fields: Fields, channels: tuple[str, ...], positions: Sequence[str]) -> None:
-        """Allocate it for frames that lie so."""
+        """Allocate the memory."""
         self.bundle, self.channels = Bundle(fields), channels
         samples, offset = self.bundle["samples"], self.bundle["offset"]
         self._samples, self._offset = (
@@ -33,7 +33,7 @@ class Frame:
         }
 
     def path(self, channel: str) -> NutPath:
-        """The samples of a position."""
+        """Return the samples of a position."""
         offset = self._offset[channel]
         time_s, position_m, driven_m_s, speed_age_s = self._samples[channel][:, : offset[-1]]
         return NutPath(time_s, position_m, offset, driven_m_s, speed_age_s)
@@ -48,7 +48,10 @@ class LiveNut(NamedTuple):
 
 
 class DriveTick(NamedTuple):
-    """What the kernel takes: `octets` are the frame's; `before` and `after` do what only Python can."""
+    """The argument of the kernel: `octets` are the frame's.
+
+    `before` and `after` are the steps in Python before and after the kernel's own.
+    """
 
     octets: Any
     read: Any
@@ -63,15 +66,15 @@ class DriveTick(NamedTuple):
 
 
 class LiveDrive:
-    """Turns frames into inputs by the same kernels as `Drive.run`; `inputs` are those of the last frame.
+    """Converts frames to inputs by the same kernels as `Drive.run`.
 
-    `record` is what `kernels.step_frame` takes.
+    `inputs` are those of the last frame, and `record` is the argument of `kernels.step_frame`.
     """
 
     def __init__(self, drive: Drive, plant: Plant, frame: Frame) -> None:
-        """Allocate it for the frames of one memory."""
+        """Allocate the memory for the frames of `frame`."""
         self._drive, self._plant, self._frame = drive, plant, frame
-        drive.look_at(frame.channels)
+        drive.set_channels(frame.channels)
         laws, self._others = drive.products()
         state = drive.initial()
         self._turns = state.turns
@@ -115,14 +118,14 @@ class LiveDrive:
         return NutDesk(**state_fields, out_B=out_B, out_C=out_C, step_B=np.empty(B), step_C=np.empty(C))
 
     def _put_heats(self) -> None:
-        """Fill in the heats by laws that are no products."""
+        """Fill in the heats by laws that are not products."""
         state_fields, frame = self._bundle, self._frame.bundle
         state_fields["running_s"][:] = self._drive.heats(
             self._law, frame["values"], frame["dt_s"], state_fields["running_s"], self._others
         )
 
     def _put_rest(self) -> None:
-        """Fill in losses, what enters where nuts turn, and displacements."""
+        """Fill in losses, heat at the reversals of nuts, and displacements."""
         u = self.inputs
         self._drive.displace(u.time_s, u.y_degC, u.usable, float(self._bundle["moment"][0]))
         if self._drive.losses:
@@ -133,7 +136,7 @@ class LiveDrive:
                 self._turn(i, source)
 
     def _turn(self, i: int, source: MovingSource) -> None:
-        """Have part of a nut's heat enter where it turns."""
+        """Move a part of a nut's heat to its reversals."""
         B, C = self._nuts[i].out_B, self._nuts[i].out_C
         turn, B[:], C[:] = turned(
             source, self._turns[i], self._frame.bundle["dt_s"], self._frame.path(source.channel), B, C
@@ -141,22 +144,22 @@ class LiveDrive:
         self._turns = (*self._turns[:i], turn, *self._turns[i + 1 :])
 
     def keep_inputs(self) -> Inputs:
-        """Return the inputs of the last frame, for good."""
+        """Return a copy of the inputs of the last frame."""
         data = self._inputs.octets.tobytes()
         return Inputs._make(self._inputs.fields.columns(data, Inputs._fields))
 
     def keep(self) -> tuple[bytes, tuple[Records, ...]]:
-        """Return where it stands, to be put back."""
+        """Return a checkpoint for `put_back`."""
         return self._bundle.octets.tobytes(), self._turns
 
     def put_back(self, checkpoint: tuple[bytes, tuple[Records, ...]]) -> None:
-        """Stand where it stood."""
+        """Restore a checkpoint."""
         self._bundle.put_back(checkpoint[0])
         self._turns = checkpoint[1]
 
     @property
     def state(self) -> DriveState:
-        """Where it stands."""
+        """The state after the last frame."""
         bundle = self._bundle
         begin_s, last_s = bundle["moment"].tolist()
         nuts = tuple(map(moving.state_of, self._nuts))
@@ -171,7 +174,7 @@ class LiveDrive:
         )
 
     def take(self, state: DriveState) -> None:
-        """Stand at a state."""
+        """Replace the state."""
         for name, array in _arrays(state).items():
             self._bundle[name][...] = array
         self._turns = state.turns

@@ -1,7 +1,7 @@
-"""A network of nodes beside the screw: C dT/dt = −K T + g T_amb + q.
+"""A network of nodes beside the screw: C dT/dt = −K T + g T_amb + q (Li 2022, eq. 8).
 
-Li 2022, eq. 8, as matrices, and in its own modes, which is how a plant takes it in. What links conduct, by
-geometry and material, and what a nut that sweeps over its stroke exchanges with a node, place by place.
+The network as matrices and in its own modes, which the plant uses. The conductance of links by geometry and
+material. The exchange of a sweeping nut with a node, place by place.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from observer.tables.sections import AMBIENT, Description, Link, Source
 
 
 def conductance_W_K(link: Link) -> float:
-    """Return the conductance of a link of the configuration, whichever way it is given, with its factor."""
+    """Return the conductance of a link of the configuration, by any description, with its factor."""
     return link.factor * _described_W_K(link)
 
 
@@ -81,7 +81,7 @@ def gap_W_K(
 
 
 def ball_W_K(ball_W_mK: float, ring_W_mK: float, long_m: float, short_m: float) -> float:
-    """Return what one contact between a ball and a ring lets pass, a constriction on both sides.
+    """Return the conductance of one contact between a ball and a ring, a constriction on both sides.
 
     R = K/(2π a k_b) + K/(2π a k_r) with the complete elliptic integral K of modulus² 1 − b²/a², a the longer
     semi-axis of the contact ellipse. For a circle R = (1/k_b + 1/k_r)/(4 a). Source: Li 2022, eq. 4, where
@@ -95,12 +95,16 @@ def ball_W_K(ball_W_mK: float, ring_W_mK: float, long_m: float, short_m: float) 
 
 
 ROUNDING = 1e-13
-"""A rate below this part of the largest is that of nodes that lose nothing."""
+"""Rates below this part of the largest are rounding errors of 0."""
 
 
 class Network(NamedTuple):
-    """n nodes: `capacity_J_K` (n,); `conductance_W_K` (n, n), the matrix K of the links, with those into the
-    ambient on its diagonal; `ambient_W_K` (n,), g.
+    """A network of n nodes.
+
+    Attributes:
+        capacity_J_K: Heat capacities, (n,).
+        conductance_W_K: The matrix K of the links, those to the ambient on its diagonal, (n, n).
+        ambient_W_K: Conductances g to the ambient, (n,).
     """
 
     capacity_J_K: FloatArray
@@ -109,10 +113,14 @@ class Network(NamedTuple):
 
 
 class NodeModes(NamedTuple):
-    """The network in coordinates that decay by themselves: T = `shape` ξ, ξ = `inverse` T.
+    """The network in its eigenmodes: T = `shape` ξ, ξ = `inverse` T.
 
-    `decay_1_s` (n,); `shape` (n, n), each column at most 1; `inverse` (n, n); `input` (n, n), what 1 J into
-    each node does to ξ; `ambient` (n,), 1/s.
+    Attributes:
+        decay_1_s: Decay rates, (n,).
+        shape: Modes in its columns, each at most 1, (n, n).
+        inverse: Inverse of `shape`, (n, n).
+        input: Effect of 1 J into each node on ξ, (n, n).
+        ambient: Effect of the ambient's temperature on ξ, 1/s, (n,).
     """
 
     decay_1_s: FloatArray
@@ -144,7 +152,7 @@ def assemble(
 def node_modes(network: Network) -> NodeModes:
     """Return the network's modes: with S = C^{-1/2} K C^{-1/2} = U Λ Uᵀ, T = C^{-1/2} U D ξ.
 
-    D scales each mode to 1 at its largest place, so that a node by itself keeps its temperature as its state.
+    D scales each mode to 1 at its largest place, so that an isolated node has its temperature as its state.
     """
     root = np.sqrt(network.capacity_J_K)
     if not len(root):
@@ -160,9 +168,14 @@ def node_modes(network: Network) -> NodeModes:
 
 
 class Attached(NamedTuple):
-    """A network beside the screw: its `names` (n,), the `network` by itself, what each source's heat brings
-    into each node, `shares` (n, m), the `ties` (node, source, W/K) to the screw where a source stands, and
-    which nodes are `air` along a stretch of it.
+    """A network beside the screw.
+
+    Attributes:
+        names: Names of the nodes, (n,).
+        network: The network without the screw.
+        shares: Share of each source's heat in each node, (n, m).
+        ties: Links to the screw at a source: node, source, W/K.
+        air: The nodes that are air along a stretch of the screw.
     """
 
     names: tuple[str, ...]
@@ -173,7 +186,7 @@ class Attached(NamedTuple):
 
     @property
     def with_screw_at_ambient(self) -> Network:
-        """The network with the screw, wherever it touches that, at ambient temperature."""
+        """The network with the screw at ambient temperature at every link."""
         to_ambient = np.zeros(len(self.names))
         for node, _, G in self.ties:
             to_ambient[node] += G
@@ -217,7 +230,8 @@ def past_covariance(
 ) -> FloatArray:
     """Covariance (n, n), K², of the nodes' temperatures left by heats of unknown size before the start.
 
-    As `prior.past_heat_covariance` for the screw, which is held at ambient temperature here; `sigma_W` (m,).
+    As `past_heat_covariance` for the screw, which has the ambient's temperature here. `sigma_W` (m,) are the
+    σ of the heats.
     """
     modes = node_modes(bodies.with_screw_at_ambient)
     covariance = np.zeros((len(bodies.names), len(bodies.names)))
@@ -228,15 +242,20 @@ def past_covariance(
 
 
 SMALL = 1e-3
-"""Rate of a shape against the largest, below which it is left out."""
+"""Rates of shapes below this part of the largest are neglected."""
 NO_SWEEP = 0.05
-"""A stroke as long as the nut, to this part of it, is none: sweeping and standing cannot be distinguished."""
+"""Relative difference of stroke and nut length below which the nut counts as standing."""
 STANDING_PLACES = 9
 
 
 class Shapes(NamedTuple):
-    """How what a sweeping nut, the `source`, exchanges with its nodes fades: orthonormal shapes `shape`
-    (e, N) at the rates `rate_1_s` (e,), and the squared size `swept` of its column over the whole stroke.
+    """The exchange of a sweeping nut with its nodes, as orthonormal shapes that decay.
+
+    Attributes:
+        source: Number of the nut's source.
+        rate_1_s: Decay rates, (e,).
+        shape: The shapes, (e, N).
+        swept: Squared size of the nut's column over the whole stroke.
     """
 
     source: int
@@ -246,10 +265,10 @@ class Shapes(NamedTuple):
 
 
 def shapes_of_strokes(modes: Modes, machine: Description, bodies: Attached) -> Iterator[Shapes]:
-    """Yield what nuts that sweep exchange with their nodes on top of the exchange at the mean temperature.
+    """Yield the exchange of sweeping nuts beyond the exchange at the mean temperature.
 
-    Each place under the nut exchanges by itself (Li 2022, eq. 45): over a stroke swept evenly, w = 1/stroke,
-    the modes lose G/(kA) ∫ w θ_i θ_j dx, of which the mean temperature carries G/(kA) ∫ w θ_i dx ∫ w θ_j dx.
+    Each place under the nut exchanges separately (Li 2022, eq. 45). Over a stroke swept evenly, w = 1/stroke,
+    the modes lose G/(kA) ∫ w θ_i θ_j dx. The mean temperature carries G/(kA) ∫ w θ_i dx ∫ w θ_j dx of that.
     """
     kA = modes.rod.conductance_W_m
     for j, source in enumerate(machine.source):
@@ -327,9 +346,9 @@ def _smooth_kernel(nodes: int, length_m: float) -> FloatArray:
 def past_heat_covariance(modes: Modes, inputs: FloatArray, sigma_W: FloatArray) -> FloatArray:
     """Covariance (N, N) of the modal amplitudes left by heats of unknown size before the start.
 
-    A machine that has been running is not smoothly warm: the screw is hottest at the bearings. Each source,
-    `inputs` (N, m) in its units of B, was on for each of three times, independently, with the
-    σ of its unknown heat now, `sigma_W` (m,): r_n = b_n (1 − e^{−Λ_n t})/Λ_n.
+    A machine that has been running is not smoothly warm: the screw is hottest at the bearings. Each source
+    was on for each of three times, independently, with the σ of its unknown heat now. Its effect is r_n = b_n
+    (1 − e^{−Λ_n t})/Λ_n. `inputs` (N, m) are the sources in units of B, `sigma_W` (m,) the σ.
     """
     covariance = np.zeros((len(modes), len(modes)))
     for gathered in gathered_s(modes.decay_1_s, modes.rod.length_m, modes.rod.diffusivity_m2_s):
@@ -339,7 +358,7 @@ def past_heat_covariance(modes: Modes, inputs: FloatArray, sigma_W: FloatArray) 
 
 
 def gathered_s(decay_1_s: FloatArray, length_m: float, diffusivity_m2_s: float) -> Iterator[FloatArray]:
-    """Yield what one watt or unit has made of modes (n,) after each of the times in `PAST`, (n, 1), s."""
+    """Yield the response of modes (n, 1), s, to an input of 1 after each of the times in `PAST`."""
     decay = decay_1_s[:, None]
     for share in PAST:
         t = share * length_m**2 / diffusivity_m2_s

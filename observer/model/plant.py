@@ -1,13 +1,13 @@
-"""The plant every estimator works on: modes, lags and heats in one linear form.
+"""The plant of every estimator: modes, lags and heats in one linear form.
 
 States x = [modal amplitudes η of the temperature | one lag r_j per source], in continuous time
 
     dx/dt = -decay ∘ x + B q + E z,      T(x) = C x + F z,
 
 with heats q in W (one per source) and known inputs z (ambient, prescribed ends, the error's reference). The
-lag r_j follows q_j with the decay rate of the first mode that was dropped; its output column is the steady
-response of all dropped modes. So no heat acts at once, and the field at rest is exact with any number of
-modes, unless a nut is coupled to a body.
+lag r_j follows q_j with the decay rate of the first dropped mode; its output column is the steady response
+of all dropped modes. So no heat acts at once, and the field at rest is exact with any number of modes,
+unless a nut is coupled to a body.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from observer.model.rod.moving import NutTable
 from observer.model.rod.supports import Restraint, fold, tension
 
 OFFSET = "offset."
-"""How the name of a known input begins that is a sensor's offset; the sensor's name follows."""
+"""Prefix of a known input that is a sensor's offset, before the sensor's name."""
 
 
 START_SHARE = 1.0 / 3.0
-"""That part of the uncertainty of friction differs from one start to the next; the rest is one factor."""
+"""Part of the uncertainty of friction that differs between starts; the rest is one factor."""
 AMBIENT, LEFT, RIGHT, BED, REFERENCE = "ambient", "left", "right", "bed", "reference"
 """The names of the other known inputs: the ambient, the prescribed ends, a bed that is measured, the thermal
 error's reference.
@@ -37,7 +37,7 @@ error's reference.
 
 
 class KnownColumns(NamedTuple):
-    """Which column of the known inputs z is what, None what is not there; `offset` (p,), sensors' offsets."""
+    """Columns of the known inputs z, None if absent; `offset` (p,) marks the sensors' offsets."""
 
     ambient: int
     left_end: int | None
@@ -47,14 +47,14 @@ class KnownColumns(NamedTuple):
 
     @classmethod
     def of(cls, names: Sequence[str]) -> KnownColumns:
-        """Find them by the names (p,) of the columns."""
+        """Find the columns by their names (p,)."""
         at = {name: q for q, name in enumerate(names)}
         offset = np.array([name.startswith(OFFSET) for name in names], dtype=np.bool_)
         return cls(at[AMBIENT], at.get(LEFT), at.get(RIGHT), at.get(REFERENCE), offset)
 
 
 class Following(NamedTuple):
-    """The number of a `source` without an unknown of its own, and of the `owner` whose heat it is part of."""
+    """A `source` without an unknown of its own: its heat is `part` of that of the `owner`."""
 
     source: int
     owner: int
@@ -62,8 +62,12 @@ class Following(NamedTuple):
 
 
 class Basis(NamedTuple):
-    """The states ξ of a plant in its own modes: x = `V` ξ, ξ = `inverse` x, both (n_x, n_x), with x its
-    modes, lags, nodes and lagging sensors, which by themselves decay at `decay_1_s` (n_x,).
+    """The states ξ of a plant in its own modes: x = V ξ.
+
+    Attributes:
+        V: The modes, (n_x, n_x).
+        inverse: Inverse of V, (n_x, n_x).
+        decay_1_s: Decay rates of the uncoupled x (modes, lags, nodes, lagging sensors), (n_x,).
     """
 
     V: FloatArray
@@ -75,9 +79,9 @@ class Basis(NamedTuple):
 class OutputRows:
     """Output rows: `C` (R, n_x) and `F` (R, p); temperatures in °C, errors in µm.
 
-    Rows 0 … s-1 are the sensors, then g rows of the field on the grid, then those of the thermal error:
-    none without an expansion coefficient, g of them, or, where `restraint` has a gap, the 2 g + 1 from which
-    `supports.fold` makes g.
+    Rows 0 … s-1 are the sensors, then g rows of the field on the grid, then those of the thermal error. The
+    error has no rows without an expansion coefficient, and g rows with one. If `restraint` has a clearance,
+    it has 2 g + 1 rows, from which `supports.fold` makes g.
     """
 
     C: FloatArray
@@ -102,12 +106,14 @@ class OutputRows:
         return slice(self.sensors + self.grid, len(self.C))
 
     def error_um(self, values: FloatArray) -> FloatArray:
-        """The thermal error (K, g) from the values (K, R) of all rows."""
+        """Return the thermal error (K, g) from the values (K, R) of all rows."""
         rows = values[:, self.error_slice]
         return fold(self.restraint, rows, np.zeros_like(rows))[0]
 
     def force_N(self, values: FloatArray) -> FloatArray:
-        """The axial force (K, 1) from the values (K, R) of all rows; (K, 0) where both ends are not held."""
+        """Return the axial force (K, 1) from the values (K, R) of all rows; (K, 0) without a support at each
+        end.
+        """
         rows = values[:, self.error_slice]
         return tension(self.restraint, rows, np.zeros_like(rows))[0]
 
@@ -116,9 +122,12 @@ class OutputRows:
 class MovingSource:
     """A source whose footprint follows a position channel.
 
-    `index` is its column in B; `table` holds what the averaging of its columns over a path needs. A share
-    `ends_fraction` of the heat enters where the nut turns. `reach_m` is its stroke, None where that is the
-    whole screw.
+    Attributes:
+        index: Its column in B.
+        channel: Its position channel.
+        table: Data for the averages of its columns over a path.
+        ends_fraction: The share of the heat that enters at the reversals.
+        reach_m: Its stroke; None if that is the whole screw.
     """
 
     index: int
@@ -136,20 +145,36 @@ class MovingSource:
 class Plant:
     """A continuous-time plant with its output rows and the prior of its state.
 
-    Shapes: `decay_1_s` (n_x,); `B` (n_x, m); `E` (n_x, p); `uniform` (n_x,) the state of a screw at 1 °C
-    everywhere; `prior_P` (n_x, n_x), K², the covariance of the unknown field at the start, and `smooth_P`
-    that of its smooth part alone; `noise_R_K2` (s,) the sensors' variances, `thermal` (s,)
-    which of them read a temperature, the others a displacement in µm; `estimated` (m,) which heats
-    are estimated; `random_walk_W2_s` (m_e,), `heat_decay_1_s` (m_e,), `law_uncertainty` (m_e,),
-    `initial_sigma_W` (m_e,) the estimated heats' deviation from their laws: dδ = -heat_decay δ dt + random
-    walk, and a step of `jump_uncertainty` × the law's own jump; `field_noise_Q` (n_x, n_x), K²/s, optional
-    noise on the field. `mode_index` (N,) are the numbers of the modes kept, counted from 1;
-    `diffusion_rate_1_s` is α/L², one over the unit of dimensionless time, and `dropped_rate_1_s` that of the
-    slowest mode that was dropped;
-    `coupling` holds the time-varying couplings of the states, `learning` what is only roughly known,
-    None where all is taken as the configuration says, and `basis` whose own modes the states are, None where
-    they are the screw's and each lag and node by itself. The columns of sources `following` another are zero:
-    theirs are in the other's, whose heat drives them all. `by_speed` are the sources whose law is friction.
+    The estimated heats deviate from their laws by δ: dδ = -heat_decay δ dt + random walk, and a step of
+    `jump_uncertainty` × the law's own jump. Sources that follow another have zero columns: the other's column
+    includes theirs.
+
+    Attributes:
+        layout: Names and places of the outputs.
+        decay_1_s: Decay rates of the states, (n_x,).
+        B: Input columns of the heats, (n_x, m).
+        E: Input columns of the known inputs, (n_x, p).
+        rows: Output rows.
+        moving: Sources that follow a position channel.
+        uniform: The state of a screw at 1 °C everywhere, (n_x,).
+        prior_P: Covariance of the unknown field at the start, K², (n_x, n_x).
+        smooth_P: Covariance of its smooth part, K², (n_x, n_x).
+        noise_R_K2: Variances of the sensors, (s,).
+        thermal: True for sensors of temperature, False for sensors of displacement in µm, (s,).
+        estimated: True for estimated heats, (m,).
+        random_walk_W2_s: Random walk of δ, (m_e,).
+        heat_decay_1_s: Decay rate of δ, (m_e,).
+        law_uncertainty: Relative σ of the laws, (m_e,).
+        initial_sigma_W: σ of δ at the start, (m_e,).
+        field_noise_Q: Optional noise on the field, K²/s, (n_x, n_x).
+        mode_index: Numbers of the modes, counted from 1, (N,).
+        diffusion_rate_1_s: α/L², one over the unit of dimensionless time.
+        dropped_rate_1_s: Decay rate of the slowest dropped mode.
+        coupling: Time-varying couplings of the states.
+        learning: The uncertain parameters; None if all are exact.
+        basis: The plant's own modes; None if the states are modes of the screw, lags and nodes.
+        following: Sources that follow another.
+        by_speed: Numbers of the sources whose law is friction.
     """
 
     layout: Layout
@@ -189,12 +214,12 @@ class Plant:
 
     @property
     def by_itself(self) -> bool:
-        """Whether nothing couples the states permanently: there is the screw alone."""
+        """Whether the plant has no constant couplings: it is the screw alone."""
         return self.basis is None and not len(self.coupling.links.source)
 
     @property
     def lags(self) -> FloatArray:
-        """What each source's lag at 1 W is of the states, (m, n_x)."""
+        """The states (m, n_x) of each source's lag at 1 W."""
         inverse = np.eye(len(self.decay_1_s)) if self.basis is None else self.basis.inverse
         return inverse[:, self.lag_slice].T
 
@@ -206,22 +231,22 @@ class Plant:
 
     @property
     def learnt(self) -> int:
-        """How many states an estimator has for what is only roughly known."""
+        """How many states an estimator has for uncertain parameters."""
         return 0 if self.learning is None else len(self.learning.arrays.kind)
 
     @property
     def parameters(self) -> LearningArrays:
-        """What is only roughly known, as arrays; of no parameter where that is nothing."""
+        """The uncertain parameters as arrays, which may be empty."""
         if self.learning is not None:
             return self.learning.arrays
         return learning_of((), (), len(self.decay_1_s), len(self.known_names)).arrays
 
     @property
     def jump_uncertainty(self) -> FloatArray:
-        """The standard deviation of a heat's step beside the step of its law, in parts of the latter, (m_e,).
+        """The standard deviation of a heat's step beside its law's, relative to the latter, (m_e,).
 
-        It is that of the law. Where the scale of a law of the speed is learnt, it is only what differs from
-        start to start.
+        It is the uncertainty of the law. If the scale of a law of the speed is learnt, it is only the
+        difference between starts.
         """
         learned_scale = self.parameters.of[self.parameters.kind == Nuisance.LAW]
         has_scale = np.isin(np.arange(len(self.law_uncertainty)), learned_scale)
@@ -230,7 +255,7 @@ class Plant:
 
     @property
     def lag_slice(self) -> slice:
-        """The sources' lags among the states; what couples states may have more after them."""
+        """The sources' lags among the states; couplings may add states after them."""
         return slice(self.modes, self.modes + len(self.source_names))
 
     def sensors_only(self) -> Plant:
@@ -246,10 +271,10 @@ class Plant:
 
     @property
     def known(self) -> KnownColumns:
-        """Which column of the known inputs is what."""
+        """The columns of the known inputs."""
         return KnownColumns.of(self.known_names)
 
     @property
     def modes(self) -> int:
-        """How many modes are kept; the states after them are the sources' lags."""
+        """The number of modes; the sources' lags come after them."""
         return len(self.mode_index)

@@ -1,4 +1,4 @@
-"""The first group of an effect's terms: those that change the machine the plant is built from."""
+"""The first group of an effect's terms: those that change the machine before the plant is built."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Realised(NamedTuple):
 
 
 def realise(config: Config) -> Realised:
-    """Put the terms that change the machine in place. Raises `ConfigError` where an effect cannot stand."""
+    """Apply the terms that change the machine. Raises `ConfigError` if an effect is impossible."""
     terms = (*terms_of(config), *_turning(config))
     config = _with(config, surface=_number(config))
     for term in terms:
@@ -35,23 +35,22 @@ def realise(config: Config) -> Realised:
             )
             config = _with(config, boundary=config.boundary.model_copy(update={term.end: end}))
         elif isinstance(term, Heat):
-            config = _with(config, source=(*config.source, _named_apart(term.source, config)))
+            config = _with(config, source=(*config.source, _with_unique_name(term.source, config)))
         elif isinstance(term, LawScale):
             config = _with(config, source=tuple(_scaled(s, term) for s in config.source))
     config = _with_places(config)
     rest = tuple(t for t in terms if not isinstance(t, Film | EndConductance | Heat | LawScale))
-    return Realised(config, (*rest, *_covered(config)))
+    return Realised(config, (*rest, *_covered_film(config)))
 
 
 _AIR_J_K, _AIR_1_S = 1e4, 100.0
 
 
-def _covered(config: Config) -> Iterator[Term]:
-    """Yield what gives the screw back the base film that nuts cover: h(x) (1 − m(x)), m the share of the time
-    in which there is a nut (Li et al. 2022, eqs. 43 to 47).
+def _covered_film(config: Config) -> Iterator[Term]:
+    """Yield a correction of the base film where nuts cover the screw (Li et al. 2022, eqs. 43 to 47).
 
-    As R_Q/m with −h P length in place of 1/R_Q, towards a body that is as warm as the air, for so it
-    exchanges that fast.
+    The film is h(x) (1 − m(x)), m the share of the time in which a nut is there. The correction acts as R_Q/m
+    with −h P length in place of 1/R_Q, towards a body at the air's temperature: its exchange is that fast.
     """
     screw, film_W_m2K = config.screw, config.surface.convection_W_m2K
     for source in config.source:
@@ -64,7 +63,7 @@ def _covered(config: Config) -> Iterator[Term]:
 
 
 def _at(source: Source, config: Config) -> str:
-    """The source that heats the screw where this one is: itself, or its place."""
+    """The source that heats the screw at the place of a source: itself, or its place."""
     if source.screw_share > 0.0 and source.shape != "node":
         return source.name
     return next(s.name for s in config.source if s.name.startswith(f"{source.name}.place"))
@@ -87,10 +86,10 @@ def terms_of(config: Config) -> tuple[Term, ...]:
 
 
 def _with_places(config: Config) -> Config:
-    """Give each source that a link leads to, or that covers, a place if it gives the screw no heat."""
+    """Give each source that is linked or covers the screw a place if it gives the screw no heat."""
     ends = {end for link in config.link for end in link.between}
     moved = [s for s in config.source if (s.name in ends or s.covers_film) and s.screw_share == 0.0]
-    places = {s.name: _named_apart(_place(s), config) for s in moved}
+    places = {s.name: _with_unique_name(_place(s), config) for s in moved}
     sources = tuple(s.model_copy(update={"shape": "node"}) if s in moved else s for s in config.source)
     links = tuple(
         link.model_copy(update={"between": tuple(places[e].name if e in places else e for e in link.between)})
@@ -100,7 +99,7 @@ def _with_places(config: Config) -> Config:
 
 
 def _place(source: Source) -> Source:
-    """A source that stands where another does and delivers nothing."""
+    """A source at the place of another that delivers 0 W."""
     placement = ("shape", "length_m", "stroke_m", "position_channel", "position_m", "from_m", "to_m")
     return Source(
         name=f"{source.name}.place",
@@ -111,7 +110,7 @@ def _place(source: Source) -> Source:
     )
 
 
-def _named_apart(source: Source, config: Config) -> Source:
+def _with_unique_name(source: Source, config: Config) -> Source:
     """The source with a number after its name where another has the name already."""
     alike = [s.name for s in config.source if s.name == source.name or s.name.startswith(f"{source.name}.")]
     return source.model_copy(update={"name": f"{source.name}.{len(alike) + 1}"}) if alike else source
@@ -129,6 +128,6 @@ def _with(config: Config, **parts: object) -> Config:
 
 
 def _conducting(end: Boundary, conductance_W_K: float, area_m2: float) -> Boundary:
-    """The end with a conductance to the ambient beside what it has; G = h A."""
+    """The end with an additional conductance to the ambient; G = h A."""
     film = (end.coefficient_W_m2K or 0.0) + conductance_W_K / area_m2
     return Boundary(kind="convective", coefficient_W_m2K=film) if film >= LEAST_END_FILM_W_m2K else end

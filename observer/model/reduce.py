@@ -1,9 +1,9 @@
-"""From the full model of a screw to the plant of few modes.
+"""Reduce the full model of a screw to a plant of few modes.
 
-Modes that are dropped settle faster than those that are kept. Each heat has one lag for all of them, whose
-output column is their steady response in closed form: without coupled bodies, the field at rest is exact.
-For known inputs (ambient, prescribed ends) it is an output column of the input itself. The output rows are
-temperature and thermal error at a place.
+Dropped modes settle faster than those that are kept. Each heat has one lag for all of them, whose output
+column is their steady response in closed form: without coupled bodies, the field at rest is exact. For known
+inputs (ambient, prescribed ends) it is an output column of the input itself. The output rows are temperature
+and thermal error at a place.
 """
 
 from __future__ import annotations
@@ -39,12 +39,17 @@ LEAST_COSINES = 96
 
 
 class Places(NamedTuple):
-    """Where the output rows stand: sensors (s,), grid (g,), the expansion coefficient of the error's rows,
-    what holds the screw (nothing: it grows freely from x = 0), and the expansion coefficient of the bed from
-    which the error is measured (0: of one that does not grow).
+    """Places and scales of the output rows.
 
-    Those sensors that are `moved` (d,) read the thermal error at their places, as what holds the screw there
-    leaves it, in µm.
+    Attributes:
+        sensor_m: Positions of the sensors, (s,).
+        grid_m: Positions of the grid, (g,).
+        expansion_1_K: Expansion coefficient of the error's rows.
+        length_m: Length of the screw.
+        restraint: Supports of the screw; None if it grows freely from x = 0.
+        bed_1_K: Expansion coefficient of the bed from which the error is measured; 0 for a rigid bed.
+        moved: Numbers of the sensors that read the thermal error at their places, µm, (d,).
+        moved_restraint: Supports of the screw at these sensors.
     """
 
     sensor_m: FloatArray
@@ -63,17 +68,18 @@ class Places(NamedTuple):
 
     @property
     def growth_m(self) -> FloatArray:
-        """Places to which growth is counted: the grid, then the screw's end."""
+        """Ends of the intervals of growth: the grid, then the screw's end."""
         return np.append(self.grid_m, self.length_m)
 
     @property
     def moved_m(self) -> FloatArray:
-        """Places to which growth is counted that sensors read: theirs, then the screw's end."""
+        """Ends of the intervals of growth for displacement sensors: their places, then the screw's end."""
         return np.append(self.sensor_m[list(self.moved)], self.length_m)
 
     def with_displacement(self, rows: FloatArray, growth: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """Return the rows (s + g, …) of temperatures with those of displacement sensors put in; `growth` is
-        that of the free screw up to places, µm.
+        """Return the rows (s + g, …) of temperatures with those of displacement sensors put in.
+
+        `growth` returns the growth of the free screw up to places, µm.
         """
         if not self.moved:
             return rows
@@ -88,8 +94,9 @@ class Places(NamedTuple):
 
 
 def modal_rows(modes: Modes, places: Places) -> FloatArray:
-    """Rows of the modal amplitudes, (R, N): θ_n(x), then α_T ∫_0^x θ_n dx of the free screw (Li 2022: E =
-    α_T ∫(T − T_A)), less what the supports hold back.
+    """Rows of the modal amplitudes, (R, N): θ_n(x), then the growth.
+
+    The growth of the free screw is α_T ∫_0^x θ_n dx (Li 2022: E = α_T ∫(T − T_A)), reduced by the supports.
     """
     temperature = places.with_displacement(
         modes.theta(places.temperature_m),
@@ -109,10 +116,10 @@ def remainder_rows(
     kinks: Stretch | None = None,
     rows: FloatArray | None = None,
 ) -> FloatArray:
-    """What the kept modes leave of one input's steady field, (R,).
+    """The difference (R,) between one input's steady field and its part in the modes of the plant.
 
-    `steady(x)` is the closed form per unit of the input, `amplitude` (N,) the kept modes' steady share
-    b_n/Λ_n, `rows` (R, N) those of the amplitudes where they are known already.
+    `steady(x)` is the closed form per unit of the input, `amplitude` (N,) the modes' steady share b_n/Λ_n.
+    `rows` (R, N) are those of the amplitudes, if computed already.
     """
     retained = (modal_rows(modes, places) if rows is None else rows) @ amplitude
     whole = places.with_displacement(
@@ -133,14 +140,16 @@ def reference_rows(places: Places) -> FloatArray:
 
 
 def bed_rows(places: Places) -> FloatArray:
-    """The column (R,) of the bed's temperature: the screw's supports and the workpiece move with it, so its
-    growth is taken off the free screw's before the supports hold that back.
+    """The column (R,) of the bed's temperature.
+
+    Supports and workpiece move with the bed. So its growth is subtracted from that of the free screw, before
+    the supports restrain the difference.
     """
     return _uniform_rows(places, -places.bed_1_K * UM_PER_M)
 
 
 def _uniform_rows(places: Places, um_per_K_m: float) -> FloatArray:
-    """The column (R,) of a temperature that has all of a body grow alike."""
+    """The column (R,) of a temperature that expands a body uniformly."""
     temperature = places.with_displacement(np.zeros(len(places.temperature_m)), lambda x_m: um_per_K_m * x_m)
     if places.expansion_1_K is None:
         return temperature
@@ -158,7 +167,7 @@ def _running_integral(
 
 
 class KnownInput(NamedTuple):
-    """An input that is measured or configured: ambient, a prescribed end, the thermal error's reference.
+    """A measured or configured input: ambient, a prescribed end, the thermal error's reference.
 
     `modal` (N,) is its input to the modes of the full model, `steady(x)` its steady field per unit.
     """
@@ -178,14 +187,23 @@ class Nut(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class HeatInput:
-    """A source of heat: the `share` of it that enters the screw does so over `stretch`, averaged over its
-    motion, but for `ends_fraction`, which enters over the two stretches `ends` at the ends of a stroke.
+    """A source of heat.
 
-    `also` are further stretches, where as much more enters as these parts of it; a heat that `follows` is the
-    part of the one of that name, and is left to that.
-
-    The rest is what an estimator takes from it: the σ it begins with, whether it is `estimated`, its random
-    walk in W²/s, the rate at which it comes back to its law, and how far that is trusted.
+    Attributes:
+        name: Its name.
+        stretch: Its footprint, averaged over its motion.
+        share: The share of its heat that enters the screw.
+        ends: The two footprints at the ends of its stroke.
+        ends_fraction: The part of that share which enters over `ends` instead.
+        nut: Its motion; None if it is fixed.
+        initial_sigma_W: σ of the heat at the start.
+        estimated: Whether the heat is estimated.
+        random_walk_W2_s: Random walk of its deviation from its law.
+        decay_1_s: Decay rate of that deviation.
+        law_uncertainty: Relative σ of the law.
+        is_by_speed: Whether the law is friction.
+        also: Further footprints, each with its heat relative to this one's.
+        follows: The source whose heat drives this one, and the ratio of the heats.
     """
 
     name: str
@@ -206,11 +224,18 @@ class HeatInput:
 
 @dataclass(frozen=True, slots=True)
 class FullModel:
-    """A screw with as many modes as anyone may ask for: what the heat equation, its sources, its ends and its
-    outputs are, before anything is left out.
+    """A screw with many modes, before the reduction.
 
-    `noise_K` (s,) are the σ of the sensors; `initial_sigma_K` is that of the unknown field at the start,
-    `field_noise_K_sqrt_s` a noise on it.
+    Attributes:
+        modes: Its modes.
+        heats: Its sources of heat.
+        known_inputs: Its known inputs.
+        places: Places of its output rows.
+        sensors: Names of the sensors, (s,).
+        noise_K: σ of the sensors, (s,).
+        initial_sigma_K: σ of the unknown field at the start.
+        field_noise_K_sqrt_s: Noise on the field.
+        static_correction: Whether lags replace the dropped modes.
     """
 
     modes: Modes
@@ -293,7 +318,7 @@ def reduce(
 
 
 def _following(heats: Sequence[HeatInput]) -> tuple[Following, ...]:
-    """Which heats are parts of which."""
+    """The heats that are parts of others."""
     at = {h.name: i for i, h in enumerate(heats)}
     return tuple(Following(i, at[h.follows[0]], h.follows[1]) for i, h in enumerate(heats) if h.follows)
 
@@ -311,12 +336,12 @@ def _footprint(
     b, c = _own_footprint(full, modes, heat, ends_fraction)
     if not heat.also:
         return b, c
-    more_b, more_c = _further(full, modes, heat)
+    more_b, more_c = _further_footprints(full, modes, heat)
     return b + more_b, c + more_c
 
 
-def _further(full: FullModel, modes: Modes, heat: HeatInput) -> tuple[FloatArray, FloatArray]:
-    """What further stretches add to a heat's columns (N,) and (R,)."""
+def _further_footprints(full: FullModel, modes: Modes, heat: HeatInput) -> tuple[FloatArray, FloatArray]:
+    """The columns (N,) and (R,) of a heat's further footprints."""
     parts = np.array([part for part, _ in heat.also])
     b = np.array([modal_input(modes, stretch) for _, stretch in heat.also])
     c = np.array([_lag_row(full, modes, stretch) for _, stretch in heat.also])
@@ -326,7 +351,7 @@ def _further(full: FullModel, modes: Modes, heat: HeatInput) -> tuple[FloatArray
 def _own_footprint(
     full: FullModel, modes: Modes, heat: HeatInput, ends_fraction: float
 ) -> tuple[FloatArray, FloatArray]:
-    """The same without further stretches."""
+    """The columns of `_footprint` without further footprints."""
     b, c = heat.share * modal_input(modes, heat.stretch), heat.share * _lag_row(full, modes, heat.stretch)
     if ends_fraction == 0.0:
         return b, c
@@ -337,13 +362,16 @@ def _own_footprint(
 
 
 def _lag_row(full: FullModel, modes: Modes, stretch: Stretch) -> FloatArray:
-    """Output column (R,) of a heat's lag: what the kept modes leave of its steady field."""
+    """Output column (R,) of a heat's lag: its steady field outside the modes of the plant."""
     rows = modal_rows(modes, full.places)
-    return _left_of(modes, full.places, stretch, rows) if full.static_correction else np.zeros(len(rows))
+    return _remainder_of(modes, full.places, stretch, rows) if full.static_correction else np.zeros(len(rows))
 
 
-def _left_of(modes: Modes, places: Places, stretch: Stretch, rows: FloatArray) -> FloatArray:
-    """What the kept modes leave of a steady field, (R,); `rows` (R, N) are those of their amplitudes."""
+def _remainder_of(modes: Modes, places: Places, stretch: Stretch, rows: FloatArray) -> FloatArray:
+    """The part of a steady field outside the modes of the plant, (R,).
+
+    `rows` (R, N) are those of the modes' amplitudes.
+    """
     steady = partial(source_field, modes.rod, stretch)
     return remainder_rows(modes, places, steady, contributions(modes, stretch), stretch, rows)
 
@@ -393,7 +421,7 @@ def _moving_sources(
             turn=_mixing(modes, len(cosines), len(B)),
         )
         if heat.also:
-            more_b, more_c = _further(full, modes, heat)
+            more_b, more_c = _further_footprints(full, modes, heat)
             turn = table.turn if len(table.turn) else np.eye(len(B))
             turn[: len(more_b), table.lag] = more_b / lag_decay_1_s
             table = replace(table, table_C=table.table_C + more_c, mean_C=mean_C + more_c, turn=turn)
@@ -405,8 +433,9 @@ def _moving_sources(
 
 
 def _cosines_of_nut(modes: Modes) -> Modes:
-    """The modes themselves or, of a rod with sections, the cosines that make up what a nut does to them: its
-    length smooths those of shorter waves out.
+    """The modes themselves or, for a rod with sections, the cosines for a nut's columns.
+
+    The length of the nut smooths shorter waves out.
     """
     if modes.mix is None:
         return modes
@@ -416,9 +445,7 @@ def _cosines_of_nut(modes: Modes) -> Modes:
 
 
 def _mixing(modes: Modes, cosines: int, n_x: int) -> FloatArray:
-    """The matrix (n_x, …) that makes a nut's input columns of those of its cosines; empty where these are the
-    modes.
-    """
+    """The matrix (n_x, …) from the cosines of a nut's input columns to modes; empty if these are equal."""
     if modes.mix is None:
         return np.zeros((0, 0))
     lags = n_x - len(modes)
@@ -429,15 +456,15 @@ def _mixing(modes: Modes, cosines: int, n_x: int) -> FloatArray:
 
 
 def _nut_rows(full: FullModel, modes: Modes, nut: Nut, nut_places: int) -> FloatArray:
-    """The lag's output column of all of the heat with the nut at evenly spaced places, (P, R)."""
+    """The lag's output column of all the heat, with the nut at evenly spaced places, (P, R)."""
     if not full.static_correction:
         return np.zeros((nut_places, len(modal_rows(modes, full.places))))
-    return _left_along(modes, full.places, nut.length_m, nut_places)
+    return _remainders_along(modes, full.places, nut.length_m, nut_places)
 
 
 @cached(8)
-def _left_along(modes: Modes, places: Places, nut_m: float, nut_places: int) -> FloatArray:
-    """The same where there is such a column."""
+def _remainders_along(modes: Modes, places: Places, nut_m: float, nut_places: int) -> FloatArray:
+    """The columns of `_nut_rows` with a static correction."""
     L, rows = modes.rod.length_m, modal_rows(modes, places)
     stretches = [nut_stretch(x, nut_m, L) for x in np.linspace(0.0, L, nut_places).tolist()]
-    return np.array([_left_of(modes, places, stretch, rows) for stretch in stretches])
+    return np.array([_remainder_of(modes, places, stretch, rows) for stretch in stretches])

@@ -1,5 +1,7 @@
-"""What of the bodies beside the screw is only roughly known: the conductance of each link, the heat capacity
-of each node, and how a source divides its heat between nodes and screw.
+"""Uncertain parameters of the bodies beside the screw.
+
+They are the conductance of each link, the heat capacity of each node, and the division of a source's heat
+between nodes and screw.
 """
 
 from __future__ import annotations
@@ -29,10 +31,10 @@ def with_rough_network(
     constant: Constant,
     modes: Modes,
 ) -> Plant:
-    """Return a plant with nodes, with what its estimator learns or allows for of them and of the rest.
+    """Return a plant with nodes, with all the parameters that its estimator learns or considers.
 
-    The links of `config` lead to places on the screw, those `described` to the sources that stand there;
-    `constant` is what is to be added to the plant's generator.
+    The links of `config` lead to places on the screw, those `described` to the sources there. `constant` is
+    added to the plant's generator.
     """
     network_modes = node_modes(attached(config, terms).network)
     node_states = _NodeStates(plant, config, network_modes)
@@ -51,8 +53,8 @@ def with_rough_network(
 class _NodeStates:
     """The nodes among the states of a plant.
 
-    With V = `temperatures` (n_x, n_x) and its `inverse`, V x has the temperature of each node as a state.
-    Where they are `apart`, no node linked to another, each is a state by itself already.
+    With V = `temperatures` (n_x, n_x) and its `inverse`, V x has the temperature of each node as a state. If
+    the nodes are `apart`, without links to each other, each already is a state.
     """
 
     def __init__(self, plant: Plant, config: Config, network_modes: NodeModes) -> None:
@@ -70,21 +72,22 @@ class _NodeStates:
         self._first = first
 
     def links(self, config: Config, described: Sequence[Link]) -> Iterator[Parameter]:
-        """Yield a parameter for each link: a part of its conductance. Those to nuts that move are numbered as
-        in the plant's coupling.
+        """Yield a parameter for each link: the relative error of its conductance.
+
+        Links to moving nuts are numbered as in the plant's coupling.
         """
         moving, tied = [self._plant.source_names[m.index] for m in self._plant.moving], 0
         for link, described_link in zip(config.link, described, strict=True):
             sigma, name = config.tolerance.of_link(described_link.tolerance), f"{described_link.key}.factor"
             change = self._passing(link)
             if not set(link.between).isdisjoint(moving):
-                change, tied = change._replace(tie=tied), tied + 1
+                change, tied = change._replace(link=tied), tied + 1
             yield Parameter(
                 Nuisance.LINK, 0, sigma, change, name, described_link.factor, described_link.factor
             )
 
     def capacities(self, config: Config, constant: Constant) -> Iterator[Parameter]:
-        """Yield a parameter for each node: a part of its heat capacity."""
+        """Yield a parameter for each node: the relative error of its heat capacity."""
         A, E = generator(self._plant) + constant.A, self._plant.E + constant.E
         for i, node in enumerate(config.node):
             sigma, C_J_K = config.tolerance.of_capacity(node.tolerance), node.capacity_J_K
@@ -92,8 +95,9 @@ class _NodeStates:
             yield Parameter(Nuisance.CAPACITY, i, sigma, self._storing(i, C_J_K, A, E), name, C_J_K, C_J_K)
 
     def divisions(self, config: Config) -> Iterator[Parameter]:
-        """Yield a parameter for each source that heats screw and nodes: the part of the screw's heat that
-        goes into the nodes instead.
+        """Yield a parameter for each source that heats screw and nodes.
+
+        It is the part of the screw's heat that enters the nodes instead.
         """
         unchanged = no_change(len(self._plant.decay_1_s), len(self._plant.known_names))
         for source in config.source:
@@ -106,14 +110,16 @@ class _NodeStates:
                 yield Parameter(Nuisance.DIVISION, index, sigma, change, f"source.{source.name}.division")
 
     def _passing(self, link: Link) -> Change:
-        """What a link does that conducts as much again: with the row d of the temperature difference and the
-        column v of 1 J passed, dx/dt grows by G v d x. A nut that moves is spread over its stroke.
+        """The effect of doubling a link's conductance: dx/dt grows by G v d x.
+
+        The row d reads the temperature difference, and the column v is the effect of 1 J passed. A moving nut
+        is spread over its stroke.
         """
         plant, G = self._plant, conductance_W_K(link)
         unchanged = no_change(len(plant.decay_1_s), len(plant.known_names))
         first, second = sorted(link.between, key=lambda end: end not in self._names)
         node = self._names.index(first)
-        row, into, inputs = self._read[node], -self._into[node], unchanged.known.copy()
+        row, into, inputs = self._read[node], -self._into[node], unchanged.inputs.copy()
         if second in self._names:
             other = self._names.index(second)
             row, into = row - self._read[other], into + self._into[other]
@@ -124,20 +130,20 @@ class _NodeStates:
             under, foot = self._under(source)
             row, into = row - under, into + foot
             inputs = -G * np.multiply.outer(plant.coupling.under_F[source], into)
-        return unchanged._replace(into=G * into, seen=row, known=inputs)
+        return unchanged._replace(into=G * into, feedback_row=row, inputs=inputs)
 
     def _storing(self, node: int, capacity_J_K: float, A: FloatArray, E: FloatArray) -> Change:
-        """What a node does that stores as much again: all that warms or cools it is slower."""
+        """The effect of doubling a node's capacity: all its temperature changes are slower."""
         plant, row, into = self._plant, self._read[node], -capacity_J_K * self._into[node]
         state = int(np.argmax(np.abs(row))) if self.apart else self._first + node
         heats = np.zeros(len(row))
         heats[state] = -1.0
         inputs = np.multiply.outer(row @ E, into)
         unchanged = no_change(len(plant.decay_1_s), len(plant.known_names))
-        return unchanged._replace(into=into, seen=row @ A, heats=heats, known=inputs)
+        return unchanged._replace(into=into, feedback_row=row @ A, heats=heats, inputs=inputs)
 
     def _under(self, source: int) -> tuple[FloatArray, FloatArray]:
-        """The row (n_x,) that reads the screw under a source, and what 1 J that enters there does (n_x,)."""
+        """The row (n_x,) that reads the screw under a source, and the effect (n_x,) of 1 J there."""
         plant, c = self._plant, self._plant.coupling
         state = np.arange(len(plant.decay_1_s))
         foot = c.place_gain[source] * np.where(state < plant.lag_slice.stop, plant.B[:, source], 0.0)

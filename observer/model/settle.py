@@ -1,8 +1,11 @@
-"""Where a plant settles: the steady state under inputs that last, by a linear solve instead of a long run.
+"""The steady state of a plant under constant inputs, by a linear solve instead of a long run.
 
-0 = A x + B q + E z + r (T_d − T) on the screw, with the plant's own generator A, nuts over their strokes or
-where they stand, and a loss r that goes with the speed towards T_d. Radiation, which enters by its tangent,
-and friction that fades with the temperature are iterated until nothing moves.
+The equation on the screw is
+
+    0 = A x + B q + E z + r (T_d − T)
+
+with the plant's own generator A and a loss by speed of the rate r towards T_d. Nuts are over their strokes or
+at given places. Radiation, which enters by its tangent, and fading friction are iterated to convergence.
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ from observer.model.rod.moving import columns_at
 from observer.tables.sections import covers_only, law_channels
 
 SLOWEST_1_S = 1e-8
-"""A state that takes longer than three years has nothing that holds it: rounding leaves such rates."""
+"""Slower states (three years) are rounding errors of undamped ones."""
 _STILL = 1e-12
 _ROUNDS = 200
 _LARGEST = 1e9
@@ -35,8 +38,15 @@ _LONG_S = 1e9  # what fades with the hours has faded
 
 
 class OperatingPoint(NamedTuple):
-    """Inputs that last: heats by law `law_W` (m,); known inputs `z` (p,); the rate of the loss that goes with
-    the speed, 1/s, and what it draws to, °C; input and output columns of the nuts, (M, n_x) and (M, R).
+    """Constant inputs.
+
+    Attributes:
+        law_W: Heats by law, (m,).
+        z: Known inputs, (p,).
+        loss_1_s: Rate of the loss by speed.
+        loss_degC: The temperature that this loss approaches.
+        moving_B: Input columns of the nuts, (M, n_x).
+        moving_C: Output columns of the nuts, (M, R).
     """
 
     law_W: FloatArray
@@ -48,8 +58,13 @@ class OperatingPoint(NamedTuple):
 
 
 class SettledPlant(NamedTuple):
-    """A plant at rest: states `x` (n_x,), output rows (R,) in °C and µm, the heats (m,) as they are then, and
-    the time constant, s, of what is slowest to settle.
+    """A plant at rest.
+
+    Attributes:
+        x: Its states, (n_x,).
+        rows: Output rows in °C and µm, (R,).
+        heat_W: The heats, with their fading, (m,).
+        slowest_s: Time constant of the slowest state.
     """
 
     x: FloatArray
@@ -59,8 +74,9 @@ class SettledPlant(NamedTuple):
 
 
 def needed_channels(config: Config) -> tuple[str, ...]:
-    """The channels that a steady state needs values of: all that the model reads but sensors and, as a nut
-    runs over its stroke where nobody says where it stands, positions.
+    """Return the channels that a steady state needs values of: all inputs of the model except positions.
+
+    A nut without a position runs over its stroke.
     """
     machine = realise(config).config
     spare = config.sensor_channels | {s.position_channel for s in machine.source}
@@ -69,8 +85,9 @@ def needed_channels(config: Config) -> tuple[str, ...]:
 
 
 def check_inputs(config: Config, values: Mapping[str, Any], place: str) -> None:
-    """Raise `ConfigError` where a channel is no input of the model, or its value no number; `place` is named
-    in errors.
+    """Raise `ConfigError` if a channel is not an input of the model, or its value not a finite number.
+
+    `place` is named in errors.
     """
     sensors = config.sensor_channels
     inputs = [c for c in config.channels if c not in sensors]
@@ -85,10 +102,10 @@ def check_inputs(config: Config, values: Mapping[str, Any], place: str) -> None:
 
 
 def point_of(config: Config, plant: Plant, values: Mapping[str, float]) -> OperatingPoint:
-    """Return the operating point at which channels have these values for good.
+    """Return the operating point at which channels have constant values.
 
-    A nut stands where its position channel says, or runs over its whole stroke where that has no value.
-    Raises `ConfigError` for an input without a value, and where the configuration has no steady state.
+    A nut is at the value of its position channel, or runs over its whole stroke without one. Raises
+    `ConfigError` for an input without a value, and if the configuration has no steady state.
     """
     refuse_drift(config)
     if missing := [c for c in needed_channels(config) if c not in values]:
@@ -100,7 +117,7 @@ def point_of(config: Config, plant: Plant, values: Mapping[str, float]) -> Opera
                 f"{source.position_channel} = {place_m:g}: {source.name} reaches beyond the screw there; "
                 "covers_film needs the whole of it on the screw, so give another position"
             )
-    driving = Drive(config, plant).open_loop(_lasting(config.channels, values))
+    driving = Drive(config, plant).open_loop(_constant_frames(config.channels, values))
     B = np.array([plant.B[:, m.index] for m in plant.moving]).reshape(-1, len(plant.decay_1_s))
     C = np.array([plant.rows.C[:, plant.modes + m.index] for m in plant.moving]).reshape(
         -1, len(plant.rows.C)
@@ -113,15 +130,15 @@ def point_of(config: Config, plant: Plant, values: Mapping[str, float]) -> Opera
 
 
 def refuse_drift(config: Config) -> None:
-    """Raise `ConfigError` where the air is said to drift on and on, so that nothing settles."""
+    """Raise `ConfigError` if the air drifts without end, so that nothing settles."""
     if any(isinstance(t, AmbientShift) and t.rate_K_h for t in realise(config).terms):
         raise ConfigError(
             "there is no steady state while an effect lets the air drift; remove its rate of drift"
         )
 
 
-def _lasting(channels: tuple[str, ...], values: Mapping[str, float]) -> FrameBlock:
-    """Three frames of the same values, so far apart that what fades with the time of running has faded."""
+def _constant_frames(channels: tuple[str, ...], values: Mapping[str, float]) -> FrameBlock:
+    """Three frames of the same values, far apart, so that effects that fade while running have faded."""
     row = np.array([values.get(c, np.nan) for c in channels])
     shape = (3, len(channels))
     return FrameBlock(
@@ -137,8 +154,10 @@ def _lasting(channels: tuple[str, ...], values: Mapping[str, float]) -> FrameBlo
 
 
 def mean_point(plant: Plant, blocks: Sequence[Inputs]) -> OperatingPoint:
-    """Return the mean of what drives a plant over some steps: where a linear plant that repeats them is on
-    average once it has settled. The column of a nut is the mean weighed by its heat.
+    """Return the mean of a plant's inputs over some steps.
+
+    It gives the average of a linear plant that repeats these steps and has settled. The column of a nut is
+    the mean weighted by its heat.
     """
     dt_s, law_W, z_start, z_end, B, C, loss_1_s, loss_degC = (
         np.concatenate([getattr(block, name) for block in blocks])
@@ -167,11 +186,8 @@ def mean_point(plant: Plant, blocks: Sequence[Inputs]) -> OperatingPoint:
 
 
 def settled(plant: Plant, point: OperatingPoint) -> SettledPlant:
-    """Return where a plant settles at an operating point.
-
-    Raises `ConfigError` where nothing takes the heat away, and where the heats find no balance.
-    """
-    plant = _placed(plant, point)
+    """Return the steady state of a plant at an operating point. Raises `ConfigError` if it has none."""
+    plant = _at_point(plant, point)
     c, A_1_s, screw = plant.coupling, generator(plant), on_the_screw(plant)
     x: FloatArray = plant.uniform * float(point.z[plant.known.ambient])
     heat_W = point.law_W
@@ -179,7 +195,7 @@ def settled(plant: Plant, point: OperatingPoint) -> SettledPlant:
         rate_1_s, drawn = uniform_loss(c, point.loss_1_s, point.loss_degC, float(point.z[c.ambient]), x)
         A = A_1_s - rate_1_s * screw
         slowest_1_s = _slowest_1_s(A)
-        lost = drawn * _alike(plant, screw)
+        lost = drawn * _uniform_effect(plant, screw)
         driven = plant.B @ heat_W + plant.E @ point.z + lost
         after = np.asarray(np.linalg.solve(-A, driven), np.float64)
         heat_after_W = 0.5 * (heat_W + point.law_W * _faded(plant, after, point.z))
@@ -192,14 +208,14 @@ def settled(plant: Plant, point: OperatingPoint) -> SettledPlant:
     )
 
 
-def _alike(plant: Plant, screw: FloatArray) -> FloatArray:
-    """What a loss towards 1 °C warms, (n_x,), per unit of its rate."""
+def _uniform_effect(plant: Plant, screw: FloatArray) -> FloatArray:
+    """The effect (n_x,) of a loss towards 1 °C, per unit of its rate."""
     c = plant.coupling
     return np.asarray(screw @ c.uniform) if len(c.uneven.rate) else c.uniform
 
 
 def _slowest_1_s(A_1_s: FloatArray) -> float:
-    """The rate of what is slowest to settle; refused where that is nothing but rounding."""
+    """The rate of the slowest state. Raises `ConfigError` if it is a rounding error."""
     slowest_1_s = float(np.min(-np.linalg.eigvals(A_1_s).real))
     if slowest_1_s < SLOWEST_1_S:
         raise ConfigError(
@@ -209,9 +225,11 @@ def _slowest_1_s(A_1_s: FloatArray) -> float:
     return slowest_1_s
 
 
-def _placed(plant: Plant, point: OperatingPoint) -> Plant:
-    """The plant with the columns of nuts as they are at the point; a nut that sweeps over less than its
-    stroke passes less to its nodes on top of its mean, as `kernels.coupling` has it.
+def _at_point(plant: Plant, point: OperatingPoint) -> Plant:
+    """The plant with the columns of nuts at the point.
+
+    A nut that sweeps over less than its stroke exchanges less with its nodes beyond the mean, as in
+    `kernels.coupling`.
     """
     B, C, c = plant.B.copy(), plant.rows.C.copy(), plant.coupling
     rate_1_s = c.spreads.rate_1_s.copy()
@@ -228,7 +246,7 @@ def _placed(plant: Plant, point: OperatingPoint) -> Plant:
 
 
 def _product(c: Coupling, x: FloatArray, y: FloatArray) -> float:
-    """The sum over the screw's modes of the products of what two states are there."""
+    """The scalar product of two states over the screw's modes."""
     return float(x[: c.modes] @ y[: c.modes] if not len(c.metric) else x @ c.metric @ y)
 
 

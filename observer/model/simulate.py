@@ -1,4 +1,4 @@
-"""Open-loop prediction: the plant driven by its heat laws alone, with nothing measured to correct it."""
+"""Open-loop prediction: the plant driven by its heat laws alone, without corrections by measurements."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from observer.model.coupling import CoupledColumns, Coupling, link_scratch, stat
 from observer.model.plant import Plant
 
 _CHUNK = 512
-"""Steps worked on at a time: few enough that they stay in the cache."""
+"""Steps per call of the kernel: their data fit into the cache."""
 _REGISTER = 8
 """States are padded with zeros to whole vector registers: the step takes half the time for it."""
 
 
 class AdvancePlant(NamedTuple):
-    """What of a plant the open loop takes, W states with the padding (see `kernels.advance`)."""
+    """The plant's data for the open loop, W states with the padding (see `kernels.advance`)."""
 
     modes: int
     B: FloatArray
@@ -32,7 +32,7 @@ class AdvancePlant(NamedTuple):
 
 
 class AdvanceTable(NamedTuple):
-    """The step of the moment, as a table of one; no heat is a state here."""
+    """The current step, as a table of length one; no heat is a state here."""
 
     decay: FloatArray
     hold: FloatArray
@@ -42,7 +42,7 @@ class AdvanceTable(NamedTuple):
 
     @classmethod
     def empty(cls, width: int) -> AdvanceTable:
-        """Room for a step of so many states."""
+        """Return memory for a step of `width` states."""
         decay, hold, ramp = np.zeros((3, 1, width))
         return cls(decay, hold, ramp, np.zeros((1, 0)), np.zeros((1, 0, width)))
 
@@ -68,7 +68,7 @@ class AdvanceWork(NamedTuple):
 
 
 class OpenLoopMarch(NamedTuple):
-    """What `kernels.march` takes: a plant that its inputs drive, the table of the moment and scratch."""
+    """The argument of `kernels.march`: a plant, its inputs, the current table and scratch."""
 
     plant: AdvancePlant
     table: AdvanceTable
@@ -78,21 +78,23 @@ class OpenLoopMarch(NamedTuple):
 
 
 def start(plant: Plant, temperature_degC: float, law_W: FloatArray) -> FloatArray:
-    """Return the state of a screw at one temperature, its lags settled at the heats (m,) of the moment."""
+    """Return the state of a screw at one temperature, its lags settled at the heats (m,)."""
     return plant.uniform * temperature_degC + law_W @ plant.lags
 
 
 def start_from_sensors(
     plant: Plant, y_degC: FloatArray, noise_R_K2: FloatArray, law_W: FloatArray, z: FloatArray
 ) -> FloatArray:
-    """Return the most probable state of a screw whose sensors read `y_degC`, its lags settled at the heats.
+    """Return the most probable state of a screw from the readings `y_degC`, its lags settled at the heats.
 
-    x = x̄ + P Cᵀ (C P Cᵀ + R)⁻¹ (y − C x̄ − F z), with x̄ the screw at the sensors' mean and P the prior of a
-    smooth unknown field, widened where the sensors spread further than the prior expects (Rasmussen &
-    Williams 2006, eq. 2.25). Displacements, whose zero is not known yet, say nothing here.
+        x = x̄ + P Cᵀ (C P Cᵀ + R)⁻¹ (y − C x̄ − F z)
+
+    x̄ is the screw at the sensors' mean, and P the prior of a smooth unknown field. P is widened if the
+    sensors differ by more than the prior expects (Rasmussen & Williams 2006, eq. 2.25). Displacements, whose
+    zero is still unknown, are not used.
 
     Takes `y_degC`, `noise_R_K2` (s,), a sensor without a value as NaN; `law_W` (m,); `z` (p,). Raises
-    `ValueError` where no thermocouple has a value.
+    `ValueError` if no thermocouple has a value.
     """
     sensors = np.flatnonzero(np.isfinite(y_degC) & plant.thermal)
     if len(sensors) == 0:
@@ -111,9 +113,10 @@ def simulate(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the state after K steps and the output rows (K, R) at their ends, in °C and µm.
 
-    Exact for heats constant and known inputs linear over each step; time-varying couplings are of
-    second order in the step (see `coupling`). `sweep` (K, M, e, N) are shapes of the screw of which the
-    squares add up to the covariance of each moving source's input column over the step, where that is known.
+    Exact for heats constant and known inputs linear over each step. Time-varying couplings are of second
+    order in the step (see `coupling`). `sweep` (K, M, e, N) are shapes of the screw for each step and moving
+    source. Their squares add up to the covariance of the source's input column over the step. None if
+    unknown.
     """
     rows, x = np.empty((len(inputs), len(plant.rows.C))), state
     output_matrix = np.vstack([_lagless(plant), plant.rows.F.T])
@@ -126,9 +129,15 @@ def simulate(
 
 
 class Means(NamedTuple):
-    """Output rows (K, R) at the `ends` of K steps, their `means` over each, and the `way` that they go in it,
-    but for what a source's lag adds, which is of the step as a whole; and the heat that bodies pass to the
-    screw where each moving source is, on average over each step, `passed_W` (K, M).
+    """Output rows of K steps.
+
+    The lag of a source enters as constant over each step.
+
+    Attributes:
+        ends: Rows at the ends of the steps, (K, R).
+        means: Means over each step, (K, R).
+        way: Change over each step, (K, R).
+        passed_W: Mean heat from bodies to the screw at each moving source, (K, M).
     """
 
     ends: FloatArray
@@ -140,8 +149,8 @@ class Means(NamedTuple):
 def simulate_means(plant: Plant, state: FloatArray, inputs: Inputs, sweep: FloatArray | None = None) -> Means:
     """Return the output rows of K steps as means too, in °C and µm; else as `simulate`.
 
-    A mode of the rate λ that goes from one value to another has on average gone the share w of its way,
-    w = 1/(1 - e⁻ᵘ) - 1/u with u = λ dt: half of it where it is slow, nearly all of it where it is fast.
+    A mode of the rate λ has on average completed the share w of its change over a step. With u = λ dt,
+    w = 1/(1 - e⁻ᵘ) - 1/u: half for a slow mode, nearly all for a fast one.
     """
     rows = np.empty((3, len(inputs), len(plant.rows.C)))
     out = Means(rows[0], rows[1], rows[2], passed_W=np.empty((len(inputs), len(plant.moving))))
@@ -162,7 +171,7 @@ def simulate_means(plant: Plant, state: FloatArray, inputs: Inputs, sweep: Float
 
 
 def _passed_W(plant: Plant, source: int, B: FloatArray, states: FloatArray) -> FloatArray:
-    """What nodes pass to the screw (k,) where a source is in some steps, by its columns B (k, n_x)."""
+    """The heat (k,) from nodes to the screw at a source in some steps, by its columns B (k, n_x)."""
     links, passed_W = np.flatnonzero(plant.coupling.links.source == source), np.zeros(len(states))
     if not len(links):
         return passed_W
@@ -178,8 +187,9 @@ def _passed_W(plant: Plant, source: int, B: FloatArray, states: FloatArray) -> F
 def _marched(
     plant: Plant, state: FloatArray, inputs: Inputs, sweep: FloatArray | None
 ) -> Iterator[tuple[slice, FloatArray]]:
-    """Yield some steps at a time, and the states and known inputs (k, n_x + p) at their ends; these are
-    written over by the next.
+    """Yield some steps at a time, and the states and known inputs (k, n_x + p) at their ends.
+
+    The next iteration overwrites these.
     """
     K, p = len(inputs), _plant_arrays(plant)
     sweep = np.zeros((K, 0, 0, 0)) if sweep is None else plant.of_screw(sweep)
@@ -195,7 +205,7 @@ def _marched(
 
 
 def _lagless(plant: Plant) -> FloatArray:
-    """What the states do to the output rows, (n_x, R), but for the lags of moving sources."""
+    """The output rows of the states, (n_x, R), without the lags of moving sources."""
     C = plant.rows.C.T.copy()
     for source in plant.moving:
         C[plant.modes + source.index] = 0.0
@@ -203,7 +213,7 @@ def _lagless(plant: Plant) -> FloatArray:
 
 
 def _of_lags(plant: Plant, inputs: Inputs, part: slice, states: FloatArray) -> FloatArray:
-    """What the lags of moving sources add to the output rows (k, R) in some steps, by their states (k, …)."""
+    """The output rows (k, R) of the lags of moving sources in some steps, by their states (k, …)."""
     rows = np.zeros((len(states), len(plant.rows.C)))
     for i, source in enumerate(plant.moving):
         rows += states[:, plant.modes + source.index, None] * inputs.moving_C[part, i]

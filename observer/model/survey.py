@@ -1,5 +1,6 @@
-"""A machine looked at everywhere at once: every node beside its sensors, and the growth of the screw without
-supports, from which the displacement between any supports follows.
+"""A machine with outputs everywhere: a sensor on every node, and the growth of the unsupported screw.
+
+The displacement between any supports follows from that growth.
 """
 
 from __future__ import annotations
@@ -16,17 +17,17 @@ from observer.model.rod.supports import Restraint, displacement_um, force_N
 from observer.tables.sensors import Sensor
 
 NODE = "node."
-"""How the name of a survey's sensor on a node begins."""
+"""Prefix of the name of a survey's sensor on a node."""
 
 
 CLOSE_STEPS = 200
-"""How many steps of a screw find its warmest and coldest place: one is 0.5 % of its length."""
+"""Steps along a screw for its warmest and coldest place: one is 0.5 % of its length."""
 
 
 class Survey(NamedTuple):
-    """A machine's plant with a sensor on each node, and the grid (g,), in m, at which it is looked at.
+    """A machine's plant with a sensor on each node, and its grid (g,), m.
 
-    Behind the grid, the plant's field has places close to each other from end to end.
+    After the grid, the plant's field has close places from end to end.
     """
 
     config: Config

@@ -217,7 +217,7 @@ def test_an_estimate_is_cut_out_when_it_is_asked_for_and_only_then():
 def test_only_a_laws_own_channels_are_read():
     machine = machine_of("laws")
     drive = Drive(machine.config, machine.plant)
-    drive.look_at(machine.plan.channels)
+    drive.set_channels(machine.plan.channels)
     products, others = drive.products()
     assert others == [2, 5]  # Palmgren's law, and what stops with the drive
     assert products.base.tolist() == [0, 0, -1, 1, 2, -1, 0]

@@ -57,7 +57,7 @@ def test_parameters_act_where_the_field_followed_is(effects, beside):
     estimator, rng = KalmanEstimator(plant, config.estimator), np.random.default_rng(2)
     first, _ = estimator.run(estimator.initial(), u.part(0, 1))
     a, n_x, m_e = plant.learning.arrays, len(plant.decay_1_s), int(plant.estimated.sum())
-    assert (a.tie >= 0).sum() == len(beside.get("node", []))
+    assert (a.link >= 0).sum() == len(beside.get("node", []))
     n, around = n_x + m_e, first.around.copy()
     x = first.x_hat + np.sqrt(np.diag(first.P)) * rng.standard_normal(len(first.x_hat))
     around[:n] = first.x_hat[:n] + 0.3 * np.sqrt(np.diag(first.P))[:n] * rng.standard_normal(n)
@@ -69,7 +69,7 @@ def test_parameters_act_where_the_field_followed_is(effects, beside):
         heat_W[plant.estimated] += here[n_x:]
         c = a.drives(here[:n_x], B, u.law_W[k], heat_W, u.z_start[k])[:, : a.machine]
         if beside:
-            c[:, a.tie[: a.machine] == 0] = passed_in_place(plant, B, here[:n_x], u.z_start[k])
+            c[:, a.link[: a.machine] == 0] = passed_in_place(plant, B, here[:n_x], u.z_start[k])
         G = step_matrices(plant, float(quantise(u.dt_s[k]))).hold[:, None] * c
         step = transition(plant, u, k, belief.x, Columns(B, G))
         here = step.F[:n, :n] @ here + step.forced[:n]

@@ -117,7 +117,7 @@ def textbook(plant, u, state, given=None):
         H = np.hstack([C, np.zeros((s, m_e + a.machine)), readings(plant, u, k, around, C, dt_s)])
         S = H @ P @ H.T + np.diag(plant.noise_R_K2)
         gain = P @ H.T @ np.linalg.inv(S) if given is None else given.copy()
-        gain[first + a.held] = 0.0
+        gain[first + a.considered] = 0.0
         left = np.eye(n) - gain @ H
         x = x + gain @ (u.y_degC[k] - H @ x - plant.rows.F[:s] @ u.z_end[k])
         P = left @ P @ left.T + gain @ np.diag(plant.noise_R_K2) @ gain.T
@@ -220,10 +220,11 @@ def test_what_is_considered_only_keeps_its_value():
     plant, estimator, u = set_up("", 600, a_day())
     state, block = estimator.run(estimator.initial(), u)
     first = len(state.x_hat) - len(plant.learning.arrays.kind)
-    held = first + plant.learning.arrays.held
+    considered = plant.learning.arrays.considered
+    held = first + considered
     np.testing.assert_array_equal(state.x_hat[held], 0.0)
     np.testing.assert_allclose(
-        np.sqrt(np.diag(state.P)[held]), plant.learning.arrays.sigma[plant.learning.arrays.held], rtol=1e-9
+        np.sqrt(np.diag(state.P)[held]), plant.learning.arrays.sigma[considered], rtol=1e-9
     )
     assert block.learned.shape == (600, 6)  # the film, and the offset of each of five sensors
 

@@ -92,7 +92,7 @@ def test_what_is_considered_keeps_value_and_variance(engine):
     estimator = build_estimator(plant, EstimatorSettings(engine=engine, gate_sigma=1e9, period_s=2.0))
     state, _ = estimator.run(estimator.initial(), u)
     own = len(state.x_hat) - plant.learnt
-    held = own + plant.learning.arrays.held
+    held = own + plant.learning.arrays.considered
     assert len(held) > 0
     np.testing.assert_array_equal(state.x_hat[held], 0.0)
     np.testing.assert_allclose(

@@ -31,7 +31,7 @@ def test_the_matrix_of_half_a_step_does_what_the_couplings_do_to_a_state(effects
     c, z, x = plant.coupling, u.z_end[2], 20.0 + np.arange(len(plant.decay_1_s), dtype=float)
     B = np.ascontiguousarray(plant.B.T)
     state, (matrix, transposed) = state_column(c), half_step_columns(c)
-    state.X[:, 0], state.known[:-1, 0] = x, z
+    state.X[:, 0], state.inputs[:-1, 0] = x, z
     matrix.X[:, : len(x)] = np.eye(len(x))
     for columns in (state, matrix):
         couple(c, DRAWN_1_S, DRAWN_K_S, B, HALF_S, columns, link_scratch(c))

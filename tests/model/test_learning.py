@@ -39,7 +39,7 @@ def test_those_of_the_machine_come_first() -> None:
         Nuisance.PLACE,
     ]
     assert arrays.of.tolist() == [0, 0, 1, 0]
-    assert arrays.held.tolist() == [1, 3]
+    assert arrays.considered.tolist() == [1, 3]
     np.testing.assert_array_equal(arrays.sigma, [0.2, 0.1, 0.3, 0.002])
     np.testing.assert_array_equal(
         arrays.entries(np.array([5.0, 7.0]), np.array([3.0])), [0.0, 0.0, 1.0, 21.0]
@@ -68,7 +68,7 @@ def test_every_kind_has_its_key_in_the_order_of_the_table() -> None:
 def test_feedback_is_what_the_drives_change_with_the_state() -> None:
     rng = np.random.default_rng(6)
     rate_1_s, into, seen = rng.standard_normal((3, 2))
-    tied = no_change(2, 1)._replace(rate_1_s=rate_1_s, into=into, seen=seen)
+    tied = no_change(2, 1)._replace(rate_1_s=rate_1_s, into=into, feedback_row=seen)
     arrays = learning_of([*parameters(), Parameter(Nuisance.END, 0, 1.0, tied)], {"law"}, 2, 1).arrays
     theta, x, law_W, z = rng.standard_normal(len(arrays.kind)), rng.standard_normal(2), np.ones(1), np.ones(1)
     B = rng.standard_normal((2, 1))

@@ -42,7 +42,7 @@ def of_link() -> Change:
     plant, constant, _ = unturned(machine())
     block, per_W_K = plant.lag_slice.stop, constant.A / LINK_W_K
     none = no_change(len(plant.decay_1_s), len(plant.known_names))
-    return none._replace(into=per_W_K[:, block], seen=per_W_K[block] / per_W_K[block, block])
+    return none._replace(into=per_W_K[:, block], feedback_row=per_W_K[block] / per_W_K[block, block])
 
 
 def of_capacity() -> Change:
@@ -53,9 +53,9 @@ def of_capacity() -> Change:
     return no_change(n_x, len(plant.known_names))._replace(
         rate_1_s=block * plant.decay_1_s,
         into=-block * constant.A[number, number],
-        seen=of_link().seen,
+        feedback_row=of_link().feedback_row,
         heats=-block,
-        known=-block * plant.E.T,
+        inputs=-block * plant.E.T,
     )
 
 

@@ -130,9 +130,11 @@ def _set_arrays(
         sensors[v, : len(chosen)], weights[v, : len(chosen)] = chosen, weight_1_K[list(chosen)]
         of_sensors = table[list(chosen)].ravel()
         states[v, first + a.machine : first + a.machine + len(of_sensors)] = of_sensors
-    held_kinds = np.isin(kinds, a.kind[a.held])
+    held_kinds = np.isin(kinds, a.kind[a.considered])
     of_slots = a.machine + np.flatnonzero(np.tile(held_kinds, most))
-    return _SetArrays(sensors, weights, states, np.concatenate([a.held[a.held < a.machine], of_slots]))
+    return _SetArrays(
+        sensors, weights, states, np.concatenate([a.considered[a.considered < a.machine], of_slots])
+    )
 
 
 def _has_offsets(arrays: _SetArrays, a: LearningArrays, first: int) -> BoolArray:

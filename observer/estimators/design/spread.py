@@ -151,11 +151,11 @@ def moments(
         before = now.F @ P @ now.F.T + Q
         if weight_1_K is None:
             noise_R = np.tile(plant.noise_R_K2 * len(phase_rows), len(phase_rows))
-            P = corrected(before, phase_rows.reshape(-1, first + L), noise_R, K, a.held, first)
+            P = corrected(before, phase_rows.reshape(-1, first + L), noise_R, K, a.considered, first)
         else:  # rows in standard deviations: a reading that is not used is a row of nothing
             rows = weight_1_K[:, None, :, None] * phase_rows / np.sqrt(len(phase_rows))
             rows = rows.reshape(len(sigma), -1, first + L)
-            P = corrected(before, rows, np.ones(rows.shape[1]), None, a.held, first)
+            P = corrected(before, rows, np.ones(rows.shape[1]), None, a.considered, first)
         if is_counted(count, dt_s):
             yield Moment(now.plant, now.stage, now.x, phase_rows, between(before, P))
 

@@ -1,14 +1,17 @@
 """Eigenmodes of the rod for all pairs of prescribed, insulated and convective ends, and its steady fields.
 
-One family covers all nine pairings: θ_n(x) = c_n cos(μ_n x − δ_n), where tan δ_n = H/μ_n with H = h_end/k
-of the left end (δ = 0 insulated, π/2 prescribed). The right end asks μ L − δ_left(μ) − δ_right(μ) = n π, n
-= 0, 1, …: a function that grows with μ and has exactly one root in [n π/L, (n + 1) π/L]. (Kim et al., eq. 6;
-Carslaw & Jaeger 1959, §2.)
+One family covers all nine pairings: θ_n(x) = c_n cos(μ_n x − δ_n) with tan δ_n = H/μ_n. H = h_end/k is that
+of the left end (δ = 0 insulated, π/2 prescribed). The right end requires
+
+    μ L − δ_left(μ) − δ_right(μ) = n π,  n = 0, 1, …
+
+The left side grows with μ and has exactly one root in [n π/L, (n + 1) π/L]. (Kim et al., eq. 6; Carslaw &
+Jaeger 1959, §2.)
 
 Steady fields are closed forms per unit of each input. With m = √(hP/kA), C(x) = cosh m x and S(x) =
-sinh(m x)/m solve the homogeneous fin; u_1 and u_2 are the combinations that meet the left and the right end,
-and Green's function is u_1(x_<) u_2(x_>)/(k A W). All tend to linear profiles of a bare rod as m → 0. (The
-same, §4.5 and §14.)
+sinh(m x)/m solve the homogeneous fin. Their combinations u_1 and u_2 meet the left and the right end.
+Green's function is u_1(x_<) u_2(x_>)/(k A W). All tend to linear profiles of a bare rod as m → 0. (The same,
+§4.5 and §14.)
 """
 
 from __future__ import annotations
@@ -156,11 +159,10 @@ def _floating_field(rod: Rod, stretch: Stretch, x_m: FloatArray) -> FloatArray:
 
 
 def mean_stretch(source: Source, screw: Screw) -> Stretch:
-    """The stretch over which a source deposits its heat, averaged over its motion; a source that heats nodes
-    only stands nowhere, and has the left end for a place.
+    """The stretch over which a source deposits its heat, averaged over its motion.
 
-    A nut's heat is taken as uniform over its stroke (Kim et al., §5), or over the screw where the stroke is
-    not given.
+    A nut's heat is uniform over its stroke (Kim et al., §5), or over the screw without a stroke. A source
+    that heats nodes only has the left end as its place.
     """
     if source.shape in ("point", "node"):
         return Stretch(source.position_m or 0.0, source.position_m or 0.0)
@@ -200,9 +202,16 @@ def design_stretches(source: Source, screw: Screw) -> list[Stretch]:
 class Modes:
     """The eigenmodes 1 … N of a rod, normalised so that ∫ θ_n θ_m dx / α = δ_nm (Kim et al., eq. 7).
 
-    Shapes (N,): `mu_1_m` wave numbers, `phase` δ_n, `scale` c_n in √(m/s), `decay_1_s` Λ_n = α (μ_n² + m²).
-    Of a rod with sections the first three, (M,), are those of cosines, of which `mix` (M, N) makes the modes;
-    what is said of ∫ … dx is then of ∫ … a dx, a the cross-section as a multiple of the screw's.
+    For a rod with sections, `mu_1_m`, `phase` and `scale` describe M cosines, from which `mix` makes the
+    modes. Integrals ∫ … dx are then ∫ … a dx, a the cross-section as a multiple of the screw's.
+
+    Attributes:
+        rod: The rod.
+        mu_1_m: Wave numbers, (N,) or (M,).
+        phase: δ_n, likewise.
+        scale: c_n, √(m/s), likewise.
+        decay_1_s: Λ_n = α (μ_n² + m²), (N,).
+        mix: The modes as combinations of cosines, (M, N); None for a uniform rod.
     """
 
     rod: Rod
@@ -244,7 +253,7 @@ class Modes:
         return self._mixed(np.asarray(2 * half * self.scale * mean))
 
     def stored(self) -> FloatArray:
-        """∫ a θ_n dx over the rod, (N,): what each holds of a uniform temperature."""
+        """∫ a θ_n dx over the rod, (N,): the modes' part in a uniform temperature."""
         profile = self.rod.profile
         if profile is None:
             return np.asarray(self.integral(0.0, self.rod.length_m)[0])
@@ -260,14 +269,14 @@ class Modes:
         return np.asarray(np.array(profile.perimeter) @ self.integral(inside[:-1], inside[1:]))
 
     def surface(self) -> FloatArray:
-        """∫ p θ_n θ_m dx/α, (N, N): the identity of a uniform rod, for which all decays alike by a film."""
+        """∫ p θ_n θ_m dx/α, (N, N): the identity for a uniform rod, whose modes a film damps alike."""
         rod = self.rod
         nodes, weights = quadrature(rod.length_m, rod.edges_m, panels=max(24, len(self.mu_1_m) // 4))
         theta = self.theta(nodes)
         return np.asarray((theta.T * (weights * rod.perimeter_at(nodes))) @ theta / rod.diffusivity_m2_s)
 
     def settling(self, steady: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """Return the input (N,) of which the steady response is a field: Λ_n ∫ a θ_n T dx/α."""
+        """Return the input (N,) whose steady response is a field: Λ_n ∫ a θ_n T dx/α."""
         rod = self.rod
         nodes, weights = quadrature(rod.length_m, rod.edges_m, panels=max(24, len(self.mu_1_m) // 4))
         projection = (weights * rod.area_at(nodes) * steady(nodes)) @ self.theta(nodes)
@@ -305,7 +314,7 @@ def _end_areas(rod: Rod) -> tuple[float, float]:
 
 
 def held_s(decay_1_s: FloatArray, time_s: FloatArray | float) -> FloatArray:
-    """Return what an input of 1 leaves of modes after it was held for a time: (1 − e^{−Λ t})/Λ, or t."""
+    """Return the response of modes to an input of 1 during a time: (1 − e^{−Λ t})/Λ, or t."""
     safe = np.where(decay_1_s > 0, decay_1_s, 1.0)
     return np.where(decay_1_s > 0, -np.expm1(-decay_1_s * time_s) / safe, time_s)
 
@@ -405,7 +414,7 @@ def keep_by_ratio(modes: Modes, stretch: Stretch, beta: float) -> list[int]:
     """Kim's criterion as printed: modes (from 0) up to the first N with s_N/s_{N+1} ≥ β, nodes left out.
 
     It stops at the first small contribution, not at a small remainder: with a source near a node of a low
-    mode it keeps too few. (Kim et al., eqs. 16–17.)
+    mode it keeps too few. (Kim et al., eqs. 16 and 17.)
     """
     c = contributions(modes, stretch)
     c = np.where(np.abs(c) > SMALL * np.max(np.abs(c)), c, 0.0)
@@ -426,7 +435,7 @@ def keep_by_tail(modes: Modes, stretch: Stretch, beta: float) -> list[int]:
 
 
 def tail_left(modes: Modes, count: int, stretch: Stretch) -> float:
-    """1 − s_N/s_∞: the part of a source's steady field that the first `count` modes leave out."""
+    """1 − s_N/s_∞: the part of a source's steady field outside the first `count` modes."""
     s2 = np.sum(contributions(modes, stretch)[:count] ** 2)
     return 1.0 - float(np.sqrt(min(s2 / _whole_square(modes, stretch), 1.0)))
 

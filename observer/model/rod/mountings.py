@@ -24,16 +24,21 @@ from observer.tables.mounting import Supports
 from observer.tables.screw import Screw
 
 _MOST_STEPS = 600
-"""A search looks at as many moments of a cycle, and what it finds is judged by all."""
+"""Number of moments of a cycle in a search; all moments judge its result."""
 _FORCE_um = 1e-3
-"""What the force counts beside the error, so that of equal errors the one with less force is found."""
+"""Weight of the force against the error: of equal errors, the search prefers the smaller force."""
 _BEYOND_um = 1e4
 _EVALUATIONS = 1500
 
 
 class MountedScrew(NamedTuple):
-    """Supports, and under them the largest thermal error by size in the travel, with its sign; where that is;
-    and the largest axial force by size, tension positive.
+    """A mounting and its results.
+
+    Attributes:
+        supports: The supports.
+        error_um: The largest thermal error by size in the travel, with its sign.
+        position_m: Its place.
+        force_N: The largest axial force by size, tension positive.
     """
 
     supports: Supports
@@ -48,8 +53,15 @@ class MountedScrew(NamedTuple):
 
 
 class MountingProblem(NamedTuple):
-    """A screw; the grid (g,), of which `travel` (g,) counts; the growth of the
-    free screw up to each place, (K, g), and of the whole of it, (K,), in µm; the largest force allowed, N.
+    """A screw and its growth, for which a mounting is searched.
+
+    Attributes:
+        screw: The screw.
+        grid_m: Positions of the grid, (g,).
+        travel: True for positions in the travel, (g,).
+        along_um: Growth of the free screw up to each position, (K, g).
+        whole_um: Growth of the whole free screw, (K,).
+        permitted_N: The largest permitted force; None without a limit.
     """
 
     screw: Screw
@@ -60,14 +72,14 @@ class MountingProblem(NamedTuple):
     permitted_N: float | None
 
     def restraint(self, supports: Supports) -> Restraint:
-        """The restraint of supports on this screw."""
+        """Return the restraint of supports on this screw."""
         return restraint_of(supports, self.screw, self.grid_m)
 
 
 def best_of_each(problem: MountingProblem, configured: Supports | None) -> list[MountedScrew]:
     """Return the best of each mounting, the smallest error first.
 
-    Stiffness and modulus are those of the supports `configured`, rigid where these say nothing.
+    Stiffness and modulus are those of the `configured` supports; the default is rigid.
     """
     candidates = [_best(problem, supports) for supports in _mountings(configured)]
     allowed = [
@@ -77,7 +89,7 @@ def best_of_each(problem: MountingProblem, configured: Supports | None) -> list[
 
 
 def _mountings(configured: Supports | None) -> Iterator[Supports]:
-    """Every mounting without preload or gap; supports that slide on either side are the same."""
+    """Yield every mounting without preload or clearance; sliding supports on either side are equivalent."""
     first, second = (
         (None, None)
         if configured is None
@@ -97,7 +109,7 @@ def _mountings(configured: Supports | None) -> Iterator[Supports]:
 
 
 def _best(problem: MountingProblem, supports: Supports) -> MountedScrew:
-    """The best preload and gap of a mounting, where it can have any."""
+    """The best preload and clearance of a mounting."""
     if supports.mounting != "L-III":
         return judged(problem, supports)
     free = problem.restraint(supports)

@@ -1,17 +1,16 @@
-"""A nut that moves: its input and output columns, averaged over the path inside a step.
+"""A moving nut: its input and output columns, averaged over the path inside a step.
 
-A nut crosses its stroke in seconds. Where the samples of its position show its path (`reversals`), heat is
-spread along it, reversals included: straight lines between samples would cut them off, and read 20–36 % too
-little heat. Where they do not, the footprint at the sampled points alone, averaged over about 20 s, is the
-better account: short against diffusion between sensors, long against a traverse. Across a gap of more than
-ten seconds of which nothing is known the nut counts as spread over its stroke.
+A nut crosses its stroke in seconds. If the samples of its position resolve its path (`reversals`), heat is
+spread along it, reversals included. Straight lines between samples would cut the reversals off and read
+20–36 % too little heat. If the samples do not resolve the path, the footprint at the sampled points is
+averaged over about 20 s: short against diffusion between sensors, long against a traverse. During more than
+ten seconds without samples the nut counts as spread over its stroke.
 
-A nut runs to and fro. Speed times lead bounds how far it can have gone since the last sample; where that is
-not known, its recent speed does. Where samples are close together the path is the line through them. Where
-they are sparse, a step shorter than the way it ran holds a reversal, and the missing distance says where.
-Where a sample comes late, the nut is taken to have run on between the places where it turned last. Nothing
-divides by a time that may be an accident of delivery: two samples a microsecond apart say where the nut is
-and nothing of how fast it runs.
+A nut runs to and fro. Speed times lead limits its distance since the last sample; without a speed channel,
+its recent speed does. Between close samples the path is the line through them. If samples are sparse, a step
+shorter than the distance covered contains a reversal, and the missing distance locates it. While a sample is
+late, the nut is assumed to run on between its last reversals. The computation never divides by a time that
+may be an accident of delivery: two samples a microsecond apart give a position and no speed.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from observer.kernels.path import SAMPLES_PER_TRAVERSE
 
 
 def no_path_yet() -> Records:
-    """Return what is remembered (1,) of a nut's path before its first sample (see `kernels/states.pxd`)."""
+    """Return the memory (1,) of a nut's path before its first sample (see `kernels/states.pxd`)."""
     path = np.zeros(1, state_type("PathMemory"))
     for name in ("time_s", "here_m", "low_m", "high_m", "driven_m_s", "far_m"):
         path[name] = np.nan
@@ -38,9 +37,8 @@ def no_path_yet() -> Records:
 
 
 def reversals(state: Records, path: NutPath, stroke_m: float) -> tuple[Records, FloatArray]:
-    """Return the state after K steps, and after each the places (K, 2) where the nut turned last.
-
-    They are NaN before they are known.
+    """Return the state after K steps, and after each the places (K, 2) of the last reversals; NaN before
+    them.
     """
     state, ends_m = state.copy(), np.empty((len(path.offset) - 1, 2))
     follow_path(state, record(path), stroke_m, ends_m)
@@ -52,14 +50,26 @@ TABLE_POINTS = 129
 
 @dataclass(frozen=True, slots=True)
 class NutTable:
-    """Everything the compiled averaging needs of one moving source.
+    """The data of one moving source for the compiled averages.
 
-    Shapes: `mu_1_m`, `phase`, `scale` (N,) of the kept modes; `table_C` (P, R), the output column of the
-    source's lag with the nut at P evenly spaced centres from 0 to `screw_m`; `mean_B` (n_x,), `mean_C` (R,)
-    the columns of the nut spread over its stroke, used before the first position is known. Input columns are
-    those of the states x, which `turn` (n_x, n_x) takes to the plant's own, ξ; it is empty where these are x.
-    Of a screw with sections the first are those of cosines, more than there are modes, which `turn` makes of
-    them: columns are then longer inside than outside.
+    Input columns are those of the states x, which `turn` converts to the plant's own, ξ. For a screw with
+    sections, the first entries are those of cosines, more than there are modes; `turn` makes the modes of
+    them.
+
+    Attributes:
+        mu_1_m: Wave numbers of the modes, (N,).
+        phase: Their phases, (N,).
+        scale: Their amplitudes, (N,).
+        conductance_W_m: k A.
+        nut_m: Length of the nut.
+        screw_m: Length of the screw.
+        stroke_m: Length of the stroke.
+        lag: Number of the source's lag among the states.
+        lag_decay_1_s: Decay rate of that lag.
+        table_C: Output column of the lag with the nut at P evenly spaced places along the screw, (P, R).
+        mean_B: Input column of the nut spread over its stroke, before the first position, (n_x,).
+        mean_C: Output column likewise, (R,).
+        turn: Matrix from x to ξ, (n_x, n_x); empty if both are equal.
     """
 
     mu_1_m: FloatArray
@@ -82,11 +92,11 @@ class NutTable:
 
     @property
     def states(self) -> int:
-        """How many states the columns that come out have."""
+        """The length of the resulting input columns."""
         return len(self.turn) or len(self.mean_B)
 
     def of_lag(self) -> NutTable:
-        """The table of the lag's output column alone, for a plant without modes."""
+        """Return the table of the lag's output column alone, for a plant without modes."""
         empty = np.zeros(0)
         return replace(
             self, mu_1_m=empty, phase=empty, scale=empty, lag=0, mean_B=np.zeros(1), turn=np.zeros((0, 0))
@@ -95,10 +105,15 @@ class NutTable:
 
 @dataclass(frozen=True, slots=True)
 class NutState:
-    """What is remembered of a nut between steps.
+    """The state of a nut between steps.
 
-    Its motion; the columns in force, `B` (n_x,), `C` (R,); and the fading sums `sum_B`, `sum_C` of the
-    footprints of the last seconds, with their `weight_s`.
+    Attributes:
+        path: Memory of its motion.
+        weight_s: Weight of the fading sums.
+        B: Input column in force, (n_x,).
+        C: Output column in force, (R,).
+        sum_B: Fading sum of the input columns of the last seconds, (n_x,).
+        sum_C: Fading sum of the output columns of the last seconds, (R,).
     """
 
     path: Records
@@ -110,13 +125,13 @@ class NutState:
 
 
 def start(table: NutTable) -> NutState:
-    """Return the state before the first position is known."""
+    """Return the state before the first position."""
     B, C = table.mean_B.copy(), table.mean_C.copy()
     return NutState(no_path_yet(), 0.0, B, C, np.zeros_like(B), np.zeros_like(C))
 
 
 class NutDesk(NamedTuple):
-    """What is averaged: the state, changed in place, the columns of K steps, and scratch."""
+    """Arguments of the averages: the state, changed in place, the columns of K steps, and scratch."""
 
     path: Records
     weight_s: FloatArray
@@ -140,7 +155,7 @@ def arrays_of(state: NutState) -> dict[str, FloatArray]:
 
 
 def state_of(desk: NutDesk) -> NutState:
-    """Return the state that a desk holds, as copies."""
+    """Return a copy of the state in a desk."""
     return NutState(desk.path.copy(), float(desk.weight_s[0]), *[array.copy() for array in desk[2:6]])
 
 
@@ -166,7 +181,7 @@ def columns(
 
 
 def columns_at(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, FloatArray]:
-    """Return the columns (n_x,), (R,) of a nut that stands at each of some places for equal times."""
+    """Return the columns (n_x,), (R,) of a nut that rests at each of some places for equal times."""
     B, C = table.mean_B.copy(), np.zeros_like(table.mean_C)
     B[: len(table.mu_1_m)] = 0.0
     nut = record(table)
@@ -178,12 +193,11 @@ def columns_at(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, 
 def columns_at_ends(
     table: NutTable, state: Records, dt_s: FloatArray, path: NutPath
 ) -> tuple[Records, FloatArray, FloatArray]:
-    """Have the nut stand at both ends of the stroke that it really makes for equal times.
+    """Return the columns of a nut that rests at both ends of its actual stroke for equal times.
 
-    The stroke of the configuration is the longest; a machine may run over part of it.
-
-    Returns the state after the last step, the input columns (K, n_x) and the output columns of the source's
-    lag (K, R); those of the nut spread over its stroke while the ends are not known.
+    The stroke of the configuration is the longest; a machine may run over part of it. Returns the state after
+    the last step, the input columns (K, n_x), and the output columns of the source's lag (K, R). Before the
+    first reversals, they are those of the nut spread over its stroke.
     """
     state, ends_m = reversals(state, path, table.stroke_m)
     B, C = np.empty((len(dt_s), table.states)), np.empty((len(dt_s), len(table.mean_C)))
@@ -199,8 +213,9 @@ def columns_at_ends(
 def from_unknown(
     table: NutTable, dt_s: FloatArray, path: NutPath, *, at_ends: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the columns (K, n_x), (K, R) of a nut of which nothing is known before: averaged along its path,
-    or, `at_ends`, as `columns_at_ends` gives them.
+    """Return the columns (K, n_x), (K, R) of a nut from its first sample on.
+
+    They are averaged along its path or, with `at_ends`, as in `columns_at_ends`.
     """
     if at_ends:
         return columns_at_ends(table, no_path_yet(), dt_s, path)[1:]
@@ -211,11 +226,11 @@ PathRegime = Literal["path", "points", "undetermined"]
 
 
 def judge_path(position_m: FloatArray, stroke_m: float) -> PathRegime:
-    """Say how well samples show a nut's path.
+    """Return how well samples resolve a nut's path.
 
-    "path": samples enough for every traverse; "points": fewer, but they cover the stroke; "undetermined":
-    fewer, and in step with the motion, so that only a few places are ever seen and the footprint is not in
-    the log.
+    "path": enough samples for every traverse. "points": fewer, but they cover the stroke. "undetermined":
+    fewer and in step with the motion, so that they show a few places only; the log does not determine the
+    footprint.
     """
     position = position_m[np.isfinite(position_m)]
     jumps = np.abs(np.diff(position))

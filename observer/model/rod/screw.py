@@ -1,8 +1,8 @@
-"""The screw as a one-dimensional rod: what of its geometry, material and film the heat equation sees.
+"""The screw as a one-dimensional rod: its geometry, material and film in the heat equation.
 
 rho c A ∂T/∂t = k A ∂²T/∂x² − h P (T − T_amb) + Σ_j q_j w_j(x, t)        (Kim et al., eq. 1, per watt)
 
-Where sections differ, A and P are those of each place, and k A ∂²T/∂x² is ∂(k A ∂T/∂x)/∂x.
+If sections differ, A and P depend on the place, and k A ∂²T/∂x² is ∂(k A ∂T/∂x)/∂x.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ SpeedFilm = Callable[[FloatArray], FloatArray]
 def surface_film_W_m2K(surface: Surface, diameter_m: float) -> float:
     """Return the base film: the number given, or convection and radiation by the law.
 
-    Radiation and natural convection are taken at the rise `rise_K`, turning at the speed `speed_rpm`; with
-    speed 0 this is the film at standstill, to which a speed channel then adds `turning_film`. The practice
-    factor and the thread multiply convection only.
+    Radiation and natural convection are those at the rise `rise_K`, turning at the speed `speed_rpm`. With
+    speed 0 this is the film at standstill; a speed channel then adds `turning_film`. The practice factor and
+    the thread multiply convection only.
     """
     if surface.law is None:
         return surface.convection_W_m2K
@@ -41,10 +41,10 @@ def surface_film_W_m2K(surface: Surface, diameter_m: float) -> float:
 
 
 def turning_film(surface: Surface, diameter_m: float) -> SpeedFilm | None:
-    """Return what turning adds to the film at standstill, W/(m² K) from speeds in rpm; None where nothing.
+    """Return the additional film of a turning screw, W/(m² K) from speeds in rpm; None without one.
 
-    A cylinder in free air adds its own film; in a tube it adds what the vortices carry beyond conduction
-    through the gap.
+    A cylinder in free air adds its own film. A screw in a tube adds the transport of the vortices beyond
+    conduction through the air gap.
     """
     air, raised = _air(surface), _raised(surface, diameter_m)
     if surface.law in ("rotating-cylinder", "kendoush"):
@@ -119,8 +119,12 @@ class End(NamedTuple):
 
 
 class Profile(NamedTuple):
-    """The pieces of a screw that is not uniform: `edges_m` (S + 1,), and of each, (S,), `area` and
-    `perimeter` as multiples of those of the screw's own diameter and bore.
+    """The sections of a screw that is not uniform.
+
+    Attributes:
+        edges_m: Their edges, (S + 1,).
+        area: Cross-section as a multiple of that of the screw's own diameter and bore, (S,).
+        perimeter: Perimeter likewise, (S,).
     """
 
     edges_m: tuple[float, ...]
@@ -135,8 +139,14 @@ class Profile(NamedTuple):
 class Rod(NamedTuple):
     """A rod with a film on its lateral surface.
 
-    `diffusivity_m2_s` is α = k/(ρ c); `conductance_W_m` is k A; `fin_1_m` is m = √(h P/(k A)), zero without a
-    film. `profile` says where A and P are others than these, None for a uniform rod.
+    Attributes:
+        length_m: Its length.
+        diffusivity_m2_s: α = k/(ρ c).
+        conductance_W_m: k A.
+        fin_1_m: m = √(h P/(k A)), zero without a film.
+        left: Its left end.
+        right: Its right end.
+        profile: A and P of the sections; None for a uniform rod.
     """
 
     length_m: float
@@ -149,7 +159,7 @@ class Rod(NamedTuple):
 
     @property
     def edges_m(self) -> tuple[float, ...]:
-        """Where one section ends and the next begins."""
+        """The edges between sections."""
         return () if self.profile is None else self.profile.edges_m[1:-1]
 
     @property
@@ -198,7 +208,7 @@ def rod_of(config: Config) -> Rod:
 
 
 def _end(boundary: Boundary, k_W_mK: float, area: float) -> End:
-    """An end of a cross-section that is such a multiple of the screw's; what it loses goes with it."""
+    """An end with a cross-section of `area` times the screw's; its loss is proportional to that."""
     if boundary.kind == "prescribed":
         return End(math.inf)
     return End(area * ((boundary.coefficient_W_m2K or 0.0) / k_W_mK))
@@ -213,10 +223,10 @@ def _profile(screw: Screw) -> Profile:
 
 
 def biot_number(screw: Screw, film_W_m2K: float) -> float:
-    """Return h (V/S)/k, what a film loses over what the section conducts to it; V/S is d/4 of a solid screw,
-    and the largest of the sections.
+    """Return h (V/S)/k, the loss of a film relative to the conduction in the section.
 
-    Below 0.1 a body is nearly of one temperature across (Incropera & DeWitt 2007, eq. 5.10).
+    V/S is d/4 of a solid screw, and the largest of the sections. Below 0.1 the temperature across a body is
+    nearly uniform (Incropera & DeWitt 2007, eq. 5.10).
     """
     volume_m = max(piece.area_m2 / (math.pi * piece.diameter_m) for piece in screw.pieces)
     return film.biot(film_W_m2K, volume_m, screw.conductivity_W_mK)

@@ -1,11 +1,11 @@
 """A rod whose cross-section and perimeter differ from section to section: its modes and its steady fields.
 
-Modes are combinations of the cosines φ of the uniform rod: K v = (Λ/α) M v with K_ij = ∫ a φ_i' φ_j' +
-m² p φ_i φ_j dx, the ends' films beside, and M_ij = ∫ a φ_i φ_j dx (Galerkin; Fletcher 1984, §1.3), a and p
-the multiples of k A and h P. All integrals are exact: products of cosines over stretches.
+Modes are combinations of the cosines φ of the uniform rod: K v = (Λ/α) M v (Galerkin; Fletcher 1984, §1.3).
+K_ij = ∫ a φ_i' φ_j' + m² p φ_i φ_j dx plus the ends' films, and M_ij = ∫ a φ_i φ_j dx. Here a and p are the
+multiples of k A and h P. All integrals are exact: products of cosines over stretches.
 
-Steady fields are exact: u = cosh and sinh of each section, with temperature and heat flow handed on at the
-edges (Carslaw & Jaeger 1959, §4.5), in the same Green's function as that of the uniform rod.
+Steady fields are exact: u = cosh and sinh of each section, with temperature and heat flow continuous at the
+edges (Carslaw & Jaeger 1959, §4.5). Green's function is that of the uniform rod.
 """
 
 from __future__ import annotations
@@ -19,15 +19,16 @@ from observer.model.rod.screw import End, Profile, Rod
 
 
 def cosines_needed(count: int) -> int:
-    """How many cosines make up so many modes: what is beyond them only rounds the kinks at the edges."""
+    """The number of cosines for `count` modes; further cosines only round the kinks at the edges."""
     return max(160, min(4 * count, count + 100))
 
 
 def galerkin_modes(
     rod: Rod, mu_1_m: FloatArray, phase: FloatArray, scale: FloatArray, count: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the rates (N,), 1/s, and the shapes (M, N) of the first `count` modes of a stepped rod in M
-    cosines scale · cos(μ x − phase) that meet its ends.
+    """Return the rates (N,), 1/s, and the shapes (M, N) of the first `count` modes of a stepped rod.
+
+    The shapes combine M cosines scale · cos(μ x − phase) that meet its ends.
     """
     from scipy.linalg import eigh  # noqa: PLC0415  (start-up: a uniform screw needs none)
 
@@ -68,8 +69,15 @@ def _profile(rod: Rod) -> Profile:
 
 
 class _Fin(NamedTuple):
-    """The solution of a fin without sources that meets the left end: edges and, of each section, m, the
-    multiple of k A, and at its left edge u, the flow a u' and ∫_0 u, (S,).
+    """The solution of a fin without sources that meets the left end.
+
+    Attributes:
+        edges_m: Edges of the sections, (S + 1,).
+        fin_1_m: m of each section, (S,).
+        area: The multiple of k A of each section, (S,).
+        u: u at the left edge of each section, (S,).
+        flow: The flow a u' there, (S,).
+        gathered: ∫_0 u up to there, (S,).
     """
 
     edges_m: FloatArray
@@ -121,7 +129,7 @@ def _fin(profile: Profile, fin_1_m: float, end: End) -> _Fin:
     return _Fin(edges, m, area, *np.array(rows).T)
 
 
-def _both(rod: Rod) -> tuple[_Fin, _Fin]:
+def _end_solutions(rod: Rod) -> tuple[_Fin, _Fin]:
     """The solutions that meet the left end and, seen from it, the right end."""
     profile, L = _profile(rod), rod.length_m
     turned = Profile(
@@ -134,7 +142,7 @@ def stepped_source_field(rod: Rod, a_m: float, b_m: float, x_m: FloatArray) -> F
     """Steady rise at places (k,) in K per W of a source from a to b, as `modes.source_field`."""
     if rod.floating:
         return _floating_field(rod, a_m, b_m, x_m)
-    (left, right), L, x = _both(rod), rod.length_m, np.asarray(x_m, dtype=float)
+    (left, right), L, x = _end_solutions(rod), rod.length_m, np.asarray(x_m, dtype=float)
     wronskian = left.slope(L) * right.value(0.0) + left.value(L) * right.slope(0.0)
     if a_m == b_m:
         low, high = np.minimum(x, a_m), np.maximum(x, a_m)
@@ -149,15 +157,16 @@ def stepped_source_field(rod: Rod, a_m: float, b_m: float, x_m: FloatArray) -> F
 
 def stepped_end_field(rod: Rod, side: str, x_m: FloatArray) -> FloatArray:
     """Steady field (k,) in K per K of the prescribed end `side`."""
-    (left, right), L = _both(rod), rod.length_m
+    (left, right), L = _end_solutions(rod), rod.length_m
     if side == "left":
         return np.asarray(right.value(L - np.asarray(x_m)) / right.value(L))
     return np.asarray(left.value(x_m) / left.value(L))
 
 
 def _floating_field(rod: Rod, a_m: float, b_m: float, x_m: FloatArray) -> FloatArray:
-    """The field beside the drifting mean of a source whose heat the whole rod stores evenly: its heat flow is
-    linear between edges, so the field is a parabola there.
+    """The field of a source whose heat the whole rod stores evenly, relative to the drifting mean.
+
+    Its heat flow is linear between edges, so the field is a parabola there.
     """
     profile = _profile(rod)
     knots = np.array(sorted({*profile.edges_m, a_m, b_m}))

@@ -1,20 +1,20 @@
-"""The screw between its axial supports: displacement, held-back growth, and the force that holds it back.
+"""The screw between its axial supports: displacement, restrained growth, and the axial force.
 
-With N the axial force (tension positive), P the pre-tension at the reference temperature, D = ∫_0^L β θ dx
-the growth of the free screw, and 1/j_Σ = 1/j_1 + 1/j_2 + L/EF, displacements are counted from the assembled,
+N is the axial force (tension positive), P the pre-tension at the reference temperature. D = ∫_0^L β θ dx is
+the growth of the free screw, and 1/j_Σ = 1/j_1 + 1/j_2 + L/EF. Displacements are counted from the assembled,
 pre-stretched state:
 
     U(x) = ∫_0^x β θ dx + (N − P) (1/j_1 + x/EF),      N = P − j_Σ H(D).
 
-The held-back growth H is D where the supports hold in both directions. With a gap δ_0 the second support
-only pulls until the pre-tension is lost, at D_1 = P/j_Σ, lets the screw grow freely across the gap, and
-then pushes: H = min(D, D_1) + max(D − D_1 − δ_0, 0). Where the first support is at the right, what is not
-held back leaves at the left: D − H is taken off U(x).
+The restrained growth H is D if the supports hold in both directions. With a clearance δ_0 the second support
+only pulls until the pre-tension is lost, at D_1 = P/j_Σ. It lets the screw grow freely across the clearance,
+and then pushes: H = min(D, D_1) + max(D − D_1 − δ_0, 0). If the first support is at the right, the
+unrestrained growth D − H leaves at the left and is subtracted from U(x).
 
-Source: Kuznetsov 2021, eqs. 12 and 13. Without pre-tension and gap this is (12), with a gap that has closed
-(13). In (13) as printed the bracket holds x·P/EF where the whole screw must count, and the pre-tension's
-stretch x·P/EF is taken off although the machine is set up with it; both are left out here. Of a screw with
-sections x/EF is ∫_0^x dx/EF, and L/EF that of all of it.
+Source: Kuznetsov 2021, eqs. 12 and 13. Without pre-tension and clearance this is (12), with a closed
+clearance (13). Two terms of (13) as printed are corrected here. Its bracket holds x·P/EF where the whole
+screw must count. It also subtracts the pre-tension's stretch x·P/EF, although the machine is set up with it.
+For a screw with sections x/EF is ∫_0^x dx/EF.
 """
 
 from __future__ import annotations
@@ -33,11 +33,16 @@ _NEAR_SIGMAS = 2.0
 
 
 class Restraint(NamedTuple):
-    """Supports as the grid sees them: U = free growth − `hold` · H(D), everything in µm, less D − H(D) where
-    the screw `leaves_left`, as it does through a gap there.
+    """Supports on the grid: U = free growth − `hold` · H(D), in µm.
 
-    `hold` (g,) is j_Σ (1/j_1 + x/EF), 0 where the screw is fixed and 1 where all its growth is pushed back;
-    `lost_um` the growth D_1 at which the pre-tension is lost; `gap_um` the gap; `stiffness_N_um` is j_Σ.
+    With `leaves_left`, D − H(D) is subtracted too: the screw moves through a clearance at the left.
+
+    Attributes:
+        hold: j_Σ (1/j_1 + x/EF): 0 where the screw is fixed, 1 where all its growth is pushed back, (g,).
+        lost_um: The growth D_1 at which the pre-tension is lost.
+        gap_um: The clearance.
+        stiffness_N_um: j_Σ.
+        leaves_left: Whether the unrestrained growth leaves at the left.
     """
 
     hold: FloatArray
@@ -48,7 +53,7 @@ class Restraint(NamedTuple):
 
     @property
     def linear(self) -> bool:
-        """Whether displacement is linear in temperature: no gap."""
+        """Whether displacement is linear in temperature: no clearance."""
         return self.gap_um == 0.0
 
     @property
@@ -88,15 +93,13 @@ def _inverse(stiffness_N_m: float | None) -> float:
 
 
 def held_back_um(restraint: Restraint, growth_um: FloatArray) -> FloatArray:
-    """Return H(D), the part of the free screw's growth that the supports hold back."""
+    """Return H(D), the restrained part of the free screw's growth."""
     pulled = np.minimum(growth_um, restraint.lost_um)
     return np.asarray(pulled + np.maximum(growth_um - restraint.lost_um - restraint.gap_um, 0.0))
 
 
 def taken_off_um(restraint: Restraint, growth_um: FloatArray) -> FloatArray:
-    """Return what the supports take off the free growth at each place, (…, g), from that of the whole screw,
-    (…, 1).
-    """
+    """Return the reduction (…, g) of the free growth at each place, from that of the whole screw, (…, 1)."""
     held_um = held_back_um(restraint, growth_um)
     return np.asarray(restraint.hold * held_um + restraint.leaves_left * (growth_um - held_um))
 
@@ -104,7 +107,7 @@ def taken_off_um(restraint: Restraint, growth_um: FloatArray) -> FloatArray:
 def force_N(restraint: Restraint, growth_um: FloatArray) -> FloatArray:
     """Return the axial force in the screw, tension positive: N = j_Σ (D_1 − H(D)).
 
-    Its size is what the supports' bearings carry beside the load of the drive.
+    The bearings of the supports carry it in addition to the load of the drive.
     """
     return np.asarray(restraint.stiffness_N_um * (restraint.lost_um - held_back_um(restraint, growth_um)))
 
@@ -122,9 +125,9 @@ def restrained_rows(restraint: Restraint | None, free: FloatArray) -> FloatArray
     """Return the rows of the thermal error from those of the free growth.
 
     `free` (g + 1, …) is the growth from x = 0 to each grid point, then to the screw's end. Returns g rows
-    that are linear in the temperature; with a gap g rows as if the supports always held, and g rows as if
-    they never did. Where both ends are held, the last row is the growth of the whole free screw. `fold`
-    makes the error from all of these, and `tension` the force.
+    that are linear in the temperature. With a clearance, these are followed by g rows for a screw without the
+    second support. If both ends are held, the last row is the growth of the whole free screw. `fold` makes
+    the error from all of these, and `tension` the force.
     """
     growth, whole = free[:-1], free[-1:]
     if restraint is None:
@@ -136,11 +139,11 @@ def restrained_rows(restraint: Restraint | None, free: FloatArray) -> FloatArray
 
 
 def fold(restraint: Restraint | None, value: FloatArray, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return error and σ (K, g) from the values of `restrained_rows` and their σ, (K, g), (K, g + 1) or
-    (K, 2 g + 1).
+    """Return error and σ (K, g) from the values of `restrained_rows` and their σ, (K, g), (K, g + 1) or (K, 2
+    g + 1).
 
-    With H linearised at the estimate, the σ is that of the rows as held where H follows the growth, and as
-    free where it stands still; within two σ of a bend, the larger of both.
+    H is linearised at the estimate. The σ is that of the held rows where H follows the growth, and that of
+    the free rows where H is constant. Within two σ of a bend, it is the larger of both.
     """
     if restraint is None or value.shape[1] == 0:
         return value, sigma
@@ -159,10 +162,10 @@ def fold(restraint: Restraint | None, value: FloatArray, sigma: FloatArray) -> t
 def tension(
     restraint: Restraint | None, value: FloatArray, sigma: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the axial force, N, tension positive, and its σ, (K, 1), from what `fold` takes; (K, 0) where
-    the screw is not held at both ends.
+    """Return the axial force, N, tension positive, and its σ, (K, 1); (K, 0) without a support at each end.
 
-    In a gap there is no force, whatever the growth; within two σ of its ends the σ is that of a held screw.
+    The arguments are those of `fold`. Within a clearance the force is 0. Within two σ of its ends the σ is
+    that of a held screw.
     """
     if restraint is None or not restraint.holds or value.shape[1] == 0:
         no_force = np.zeros((len(value), 0))
@@ -173,7 +176,7 @@ def tension(
 
 
 def _about_gap(restraint: Restraint, growth: FloatArray, sigma: FloatArray) -> tuple[Any, Any]:
-    """Where the screw surely is within the gap, and where surely not."""
+    """Where the screw is surely within the clearance, and where it is surely outside."""
     near = _NEAR_SIGMAS * sigma
     first, last = restraint.lost_um, restraint.lost_um + restraint.gap_um
     return (
@@ -188,7 +191,7 @@ def error_at(
     """Return the thermal error at a position of each step, as of the nut, and its σ; (K,) from (K, g).
 
     Linear between grid points; the σ between two points is at most the interpolated one. A position beyond
-    the grid takes its end, one that is not known gives NaN.
+    the grid gets the value at its end; NaN gives NaN.
     """
     place = np.interp(position_m, grid_m, np.arange(len(grid_m), dtype=float))
     is_known = np.isfinite(place)
