@@ -37,7 +37,7 @@ RECORDS = ("states", "records", "tick_records")
 PARTS = (
     "codes", "covariance", "coupling", "exact_step", "advance", "judging", "screening", "learning", "step",
     "kalman", "fixed_gain", "smoother", "bank", "changes", "sweep", "path",
-    "walk", "selftest", "message", "live", "cells",
+    "walk", "selftest", "message", "live",
 )  # fmt: skip
 HEAD = f"""# cython: language_level=3, boundscheck={CHECKED}, wraparound=False, cdivision=True, cpow=True
 # cython: infer_types=True, initializedcheck=False, embedsignature=False, auto_pickle=False

@@ -77,7 +77,6 @@ NEAREST: dict[str, Nearest] = {
         *_bits("kalman_five_sources", "kalman_coupled_by_everything", "settled_with_a_nut_constant"),
         SPECIFIED,
     ),
-    "observer/kernels/cells.py": _at("tests/page/test_rows.py"),
     "observer/kernels/changes.py": _at("tests/history/test_changes.py"),
     "observer/kernels/coupling.py": _at(
         "tests/model/test_generator.py", *AHEAD, *_bits(*(f"kalman_coupled_by_{name}" for name in COUPLINGS))
