@@ -19,7 +19,7 @@ COPIED = (
 )  # fmt: skip
 PYTEST = (
     "-q", "-x", "--tb=no", "-p", "no:randomly", "-p", "no:cacheprovider", "-p", "no:benchmark", "-p",
-    "no:faulthandler", "--noconftest", "--hypothesis-seed=1", "-W",
+    "no:faulthandler", "--noconftest", "--hypothesis-seed=1", "--hypothesis-profile=ci", "-W",
     "ignore::pytest.PytestAssertRewriteWarning",
 )  # fmt: skip
 PATHS = {"PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1", "OBSERVER_KERNELS": "any"}

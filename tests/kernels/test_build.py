@@ -104,8 +104,7 @@ NUMERIC = (
     "tests/bits", "tests/kernels/test_covariance.py", "tests/kernels/test_motion.py", "tests/history",
     "tests/estimators/test_steps.py", "tests/estimators/test_given_gain.py",
     "tests/estimators/test_selftest.py", "tests/estimators/test_following.py", "tests/align/test_align.py",
-    "tests/publish/test_codec.py", "tests/page/test_rows.py", "tests/model/test_moving.py",
-    "tests/model/test_path.py",
+    "tests/publish/test_codec.py", "tests/model/test_moving.py", "tests/model/test_path.py",
 )  # fmt: skip
 
 
