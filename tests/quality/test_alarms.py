@@ -11,25 +11,13 @@ import pytest
 from drivers.protocol import DriverStatus
 from observer.estimators.selftest import Fault, Finding
 from observer.exchange import PublishStatus
-from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Layout
+from observer.frames import EstimateBlock, EstimateQuality, FrameBlock
 from observer.quality.alarms import AlarmDesk
-from observer.quality.conditions import Facts, conditions, of_finding
-from observer.quality.kinds import Condition, ConditionKind
-from observer.tables.publishing import AlarmSettings
-from tests.learning.machines import CONFIG, config_of
-from tests.patience import PATIENCE_S
+from observer.quality.conditions import Facts, conditions
 from tests.publish.blocks import block
+from tests.quality.desk import LAYOUT, alarm_desk
 
-SENSORS = ("t1", "t2", "t3", "t4", "t5")
-SOURCES = ("nut", "left_bearing", "right_bearing")
-LAYOUT = Layout(
-    SOURCES, np.linspace(0.0, 1.0, 5), SENSORS, False, tuple(f"sensor.{s}.offset_K" for s in SENSORS)
-)
 STEP_S = 20.0
-
-
-def _desk(file=None, **settings) -> AlarmDesk:
-    return AlarmDesk(config_of(CONFIG), LAYOUT, AlarmSettings(**settings), file)
 
 
 def _estimate(time_s: float, quality=EstimateQuality.GOOD, **values: float) -> EstimateBlock:
@@ -69,7 +57,7 @@ def _run(desk: AlarmDesk, hours: float, from_h: float = 0.0, *findings: Finding,
 
 
 def test_learning_is_described_in_words():
-    desk = _desk(learn_h=10.0)
+    desk = alarm_desk(learn_h=10.0)
     assert desk.document(0.0)["bands"]["nut"]["learning"] == "0.0 of 10 h of running"
     _run(desk, 2.5)
     band = desk.document(0.0)["bands"]["nut"]
@@ -80,7 +68,7 @@ def test_learning_is_described_in_words():
 
 
 def test_a_raised_heat_is_reported_with_its_evidence():
-    desk = _desk(learn_h=10.0)
+    desk = alarm_desk(learn_h=10.0)
     assert not _run(desk, 12.0)
     assert _run(desk, 20.0, 12.0, nut=1.6) == {"heat_high.nut"}
     (alarm,) = desk.document(0.0)["alarms"]
@@ -89,7 +77,7 @@ def test_a_raised_heat_is_reported_with_its_evidence():
 
 
 def test_a_fallen_heat_is_reported_as_lost_preload():
-    desk = _desk(learn_h=10.0)
+    desk = alarm_desk(learn_h=10.0)
     assert not _run(desk, 12.0)
     assert _run(desk, 20.0, 12.0, nut=0.6) == {"heat_low.nut"}
     (alarm,) = desk.document(0.0)["alarms"]
@@ -99,7 +87,7 @@ def test_a_fallen_heat_is_reported_as_lost_preload():
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_heats_that_are_off_together_are_the_channel_they_go_by_and_no_wear(factor):
-    desk = _desk(learn_h=10.0)
+    desk = alarm_desk(learn_h=10.0)
     assert not _run(desk, 12.0)
     assert _run(desk, 20.0, 12.0, factor=factor) == {"heat_off_law.screw_speed_rpm"}
     (alarm,) = desk.document(0.0)["alarms"]
@@ -107,13 +95,13 @@ def test_heats_that_are_off_together_are_the_channel_they_go_by_and_no_wear(fact
 
 
 def test_a_sensor_whose_learnt_offset_moves_is_reported_as_drifting():
-    desk = _desk(learn_h=10.0)
+    desk = alarm_desk(learn_h=10.0)
     assert not _run(desk, 12.0)
     assert not _run(desk, 12.0, 12.0, t3_offset_K=0.4)
     assert _run(desk, 12.0, 24.0, t3_offset_K=0.7) == {"sensor_disagrees.t3.drifting"}
     (alarm,) = desk.document(0.0)["alarms"]
     assert alarm["evidence"]["usual_K"] == pytest.approx(0.1, abs=0.01)
-    assert not _run(_desk(learn_h=10.0), 36.0, 0.0, sigma_K=0.3, t3_offset_K=0.7)
+    assert not _run(alarm_desk(learn_h=10.0), 36.0, 0.0, sigma_K=0.3, t3_offset_K=0.7)
 
 
 @pytest.mark.parametrize(
@@ -124,24 +112,24 @@ def test_a_sensor_whose_learnt_offset_moves_is_reported_as_drifting():
     ],
 )  # fmt: skip
 def test_hundredths_of_a_kelvin_lower_a_quality_without_an_alarm(fault, value, is_raised):
-    desk = _desk()
+    desk = alarm_desk()
     raised = _run(desk, 0.5, 0.0, Finding(fault, "t3", 0.0, value, 1.0))
     assert raised == ({f"sensor_disagrees.t3.{fault.name.lower()}"} if is_raised else set())
 
 
 def test_usual_values_survive_a_restart_and_start_again_for_a_changed_sensor(tmp_path):
     file = tmp_path / "kept.json"
-    desk = _desk(file, learn_h=10.0)
+    desk = alarm_desk(file, learn_h=10.0)
     _run(desk, 12.0)
     assert desk.close(10.0)
-    again = _desk(file, learn_h=10.0)
+    again = alarm_desk(file, learn_h=10.0)
     assert again.document(0.0)["bands"]["nut"]["known"]
     assert _run(again, 12.0, 12.0, t3_offset_K=0.7) == {"sensor_disagrees.t3.drifting"}
     assert again.close(10.0)
     kept = json.loads(file.read_text())
     kept["offsets"]["t3"]["said"] = "another place"
     file.write_text(json.dumps(kept | {"alarms": {}}))
-    anew = _desk(file, learn_h=10.0)
+    anew = alarm_desk(file, learn_h=10.0)
     assert not _run(anew, 5.0, 24.0, t3_offset_K=0.7)
     assert anew.close(10.0)
 
@@ -150,56 +138,11 @@ def test_usual_values_survive_a_restart_and_start_again_for_a_changed_sensor(tmp
 def test_an_unreadable_file_is_discarded(tmp_path, spoilt):
     file = tmp_path / "kept.json"
     file.write_text(spoilt)
-    assert _desk(file).document(0.0)["alarms"] == []
-
-
-def test_the_worst_alarm_comes_first_and_acknowledged_ones_last():
-    desk = _desk()
-    problems = tuple(Condition(kind, "t3") for kind in (ConditionKind.CLOCK, ConditionKind.DRIVER))
-    failed = Condition(ConditionKind.STEP_FAILED)
-    for time_s in (0.0, 10.0):
-        desk.look(time_s, (*problems, failed))
-    order = [alarm["severity"] for alarm in desk.document(10.0)["alarms"]]
-    assert order == ["invalid", "major", "minor"]
-    assert desk.acknowledge("estimate.estimator") is None
-    order = [alarm["severity"] for alarm in desk.document(10.0)["alarms"]]
-    assert order == ["major", "minor", "invalid"]
-
-
-CLOCK_STEPPED = Condition(ConditionKind.CLOCK, value=3600.0)
-
-
-@pytest.mark.parametrize("step_s", [3600.0, -3600.0])
-def test_a_standing_alarm_is_not_announced_again_after_a_step_of_the_clock(tmp_path, step_s):
-    before = _desk(tmp_path / "alarms.json")
-    refused = of_finding(Finding(Fault.REFUSED, "t3", 1.8e9, 3.0, 0.1))
-    for time_s in (1.8e9, 1.8e9 + 700.0):
-        before.look(time_s, (refused,))
-    assert before.acknowledge(None) is None
-    before.look(1.8e9 + 701.0, (refused, CLOCK_STEPPED))
-    alarms = {alarm["kind"]: alarm for alarm in before.document(0.0)["alarms"]}
-    stands, clock = alarms["sensor_disagrees"], alarms["clock"]
-    before.move(step_s)
-    assert before.close(PATIENCE_S)
-    desk = _desk(tmp_path / "alarms.json")
-    now_s = 1.8e9 + 705.0 + step_s
-    still = of_finding(Finding(Fault.REFUSED, "t3", 1.8e9 + step_s, 3.0, 0.1))
-    assert not desk.look(now_s, (still,))  # nothing is to be published or logged at once
-    alarms = {alarm["kind"]: alarm for alarm in desk.document(now_s)["alarms"]}
-    after, clock_after = alarms["sensor_disagrees"], alarms["clock"]
-    assert (after["id"], after["state"]) == (stands["id"], "acknowledged")
-    assert after["since_s"] == stands["since_s"] + step_s
-    assert after["evidence"]["since_s"] == 1.8e9 + step_s
-    assert clock_after["state"] == "unacknowledged"
-    assert clock_after["since_s"] == clock["since_s"] + step_s
-    assert "from the service's start" not in clock_after["reason"] + clock_after["remedy"]
-    desk.look(now_s + 61.0, (still,))
-    (gone,) = (a for a in desk.document(now_s)["alarms"] if a["kind"] == "clock")
-    assert gone["state"] == "returned"
+    assert alarm_desk(file).document(0.0)["alarms"] == []
 
 
 def test_a_heat_that_cannot_be_learnt_says_so_on_every_outlet():
-    desk = _desk(learn_h=10.0)
+    desk = alarm_desk(learn_h=10.0)
     uncertain = replace(_estimate(0.0), heat_sigma_W=np.full((1, 3), 15.0))
     for step in range(int(1.5 * 3600 / STEP_S)):
         desk.see(replace(uncertain, time_s=np.array([STEP_S * step])), _frame(STEP_S * step), 20.0)

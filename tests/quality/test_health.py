@@ -42,16 +42,12 @@ def _facts(**changes) -> Facts:
     return replace(facts, **changes)
 
 
-def test_the_gap_is_in_the_document_as_given():
+def test_where_all_is_well_health_is_good_and_has_the_counts():
     gap = {"hours": 3.5, "rms_K": 0.4, "allowed_K": 0.6, "per_sensor": {"t1": 0.4}, "since_s": None}
-    assert json.loads(to_json(assess(_facts(gap=gap)).document()))["gap"] == gap
-    assert assess(_facts()).document()["gap"] is None
-
-
-def test_all_well_is_good_and_counts_are_there():
-    health = assess(_facts())
+    health = assess(_facts(gap=gap))
     assert (health.state, health.reasons) == ("good", ())
     document = json.loads(to_json(health.document()))
+    assert document["gap"] == gap
     assert document["drivers"]["amp"] == {
         "connected": True, "state": "connected", "samples": 40, "drops": 3, "errors": 0, "reconnects": 2,
         "error_frames": 0, "error_passive": 0, "bus_off": 0,
@@ -76,50 +72,31 @@ def test_an_occasional_channel_is_not_there_until_its_first_value_which_is_no_re
 
 
 @pytest.mark.parametrize(
-    ("changes", "state", "words"),
+    ("changes", "state", "quality", "words"),
     [
-        ({}, "good", ""),
-        ({"estimate": None, "frame": None}, "starting", "no estimate yet"),
-        ({"estimate": EstimateQuality.INVALID, "had_estimate": False}, "starting", "is invalid although"),
-        ({"estimate": EstimateQuality.INVALID}, "invalid", "is invalid although no channel"),
-        ({"estimate": EstimateQuality.STALE}, "stale", "is stale although no channel"),
-        ({"estimate": EstimateQuality.DEGRADED}, "degraded", "is degraded although no channel"),
-        ({"failure": "ZeroDivisionError"}, "invalid", "step failed: ZeroDivisionError"),
-        ({"drivers": {"amp": (DriverStatus(last_error="refused"), 0)}}, "degraded",
+        ({}, "good", "good", ""),
+        ({"estimate": None, "frame": None}, "starting", "invalid", "no estimate yet"),
+        ({"estimate": EstimateQuality.STARTING}, "starting", "starting", "readings are judged for 20 s"),
+        ({"estimate": EstimateQuality.INVALID, "had_estimate": False}, "starting", "invalid",
+         "is invalid although"),
+        ({"estimate": EstimateQuality.INVALID}, "invalid", "invalid", "is invalid although no channel"),
+        ({"estimate": EstimateQuality.STALE}, "stale", "stale", "is stale although no channel"),
+        ({"estimate": EstimateQuality.DEGRADED}, "degraded", "degraded", "is degraded although no channel"),
+        ({"failure": "ZeroDivisionError"}, "invalid", "invalid", "step failed: ZeroDivisionError"),
+        ({"drivers": {"amp": (DriverStatus(last_error="refused"), 0)}}, "degraded", "good",
          "amp is not connected: refused"),
-        ({"record": RecordStatus(None, 0, 9, "disk full")}, "degraded", "recording: disk full"),
-        ({"publish": PublishStatus(reason="nobody answers")}, "degraded", "publishing: nobody answers"),
-        ({"clock_offset_s": -7.0}, "degraded", "clock stepped by -7.0 s"),
+        ({"record": RecordStatus(None, 0, 9, "disk full")}, "degraded", "good", "recording: disk full"),
+        ({"publish": PublishStatus(reason="nobody answers")}, "degraded", "good",
+         "publishing: nobody answers"),
+        ({"clock_offset_s": -7.0}, "degraded", "good", "clock stepped by -7.0 s"),
     ],
 )  # fmt: skip
-def test_each_trouble_has_its_state_and_sentence(changes, state, words):
+def test_each_trouble_has_its_state_quality_and_sentence(changes, state, quality, words):
     health = assess(_facts(**changes))
     assert health.state == state
     assert words in " ".join(health.reasons)
     assert bool(health.reasons) == bool(words)
-    to_json(health.document())
-
-
-@pytest.mark.parametrize(
-    ("changes", "quality"),
-    [
-        ({}, "good"),
-        ({"publish": PublishStatus(reason="nobody answers")}, "good"),
-        ({"estimate": EstimateQuality.STARTING}, "starting"),
-        ({"estimate": None, "frame": None}, "invalid"),
-        ({"estimate": EstimateQuality.INVALID, "had_estimate": False}, "invalid"),
-        ({"failure": "ZeroDivisionError"}, "invalid"),
-    ],
-)
-def test_the_quality_of_the_estimates_is_beside_the_state(changes, quality):
-    assert assess(_facts(**changes)).document()["quality"] == quality
-
-
-def test_the_first_estimate_is_worth_reporting_at_once():
-    nothing = assess(_facts(estimate=EstimateQuality.INVALID, had_estimate=False))
-    first = assess(_facts(estimate=EstimateQuality.STARTING))
-    assert nothing.state == first.state == "starting"
-    assert nothing.essence != first.essence
+    assert json.loads(to_json(health.document()))["quality"] == quality
 
 
 @pytest.mark.parametrize("quality", [Quality.MISSING, Quality.STALE, Quality.REJECTED])
@@ -184,19 +161,6 @@ def test_a_doubted_channel_in_use_has_no_excess(fault):
     assert channels["t2_degC"] == {"quality": "good", "age_s": 0.1, "fault": None}
 
 
-def test_ages_and_counts_do_not_make_a_report_new():
-    assert assess(_facts()).essence == assess(_facts(cycles=9, time_s=11.0)).essence
-    assert assess(_facts()).essence != assess(_facts(clock_offset_s=9.0)).essence
-
-
-def test_figures_within_a_reason_are_no_change_worth_reporting():
-    def essence(sensor: str, apart_K: float):
-        return assess(_facts(findings=(Finding(Fault.REFUSED, sensor, 5.0, apart_K, 0.1),))).essence
-
-    assert essence("t3", 1.02) == essence("t3", -0.98)
-    assert essence("t3", 1.02) != essence("t4", 1.02)
-
-
 def test_every_kind_of_condition_has_its_sentence():
     for kind in ConditionKind:
         assert Condition(kind, "t1", "x", 5.0, 1.5, 0.5, quality=Quality.STALE).sentence
@@ -246,15 +210,25 @@ def test_a_heat_that_is_uncertain_leaves_the_state_good_and_is_said():
     assert document["error_known_to_um"] == 4.9
 
 
-def test_an_estimate_that_has_just_begun_says_what_it_waits_for():
-    health = assess(_facts(estimate=EstimateQuality.STARTING))
-    assert health.state == "starting"
-    assert "readings are judged for 20 s" in health.reasons[0]
+def _refused(sensor: str, apart_K: float) -> dict:
+    return {"findings": (Finding(Fault.REFUSED, sensor, 5.0, apart_K, 0.1),)}
 
 
-def test_a_sensor_that_falls_out_is_reported_at_once():
-    used = assess(_facts(sensors=SENSORS, used_sensors=BOTH))
-    assert used.essence != assess(_facts(sensors=SENSORS, used_sensors=ONE)).essence
+@pytest.mark.parametrize(
+    ("one", "other", "is_news"),
+    [
+        ({}, {"cycles": 9, "time_s": 11.0}, False),
+        ({}, {"clock_offset_s": 9.0}, True),
+        ({"estimate": EstimateQuality.INVALID, "had_estimate": False},
+         {"estimate": EstimateQuality.STARTING}, True),
+        (_refused("t3", 1.02), _refused("t3", -0.98), False),
+        (_refused("t3", 1.02), _refused("t4", 1.02), True),
+        ({"sensors": SENSORS, "used_sensors": BOTH}, {"sensors": SENSORS, "used_sensors": ONE}, True),
+    ],
+    ids=["counts", "a clock", "the first estimate", "figures", "another sensor", "a sensor that falls out"],
+)  # fmt: skip
+def test_conditions_make_a_report_new_and_figures_do_not(one, other, is_news):
+    assert (assess(_facts(**one)).essence != assess(_facts(**other)).essence) == is_news
 
 
 def excluded(
