@@ -279,10 +279,10 @@ def _beyond_the_screw(config: Config) -> Iterator[str]:
 
 
 def _logs_unknown(config: Config) -> Iterator[str]:
-    given, known = config.log.sensor_period_s, [s.name for s in config.sensor]
-    for name in given if isinstance(given, dict) else ():
-        if name not in known:
-            yield f'log: sensor_period_s: "{name}" is not a sensor; give one of {", ".join(known)}'
+    periods_s, sensor_names = config.log.sensor_period_s, [s.name for s in config.sensor]
+    for name in periods_s if isinstance(periods_s, dict) else ():
+        if name not in sensor_names:
+            yield f'log: sensor_period_s: "{name}" is not a sensor; give one of {", ".join(sensor_names)}'
     for name in config.log.columns:
         if name not in config.channels:
             yield f'log: columns: the model reads no channel "{name}"; it reads {", ".join(config.channels)}'
@@ -319,14 +319,14 @@ def _too_much_work(config: Config) -> Iterator[str]:
 
 def _growth_unknown(config: Config) -> Iterator[str]:
     moved = [s.name for s in config.sensor if s.kind == "displacement"]
-    wanted = (
+    needs_growth = (
         ("supports", config.supports is not None),
         ("bed", config.bed is not None),
         ("compensation", config.compensation.enabled),
         *((f"sensor {name}: a displacement", True) for name in moved),
     )
-    for name, there in wanted:
-        if there and config.screw.expansion_1_K is None:
+    for name, is_configured in needs_growth:
+        if is_configured and config.screw.expansion_1_K is None:
             yield f"{name} needs the screw's expansion coefficient; give screw.expansion_1_K"
     for key, x_m in (
         ("travel_m", (config.compensation.travel_m or (0.0,))[-1]),
@@ -371,10 +371,8 @@ def _heats_unknown(config: Config) -> Iterator[str]:
     laws = {s.name: s.law for s in config.source}
     for source in config.source:
         if source.heat_of is not None and laws.get(source.heat_of, "heat_of") in (None, "heat_of"):
-            own = ", ".join(n for n, law in laws.items() if law not in (None, "heat_of")) or "none yet"
-            yield (
-                f"source {source.name}: heat_of names no source with a heat law of its own; name one of {own}"
-            )
+            owners = ", ".join(n for n, law in laws.items() if law not in (None, "heat_of")) or "none yet"
+            yield (f"source {source.name}: heat_of names no source with a heat law of its own; name {owners}")
     yield from _following_what(config)
     if not any(s.estimate for s in config.source):
         yield "every source has estimate = false; leave at least one to be estimated"
@@ -403,10 +401,10 @@ def untied(config: Config) -> Config:
 
 def effect_problems(config: Config) -> list[str]:
     """Why effects cannot apply to this machine, a sentence each."""
-    found = []
+    problems = []
     for effect in config.effect:
         try:
             effect.terms(config)
         except ConfigError as error:
-            found.append(str(error))
-    return found
+            problems.append(str(error))
+    return problems

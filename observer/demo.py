@@ -178,9 +178,9 @@ def demo_file(sensors: str) -> Path:
     where an installed package keeps it.
     """
     name = _FILES[sensors]
-    beside = Path(__file__).parent.parent / "config" / name
+    checked_out = Path(__file__).parent.parent / "config" / name
     shared = Path(sysconfig.get_path("data")) / "share" / "ballscrew-observer" / name
-    return beside if beside.exists() else shared
+    return checked_out if checked_out.exists() else shared
 
 
 @contextlib.contextmanager
@@ -188,8 +188,8 @@ def simulated_machine(*options: str) -> Iterator[dict[str, Any]]:
     """Start the simulated machine; yields its wires, and ends it by closing its standard input."""
     with _child("drivers.simulated", *options, end_s=3.0, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
-        said, _, _ = select.select([process.stdout], [], [], START_S)
-        line = process.stdout.readline() if said else b""
+        ready, _, _ = select.select([process.stdout], [], [], START_S)
+        line = process.stdout.readline() if ready else b""
         if not line:
             raise UserError("demo: the simulated machine did not start; see the lines above for its reason")
         yield json.loads(line)

@@ -48,17 +48,17 @@ class LogError(UserError):
     """A log cannot be used; the message names file, row or column, and remedy."""
 
 
-def meant(given: str, known: Iterable[str]) -> str:
+def meant(word: str, choices: Iterable[str]) -> str:
     """Ask for the known name that is closest to one given, in brackets after a blank; nothing if none is."""
-    close = difflib.get_close_matches(given, list(known), n=1)
+    close = difflib.get_close_matches(word, list(choices), n=1)
     return f" (did you mean {close[0]}?)" if close else ""
 
 
-def check_choice(option: str, given: object, known: Sequence[str]) -> None:
+def check_choice(option: str, value: object, choices: Sequence[str]) -> None:
     """Raise `UserError` where what is given for an option is none of what it may be."""
-    if given not in known:
+    if value not in choices:
         raise UserError(
-            f"{option} = {given!r} is not known{meant(str(given), known)}; give {' or '.join(known)}"
+            f"{option} = {value!r} is not known{meant(str(value), choices)}; give {' or '.join(choices)}"
         )
 
 

@@ -49,13 +49,13 @@ class KeyFigure:
         if self.by is not None:
             names, values = document.get(self.by, ()), document.get(self.path, ())
             return [(_entry(name), value) for name, value in zip(names, values, strict=False)]
-        found: list[tuple[str, Any]] = [("", document)]
+        tables: list[tuple[str, Any]] = [("", document)]
         for part in self.path.split("."):
             if part == "*":
-                found = [row for _, table in found for row in table.items()]
+                tables = [row for _, table in tables for row in table.items()]
             else:
-                found = [(name, table[part]) for name, table in found if part in table]
-        return found
+                tables = [(name, table[part]) for name, table in tables if part in table]
+        return tables
 
 
 def _entry(name: Any) -> str:
@@ -65,22 +65,23 @@ def _entry(name: Any) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """A key below `ballscrew/<machine>/<axis>/` that `holds` something and is published `when`.
+    """A key below `ballscrew/<machine>/<axis>/` that `holds` something and is published `sent`.
 
-    `when` is None for one that only answers. One made of each step is published at most `rate_Hz` times a
-    second, or as often as that setting of `[publish]` says. `asked` is what it answers to a query, of every
-    role that may query (`publish.session`), None if nothing. It exists if the service has what it `needs`. An
-    MQTT broker, and a gateway that starts late, get the last message of a `retained` key at once.
+    `sent` is None for one that only answers. One made of each step is published at most `rate_Hz` times a
+    second, or as often as that setting of `[publish]` says. `query_answer` describes the answer to a query
+    of any role that may query (`publish.session`), None if there is no answer. It exists if the service has
+    what it `needs`. An MQTT broker, and a gateway that starts late, get the last message of a `retained` key
+    at once.
 
     With `rated` its `quality` is that of its figures. The page shows one at most every `page_every_s`: where
     there is a `panel` for it, else its figures in a table.
     """
 
     holds: str
-    when: str | None
+    sent: str | None
     rate_Hz: float | str | None = None
     encoding: str = JSON_ENCODING
-    asked: str | None = None
+    query_answer: str | None = None
     retained: bool = False
     needs: Literal["expansion", "learned", "compensation", "forecast", "probing"] | None = None
     rated: bool = False
@@ -109,7 +110,7 @@ KEYS = {
         "CBOR, encoding `application/cbor;ballscrew.estimate.v1`: everything a step returns",
         "every step",
         encoding=ESTIMATE_ENCODING,
-        asked="the last estimate; `?last=N` an array of the last N, encoding "
+        query_answer="the last estimate; `?last=N` an array of the last N, encoding "
         "`application/cbor;ballscrew.estimates.v1`; `?from=…;to=…` those of [a time](#the-past)",
         rated=True,
         page_every_s=0.09,
@@ -139,7 +140,7 @@ KEYS = {
     "readings": Key(
         "JSON: what the estimate was made of, each channel with its quality and age",
         "every step",
-        asked="the last document; `?from=…;to=…` those of [a time](#the-past)",
+        query_answer="the last document; `?from=…;to=…` those of [a time](#the-past)",
         page_every_s=0.09,
         panel=True,
     ),
@@ -190,7 +191,7 @@ KEYS = {
     "health": Key(
         "JSON: state, reasons, quality and age of each channel, counts",
         "on change, and every 5 s",
-        asked="the last report; this is what `observer health` asks",
+        query_answer="the last report; this is what `observer health` asks",
         retained=True,
         panel=True,
         figures=(
@@ -226,7 +227,7 @@ KEYS = {
         "JSON: what somebody should [come and look for](../explanation/alarms.md), and each heat compared "
         "with what was learnt of it",
         "on change, and every 5 s, if enabled",
-        asked=_LAST,
+        query_answer=_LAST,
         retained=True,
         panel=True,
     ),
@@ -235,7 +236,7 @@ KEYS = {
         "`settled_error_um`, with σ) and when (`settled_at_s`, with 95 % in `settled_between_s`) "
         "([how](../explanation/forecast.md))",
         "every minute, unless off",
-        asked=_LAST,
+        query_answer=_LAST,
         retained=True,
         needs="forecast",
         rated=True,
@@ -252,7 +253,7 @@ KEYS = {
         "error is known to `within_um` at worst, the part needs `needs_um`, and probing would leave "
         "`after_um`",
         "every 5 s, with a displacement sensor and what the part needs",
-        asked=_LAST,
+        query_answer=_LAST,
         retained=True,
         needs="probing",
         rated=True,
@@ -272,7 +273,7 @@ KEYS = {
         "JSON: table and line for a control, and whether they may be used "
         "([how to](../how-to/compensate.md))",
         "every step, if enabled",
-        asked=_LAST,
+        query_answer=_LAST,
         retained=True,
         needs="compensation",
         rated=True,
@@ -291,7 +292,7 @@ KEYS = {
         'JSON `{"hash", "instance", "config"}`: the configuration in force and its hash, '
         "without credentials",
         None,
-        asked="the configuration",
+        query_answer="the configuration",
         retained=True,
         panel=True,
     ),
@@ -348,7 +349,7 @@ class PastReply(NamedTuple):
 class PastAccess(Protocol):
     """Access to the past."""
 
-    def ask(self, key: str, asked: Mapping[str, str]) -> PastReply:
+    def ask(self, key: str, parameters: Mapping[str, str]) -> PastReply:
         """Ask for a page of a key, and wait for the answer; from any thread."""
 
     def close(self) -> None:

@@ -96,10 +96,10 @@ class _Cut:
     kept: tuple[Any, bytes]
 
     @classmethod
-    def of(cls, how: Any, data: bytes) -> Self:
+    def of(cls, views: Any, data: bytes) -> Self:
         """Return the block whose columns these data are."""
         block = _new(cls)
-        _keep(block, (how, data))
+        _keep(block, (views, data))
         return block
 
     if not TYPE_CHECKING:  # only the columns are found so
@@ -107,8 +107,8 @@ class _Cut:
         def __getattr__(self, name: str) -> Any:
             if name not in type(self).__dataclass_fields__:
                 raise AttributeError(f"{type(self).__name__} has no {name}", name=name, obj=self)
-            how, data = self.kept
-            column = how.column(data, name)
+            views, data = self.kept
+            column = views.column(data, name)
             object.__setattr__(self, name, column)
             return column
 
@@ -198,9 +198,9 @@ class Inputs(_InputColumns):
         return cls._make(np.concatenate(column) for column in zip(*blocks, strict=True))
 
     @classmethod
-    def empty(cls, sources: int, known: int, sensors: int, moving: int, states: int, rows: int) -> Self:
+    def empty(cls, sources: int, inputs: int, sensors: int, moving: int, states: int, rows: int) -> Self:
         """Return one step for a plant of these sizes, nothing in it."""
-        one, laws, z = (1,), (1, sources), (1, known)
+        one, laws, z = (1,), (1, sources), (1, inputs)
         y, B, C = (1, sensors), (1, moving, states), (1, moving, rows)
         return cls._make(map(np.zeros, (one, one, y, y, y, laws, laws, z, z, B, C, one, one, one), _KINDS))
 

@@ -89,7 +89,7 @@ class LinearFit(NamedTuple):
         """The least sum of squares."""
         return self.floor + float(np.sum((self.d - self.R @ self.step) ** 2))
 
-    def within(self, low: FloatArray, high: FloatArray, damping: float = 0.0) -> FloatArray:
+    def bounded_step(self, low: FloatArray, high: FloatArray, damping: float = 0.0) -> FloatArray:
         """Return the θ (p,) between `low` and `high` that minimises |b − A θ|² + `damping` |D θ|².
 
         D are the lengths of A's columns (Levenberg 1944; Marquardt 1963). θ = 0 is always allowed, and bounds

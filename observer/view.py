@@ -24,13 +24,13 @@ PLAIN_S = 1.0
 
 def watch(endpoint: str, machine: str, axis: str, seconds: float | None, client: Client | None = None) -> int:
     """Show a running service until Ctrl-C or for `seconds`; returns the exit code."""
-    done = threading.Event()
+    stop = threading.Event()
     if seconds is not None:
-        timer = threading.Timer(seconds, done.set)
+        timer = threading.Timer(seconds, stop.set)
         timer.daemon = True
         timer.start()
     try:
-        problem = _view(endpoint, machine, axis, not sys.stdout.isatty(), done, client)
+        problem = _view(endpoint, machine, axis, not sys.stdout.isatty(), stop, client)
     except KeyboardInterrupt:
         return 0
     if problem is not None:
@@ -43,10 +43,10 @@ def _view(
     machine: str,
     axis: str,
     plain: bool,
-    done: threading.Event,
+    stop: threading.Event,
     client: Client | None = None,
 ) -> str | None:
-    """Show what is published until `done`; a router that is not there yet is waited for.
+    """Show what is published until `stop`; a router that is not there yet is waited for.
 
     Says why nothing came, None if something did.
     """
@@ -54,18 +54,18 @@ def _view(
 
     from observer.publish.watch import Subscription
 
-    nothing = f"nothing heard at {endpoint}; start the service, or name it with --connect"
-    while not done.is_set():
+    silence = f"nothing heard at {endpoint}; start the service, or name it with --connect"
+    while not stop.is_set():
         try:
             with Subscription((endpoint,), machine, axis, client) as subscription:
-                _show(subscription, plain, done)
-                return None if subscription.latest() else subscription.absent() or nothing
+                _show(subscription, plain, stop)
+                return None if subscription.latest() else subscription.absent() or silence
         except zenoh.ZError:
-            done.wait(0.3)
-    return nothing
+            stop.wait(0.3)
+    return silence
 
 
-def _show(subscription: Subscription, plain: bool, done: threading.Event) -> None:
+def _show(subscription: Subscription, plain: bool, stop: threading.Event) -> None:
     """Draw the newest messages again and again, before the first of them who else is there."""
     from rich.live import Live
     from rich.text import Text
@@ -74,12 +74,12 @@ def _show(subscription: Subscription, plain: bool, done: threading.Event) -> Non
 
     console = printable_console()
     if plain:
-        while not done.wait(PLAIN_S):
+        while not stop.wait(PLAIN_S):
             if line := live_line(subscription.latest()):
                 console.print(line, markup=False, highlight=False, soft_wrap=True)
         return
     with Live(live_table({}), console=console, refresh_per_second=1 / REFRESH_S, screen=False) as live:
-        while not done.wait(REFRESH_S):
+        while not stop.wait(REFRESH_S):
             latest = subscription.latest()
             instead = None if latest else subscription.absent()
             live.update(Text(instead, style="yellow") if instead else live_table(latest))
@@ -94,16 +94,16 @@ def main() -> None:
         parser.add_argument(name)
     parser.add_argument("--plain", action="store_true")
     args = parser.parse_args()
-    done = threading.Event()
+    stop = threading.Event()
 
     def until_closed() -> None:
         while os.read(sys.stdin.fileno(), 1024):
             pass
-        done.set()
+        stop.set()
 
     threading.Thread(target=until_closed, daemon=True).start()
     try:
-        _view(args.endpoint, args.machine, args.axis, args.plain, done)
+        _view(args.endpoint, args.machine, args.axis, args.plain, stop)
     except OSError:  # nobody reads what is shown any more
         leave(1)
     leave(0)

@@ -59,10 +59,10 @@ def _write_part(part: Path, data: bytes, like: Path | None) -> None:
 
 
 def _as_open_as(fd: int, like: Path) -> None:
-    about = like.stat()
+    status = like.stat()
     with suppress(PermissionError):  # only root gives a file to others
-        os.fchown(fd, about.st_uid, about.st_gid)
-    os.fchmod(fd, stat.S_IMODE(about.st_mode))
+        os.fchown(fd, status.st_uid, status.st_gid)
+    os.fchmod(fd, stat.S_IMODE(status.st_mode))
 
 
 def _sync_folder(folder: Path) -> None:
@@ -95,12 +95,12 @@ def results_in(folder: Path) -> Iterator[Path]:
     Older files of the same names are replaced then; after an exception `folder` is as it was before. Raises
     `UserError`, before the block where possible, when `folder` cannot be written.
     """
-    made = _missing(folder)
+    created = _missing(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         part = Path(tempfile.mkdtemp(prefix=".part-", dir=folder))
     except OSError as error:
-        _remove_empty(made)
+        _remove_empty(created)
         raise _unwritable(folder, error) from None
     try:
         yield part
@@ -114,7 +114,7 @@ def results_in(folder: Path) -> Iterator[Path]:
         raise _unwritable(folder, error) from None
     finally:
         shutil.rmtree(part, ignore_errors=True)
-        _remove_empty(made)
+        _remove_empty(created)
 
 
 def _missing(folder: Path) -> list[Path]:

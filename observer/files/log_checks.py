@@ -54,24 +54,24 @@ def damaged(data: bytes, *, has_header: bool = True) -> list[tuple[int, int]]:
     """
     if CHECKSUM not in data:
         return []
-    found, start, header = [], 0, data.find(b"\n") + 1 if has_header else 0
+    parts, start, header = [], 0, data.find(b"\n") + 1 if has_header else 0
     view = memoryview(data)
     for mark in _MARK.finditer(data):
         if zlib.crc32(view[start : mark.start()]) != int(mark[1], 16):
-            found.append((max(start, header), mark.end()))
+            parts.append((max(start, header), mark.end()))
         start = mark.end()
     if _BROKEN.search(data, max(start, header)):  # a checksum that is itself no longer one
-        found.append((max(start, header), len(data)))
-    return found
+        parts.append((max(start, header), len(data)))
+    return parts
 
 
 def without(data: bytes, parts: Sequence[tuple[int, int]]) -> bytes:
     """The bytes without some parts, given in their order."""
-    kept, at = [], 0
+    pieces, at = [], 0
     for start, end in parts:
-        kept.append(data[at:start])
+        pieces.append(data[at:start])
         at = end
-    return b"".join([*kept, data[at:]])
+    return b"".join([*pieces, data[at:]])
 
 
 def without_doubts(data: bytes) -> tuple[bytes, tuple[str, ...]]:
@@ -132,13 +132,13 @@ class Words:
 
     column: str
     cells: int
-    say: tuple[str, ...]
+    texts: tuple[str, ...]
 
     @property
     def text(self) -> str:
         """The same as a sentence without full stop, with what to do."""
         say, read = ("cell says", "was read") if self.cells == 1 else ("cells say", "were read")
-        words = ", ".join(self.say[:MOST_LISTED]) + (", …" if len(self.say) > MOST_LISTED else "")
+        words = ", ".join(self.texts[:MOST_LISTED]) + (", …" if len(self.texts) > MOST_LISTED else "")
         return (
             f"channel {self.column}: {self.cells} {say} {words} and {read} as missing; check why the "
             "recorder wrote that, and leave missing cells empty"
@@ -152,7 +152,9 @@ def words_in(
 
     `missing` are words besides `MISSING_WORDS`.
     """
-    if not (found := {name: values for name, values in columns.items() if not np.isfinite(values).all()}):
+    if not (
+        incomplete := {name: values for name, values in columns.items() if not np.isfinite(values).all()}
+    ):
         return ()
     if not missing and _ANY.search(data, max(data.find(b"\n"), 0)) is None:
         return ()
@@ -163,14 +165,16 @@ def words_in(
         pa.py_buffer(data),
         read_options=pa_csv.ReadOptions(column_names=list(header), skip_rows=1),
         convert_options=pa_csv.ConvertOptions(
-            column_types=dict.fromkeys(found, pa.string()), include_columns=list(found)
+            column_types=dict.fromkeys(incomplete, pa.string()), include_columns=list(incomplete)
         ),
     )
-    said = (_said(name, table.column(name), ~np.isfinite(values)) for name, values in found.items())
-    return tuple(words for words in said if words.cells)
+    by_channel = (
+        _unreadable(name, table.column(name), ~np.isfinite(values)) for name, values in incomplete.items()
+    )
+    return tuple(words for words in by_channel if words.cells)
 
 
-def _said(name: str, texts: Any, missing: Any) -> Words:
+def _unreadable(name: str, texts: Any, missing: Any) -> Words:
     import pyarrow as pa  # noqa: PLC0415
     import pyarrow.compute as pc  # noqa: PLC0415
 
@@ -188,17 +192,17 @@ def infinite_in(columns: Mapping[str, FloatArray]) -> tuple[Words, ...]:
 
 def several(path: Path | str, problems: Iterable[str]) -> LogError:
     """The error that names the problems of a file: the first ones, and how many more there are."""
-    first, more = list[str](), 0
+    first, not_listed = list[str](), 0
     for problem in problems:  # a file may have millions
         if problem in first:
             continue
         if len(first) < MOST_PROBLEMS:
             first.append(problem)
         else:
-            more += 1
+            not_listed += 1
     if len(first) == 1:
         return LogError(f"{path}: {first[0]}")
     lines = [f"  {problem}" for problem in first]
-    if more:
-        lines.append(f"  and {more} more; fix these first")
-    return LogError("\n".join([f"{path}: {len(first) + more} problems:", *lines]))
+    if not_listed:
+        lines.append(f"  and {not_listed} more; fix these first")
+    return LogError("\n".join([f"{path}: {len(first) + not_listed} problems:", *lines]))

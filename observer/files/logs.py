@@ -78,12 +78,12 @@ class Log:
         """A channel's values (n,), NaN where there is none."""
         return self.values[:, self.channels.index(channel)]
 
-    def with_channels(self, needed: Sequence[str]) -> Log:
-        """Return the log with the channels `needed` alone. Raises `LogError` where one is missing."""
-        kept = [name for name in _wanted(self.path, [TIME, *self.channels], needed) if name != TIME]
-        columns = [self.channels.index(name) for name in kept]
-        words = tuple(words for words in self.words if words.column in kept)
-        return replace(self, channels=tuple(kept), values=self.values[:, columns], words=words)
+    def with_channels(self, names: Sequence[str]) -> Log:
+        """Return the log with the channels `names` alone. Raises `LogError` where one is missing."""
+        selected = [name for name in _selected(self.path, [TIME, *self.channels], names) if name != TIME]
+        columns = [self.channels.index(name) for name in selected]
+        words = tuple(words for words in self.words if words.column in selected)
+        return replace(self, channels=tuple(selected), values=self.values[:, columns], words=words)
 
     def adding(self, names: Sequence[str], values: FloatArray) -> Log:
         """Return the log with other channels behind its own; `values` (n, c) are theirs."""
@@ -115,14 +115,14 @@ def log_of(columns: Mapping[str, Any], name: str = "log") -> Log:
 
 def read_log(
     path: Path | str,
-    needed: Sequence[str] = (),
+    only: Sequence[str] = (),
     *,
     accept_truncated: bool = False,
     accept_damaged: bool = False,
     rows_apart_s: float = math.inf,
     missing: Sequence[str] = (),
 ) -> Log:
-    """Read a log, only the columns in `needed` if any are named.
+    """Read a log, only the columns in `only` if any are named.
 
     `accept_truncated` drops a last row that was cut off instead of refusing the log, `accept_damaged` the
     rows of a recording that do not have the checksum they were recorded with. Rows further apart than
@@ -136,9 +136,9 @@ def read_log(
         refuse_irregular(path, "a readable log")
         refuse_large(path, path.stat().st_size)
         if suffix == ".parquet":
-            log = _read_parquet(path, needed)
+            log = _read_parquet(path, only)
         else:
-            log = _read_csv(path, needed, accept_truncated, accept_damaged, missing)
+            log = _read_csv(path, only, accept_truncated, accept_damaged, missing)
         refuse_other_units(path, TIME, log.time_s, rows_apart_s)
     except FileNotFoundError:
         raise LogError(f"{path}: no such file; give the path of a log") from None
@@ -165,38 +165,38 @@ def suffix_of(path: Path) -> str:
 
 
 def _read_csv(
-    path: Path, needed: Sequence[str], accept_truncated: bool, accept_damaged: bool, missing: Sequence[str]
+    path: Path, only: Sequence[str], accept_truncated: bool, accept_damaged: bool, missing: Sequence[str]
 ) -> Log:
     data, cut = bytes_of(path)
     data, doubts = without_doubts(data)
     header = _header(path, data)
-    wanted = _wanted(path, header, needed)
+    selected = _selected(path, header, only)
     data = _without_cut_row(path, data, header, cut, accept_truncated)
     if _is_recording(header):
         data = _without_damage(path, data, accept_damaged)
-    return replace(_parsed(path, data, header, wanted, missing), doubts=doubts)
+    return replace(_parsed(path, data, header, selected, missing), doubts=doubts)
 
 
-def read_part(path: Path, first: bytes, data: bytes, needed: Sequence[str]) -> tuple[Log | None, int]:
+def read_part(path: Path, first: bytes, data: bytes, only: Sequence[str]) -> tuple[Log | None, int]:
     """Read whole blocks of a recording whose first line is `first`; only those at its beginning hold it.
 
     Returns the rows, None where there are none, and how many damaged blocks were left out. Raises `LogError`.
     """
     header = _header(path, first)
-    wanted, begins = _wanted(path, header, needed), data.startswith(first)
+    selected, begins = _selected(path, header, only), data.startswith(first)
     parts = damaged(data, has_header=begins)
     data = without(data, parts) if begins else first + without(data, parts)
-    return (_parsed(path, data, header, wanted) if len(data) > len(first) else None), len(parts)
+    return (_parsed(path, data, header, selected) if len(data) > len(first) else None), len(parts)
 
 
 def _parsed(
-    path: Path, data: bytes, header: list[str], wanted: list[str], missing: Sequence[str] = ()
+    path: Path, data: bytes, header: list[str], selected: list[str], missing: Sequence[str] = ()
 ) -> Log:
     """The rows of a CSV with their words."""
     import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
     from pyarrow import csv as pa_csv  # noqa: PLC0415
 
-    types = {name: pa.string() if _is_flags(name, header) else pa.float64() for name in wanted}
+    types = {name: pa.string() if _is_flags(name, header) else pa.float64() for name in selected}
     numbered = [name or f"\0{i}" for i, name in enumerate(header)]  # unnamed columns are never wanted
     try:
         table = pa_csv.read_csv(
@@ -204,13 +204,13 @@ def _parsed(
             read_options=pa_csv.ReadOptions(column_names=numbered, skip_rows=1),
             convert_options=pa_csv.ConvertOptions(
                 column_types=types,
-                include_columns=wanted,
+                include_columns=selected,
                 null_values=[*EMPTY_CELLS, *missing],
                 strings_can_be_null=True,
             ),
         )
     except pa.ArrowInvalid as error:
-        raise several(path, _problems(data, header, wanted, error, missing)) from None
+        raise several(path, _problems(data, header, selected, error, missing)) from None
     log = _checked(path, table, lambda row: _place(data, row))
     return replace(log, words=words_in(data, numbered, _columns(log), missing))
 
@@ -264,11 +264,11 @@ def _check_names(path: Path, header: Sequence[str]) -> None:
             raise LogError(f'{path}: column "{name}" occurs twice; rename or remove one')
 
 
-def _wanted(path: Path, header: Sequence[str], needed: Sequence[str]) -> list[str]:
+def _selected(path: Path, header: Sequence[str], only: Sequence[str]) -> list[str]:
     """The columns to read: time, what is needed (everything, if nothing is), and a recording's own."""
-    missing = [name for name in dict.fromkeys(needed) if name not in header]
+    missing = [name for name in dict.fromkeys(only) if name not in header]
     if missing:
-        spare = [name for name in header if name not in (TIME, *needed)]
+        spare = [name for name in header if name not in (TIME, *only)]
         names = ", ".join(f'"{name}"{_similar(name, spare)}' for name in missing)
         one = len(missing) == 1
         noun, verb, it, other = (
@@ -277,8 +277,8 @@ def _wanted(path: Path, header: Sequence[str], needed: Sequence[str]) -> list[st
         raise LogError(
             f"{path}: {noun} {names} {verb} missing; add {it} to the log or name {other} in the configuration"
         )
-    own = {STEP, FLAGS, LATE} if _is_recording(header) else set()
-    keep = {TIME, *needed, *own} if needed else set(header)
+    service_columns = {STEP, FLAGS, LATE} if _is_recording(header) else set()
+    keep = {TIME, *only, *service_columns} if only else set(header)
     return [name for name in header if name in keep and name]
 
 
@@ -323,9 +323,9 @@ def _without_damage(path: Path, data: bytes, accept: bool) -> bytes:
     parts = damaged(data)
     if accept or not parts:
         return without(data, parts)
-    more = f", nor do rows at {len(parts) - 1} more places" if len(parts) > 1 else ""
+    also = f", nor do rows at {len(parts) - 1} more places" if len(parts) > 1 else ""
     raise LogError(
-        f"{path}: {rows_of(data, parts[0])} do not have the checksum they were recorded with{more}; copy the "
+        f"{path}: {rows_of(data, parts[0])} do not have the checksum they were recorded with{also}; copy the "
         "recording again, or leave those rows out with --accept-damaged"
     )
 
@@ -337,28 +337,28 @@ def _place(data: bytes, row: int) -> str:
 
 
 def _problems(
-    data: bytes, header: list[str], wanted: list[str], error: Exception, missing: Sequence[str]
+    data: bytes, header: list[str], selected: list[str], error: Exception, missing: Sequence[str]
 ) -> Iterator[str]:
     """A sentence for each cell that is not a number, and each row of another length."""
-    numeric = [i for i, name in enumerate(header) if name in wanted and not _is_flags(name, header)]
+    numeric = [i for i, name in enumerate(header) if name in selected and not _is_flags(name, header)]
     reader = csv.reader(io.StringIO(data.decode("utf-8", "replace"), newline=""))
-    found, lines = False, [n for n, line in enumerate(data.splitlines(), 1) if line.strip()]
+    has_bad_cell, lines = False, [n for n, line in enumerate(data.splitlines(), 1) if line.strip()]
     for number, row in enumerate(row for row in reader if row):
         if number == 0:
             continue
         place = f"row {number} (line {lines[number]})" if number < len(lines) else f"row {number}"
         if len(row) != len(header):
             cells = f"{len(row)} cells where the header names {len(header)}"
-            found = True
+            has_bad_cell = True
             yield f"{place} has {cells}; fix or remove it"
             continue
         for i in numeric:
             cell = row[i].strip()
             if cell not in EMPTY_CELLS and cell not in missing and not _is_number(cell):
-                found = True
-                where = f'{place}, column "{header[i]}"'
-                yield f"{where}: {cell[:40]!r} is not a number; fix it or leave it empty"
-    if not found:
+                has_bad_cell = True
+                cell_place = f'{place}, column "{header[i]}"'
+                yield f"{cell_place}: {cell[:40]!r} is not a number; fix it or leave it empty"
+    if not has_bad_cell:
         yield f"not readable as CSV ({str(error).splitlines()[0]}); fix that row"
 
 
@@ -370,7 +370,7 @@ def _is_number(cell: str) -> bool:
     return "_" not in cell and cell.isascii()
 
 
-def _read_parquet(path: Path, needed: Sequence[str]) -> Log:
+def _read_parquet(path: Path, only: Sequence[str]) -> Log:
     import pyarrow as pa  # noqa: PLC0415
     from pyarrow import parquet  # noqa: PLC0415
 
@@ -380,7 +380,7 @@ def _read_parquet(path: Path, needed: Sequence[str]) -> Log:
             header = list(file.schema_arrow.names)
             doubts = doubts_in((file.schema_arrow.metadata or {}).get(DOUBTS, b""))
             _check_names(path, header)
-            table = file.read(columns=_wanted(path, header, needed))
+            table = file.read(columns=_selected(path, header, only))
     except (pa.ArrowException, UnicodeDecodeError) as error:
         raise LogError(f"{path}: damaged or not Parquet ({one_line(str(error))}); copy it again") from None
     for i, name in enumerate(table.column_names):
@@ -428,9 +428,11 @@ def _going_back(time_s: FloatArray, rows: NDArray[np.intp], place: Callable[[int
     """A sentence for each row whose time is not after that of the row before."""
     for number, row in enumerate(rows):
         before_s, after_s = float(time_s[row - 1]), float(time_s[row])
-        what = "repeats" if after_s == before_s else f"goes back from {before_s!r} to"
-        where = place(int(row)) if number < MOST_PROBLEMS else f"row {row + 1}"  # looking up a line is slow
-        yield f"{where}: {TIME} {what} {after_s!r}; sort the rows or split the log there"
+        change = "repeats" if after_s == before_s else f"goes back from {before_s!r} to"
+        row_place = (
+            place(int(row)) if number < MOST_PROBLEMS else f"row {row + 1}"
+        )  # looking up a line is slow
+        yield f"{row_place}: {TIME} {change} {after_s!r}; sort the rows or split the log there"
 
 
 def _check_time(path: Path, time_s: FloatArray, place: Callable[[int], str]) -> None:

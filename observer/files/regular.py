@@ -30,7 +30,7 @@ def one_line(reason: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in first)
 
 
-def refuse_irregular(path: Path, what: str, opened: int | None = None) -> None:
+def refuse_irregular(path: Path, remedy: str, opened: int | None = None) -> None:
     """Raise `OSError` where there is nothing, `UserError` where there is a pipe, a device or a folder.
 
     `opened` is the descriptor of the file where that is open already.
@@ -38,7 +38,7 @@ def refuse_irregular(path: Path, what: str, opened: int | None = None) -> None:
     mode = os.stat(path if opened is None else opened).st_mode
     if not stat.S_ISREG(mode):
         kind = "a folder" if stat.S_ISDIR(mode) else "not an ordinary file"
-        raise UserError(f"{path}: cannot be read, it is {kind}; give {what}")
+        raise UserError(f"{path}: cannot be read, it is {kind}; give {remedy}")
 
 
 def refuse_large(path: Path, size_bytes: int) -> None:
@@ -49,22 +49,22 @@ def refuse_large(path: Path, size_bytes: int) -> None:
         )
 
 
-def read_regular(path: Path, most_bytes: int, what: str) -> bytes:
+def read_regular(path: Path, most_bytes: int, remedy: str) -> bytes:
     """Read a file that is a file: a pipe would be waited for, a device may never end.
 
     Raises `OSError`, or `UserError` for what is no file of at most `most_bytes`.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     with open(descriptor, "rb") as file:
-        refuse_irregular(path, what, descriptor)
+        refuse_irregular(path, remedy, descriptor)
         data = file.read(most_bytes + 1)
     if len(data) > most_bytes:
-        raise UserError(f"{path}: is larger than {most_bytes / 1e6:g} MB; give {what}")
+        raise UserError(f"{path}: is larger than {most_bytes / 1e6:g} MB; give {remedy}")
     return data
 
 
-def read_toml(path: Path, what: str = "a configuration with --config") -> dict[str, Any]:
-    """Return the table of a TOML file, `what` it is to be. Raises `ConfigError`."""
+def read_toml(path: Path, remedy: str = "a configuration with --config") -> dict[str, Any]:
+    """Return the table of a TOML file. An error names `remedy`, the file to give. Raises `ConfigError`."""
     text, data = "", b""
     try:
         data = read_regular(path, MOST_BYTES, "a TOML file")
@@ -73,7 +73,7 @@ def read_toml(path: Path, what: str = "a configuration with --config") -> dict[s
             raise ConfigError(f"{path}: holds more than {MOST_DEPTH} nested tables; a configuration is flat")
         table = tomllib.loads(text)
     except FileNotFoundError:
-        raise ConfigError(f"{path}: no such file; give the path of {what}") from None
+        raise ConfigError(f"{path}: no such file; give the path of {remedy}") from None
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise ConfigError(
@@ -92,7 +92,7 @@ def read_toml(path: Path, what: str = "a configuration with --config") -> dict[s
     if depth > MOST_DEPTH:
         raise ConfigError(f"{path}: holds more than {MOST_DEPTH} nested tables; a configuration is flat")
     if entries > MOST_ENTRIES:
-        raise ConfigError(f"{path}: holds more than {MOST_ENTRIES} keys and values; give {what}")
+        raise ConfigError(f"{path}: holds more than {MOST_ENTRIES} keys and values; give {remedy}")
     return table
 
 

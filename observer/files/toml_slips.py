@@ -35,8 +35,8 @@ def sentence(text: str, reason: str) -> str:
     if "Unclosed" in reason or not lines[number].strip():  # the slip stands above the line of the message
         candidates += list(range(number - 1, max(number - 6, -1), -1))
     for at in candidates if len(text) <= _MOST_TEXT else ():
-        if lines[at].strip() and (found := _repaired(lines, at, number)):
-            return f"line {at + 1} is not valid TOML: {_shown(lines[at])}; {found}"
+        if lines[at].strip() and (repair := _repaired(lines, at, number)):
+            return f"line {at + 1} is not valid TOML: {_shown(lines[at])}; {repair}"
     words = _twice(lines, number) or _WITHOUT_REPAIR.get(
         reason.partition(" (")[0], f"({reason}); fix that line"
     )
@@ -52,9 +52,9 @@ def _repaired(lines: list[str], at: int, number: int) -> str:
         return ""
     single = list(_repairs(lines[at].rstrip("\r"), lines, at))
     double = (
-        (f"{first}, and {second}", twice)
-        for first, once in single
-        for second, twice in _repairs(once, lines, at)
+        (f"{first}, and {second}", repaired_twice)
+        for first, repaired_once in single
+        for second, repaired_twice in _repairs(repaired_once, lines, at)
     )
     for words, repaired in itertools.chain(single, double):
         if _accepts("\n".join([*lines[:at], repaired, *lines[at + 1 :]]), max(at, number)):
@@ -67,10 +67,10 @@ def without_quotes(key: str, text: str) -> str:
 
     `key` ends with its unit: `12 mm` of `length_m` is 0.012.
     """
-    found = re.fullmatch(rf"{_WITH_UNIT.pattern}|({_NUMBER})", text.strip())
-    if found is None:
+    match = re.fullmatch(rf"{_WITH_UNIT.pattern}|({_NUMBER})", text.strip())
+    if match is None:
         return ""
-    number, unit = (found[1] or found[3]).replace(",", "."), (found[2] or "").strip()
+    number, unit = (match[1] or match[3]).replace(",", "."), (match[2] or "").strip()
     target = key.rsplit("_", 1)[-1]
     if not unit or unit == target:
         return number
@@ -194,22 +194,22 @@ def _list(key: str, value: str) -> str:
 
 
 def _header(code: str) -> str:
-    found = re.fullmatch(r"\s*(\[+|\(|<|\{)\s*([^\[\]]+?)\s*(\]*|\)|>|\})\s*:?", code)
-    if found is None or "=" in code:
+    match = re.fullmatch(r"\s*(\[+|\(|<|\{)\s*([^\[\]]+?)\s*(\]*|\)|>|\})\s*:?", code)
+    if match is None or "=" in code:
         return code
-    twice = len(found[1]) > 1 or len(found[3]) > 1
-    name = ".".join(part.strip() for part in found[2].split("."))
+    twice = len(match[1]) > 1 or len(match[3]) > 1
+    name = ".".join(part.strip() for part in match[2].split("."))
     return f"[[{name}]]" if twice else f"[{name}]"
 
 
 def _quoted_key(code: str) -> str:
     """Quote the parts of a key, or of a table's name, that have other characters than bare ones may."""
-    found = re.fullmatch(r"(\s*\[*\s*)([^=\[\]\"']+?)(\s*(?:\]+|=.*))", code)
-    if found is None:
+    match = re.fullmatch(r"(\s*\[*\s*)([^=\[\]\"']+?)(\s*(?:\]+|=.*))", code)
+    if match is None:
         return code
-    parts = [p.strip() for p in found[2].split(".")]
+    parts = [p.strip() for p in match[2].split(".")]
     parts = [p if re.fullmatch(r"[A-Za-z0-9_-]+", p) else f'"{p}"' for p in parts]
-    return f"{found[1]}{'.'.join(parts)}{found[3]}"
+    return f"{match[1]}{'.'.join(parts)}{match[3]}"
 
 
 def _hash_comment(code: str) -> list[str]:

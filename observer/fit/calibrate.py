@@ -209,19 +209,19 @@ def calibrate(
     whole = replace(whole, keys=identified)
     trial = replace(whole, evidence=gather(forward.runs, noise_K))
     for scope in (calibration_tolerances, tolerances):
-        fit, held_back, kept = _judged(
+        fit, held_back, why_kept = _judged(
             replace(whole, tolerances_of=scope), replace(trial, tolerances_of=scope)
         )
-        if kept is None:
+        if why_kept is None:
             break
     else:  # nothing is written; what the whole logs say is shown
         fit = fit_null(replace(whole, tolerances_of=calibration_tolerances), config)
     fitted = fit.free_parameters
     overall, per_sensor = _errors(whole, fit.config, whole.evidence.used)
     left = remaining_tolerances(config, fit.relative_sigma) | running_in_of(fit, prepared)
-    after = config if kept is not None else replaced(config, {f.key: f.value for f in fitted})
+    after = config if why_kept is not None else replaced(config, {f.key: f.value for f in fitted})
     all_obstacles = obstacles + _doubts(fit.problem, fitted)
-    return Calibration(after, fitted, left, all_obstacles, overall, per_sensor, held_back, kept)
+    return Calibration(after, fitted, left, all_obstacles, overall, per_sensor, held_back, why_kept)
 
 
 def _judged(whole: Problem, trial: Problem) -> tuple[Fit, HeldBack, str | None]:
@@ -233,13 +233,13 @@ def _judged(whole: Problem, trial: Problem) -> tuple[Fit, HeldBack, str | None]:
     config = whole.config
     fit = fit_null(trial, config)
     held_back = _held_back(trial, fit.config)
-    kept = _why_kept(config, held_back)
-    if kept is None:
+    why_kept = _why_kept(config, held_back)
+    if why_kept is None:
         fit = fit_null(whole, fit.config)
         held_back_after = _held_back(trial, fit.config)
         whole_logs = HeldBack(0.0, *_errors(whole, fit.config, whole.evidence.used))
-        kept = _why_kept(config, held_back_after) or _why_kept(config, whole_logs)
-    return fit, held_back, kept
+        why_kept = _why_kept(config, held_back_after) or _why_kept(config, whole_logs)
+    return fit, held_back, why_kept
 
 
 def _held_back(trial: Problem, after: Config) -> HeldBack:

@@ -79,7 +79,7 @@ def minimise(
             break
         linear = LinearFit.of(A, b)
         for _trial in range(TRIALS):
-            step = linear.within(*allowed.step(theta), damping)
+            step = linear.bounded_step(*allowed.step(theta), damping)
             moved = residual(theta + step)
             now = _squares(weighed(moved))
             if now <= before + 1e-9:  # not where it has overflown
@@ -211,7 +211,7 @@ class Fit:
         most = np.where(replaced, OWN_SIGMA, MOST_SIGMA)[counted]
         used = self.problem.evidence.used
         linear = LinearFit.of(nuisance.columns[used][:, counted], self.residual[used], prior_weight=1.0)
-        return counted, linear.within(-most, most)
+        return counted, linear.bounded_step(-most, most)
 
     @cached_property
     def covariance(self) -> FloatArray:

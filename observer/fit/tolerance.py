@@ -139,13 +139,17 @@ def remaining_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str
     Heats keep their `law_uncertainty`: they depart from their law at each start, even with a known scale,
     whose own tolerance is that of the fit and of what friction differs from one log to the next.
     """
-    left = {own: min(sigma[key], share) for key, own, share in tolerances_of_parts(config) if key in sigma}
+    left = {
+        tolerance: min(sigma[key], share)
+        for key, tolerance, share in tolerances_of_parts(config)
+        if key in sigma
+    }
     for source in config.source:
         own_keys = {f"source.{source.name}.{name}" for name in PARAMETERS["source"]} & sigma.keys()
         if own_keys:
             scale = math.hypot(*(sigma[key] for key in own_keys), config.tolerance.heat_per_log)
-            own = source.scale_tolerance
-            before = config.law_uncertainty(source) if own is None else own
+            tolerance = source.scale_tolerance
+            before = config.law_uncertainty(source) if tolerance is None else tolerance
             left[f"source.{source.name}.scale_tolerance"] = min(scale, before)
     for name, keys in TOLERANCE_OF.items():
         sigmas = [sigma[key] for key in keys if key in sigma]

@@ -320,14 +320,14 @@ def _values(placed: Placed, problems: list[str], words: list[Words], options: Lo
     values, unread = numbers_of(column, sheet.decimal)
     in_rows = unread.cells - len(column.dropped)
     if column.is_moments or in_rows > MOST_WORDS * (in_rows + int(np.isfinite(values).sum())):
-        cells = "dates" if column.is_moments else ", ".join(repr(word[:20]) for word in unread.say[:3])
+        cells = "dates" if column.is_moments else ", ".join(repr(word[:20]) for word in unread.texts[:3])
         row = 0 if column.is_moments else int(np.flatnonzero(~np.isfinite(values))[0])
         problems.append(
             f'{sheet.place(row)}, column "{full_name(column)}": holds {cells} where '
             f"{placed.channel} needs numbers; name another in [log.columns] {placed.channel}"
         )
     if unread.cells:
-        words.append(Words(placed.channel, unread.cells, unread.say))
+        words.append(Words(placed.channel, unread.cells, unread.texts))
     written = column.unit or split_name(column.name)[1]
     values, missing = without_sentinels(
         values, placed.channel, placed.unit or known_unit(written), options.missing

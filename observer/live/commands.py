@@ -49,12 +49,12 @@ class Commands:
                 self._close(command, Outcome(False, "not done: it waited too long; ask again", time_s))
             elif command.kind == "reset":
                 self._reset()
-                self._asked(command)
+                self._answers_to(command)
                 self._close(command, Outcome(True, "the estimator restarts", time_s))
             else:
-                self._obeyed += [(command, answer) for answer in self._asked(command)]
+                self._obeyed += [(command, answer) for answer in self._answers_to(command)]
 
-    def _asked(self, command: Command) -> list[Answer]:
+    def _answers_to(self, command: Command) -> list[Answer]:
         """Ask every observer; returns the answers, or the reason why none applies."""
         answers = [answer for observer in self._observers if (answer := observer.obey(command))]
         return answers or [lambda: (False, _NOBODY.get(command.kind, ""))]
@@ -72,5 +72,5 @@ class Commands:
         if command.refused is None:  # else the sender has been answered already
             command.answer(outcome)
         log.info("command", command=command.kind, done=outcome.done, text=outcome.text, by=command.by)
-        what = f"done by {command.by}" if outcome.done else f"refused to {command.by}: {outcome.text}"
-        self._record(outcome.time_s, command.kind, what)
+        entry = f"done by {command.by}" if outcome.done else f"refused to {command.by}: {outcome.text}"
+        self._record(outcome.time_s, command.kind, entry)

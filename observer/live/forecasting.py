@@ -38,8 +38,8 @@ class Learner:
 
     def take(self, inputs: Inputs, block: EstimateBlock) -> None:
         """Take consecutive steps."""
-        found = binned(inputs, self._shown.estimated(block), self._moving)
-        self._parts = found if self._parts is None else joined([self._parts, found])
+        bins = binned(inputs, self._shown.estimated(block), self._moving)
+        self._parts = bins if self._parts is None else joined([self._parts, bins])
 
     @property
     def bins(self) -> Bins:
@@ -51,8 +51,8 @@ class Learner:
 
 def is_wanted(machine: MachineModel) -> bool:
     """Whether a forecast is computed: as configured, else where every estimated heat has a law."""
-    asked = machine.config.forecast.enabled
-    return (machine.gap() is not None) if asked is None else asked
+    is_enabled = machine.config.forecast.enabled
+    return (machine.gap() is not None) if is_enabled is None else is_enabled
 
 
 class Forecaster(StepObserver):
@@ -95,9 +95,9 @@ class Forecaster(StepObserver):
                 last = self._gather()
                 if last is not None and waited_s >= period_s:
                     waited_s = 0.0
-                    found = self._document(last)
+                    message = self._document(last)
                     if not self._closing.is_set():
-                        self._publish(found)
+                        self._publish(message)
             except Exception:  # a forecast is an extra: the service continues without
                 log.error("the forecast failed", exc_info=True)
 
@@ -116,11 +116,13 @@ class Forecaster(StepObserver):
             if state is None or not state.started:
                 raise ValueError("there is no estimate yet")
             program = learnt(self._learner.bins)
-            found = forecast(self._machine.config, plant, state, program, self._settings.hours, within_um)
+            prediction = forecast(
+                self._machine.config, plant, state, program, self._settings.hours, within_um
+            )
         except ValueError as error:
             worse = max(quality, EstimateQuality.STARTING)
             return no_forecast(float(last.time_s[-1]), worse, self._instance, str(error), within_um)
-        return document(found, plant, quality, self._instance, within_um)
+        return document(prediction, plant, quality, self._instance, within_um)
 
 
 def program_bins(program: Log, machine: MachineModel) -> Bins:
@@ -128,18 +130,18 @@ def program_bins(program: Log, machine: MachineModel) -> Bins:
     moving, state, parts = [m.index for m in machine.plant.moving], machine.drive.initial(), []
     for frames in frames_of_log(program, machine.plan):
         state, inputs = machine.drive.run(state, frames)
-        found = binned(inputs, None, moving)
-        if len(found.dt_s):
+        bins = binned(inputs, None, moving)
+        if len(bins.dt_s):
             free = machine.plant.estimated
-            parts.append(found._replace(**{n: getattr(found, n)[:, free] for n in _ESTIMATED}))
+            parts.append(bins._replace(**{n: getattr(bins, n)[:, free] for n in _ESTIMATED}))
     if not parts:
         raise LogError(f"{program.path}: an input that the model needs never has a value; fill its column")
     return Bins(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def forecast_columns(layout: Layout, found: Forecast) -> dict[str, FloatArray]:
+def forecast_columns(layout: Layout, prediction: Forecast) -> dict[str, FloatArray]:
     """The columns of `forecast.csv`, named as those of `estimates.csv`."""
-    a = found.ahead
+    a = prediction.ahead
     columns = layout.along(field__degC=a.field_degC, field__sigma_K=a.field_sigma_K)
     if layout.has_error:
         columns |= layout.along(error__um=a.error_um, error__sigma_um=a.error_sigma_um)

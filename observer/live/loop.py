@@ -267,8 +267,8 @@ class _Cycles:
 
     def _tick(self, time_s: float) -> None:
         self.wires.drain()  # what arrived while this tick was waiting belongs to it
-        asked = [command for observer in self._service.observers for command in observer.asks()]
-        self._commands.before_step([*self._service.publisher.commands(), *asked], time_s)
+        observer_commands = [command for observer in self._service.observers for command in observer.asks()]
+        self._commands.before_step([*self._service.publisher.commands(), *observer_commands], time_s)
         frame = self._aligner.tick(time_s)
         changed = self._estimate_of(frame)  # first: work that nobody waits for comes after
         self._service.recorder.tick(float(frame.time_s[0]), self._standing)
@@ -391,5 +391,5 @@ class _Cycles:
             log.info("health", state=health.state, reasons=health.reasons)
         if changed or now_s - self._sent_s >= HEALTH_PERIOD_S:
             self._health, self._sent_s = health, now_s
-            about = {"restart": self._restart, "instance": service.instance}
-            service.publisher.document("health", health.document() | about)
+            start = {"restart": self._restart, "instance": service.instance}
+            service.publisher.document("health", health.document() | start)

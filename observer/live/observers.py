@@ -75,7 +75,7 @@ class StepObserver:
     def obey(self, command: Command) -> Answer | None:
         """Carry out a command; returns the answer, None where the command is not for this observer."""
 
-    def report(self, time_s: float, found: tuple[Condition, ...]) -> None:
+    def report(self, time_s: float, conditions: tuple[Condition, ...]) -> None:
         """Take the conditions of a health report."""
 
     def notices(self) -> tuple[str, ...]:
@@ -234,9 +234,9 @@ class AlarmObserver(StepObserver):
         why_not = self._desk.acknowledge(command.about)
         return lambda: (why_not is None, why_not or f"acknowledged: {command.about or 'all'}")
 
-    def report(self, time_s: float, found: tuple[Condition, ...]) -> None:
+    def report(self, time_s: float, conditions: tuple[Condition, ...]) -> None:
         """Judge and publish."""
-        changed = self._desk.look(time_s, found)
+        changed = self._desk.look(time_s, conditions)
         if changed or time_s - self._sent_s >= HEALTH_PERIOD_S:
             self._sent_s = time_s
             self._publish(self._desk.document(time_s) | {"instance": self._instance})

@@ -31,7 +31,7 @@ Implausible = Callable[[str, float], str | None]
 
 
 @dataclass
-class _Seen:
+class _DriverReadings:
     """The readings of one driver: the newest value, fault and arrival of each channel."""
 
     readings: int = 0
@@ -68,47 +68,47 @@ def look(drivers: Sequence[Driver], implausible: Implausible, look_s: float = LO
 
 
 async def _look(drivers: Sequence[Driver], implausible: Implausible, look_s: float) -> dict[str, Any]:
-    seen = {driver.name: _Seen() for driver in drivers}
+    readings = {driver.name: _DriverReadings() for driver in drivers}
     slowest_s = max((driver.period_s for driver in drivers), default=0.0)
     end_s = time.monotonic() + min(max(look_s, 1.5 * slowest_s), max(look_s, LONGEST_S))
     now = ServiceClock().now
-    tasks = [asyncio.create_task(driver.run(seen[driver.name].take, now)) for driver in drivers]
-    while time.monotonic() < end_s and not all(_enough(d, seen[d.name]) for d in drivers):
+    tasks = [asyncio.create_task(driver.run(readings[driver.name].take, now)) for driver in drivers]
+    while time.monotonic() < end_s and not all(_enough(d, readings[d.name]) for d in drivers):
         await asyncio.sleep(_LOOK_AGAIN_S)
-    found = {driver.name: _found(driver, seen[driver.name], implausible) for driver in drivers}
+    results = {driver.name: _driver_result(driver, readings[driver.name], implausible) for driver in drivers}
     for driver, task in zip(drivers, tasks, strict=True):
         if task.done() and not task.cancelled() and task.exception() is not None:
-            found[driver.name]["last_error"] = str(task.exception())
+            results[driver.name]["last_error"] = str(task.exception())
         task.cancel()
     with contextlib.suppress(TimeoutError):  # a device that hangs must not hold up the answer
         await asyncio.wait_for(asyncio.gather(*tasks, return_exceptions=True), _END_S)
-    good = all(c["usable"] for d in found.values() for c in d["channels"].values())
-    return {"good": bool(found) and good, "drivers": found}
+    good = all(c["usable"] for d in results.values() for c in d["channels"].values())
+    return {"good": bool(results) and good, "drivers": results}
 
 
-def _enough(driver: Driver, seen: _Seen) -> bool:
-    return seen.readings >= ENOUGH and seen.usable.issuperset(driver.channels)
+def _enough(driver: Driver, readings: _DriverReadings) -> bool:
+    return readings.readings >= ENOUGH and readings.usable.issuperset(driver.channels)
 
 
-def _found(driver: Driver, seen: _Seen, implausible: Implausible) -> dict[str, Any]:
+def _driver_result(driver: Driver, readings: _DriverReadings, implausible: Implausible) -> dict[str, Any]:
     now_s, status = time.monotonic(), driver.status
     return {
         "connected": status.connected,
         "errors": status.errors,
         "last_error": status.last_error,
-        "rate_Hz": seen.rate_Hz(),
+        "rate_Hz": readings.rate_Hz(),
         "period_s": driver.period_s,
         "channels": {
-            channel: _channel(channel, seen, now_s, implausible, status.last_error)
+            channel: _channel(channel, readings, now_s, implausible, status.last_error)
             for channel in driver.channels
         },
     }
 
 
 def _channel(
-    channel: str, seen: _Seen, now_s: float, implausible: Implausible, last_error: str | None
+    channel: str, readings: _DriverReadings, now_s: float, implausible: Implausible, last_error: str | None
 ) -> dict[str, Any]:
-    value, fault, arrived_s = seen.newest.get(channel, (math.nan, "never_came", math.nan))
+    value, fault, arrived_s = readings.newest.get(channel, (math.nan, "never_came", math.nan))
     doubt = None if fault else implausible(channel, value)
     explained = last_error if fault in ("disconnected", "tiny_number") else None
     return {

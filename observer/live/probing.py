@@ -42,8 +42,10 @@ class ProbingAdvisor(StepObserver):
         if snapshot is None or not snapshot.estimator.started:
             return
         self._looked_s = step.now_s
-        found = advice(self._plant, snapshot.estimator.P, self._sensor, step.estimate, self._needs_um)
-        self._publish(found | {"sequence": step.sequence, "instance": self._instance})
+        recommendation = advice(
+            self._plant, snapshot.estimator.P, self._sensor, step.estimate, self._needs_um
+        )
+        self._publish(recommendation | {"sequence": step.sequence, "instance": self._instance})
 
 
 def advice(

@@ -75,30 +75,30 @@ def wires_of(config: Installation) -> dict[str, Any]:
     return wires
 
 
-def doubt_values(config: Installation, found: dict[str, Any]) -> None:
+def doubt_values(config: Installation, result: dict[str, Any]) -> None:
     """Mark in the findings of a look which values cannot be right, each with its remedy."""
     sensors = [s.channel for s in config.sensor if s.kind == "temperature"]
     channels = dict.fromkeys([*sensors, config.ambient.channel or ""])
-    arrived = {name: one for d in found["drivers"].values() for name, one in d["channels"].items()}
-    air = arrived.get(config.ambient.channel or "", {}).get("value")
+    by_channel = {name: one for d in result["drivers"].values() for name, one in d["channels"].items()}
+    air = by_channel.get(config.ambient.channel or "", {}).get("value")
     air_degC = config.ambient.temperature_degC if config.ambient.channel is None else air
     for driver, settings in config.drivers.items():
-        entries = found["drivers"][driver]["channels"]
+        entries = result["drivers"][driver]["channels"]
         places = settings.map() if isinstance(settings, ModbusTable) else {}
         values = {n: e["value"] for n, e in entries.items() if n in channels and e["value"] is not None}
         module = _Module(getattr(settings, "device", None), places, values)
         for name, doubt, remedy in _of_temperatures(module, config.ambient.channel, air_degC):
             _mark(entries[name], doubt, remedy)
-        odd = [one for one in entries.values() if one["fault"] in _OF_ANOTHER_MAP]
-        if module.preset and 2 * len(odd) > len(entries):
-            for one in odd:
+        suspects = [one for one in entries.values() if one["fault"] in _OF_ANOTHER_MAP]
+        if module.preset and 2 * len(suspects) > len(entries):
+            for one in suspects:
                 one["remedy"] += f'; or this module is not device = "{module.preset}": {_WRITE_OUT}'
     for source in config.source:
-        one = arrived.get(source.position_channel or "")
+        one = by_channel.get(source.position_channel or "")
         if one is not None and one["value"] is not None and source.stroke_m is not None:
             place = next((p for p in _places(config) if p[0] == source.position_channel), ("", None))[1]
             _doubt_position(one, source.stroke_m, place)
-    found["good"] = bool(found["drivers"]) and all(one["usable"] for one in arrived.values())
+    result["good"] = bool(result["drivers"]) and all(one["usable"] for one in by_channel.values())
 
 
 def _places(config: Installation) -> Iterator[tuple[str, Place]]:
@@ -230,9 +230,9 @@ def _other_order(value: float, place: Place, is_right: Callable[[float], bool]) 
         return ""
     right = {}
     for other in get_args(ByteOrder):
-        there = place.value(raw_of(bytes_of(words, other), kind))
-        if other != order and math.isfinite(there) and is_right(there):
-            right[other] = there
+        reordered = place.value(raw_of(bytes_of(words, other), kind))
+        if other != order and math.isfinite(reordered) and is_right(reordered):
+            right[other] = reordered
     return "".join(f'"{other}", which gives {v:.4g}' for other, v in right.items()) if len(right) == 1 else ""
 
 

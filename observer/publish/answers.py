@@ -91,7 +91,7 @@ class Responder:
 
     def declare(self, session: zenoh.Session, published: Mapping[str, Key]) -> dict[str, Any]:
         """Declare on a session which of the keys answer, and the commands; returns the queryables by key."""
-        keys = [name for name, key in published.items() if key.asked is not None]
+        keys = [name for name, key in published.items() if key.query_answer is not None]
         keys += [f"command/{kind}" for kind in KINDS]
         return {
             key: session.declare_queryable(
@@ -119,8 +119,8 @@ class Responder:
             kind, query, outcome = self._outcomes.popleft()
             yield query, partial(self._reply_outcome, kind, outcome)
         for _ in range(len(self._found_later)):
-            key, query, found = self._found_later.popleft()
-            yield query, partial(self._reply_past, key, found)
+            key, query, reply = self._found_later.popleft()
+            yield query, partial(self._reply_past, key, reply)
         for key, channel in queryables.items():
             for _ in range(_RING):
                 query = channel.try_recv()
@@ -139,37 +139,37 @@ class Responder:
             if self._budget.is_spent():
                 query.reply_err(_TOO_MUCH)
                 return
-            found = self._found(key, query)
-            if isinstance(found, str):
-                query.reply_err(found)
+            answer = self._answer_to(key, query)
+            if isinstance(answer, str):
+                query.reply_err(answer)
                 return
-            payload, encoding = found
+            payload, encoding = answer
             self._budget.spend(len(payload))
             query.reply(f"{self._prefix}/{key}", payload, encoding=encoding)
 
     def _ask_past(self, key: str, query: Any) -> None:
         """Query the past in a thread: nothing here waits for a disk."""
-        given = {name: query.parameters.get(name) for name in ("from", "to", "every")}
-        asked = {name: value for name, value in given.items() if value is not None}
+        values = {name: query.parameters.get(name) for name in ("from", "to", "every")}
+        parameters = {name: value for name, value in values.items() if value is not None}
 
         def ask() -> None:
             past = self._past
-            reply = PastReply(b"", _NOT_RECORDED) if past is None else past.ask(key, asked)
+            reply = PastReply(b"", _NOT_RECORDED) if past is None else past.ask(key, parameters)
             self._found_later.append((key, query, reply))
 
         threading.Thread(target=ask, name="past", daemon=True).start()
 
-    def _reply_past(self, key: str, found: PastReply, query: Any) -> None:
+    def _reply_past(self, key: str, page: PastReply, query: Any) -> None:
         with query:
-            if found.reason is not None:
-                query.reply_err(found.reason)
+            if page.reason is not None:
+                query.reply_err(page.reason)
             elif self._budget.is_spent():
                 query.reply_err(_TOO_MUCH)
             else:
-                self._budget.spend(len(found.payload))
-                query.reply(f"{self._prefix}/{key}", found.payload, encoding=_OF_THE_PAST[key])
+                self._budget.spend(len(page.payload))
+                query.reply(f"{self._prefix}/{key}", page.payload, encoding=_OF_THE_PAST[key])
 
-    def _found(self, key: str, query: Any) -> tuple[bytes, str] | str:
+    def _answer_to(self, key: str, query: Any) -> tuple[bytes, str] | str:
         """An answer with its encoding, or the reason why there is none."""
         if key == "config":
             return self._config, JSON_ENCODING
@@ -187,8 +187,8 @@ class Responder:
             return (estimates[-1], ESTIMATE_ENCODING) if estimates else "no estimate yet"
         if not (last.isascii() and last.isdigit() and len(last) <= _DIGITS and int(last) >= 1):
             return f"last={last[:20]}: give a whole number from 1 to 999999"
-        wanted = islice(estimates, max(0, len(estimates) - int(last)), None)
-        return array_of(list(wanted)), ESTIMATES_ENCODING
+        selected = islice(estimates, max(0, len(estimates) - int(last)), None)
+        return array_of(list(selected)), ESTIMATES_ENCODING
 
     def _take_command(self, key: str, query: Any) -> None:
         """Pass a command to the loop; an invalid one is refused at once."""
@@ -201,10 +201,10 @@ class Responder:
         ):  # a wildcard is not a command, so it is not recorded
             by = plain_name(query.parameters.get("by") or "") or "somebody"
             answer = partial(self._answer_later, kind, query)
-            about = plain_name(query.parameters.get("id") or "", _LONGEST_ID) or None
+            alarm_id = plain_name(query.parameters.get("id") or "", _LONGEST_ID) or None
             without = query.parameters.get("without") or ""
             names = tuple(plain_name(name) for name in without[:_LONGEST_ID].split(",") if name)
-            self._commands.append(Command(kind, by, time.monotonic(), answer, refused, about, names))
+            self._commands.append(Command(kind, by, time.monotonic(), answer, refused, alarm_id, names))
         if refused is not None:
             with query:
                 query.reply_err(refused)
@@ -213,12 +213,12 @@ class Responder:
         """Why a command is invalid; None where key and hash are those of this axis and its configuration."""
         if str(query.key_expr) != f"{self._prefix}/{key}":
             return f"a command must name one axis: ask {self._prefix}/{key}, without a wildcard"
-        given = query.parameters.get("config")
-        if given is None:
+        digest = query.parameters.get("config")
+        if digest is None:
             return (
                 f"a command must name the configuration: add config=HASH, as given by {self._prefix}/config"
             )
-        if not self._digest or given != self._digest:
+        if not self._digest or digest != self._digest:
             return "config names a configuration that is not in force; check it and ask again"
         return None
 

@@ -83,8 +83,8 @@ def command(
         name = f"{address.machine}/{address.axis}"
         return Reply(None, f"the hash of the configuration of {name} is none; nothing was asked")
     further = "".join(f";{name}={value}" for name, value in (parameters or {}).items())
-    wanted = f"command/{kind}?config={digest};by={_myself()}{further}"
-    return ask(address, wanted, max(0.1, until_s - time.monotonic()))
+    path = f"command/{kind}?config={digest};by={_myself()}{further}"
+    return ask(address, path, max(0.1, until_s - time.monotonic()))
 
 
 def _only_config(address: Address, timeout_s: float) -> Reply:
@@ -122,8 +122,8 @@ def _several(names: list[str], connect: str) -> str:
 
 
 def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - _MOST} more" if len(names) > _MOST else ""
-    return ", ".join(names[:_MOST]) + more
+    further = f" and {len(names) - _MOST} more" if len(names) > _MOST else ""
+    return ", ".join(names[:_MOST]) + further
 
 
 def _myself() -> str:
@@ -135,12 +135,12 @@ def _myself() -> str:
     return plain_name(f"{user}@{socket.gethostname()}")
 
 
-def ask(address: Address, wanted: str, timeout_s: float) -> Reply:
+def ask(address: Address, path: str, timeout_s: float) -> Reply:
     """Query an axis until it answers or the time is up; then name the axes that do answer."""
     connect, machine, axis, client = address
     config = client_config((connect,), client)
     until_s = time.monotonic() + timeout_s
-    selector = f"ballscrew/{machine}/{axis}/{wanted}"
+    selector = f"ballscrew/{machine}/{axis}/{path}"
     nobody = f"no service answers at {connect}, or it rejects this client"
     problem = nobody
     while time.monotonic() < until_s:
@@ -192,19 +192,19 @@ def absent(session: zenoh.Session, connect: str, machine: str, axis: str) -> str
 
     `machine` and `axis` may be `*`. Raises `zenoh.ZError` without a session.
     """
-    wanted = zenoh.KeyExpr(f"ballscrew/{machine}/{axis}/alive")
-    found = set()
+    alive_key = zenoh.KeyExpr(f"ballscrew/{machine}/{axis}/alive")
+    axes = set()
     for reply in session.liveliness().get("ballscrew/*/*/alive", timeout=_QUERY_S):
         if reply.ok is None:
             continue
-        if wanted.intersects(reply.ok.key_expr):
+        if alive_key.intersects(reply.ok.key_expr):
             return None
-        found.add("/".join(plain_name(part) for part in str(reply.ok.key_expr).split("/")[1:3]))
-    return _sentence(sorted(found), connect, f"{machine}/{axis}") if found else None
+        axes.add("/".join(plain_name(part) for part in str(reply.ok.key_expr).split("/")[1:3]))
+    return _sentence(sorted(axes), connect, f"{machine}/{axis}") if axes else None
 
 
-def _sentence(found: list[str], connect: str, wanted: str) -> str:
+def _sentence(axes: list[str], connect: str, requested: str) -> str:
     """The axes that are there, the first of them by name, and how to select one."""
-    if len(found) == 1:
-        return f"at {connect} answers {found[0]}, not {wanted}; name it with --machine and --axis"
-    return f"at {connect} answer {_listed(found)}, not {wanted}; name one with --machine and --axis"
+    if len(axes) == 1:
+        return f"at {connect} answers {axes[0]}, not {requested}; name it with --machine and --axis"
+    return f"at {connect} answer {_listed(axes)}, not {requested}; name one with --machine and --axis"

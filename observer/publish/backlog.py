@@ -81,8 +81,8 @@ class Backlog:
         with self._lock:
             if self._got_s is not None and time_s > self._got_s:
                 after_s = math.nextafter(self._got_s, math.inf)
-                earlier = [m._replace(to_s=min(m.to_s, after_s)) for m in self._missing if m.from_s < after_s]
-                self._missing = [*earlier, MissingSpan(after_s, time_s)]
+                before = [m._replace(to_s=min(m.to_s, after_s)) for m in self._missing if m.from_s < after_s]
+                self._missing = [*before, MissingSpan(after_s, time_s)]
                 if given_up := self._missing[:-_MOST_SPANS]:
                     log.warning("too many outages", given_up=given_up)
                     del self._missing[:-_MOST_SPANS]

@@ -69,7 +69,7 @@ class Message(NamedTuple):
     sensors_at: int
 
 
-def _kept(block: EstimateBlock, k: int) -> tuple[Fields, bytes]:
+def _fields_of(block: EstimateBlock, k: int) -> tuple[Fields, bytes]:
     """One step of a block in one piece."""
     names = (*_ARRAYS, *FORCE, "time_s", "quality", "part_quality", "sensor_quality")
     bundle = Bundle.of({name: np.asarray(getattr(block, name)[k]) for name in names})
@@ -151,7 +151,7 @@ class EstimateEncoder:
         try:
             fields, data = block.kept
         except AttributeError:
-            fields, data = _kept(block, k)
+            fields, data = _fields_of(block, k)
         if fields is not self._fields:
             self._fields, self._message = fields, record(self._message_of(fields.dtype.fields))
         message: bytes = encode(self._message, data, sequence, int(block.sensors_used[k]))
@@ -244,8 +244,8 @@ def config_json(config: Config, instance: str) -> str:
 
     Credentials and their files are left out: every reader can see the answer.
     """
-    kept = config.model_dump(mode="json", by_alias=True, exclude=_ACCESS)
-    return json.dumps({"hash": config.digest, "instance": instance, "config": kept})
+    public = config.model_dump(mode="json", by_alias=True, exclude=_ACCESS)
+    return json.dumps({"hash": config.digest, "instance": instance, "config": public})
 
 
 def array_of(messages: Sequence[bytes]) -> bytes:

@@ -34,7 +34,7 @@ def session_config(
     connect: tuple[str, ...],
     listen: tuple[str, ...],
     most_bytes: int = _CLIENT_MOST_BYTES,
-    more: Mapping[str, Any] = MappingProxyType({}),
+    extra: Mapping[str, Any] = MappingProxyType({}),
 ) -> zenoh.Config:
     """A Zenoh configuration that talks to the named endpoints and to nobody else.
 
@@ -60,7 +60,7 @@ def session_config(
         "transport/link/rx/max_message_size": most_bytes,
         "transport/unicast/max_sessions": _SESSIONS,
         "transport/shared_memory/enabled": False,
-        **more,
+        **extra,
     }
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
@@ -69,26 +69,26 @@ def session_config(
 
 def service_config(settings: Publish) -> zenoh.Config:
     """The session of a service. Raises `ConfigError` where a file of keys or passwords cannot be used."""
-    more = _tls(settings.tls or Tls(), "publish.tls", listens=bool(settings.listen))
-    more |= _login(settings.login or Login(), "publish.login")
+    extra = _tls(settings.tls or Tls(), "publish.tls", listens=bool(settings.listen))
+    extra |= _login(settings.login or Login(), "publish.login")
     if settings.access is not None:
-        more["access_control"] = access_control(settings.access)
-    return session_config(settings.mode, settings.connect, settings.listens, MOST_BYTES, more)
+        extra["access_control"] = access_control(settings.access)
+    return session_config(settings.mode, settings.connect, settings.listens, MOST_BYTES, extra)
 
 
 def ear_config(settings: Publish) -> zenoh.Config | None:
     """A second session for a peer, for what its router does not pass to peers; None for all others."""
     if settings.mode != "peer" or not settings.connect:
         return None
-    alone = {"mode": "client", "listen": (), "access": None}
-    return service_config(settings.model_copy(update=alone))
+    client_role = {"mode": "client", "listen": (), "access": None}
+    return service_config(settings.model_copy(update=client_role))
 
 
 def client_config(connect: tuple[str, ...], client: Client | None = None) -> zenoh.Config:
     """The session of a command. Raises `ConfigError` where a file of keys or passwords cannot be used."""
     shown = client or Client()
-    more = _tls(shown.tls or Tls(), "tls", listens=False) | _login(shown.login or Login(), "login")
-    return session_config("client", connect, (), more=more)
+    extra = _tls(shown.tls or Tls(), "tls", listens=False) | _login(shown.login or Login(), "login")
+    return session_config("client", connect, (), extra=extra)
 
 
 def _tls(tls: Tls, place: str, *, listens: bool) -> dict[str, Any]:

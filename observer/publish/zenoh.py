@@ -222,7 +222,7 @@ class ZenohPublisher:
         return closed
 
     def _put(self, key: str, payload: bytes) -> None:
-        if key != "estimate" and KEYS[key].asked is not None:
+        if key != "estimate" and KEYS[key].query_answer is not None:
             self._answers.documents[key] = payload
         if self._outlet is not None:
             self._outlet.put(key, payload)
@@ -304,7 +304,7 @@ class ZenohPublisher:
                 express=name == "estimate",
             )
             for name, key in self._keys.items()
-            if key.when is not None
+            if key.sent is not None
         }
         queryables = self._answers.declare(session, self._keys)
         alive = session.liveliness().declare_token(f"{self._prefix}/alive")
@@ -367,9 +367,9 @@ class Rivals:
             sample = self._messages.try_recv()
             if sample is None:
                 return
-            found = _INSTANCE.search(sample.payload.to_bytes())
-            if found is None or found[1] != self._instance:
-                name = f"instance {found[1].decode()}" if found else "of no known instance"
+            match = _INSTANCE.search(sample.payload.to_bytes())
+            if match is None or match[1] != self._instance:
+                name = f"instance {match[1].decode()}" if match else "of no known instance"
                 sentence = f"another program publishes on {sample.key_expr} ({name}); end one of the two"
                 self._heard = sentence, time.monotonic()
 

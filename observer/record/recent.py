@@ -61,12 +61,12 @@ class RecordedStretch:
 
 def duration_s(text: str) -> float:
     """A duration such as 90min, 8h or 2d in seconds; raises `ConfigError`."""
-    found = re.fullmatch(r"\s*(\d{1,6}(?:\.\d{1,6})?)\s*(min|h|d)\s*", text)
-    if found is None or float(found[1]) == 0.0:
+    match = re.fullmatch(r"\s*(\d{1,6}(?:\.\d{1,6})?)\s*(min|h|d)\s*", text)
+    if match is None or float(match[1]) == 0.0:
         raise ConfigError(
             f"--recent: {text!r} is not a duration; give a number and min, h or d, as in 90min or 8h"
         )
-    return BY_NAME[found[2]].to_base(float(found[1]))
+    return BY_NAME[match[2]].to_base(float(match[1]))
 
 
 def stretches(record: RecordSettings, name: str, plan: AlignPlan, last_s: float) -> list[RecordedStretch]:
@@ -78,10 +78,10 @@ def stretches(record: RecordSettings, name: str, plan: AlignPlan, last_s: float)
     if record.directory is None:
         raise ConfigError("--recent: the configuration has no record.directory; add [record], or name logs")
     logs = _logs(record.directory, name, plan, last_s)
-    found = [s for run in _runs(logs) for s in _stretches(run, plan, float(logs[-1].time_s[-1]) - last_s)]
-    long = [s for s in found if s.end_s - s.begin_s >= LEAST_S]
+    recorded = [s for run in _runs(logs) for s in _stretches(run, plan, float(logs[-1].time_s[-1]) - last_s)]
+    long = [s for s in recorded if s.end_s - s.begin_s >= LEAST_S]
     if not long:
-        most_s = max((s.end_s - s.begin_s for s in found), default=0.0)
+        most_s = max((s.end_s - s.begin_s for s in recorded), default=0.0)
         raise LogError(
             f"{record.directory}: the longest stretch recorded in that time lasts {most_s:.0f} s, and "
             f"{LEAST_S:.0f} s are needed; ask for a longer time, or let the service record for longer"
@@ -173,9 +173,9 @@ def _stretches(run: Sequence[Log], plan: AlignPlan, from_s: float) -> Iterator[R
     if not blocks:
         return
     frames = joined(blocks)
-    wanted = int(np.searchsorted(frames.time_s, from_s))
-    starts += [wanted, *np.flatnonzero(frames.dt_s > PAUSE_S).tolist()]
-    edges = [*sorted({start for start in starts if wanted <= start < count}), count]
+    first_row = int(np.searchsorted(frames.time_s, from_s))
+    starts += [first_row, *np.flatnonzero(frames.dt_s > PAUSE_S).tolist()]
+    edges = [*sorted({start for start in starts if first_row <= start < count}), count]
     for begin, end in itertools.pairwise(edges):
         yield RecordedStretch(run[0].path, part(frames, begin, end))
 
@@ -207,7 +207,7 @@ def read_can_log(path: Path, config: Installation) -> Log:
         raise LogError(f"{path}: time goes backwards; sort the recording by time")
     readings.sort(key=lambda reading: reading.time_s)
     passings = Passings(passings_of(config))
-    readings += [found for reading in readings for found in passings.take(reading)]
+    readings += [passed for reading in readings for passed in passings.take(reading)]
     readings.sort(key=lambda reading: reading.time_s)
     if not readings:
         raise LogError(f"{path}: no frame that the configured DBC files describe; check the bus and the DBC")
@@ -226,14 +226,14 @@ def _with_ticks(path: Path, readings: list[Reading], channels: tuple[str, ...], 
         times[i] = max(times[i], math.nextafter(times[i - 1], math.inf))
     values = np.array([[r.values.get(c, math.nan) for c in channels] for r in readings])
     flags = [flags_of(r, channels) for r in readings]
-    nothing = np.full((len(ticks), len(channels)), math.nan)
+    no_values = np.full((len(ticks), len(channels)), math.nan)
     ticks = np.where(np.isin(ticks, times), np.nextafter(ticks, math.inf), ticks)
     order = np.argsort(np.concatenate([times, ticks]), kind="stable")
     return Log(
         path,
         np.concatenate([times, ticks])[order],
         channels,
-        np.concatenate([values, nothing])[order],
+        np.concatenate([values, no_values])[order],
         np.concatenate([np.zeros(len(times), np.bool_), np.ones(len(ticks), np.bool_)])[order],
         tuple([*flags, *[None] * len(ticks)][i] for i in order),
     )

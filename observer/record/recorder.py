@@ -277,7 +277,7 @@ class Part:
         self._fd = -1
         self._crc = 0
 
-    def open(self, directory: Path, name: str, first: bytes, beside: Mapping[str, bytes]) -> None:
+    def open(self, directory: Path, name: str, first: bytes, companions: Mapping[str, bytes]) -> None:
         """Begin a file named by `name` and the time in UTC with the line `first`, with others beside it."""
         make_folder(directory)
         stamp = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
@@ -293,7 +293,7 @@ class Part:
         try:
             with suppress(OSError):  # a file system without locks: the name alone keeps it apart
                 fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            for suffix, data in beside.items():
+            for suffix, data in companions.items():
                 write_whole(path.with_suffix(suffix), data)
             self._write(first)
         except OSError:

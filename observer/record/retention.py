@@ -31,7 +31,7 @@ CONFIG_SUFFIX = ".config"
 """Beside every file: the document `config` of the service that wrote it, with a `checksum`."""
 STEPS_SUFFIX = ".steps"
 """The published steps of the hour in progress; `.parquet` follows it once the hour is closed and packed."""
-_BESIDE = (START_SUFFIX, STATE_SUFFIX, CONFIG_SUFFIX)
+_COMPANIONS = (START_SUFFIX, STATE_SUFFIX, CONFIG_SUFFIX)
 _MOST_CONFIG_BYTES = 10_000_000
 CLOCK_SET_S = 1_600_000_000.0
 """A file older than this (2020) was written before the computer's clock was set; its age is not known."""
@@ -86,15 +86,15 @@ def to_remove(
 
 def tidy(folder: Path, name: str, keep: Retention, now_s: float, *, by_age: bool) -> tuple[Path, ...]:
     """Remove what is not kept; returns what went. Raises `OSError`."""
-    gone, disk = [], shutil.disk_usage(folder)
+    removed, disk = [], shutil.disk_usage(folder)
     files = recordings(folder, name, rf"(\.csv|{re.escape(STEPS_SUFFIX)}(\.parquet)?)")
     for file in to_remove(files, keep, disk.total, disk.free, now_s, by_age=by_age):
         if not is_being_written(file.path):
             file.path.unlink(missing_ok=True)
-            for suffix in _BESIDE:
+            for suffix in _COMPANIONS:
                 file.path.with_suffix(suffix).unlink(missing_ok=True)
-            gone.append(file.path)
-    return tuple(gone)
+            removed.append(file.path)
+    return tuple(removed)
 
 
 def shortage(folder: Path, keep: Retention) -> str | None:
@@ -111,16 +111,16 @@ def shortage(folder: Path, keep: Retention) -> str | None:
 
 def recordings(folder: Path, name: str, ending: str = r"\.csv") -> list[Recording]:
     """The files that services of this name have written; links and files of other names are none."""
-    own = re.compile(rf"{re.escape(name)}-\d{{8}}T\d{{6}}Z(-\d+)?{ending}")
-    found = []
+    file_name = re.compile(rf"{re.escape(name)}-\d{{8}}T\d{{6}}Z(-\d+)?{ending}")
+    complete = []
     for path in folder.iterdir():
         try:
-            about = path.lstat()
-            if own.fullmatch(path.name) and stat.S_ISREG(about.st_mode):
-                found.append(Recording(path, about.st_size + _size(path), about.st_mtime))
+            status = path.lstat()
+            if file_name.fullmatch(path.name) and stat.S_ISREG(status.st_mode):
+                complete.append(Recording(path, status.st_size + _size(path), status.st_mtime))
         except FileNotFoundError:
             continue  # somebody else has removed it meanwhile
-    return found
+    return complete
 
 
 def is_being_written(path: Path) -> bool:
@@ -163,8 +163,8 @@ def _is_locked(path: Path) -> bool:
 
 
 def _size(path: Path) -> int:
-    beside = (path.with_suffix(suffix) for suffix in _BESIDE)
-    return sum(file.lstat().st_size for file in beside if file.exists())
+    companions = (path.with_suffix(suffix) for suffix in _COMPANIONS)
+    return sum(file.lstat().st_size for file in companions if file.exists())
 
 
 def sealed(document: bytes) -> bytes:
@@ -178,9 +178,9 @@ def recorded_config(path: Path) -> dict[str, Any]:
 
     Raises `LogError` where it is damaged: it would shift the estimates unnoticed.
     """
-    beside = path.with_suffix(CONFIG_SUFFIX)
+    sidecar = path.with_suffix(CONFIG_SUFFIX)
     try:
-        with beside.open("rb") as file:
+        with sidecar.open("rb") as file:
             data = file.read(_MOST_CONFIG_BYTES)
     except OSError:
         return {}
@@ -192,7 +192,7 @@ def recorded_config(path: Path) -> dict[str, Any]:
         is_whole = False
     if not is_whole:
         raise LogError(
-            f"{beside.name} is damaged: its content does not match its checksum; restore it from a copy, or "
+            f"{sidecar.name} is damaged: its content does not match its checksum; restore it from a copy, or "
             "remove it to have the recording estimated by the configuration in force"
         )
     return document  # type: ignore[no-any-return]

@@ -17,14 +17,14 @@ def look_sentence(partial: dict[str, Any], logs: Sequence[str]) -> str:
 
 def next_step(result: dict[str, Any], logs: str, config: str, output: str) -> dict[str, str | None]:
     """What to do next, as `text`, and the `command` for it, None where there is none yet."""
-    again = f"observer discover {logs} --config {config} --output {output}"
+    search = f"observer discover {logs} --config {config} --output {output}"
     adopt = f"observer adopt {output} --config {config}"
     verdict, partial, test = result["verdict"], result["partial"], result["experiment"]
     text, command = "Record a longer or more varied log, and search again with it", None
-    with_more = None if logs.startswith("--") else again.replace(" discover", " discover NEW", 1)
+    with_more = None if logs.startswith("--") else search.replace(" discover", " discover NEW", 1)
     decides = test is not None and test.get("program") is not None
     if result["suspects"] and not result["effects"]:
-        text, command = "Correct what is wrong with the logs, then search again", again
+        text, command = "Correct what is wrong with the logs, then search again", search
     elif verdict == "named":
         text, command = "Put it in force; --undo restores the previous configuration", adopt
     elif partial is not None:

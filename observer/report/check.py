@@ -102,9 +102,9 @@ def _left_out(config: Installation, plant: Plant) -> float:
     """The largest fraction of a source's steady field that the modes alone would leave out."""
     machine = realise(config).config
     modes = solve_modes(rod_of(machine), max(plant.mode_index))
-    kept = modes.take([i - 1 for i in plant.mode_index])
+    retained = modes.take([i - 1 for i in plant.mode_index])
     stretches = footprints(machine.source, machine.screw)
-    return max(tail_left(kept, len(kept), stretch) for stretch in stretches)
+    return max(tail_left(retained, len(retained), stretch) for stretch in stretches)
 
 
 def _seen(plant: Plant) -> list[float]:
@@ -152,7 +152,7 @@ def _biot(config: Installation) -> dict[str, float]:
 
 def _model_warnings(config: Installation, design: DesignReport, biot: Mapping[str, float]) -> list[str]:
     machine = realise(config)
-    there, rod = machine.config, rod_of(machine.config)
+    realised, rod = machine.config, rod_of(machine.config)
     warnings = []
     if biot["number"] > BIOT_LIMIT:
         warnings.append(
@@ -167,28 +167,28 @@ def _model_warnings(config: Installation, design: DesignReport, biot: Mapping[st
             "no heat can leave the screw (insulated ends, no film): its mean temperature can only rise; set "
             "surface.convection_W_m2K or an end"
         )
-    beside, period_s = attached(there, ()), there.estimator.period_s
+    assembly, period_s = attached(realised, ()), realised.estimator.period_s
     warnings += [
-        f"node {beside.names[node]} and the screw equalise within "
-        f"{beside.network.capacity_J_K[node] / G:.2g} s, "
+        f"node {assembly.names[node]} and the screw equalise within "
+        f"{assembly.network.capacity_J_K[node] / G:.2g} s, "
         f"faster than the period of {period_s:g} s: the step is not exact under a nut that moves; join it "
         "with a neighbour"
-        for node, source, G in beside.ties
-        if there.source[source].position_channel and beside.network.capacity_J_K[node] < G * period_s
+        for node, source, G in assembly.ties
+        if realised.source[source].position_channel and assembly.network.capacity_J_K[node] < G * period_s
     ]
-    for source in there.source:
+    for source in realised.source:
         if source.shape == "nut" and source.position_channel is None:
             warnings.append(
                 f"source {source.name} has no position_channel: its heat is spread evenly over its stroke; "
                 "name the channel of the nut's position"
             )
-        at_end = {0.0: rod.left, there.screw.length_m: rod.right}
+        at_end = {0.0: rod.left, realised.screw.length_m: rod.right}
         if source.shape == "point" and source.position_m in at_end and at_end[source.position_m].prescribed:
             warnings.append(
                 f"source {source.name} stands at an end with a prescribed temperature, where heat changes "
                 "nothing; move it, or make that end convective"
             )
-    if design.kind == "kalman" and there.screw.expansion_1_K is None:
+    if design.kind == "kalman" and realised.screw.expansion_1_K is None:
         warnings.append(
             "no expansion coefficient: the thermal error is not reported; set screw.expansion_1_K"
         )
@@ -197,16 +197,16 @@ def _model_warnings(config: Installation, design: DesignReport, biot: Mapping[st
 
 def _supports(config: Installation, plant: Plant) -> dict[str, Any] | None:
     """The effect of the supports on a screw that is uniformly 10 K warm; None where none are configured."""
-    held, screw = plant.rows.restraint, config.screw
-    if held is None or config.supports is None or screw.expansion_1_K is None:
+    restraint, screw = plant.rows.restraint, config.screw
+    if restraint is None or config.supports is None or screw.expansion_1_K is None:
         return None
     growth_um = 1e6 * screw.expansion_1_K * 10.0 * screw.length_m
     return {
         "mounting": config.supports.mounting,
-        "stiffness_N_um": held.stiffness_N_um,
-        "pretension_lost_at_rise_K": 10.0 * held.lost_um / growth_um,
-        "gap_closed_at_rise_K": 10.0 * (held.lost_um + held.gap_um) / growth_um,
-        "force_at_10_K_N": float(force_N(held, np.array(growth_um))) + 0.0,  # no minus before a zero
+        "stiffness_N_um": restraint.stiffness_N_um,
+        "pretension_lost_at_rise_K": 10.0 * restraint.lost_um / growth_um,
+        "gap_closed_at_rise_K": 10.0 * (restraint.lost_um + restraint.gap_um) / growth_um,
+        "force_at_10_K_N": float(force_N(restraint, np.array(growth_um))) + 0.0,  # no minus before a zero
     }
 
 
@@ -214,9 +214,9 @@ def _nodes(config: Installation) -> dict[str, dict[str, float]]:
     """Each node's time constant, and how much 1 W into it warms it at rest, with the screw at ambient
     temperature where it touches that.
     """
-    held = attached(realise(config).config, ()).with_screw_at_ambient
-    through = np.diag(held.conductance_W_K)
-    rise_K_W = np.diag(np.linalg.pinv(held.conductance_W_K))
+    assembly = attached(realise(config).config, ()).with_screw_at_ambient
+    through = np.diag(assembly.conductance_W_K)
+    rise_K_W = np.diag(np.linalg.pinv(assembly.conductance_W_K))
     return {
         node.name: {"time_constant_s": node.capacity_J_K / float(G), "rise_K_W": float(rise)}
         for node, G, rise in zip(config.node, through, rise_K_W, strict=True)
@@ -246,8 +246,8 @@ def _in_the_clear(config: Installation) -> Iterator[str]:
 
 def _unusual(table: Mapping[str, Any]) -> Iterator[str]:
     for path, value in _numbers(table, ()):
-        if found := doubt(path, value):
-            yield f"{key_of(path, table)} = {found}"
+        if reason := doubt(path, value):
+            yield f"{key_of(path, table)} = {reason}"
 
 
 def _numbers(at: Any, path: tuple[int | str, ...]) -> Iterator[tuple[tuple[int | str, ...], float]]:

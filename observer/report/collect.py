@@ -46,7 +46,7 @@ class Decimator:
         self.rows += length
         while -(-self.rows // self._stride) > self._most:
             self._kept = {
-                k: _extremes(kept, np.arange(0, kept.shape[1], 2)) for k, kept in self._kept.items()
+                k: _extremes(column, np.arange(0, column.shape[1], 2)) for k, column in self._kept.items()
             }
             self._stride *= 2
 

@@ -37,7 +37,7 @@ class DrawnCase(Protocol):
 
 _DISTINCT, _ROOM, _MOST_PLACES = 7, 4, 24
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1.5, 1.5)))
-_BESIDE = 1.45  # how much wider than the bars, for the key
+_KEY_WIDTH = 1.45  # how much wider than the bars, for the key
 
 
 def draw_cases(figure: Figure, cases: Sequence[DrawnCase], title: str, words: str) -> list[Axes]:
@@ -85,7 +85,7 @@ def _stacked(axes: Axes, cases: Sequence[DrawnCase]) -> None:
         axes.barh(rows, width, left=left, color=colour(i), label=source, height=0.6)
         left += width
     axes.set(title="Heat by source", xlabel="W")
-    axes.set_xlim(right=_BESIDE * max(float(left.max()), 1e-9))
+    axes.set_xlim(right=_KEY_WIDTH * max(float(left.max()), 1e-9))
     axes.legend(loc="upper right")
 
 

@@ -19,7 +19,7 @@ from observer.fit.tolerance import UNEVEN
 from observer.frames import FloatArray
 from observer.report import panels_discovery as panels
 from observer.report import wording
-from observer.report.frame import arrow, beyond, header, in_lines, made_of, next_step, values
+from observer.report.frame import arrow, excess_text, header, in_lines, made_of, next_step, values
 from observer.report.page import (
     Html,
     code,
@@ -43,14 +43,14 @@ LEAST_SIGMA = 5.0
 """The scale of errors spans at least this many times the noise, so that noise does not look like an error."""
 
 
-def tolerated(known: Tolerance) -> str:
+def tolerated(prior: Tolerance) -> str:
     """Say which errors are tolerated, as the configuration states them."""
     return (
         "No model reaches the noise alone: conductivity is known to "
-        f"{100 * known.conductivity:g} %, heat capacity to {100 * known.heat_capacity:g} %, each sensor's "
-        f"offset to {known.offset_K:g} K, its position to {1000 * known.position_m:g} mm and its lag to "
-        f"{known.lag_s:g} s, its part of the rise to {100 * known.gain:g} %, the air to {known.ambient_K:g} "
-        f"K, heats from log to log to {100 * known.heat_per_log:g} %, and how even the film is to "
+        f"{100 * prior.conductivity:g} %, heat capacity to {100 * prior.heat_capacity:g} %, each sensor's "
+        f"offset to {prior.offset_K:g} K, its position to {1000 * prior.position_m:g} mm and its lag to "
+        f"{prior.lag_s:g} s, its part of the rise to {100 * prior.gain:g} %, the air to {prior.ambient_K:g} "
+        f"K, heats from log to log to {100 * prior.heat_per_log:g} %, and how even the film is to "
         f"{100 * UNEVEN:.0f} %. What these can explain is no effect and not written back."
     )
 
@@ -69,35 +69,39 @@ class Shown:
     after_K: FloatArray
 
 
-def write_discovery_report(path: Path, found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> None:
+def write_discovery_report(
+    path: Path, discovery: Discovery, result: dict[str, Any], logs: Sequence[str]
+) -> None:
     """Write the page about a discovery; `result` is the content of its `result.json`, `logs` the names."""
-    shown = _shown(found)
-    machine = found.problem.config.machine
+    shown = _shown(discovery)
+    machine = discovery.problem.config.machine
     parts = [
-        header(found, result, logs),
+        header(discovery, result, logs),
         next_step(result),
         _suspects(result),
-        _doubt(found, result),
-        _maps(found, result, shown, logs),
-        _proof(found, result, shown, logs),
+        _doubt(discovery, result),
+        _maps(discovery, result, shown, logs),
+        _proof(discovery, result, shown, logs),
         _displacements(result),
-        _candidates(found, result),
-        _parameters(found, result),
-        _limits(found, logs),
+        _candidates(discovery, result),
+        _parameters(discovery, result),
+        _limits(discovery, logs),
         made_of(result),
     ]
-    page = document(f"{wording.headline(found.verdict, result)} – {machine.name}, axis {machine.axis}", parts)
+    page = document(
+        f"{wording.headline(discovery.verdict, result)} – {machine.name}, axis {machine.axis}", parts
+    )
     path.write_text(page, encoding="utf-8")
 
 
-def _shown(found: Discovery) -> Shown:
-    problem, fit, null = found.problem, found.verdict.fit, found.search.null
+def _shown(discovery: Discovery) -> Shown:
+    problem, fit, null = discovery.problem, discovery.verdict.fit, discovery.search.null
     names = tuple(wording.name_of(effect) for effect in effects_of(fit))
-    before, what = "calibrated, no effect added", f"calibrated, with {wording.joined(names)}"
-    given = null.config
+    before, after = "calibrated, no effect added", f"calibrated, with {wording.joined(names)}"
+    reference = null.config
     if not names:
-        before, what, given = "as configured", "calibrated", problem.config
-    return Shown(names, before, what, problem.error_K(given), problem.error_K(fit.config))
+        before, after, reference = "as configured", "calibrated", problem.config
+    return Shown(names, before, after, problem.error_K(reference), problem.error_K(fit.config))
 
 
 def _suspects(result: dict[str, Any]) -> Html:
@@ -112,9 +116,9 @@ def _suspects(result: dict[str, Any]) -> Html:
     )
 
 
-def _doubt(found: Discovery, result: dict[str, Any]) -> Html:
+def _doubt(discovery: Discovery, result: dict[str, Any]) -> Html:
     """The answers that these logs cannot distinguish, and the test that would decide."""
-    problem, fits = found.problem, found.verdict.fits
+    problem, fits = discovery.problem, discovery.verdict.fits
     proof = problem.evidence.proof
     rows = []
     for fit in fits if result["verdict"] == "ambiguous" else ():
@@ -149,11 +153,11 @@ def _test(test: dict[str, Any] | None) -> Iterator[Html]:
         yield paragraph(f"{test['program']} holds it as a program, a row a second.", "note")
 
 
-def _maps(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequence[str]) -> Html:
-    config, evidence = found.problem.config, found.problem.evidence
+def _maps(discovery: Discovery, result: dict[str, Any], shown: Shown, logs: Sequence[str]) -> Html:
+    config, evidence = discovery.problem.config, discovery.problem.evidence
     sensors = [s.name for s in config.sensor]
     tracks = panels.tracks_of(evidence, logs, {"before": shown.before_K, "after": shown.after_K})
-    event, box = found.event, None
+    event, box = discovery.event, None
     if event is not None:
         box = panels.Box(event.run, sensors.index(event.sensor), event.from_s, event.to_s)
     least_K = LEAST_SIGMA * float(np.median([s.noise for s in config.sensor]))
@@ -189,8 +193,8 @@ def _maps(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequence
     )
 
 
-def _proof(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequence[str]) -> Html:
-    config, evidence = found.problem.config, found.problem.evidence
+def _proof(discovery: Discovery, result: dict[str, Any], shown: Shown, logs: Sequence[str]) -> Html:
+    config, evidence = discovery.problem.config, discovery.problem.evidence
     proof = evidence.proof
     run = int(evidence.run[proof][0])
     measured_degC = evidence.measured_degC
@@ -203,21 +207,23 @@ def _proof(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequenc
     lines = {"measured": "measured", "before": shown.before, "after": shown.after}
     titles, cells = [], []
     for s, sensor in enumerate(config.sensor):
-        mine = proof & (evidence.sensor == s)
+        of_sensor = proof & (evidence.sensor == s)
         name = panels.shortened(sensor.name, 24)
-        if not mine.any():
+        if not of_sensor.any():
             titles.append(f"{name}: no data")
             continue
-        before_K, after_K = rms(shown.before_K[mine]), rms(shown.after_K[mine])
+        before_K, after_K = rms(shown.before_K[of_sensor]), rms(shown.after_K[of_sensor])
         gap = result["gap"]["per_sensor"][sensor.name]
         titles.append(f"{name}, °C: {arrow(before_K, after_K)} rms")
         kelvins = map(wording.kelvin, (before_K, after_K))
-        cells.append([sensor.name, site(sensor), *kelvins, beyond(gap), wording.kelvin(gap["floor_rms_K"])])
+        cells.append(
+            [sensor.name, site(sensor), *kelvins, excess_text(gap), wording.kelvin(gap["floor_rms_K"])]
+        )
     drawn = []
     for i in range(0, len(titles), PANELS):
-        some = titles[i : i + PANELS]
-        narrow = panels.comparisons(track, lines, some, i, panels.NARROW)
-        drawn.append(figure(panels.comparisons(track, lines, some, i), _caption(i, logs[run]), narrow))
+        part = titles[i : i + PANELS]
+        narrow = panels.comparisons(track, lines, part, i, panels.NARROW)
+        drawn.append(figure(panels.comparisons(track, lines, part, i), _caption(i, logs[run]), narrow))
     heads = [
         "Sensor",
         "at",
@@ -230,19 +236,22 @@ def _proof(found: Discovery, result: dict[str, Any], shown: Shown, logs: Sequenc
         "Measured against predicted, on data that took no part in fitting or choosing",
         *drawn,
         table(heads, cells, (1, 2, 3, 4, 5), stacked=True),
-        paragraph(tolerated(found.problem.config.tolerance), "note"),
+        paragraph(tolerated(discovery.problem.config.tolerance), "note"),
     )
 
 
 def _displacements(result: dict[str, Any]) -> Html:
     """What displacement sensors say, and how far each is predicted off."""
-    said = result["displacements"]
-    if said is None:
+    displacements = result["displacements"]
+    if displacements is None:
         return Html("")
     keys = ("before_rms_um", "after_rms_um", "floor_rms_um")
-    rows = [[name, *(wording.um(error[key]) for key in keys)] for name, error in said["per_sensor"].items()]
+    rows = [
+        [name, *(wording.um(error[key]) for key in keys)]
+        for name, error in displacements["per_sensor"].items()
+    ]
     heads = ["Sensor", "gap beyond tolerances, before", "after", "noise alone"]
-    words = paragraph(f"{wording.displacement_sentence(said)}.")
+    words = paragraph(f"{wording.displacement_sentence(displacements)}.")
     return section("Displacements", words, table(heads, rows, (1, 2, 3), stacked=True) if rows else Html(""))
 
 
@@ -255,10 +264,10 @@ def _caption(first: int, log: str) -> str:
     return f"The proof, in {log}. Predictions run open loop: no reading corrects them." if first == 0 else ""
 
 
-def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
+def _candidates(discovery: Discovery, result: dict[str, Any]) -> Html:
     """The ranking of the first round, and each of several effects compared with the next best."""
-    chosen = {t.candidate.name for t in found.search.chosen}
-    best = chosen | {c.name for each in found.verdict.sets for c in each}
+    chosen = {t.candidate.name for t in discovery.search.chosen}
+    best = chosen | {c.name for answer in discovery.verdict.sets for c in answer}
     rows = [
         [
             Html(f"{code(wording.name_of(t))}<br>{safe(wording.lack_of(t['kind'], t['target']))}"),
@@ -277,9 +286,9 @@ def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
         "logs that it was not fitted to; and stay off its bounds."
     )
     heads = ["Candidate, alone", "parameters (95 %)", "evidence", "explains, held out", ""]
-    more = [
+    comparisons = [
         [code(trials[0].candidate.name), f"{trials[0].drop:,.0f}", *_next_best(trials[1:])]
-        for trials in found.search.rivals
+        for trials in discovery.search.rivals
         if len(chosen) > 1
     ]
     heads_more = ["Effect, beside the others", "evidence", "next best in its place", "evidence"]
@@ -287,7 +296,7 @@ def _candidates(found: Discovery, result: dict[str, Any]) -> Html:
         "Candidates",
         paragraph(note if rows else "No effect of the library promised to explain any of the rest.", "note"),
         table(heads, rows, (2,), stacked=True),
-        table(heads_more, more, (1, 3), stacked=True),
+        table(heads_more, comparisons, (1, 3), stacked=True),
     )
 
 
@@ -303,9 +312,9 @@ def _next_best(trials: Sequence[FittedCandidate]) -> tuple[str, str]:
     return (code(trials[0].candidate.name), f"{trials[0].drop:,.0f}") if trials else ("none", "")
 
 
-def _parameters(found: Discovery, result: dict[str, Any]) -> Html:
-    problem = found.problem
-    given = dict(zip(problem.keys, problem.free_values(problem.config).tolist(), strict=True))
+def _parameters(discovery: Discovery, result: dict[str, Any]) -> Html:
+    problem = discovery.problem
+    configured = dict(zip(problem.keys, problem.free_values(problem.config).tolist(), strict=True))
 
     def row(name: str, p: dict[str, Any], before: str) -> list[str]:
         return [
@@ -320,7 +329,7 @@ def _parameters(found: Discovery, result: dict[str, Any]) -> Html:
         for e in result["effects"]
         for key, p in e["parameters"].items()
     ]
-    rows += [row(key, p, f"{given[key]:.4g}") for key, p in result["calibrated"].items()]
+    rows += [row(key, p, f"{configured[key]:.4g}") for key, p in result["calibrated"].items()]
     written = " They stand in config.toml beside this page." if result["verdict"] == "named" else ""
     note = f"Fitted all together, with 95 % intervals.{written}"
     return section(
@@ -330,21 +339,26 @@ def _parameters(found: Discovery, result: dict[str, Any]) -> Html:
     )
 
 
-def _limits(found: Discovery, logs: Sequence[str]) -> Html:
+def _limits(discovery: Discovery, logs: Sequence[str]) -> Html:
     """What each log was used for, what was missing in it, and what is not identifiable."""
-    evidence = found.problem.evidence
+    evidence = discovery.problem.evidence
     rows = []
-    for i, (name, run) in enumerate(zip(logs, found.problem.forward.runs, strict=True)):
-        mine = evidence.run == i
+    for i, (name, run) in enumerate(zip(logs, discovery.problem.forward.runs, strict=True)):
+        of_log = evidence.run == i
         possible = run.ticks.measured_degC.size
         roles = (evidence.used, evidence.proof, evidence.fold == UNUSED)
-        minutes = [_duration(evidence.time_s[mine & role]) for role in roles]
+        minutes = [_duration(evidence.time_s[of_log & role]) for role in roles]
         rows.append(
-            [name, duration_text(run.run.duration_s), *minutes, f"{100 * (1 - mine.sum() / possible):.1f} %"]
+            [
+                name,
+                duration_text(run.run.duration_s),
+                *minutes,
+                f"{100 * (1 - of_log.sum() / possible):.1f} %",
+            ]
         )
     sentence = "Every effect that was tried would show in these logs if it were strong enough."
-    if found.search.blind:
-        sentence = f"{wording.not_identifiable_sentence(found.search.blind)}."
+    if discovery.search.blind:
+        sentence = f"{wording.not_identifiable_sentence(discovery.search.blind)}."
     heads = ["Log", "lasts", "fitted", "held back as proof", "left out", "readings missing"]
     note = (
         "Proof was opened once, after everything was chosen. What is left out lies between fit and proof, so "

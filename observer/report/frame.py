@@ -10,17 +10,17 @@ from observer.report import wording
 from observer.report.page import Html, code, command, paragraph, safe, section, table, tiles
 
 
-def header(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Html:
+def header(discovery: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Html:
     """The verdict, and the figures that it rests on."""
-    machine, gap = found.problem.config.machine, result["gap"]
+    machine, gap = discovery.problem.config.machine, result["gap"]
     of = f"{machine.name}, axis {machine.axis}"
-    when = f", {result['date'][:10]}" if "date" in result else ""
+    date = f", {result['date'][:10]}" if "date" in result else ""
     first = (
         ("as configured", "as_given") if gap["before_rms_K"] == gap["after_rms_K"] else ("before", "before")
     )
     facts = [
         (f"Gap on data held back, {first[0]} → now", arrow(gap[f"{first[1]}_rms_K"], gap["after_rms_K"])),
-        ("Of it beyond tolerances", beyond(gap)),
+        ("Of it beyond tolerances", excess_text(gap)),
         ("Noise of the sensors alone", wording.kelvin(gap["floor_rms_K"])),
         ("Logs", f"{len(logs)}, the last kept as proof" if len(logs) > 1 else "1, its end kept as proof"),
     ]
@@ -30,12 +30,12 @@ def header(found: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Htm
     facts += [(wording.name_of(e), values(e)) for e in result["effects"]]
     partial = "" if result["partial"] is None else f" {wording.partial_sentence(result['partial'])}."
     happened = wording.event_of(result)
-    where = "" if happened is None else f" {wording.event_sentence(happened, logs[happened['log'] - 1])}."
+    event = "" if happened is None else f" {wording.event_sentence(happened, logs[happened['log'] - 1])}."
     sure = "" if result["verdict"] in ("named", "none") else ' class="doubt"'
-    verdict, gap_left = wording.headline(found.verdict, result), wording.gap_sentence(result)
+    verdict, gap_left = wording.headline(discovery.verdict, result), wording.gap_sentence(result)
     return Html(
-        f'<header{sure}><p class="of">{safe(of)}: what the model lacks<span class="whole">{when}</span></p>'
-        f"<h1>{safe(verdict)}.</h1>{paragraph(f'{gap_left}.{partial}{where}')}{tiles(facts)}</header>"
+        f'<header{sure}><p class="of">{safe(of)}: what the model lacks<span class="whole">{date}</span></p>'
+        f"<h1>{safe(verdict)}.</h1>{paragraph(f'{gap_left}.{partial}{event}')}{tiles(facts)}</header>"
     )
 
 
@@ -85,7 +85,7 @@ def arrow(before_K: float, after_K: float) -> str:
     return f"{wording.kelvin(before_K)} → {wording.kelvin(after_K)}"
 
 
-def beyond(gap: dict[str, Any]) -> str:
+def excess_text(gap: dict[str, Any]) -> str:
     """The part of a gap that no tolerance explains, calibrated without an effect and with those found."""
     before_K, after_K = (gap["beyond_tolerances"][f"{key}_rms_K"] for key in ("before", "after"))
     return wording.kelvin(after_K) if before_K == after_K else arrow(before_K, after_K)

@@ -32,11 +32,11 @@ def document(title: str, parts: Sequence[Html]) -> str:
 
 def section(title: str, *parts: Html) -> Html:
     """Return a part of the page under a heading; empty parts are left out, as is a section without any."""
-    kept = [part for part in parts if part]
-    if not kept:
+    shown = [part for part in parts if part]
+    if not shown:
         return Html("")
-    begin = f'<section><div class="kept"><h2>{escape(title)}</h2>\n{kept[0]}</div>'  # on paper on one page
-    return Html("\n".join([begin, *kept[1:], "</section>"]))
+    begin = f'<section><div class="kept"><h2>{escape(title)}</h2>\n{shown[0]}</div>'  # on paper on one page
+    return Html("\n".join([begin, *shown[1:], "</section>"]))
 
 
 def paragraph(text: str, kind: str = "") -> Html:
@@ -63,12 +63,12 @@ def table(
         return Html("")
 
     def line(tag: str, cells: Sequence[str]) -> str:
-        found = []
+        html = []
         for i, cell in enumerate(cells):
             kind = ' class="n"' if i in numbers else ""
             head = f' data-head="{escape(heads[i])}"' if stacked and i and heads[i] and tag == "td" else ""
-            found.append(f"<{tag}{kind}{head}>{safe(cell)}</{tag}>")
-        return "".join(found)
+            html.append(f"<{tag}{kind}{head}>{safe(cell)}</{tag}>")
+        return "".join(html)
 
     body = "\n".join(f"<tr>{line('td', row)}</tr>" for row in rows)
     head = f"<thead><tr>{line('th', heads)}</tr></thead>"
@@ -78,7 +78,7 @@ def table(
 
 def tiles(facts: Sequence[tuple[str, str]]) -> Html:
     """Return a few facts, each what and how much, side by side."""
-    cells = "".join(f"<div><dt>{safe(what)}</dt><dd>{safe(value)}</dd></div>" for what, value in facts)
+    cells = "".join(f"<div><dt>{safe(name)}</dt><dd>{safe(value)}</dd></div>" for name, value in facts)
     return Html(f'<dl class="tiles">{cells}</dl>')
 
 

@@ -127,10 +127,10 @@ class Panel(NamedTuple):
 
     def limits(self, *values: FloatArray) -> None:
         """Set limits by values, so that a wide band at the start does not flatten everything."""
-        every = np.concatenate([v.ravel() for v in values])
-        if not np.isfinite(every).any():
+        all_values = np.concatenate([v.ravel() for v in values])
+        if not np.isfinite(all_values).any():
             return  # nothing was ever known
-        low, high = float(np.nanmin(every)), float(np.nanmax(every))
+        low, high = float(np.nanmin(all_values)), float(np.nanmax(all_values))
         pad = 0.12 * max(high - low, 1e-6 + 0.01 * abs(high))
         self.axes.set_ylim(low - pad, high + pad)
 
@@ -254,16 +254,18 @@ def innovations(
         panel.band(bottom, top, ink, 0.45)
         axes.plot(t, (bottom + top) / 2, color=ink, lw=0.7)
         for level in _BAD:
-            here = t[quality[:, i] == int(level)]
-            axes.plot(here, np.full(len(here), centre - 0.46), "|", ms=5, mew=1.2, color=QUALITY[int(level)])
+            times = t[quality[:, i] == int(level)]
+            axes.plot(
+                times, np.full(len(times), centre - 0.46), "|", ms=5, mew=1.2, color=QUALITY[int(level)]
+            )
     axes.set_yticks(range(lanes), names[::-1])
     axes.set_ylim(-0.55, lanes - 0.45)
     axes.grid(visible=False, axis="y")
     axes.set_title("Innovations: measured less predicted one step before, K")
-    seen = [level for level in _BAD if np.any(quality == int(level))]
-    bars = [panel.sample(marker="s", ls="", ms=7, color=QUALITY[int(level)]) for level in seen]
+    levels = [level for level in _BAD if np.any(quality == int(level))]
+    bars = [panel.sample(marker="s", ls="", ms=7, color=QUALITY[int(level)]) for level in levels]
     edges = panel.sample(color=QUIET, lw=0.7, ls=(0, (1, 2)))
-    panel.explain([edges, *bars], [f"±{limit_K:g} K", *(level.label for level in seen)])
+    panel.explain([edges, *bars], [f"±{limit_K:g} K", *(level.label for level in levels)])
 
 
 def scale_limit(values: Sequence[FloatArray], least: float) -> float:
@@ -287,9 +289,9 @@ def quality_strip(panel: Panel, quality: FloatArray) -> None:
     )  # fmt: skip
     panel.axes.set_yticks([0.5], ["quality"])
     panel.axes.grid(visible=False)
-    seen = sorted({int(EstimateQuality.GOOD), *np.unique(quality).astype(int).tolist()})
-    patches = [Patch(color=ESTIMATE_QUALITY[q]) for q in seen]
-    panel.explain(patches, [EstimateQuality(q).label for q in seen])
+    qualities = sorted({int(EstimateQuality.GOOD), *np.unique(quality).astype(int).tolist()})
+    patches = [Patch(color=ESTIMATE_QUALITY[q]) for q in qualities]
+    panel.explain(patches, [EstimateQuality(q).label for q in qualities])
 
 
 def sensors(
@@ -302,10 +304,10 @@ def sensors(
     if predicted_degC is None:
         panel.curves(measured_degC, names, inks, lw=1.0)
     else:
-        some = np.isfinite(measured_degC).any()
+        is_measured = np.isfinite(measured_degC).any()
         panel.curves(measured_degC, blank, inks, lw=0.8, alpha=0.45)
         panel.curves(predicted_degC, names, inks)
-        title = "Sensors: predicted (bold) and measured (faint)" if some else "Sensors, predicted"
+        title = "Sensors: predicted (bold) and measured (faint)" if is_measured else "Sensors, predicted"
     panel.limits(measured_degC, np.zeros(0) if predicted_degC is None else predicted_degC)
     panel.axes.set(title=title, ylabel="°C")
     panel.explain(title=key)

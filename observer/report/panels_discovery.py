@@ -88,13 +88,13 @@ def tracks_of(evidence: Evidence, logs: Sequence[str], rows: dict[str, FloatArra
     column = np.rint(evidence.time_s / MEAN_S).astype(np.int64) - 1
     tracks = []
     for i, name in enumerate(logs):
-        mine = evidence.run == i
-        length = int(column[mine].max(initial=0)) + 1
+        of_log = evidence.run == i
+        length = int(column[of_log].max(initial=0)) + 1
         role = np.full(length, np.nan)
-        role[column[mine]] = evidence.fold[mine]
+        role[column[of_log]] = evidence.fold[of_log]
         values = {key: np.full((sensors, length), np.nan) for key in rows}
         for key, grid in values.items():
-            grid[evidence.sensor[mine], column[mine]] = rows[key][mine]
+            grid[evidence.sensor[of_log], column[of_log]] = rows[key][of_log]
         tracks.append(Track(name, role, values))
     return tuple(tracks)
 
@@ -210,11 +210,11 @@ def _head(axes: Axes, track: Track, width: float, *, names: bool) -> None:
     axes.set(xlim=(0, len(track.role)), ylim=(0, 1))
     if names:
         axes.text(0, 0.98, shortened(track.name, int(width / 0.085)), va="top", weight="bold")
-    known = np.flatnonzero(np.isfinite(track.role))
-    kind = np.where(track.role[known] >= 0, 0, track.role[known])
+    used = np.flatnonzero(np.isfinite(track.role))
+    kind = np.where(track.role[used] >= 0, 0, track.role[used])
     starts = np.flatnonzero(np.diff(kind, prepend=np.nan) != 0)
     for first, after in zip(starts, np.append(starts[1:], len(kind)), strict=True):
-        begin, end = float(known[first]), float(known[after - 1] + 1)
+        begin, end = float(used[first]), float(used[after - 1] + 1)
         role = ROLES.get(int(kind[first]), "fitted")
         proof = role == "proof"
         axes.axvspan(begin, end, 0.02, 0.48, fc=INK if proof else FAINT, ec="none")
@@ -280,9 +280,9 @@ def _scale(figure: Figure, height: float, limit_K: float, time: str) -> None:
     ticks = limit_K * np.array([-1, -0.5, 0, 0.5, 1])
     axes.set_xticks(ticks, [f"{x:+.3g}".replace("-", "−") if x else "0" for x in ticks])
     axes.tick_params(length=2)
-    beside: dict[str, Any] = {"va": "center", "transform": axes.transAxes}
-    axes.text(-0.03, 0.5, "measured − predicted, K", ha="right", **beside)
-    axes.text(1.03, 0.5, "hatched: no data", ha="left", color=QUIET, **beside)
+    style: dict[str, Any] = {"va": "center", "transform": axes.transAxes}
+    axes.text(-0.03, 0.5, "measured − predicted, K", ha="right", **style)
+    axes.text(1.03, 0.5, "hatched: no data", ha="left", color=QUIET, **style)
 
 
 def _axes(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
@@ -309,8 +309,8 @@ def _svg(figure: Figure, name: str, label: str) -> str:
 
     buffer = StringIO()
     with mpl.rc_context({"svg.hashsalt": name}):
-        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        figure.savefig(buffer, format="svg", metadata=nothing)
+        metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        figure.savefig(buffer, format="svg", metadata=metadata)
     drawn = buffer.getvalue()
     drawn = drawn[drawn.index("<svg") :]
     root, inside = drawn.split(">", 1)

@@ -47,7 +47,7 @@ def draw_overview(figure: Figure, config: Config, samples: ReplaySamples, title:
     )
     thermal = [unit == "K" for unit in layout.units]  # a displacement's are of another unit
     panels.innovations(
-        innovations, [n for n, own in zip(layout.sensors, thermal, strict=True) if own],
+        innovations, [n for n, is_thermal in zip(layout.sensors, thermal, strict=True) if is_thermal],
         (samples.low("innovation_K")[:, thermal], samples.high("innovation_K")[:, thermal]),
         samples.high("sensor_quality")[:, thermal],
         max(s.noise_K for s in config.sensor if s.kind == "temperature"),
@@ -108,13 +108,13 @@ def _samples(config: Config, history: HeatHistory, blocks: Sequence[Inputs]) -> 
     samples, begin = Decimator(), 0
     estimated = np.flatnonzero([s.estimate for s in config.source])
     for block in blocks:
-        here = slice(begin, begin + len(block))
+        rows = slice(begin, begin + len(block))
         begin += len(block)
         samples.add(
             {
                 "time_s": block.time_s,
-                "heat_W": history.heat_W[here],
-                "sigma_W": history.heat_sigma_W[here],
+                "heat_W": history.heat_W[rows],
+                "sigma_W": history.heat_sigma_W[rows],
                 "law_W": block.law_W[:, estimated],
                 "measured_degC": np.where(block.usable, block.y_degC, np.nan),
             }
@@ -123,12 +123,12 @@ def _samples(config: Config, history: HeatHistory, blocks: Sequence[Inputs]) -> 
 
 
 def draw_forecast(
-    figure: Figure, title: str, position_m: FloatArray, found: Forecast, within_um: float
+    figure: Figure, title: str, position_m: FloatArray, forecast: Forecast, within_um: float
 ) -> list[Panel]:
     """Draw a panel of temperatures and, where it is known, one of the thermal error at some positions."""
-    ahead, settled, t = found.ahead, found.settled, found.ahead.time_s / 60.0
+    ahead, settled, t = forecast.ahead, forecast.settled, forecast.ahead.time_s / 60.0
     has_error = ahead.error_um.shape[1] > 0
-    page = _panels(figure, title, found.program.text, t, "time from now, min", (1.0,) * (1 + has_error))
+    page = _panels(figure, title, forecast.program.text, t, "time from now, min", (1.0,) * (1 + has_error))
     words = "with 95 %; dashes: where it settles"
     panels.at_positions(
         page[0], position_m, ahead.field_degC, ahead.field_sigma_K, f"Temperature, {words}", "°C",

@@ -29,9 +29,9 @@ _SIGMAS = {
 """The columns of two numbers: rms over the travel, and worst."""
 
 
-def as_text(found: dict[str, Any]) -> RenderableType:
+def as_text(result: dict[str, Any]) -> RenderableType:
     """Lay out the sets, the cheapest first, and below them the sensors that the configuration has."""
-    rows = [*found["sets"], found["configured"]]
+    rows = [*result["sets"], result["configured"]]
     shown = [name for name, keys in _SIGMAS.items() if rows[0][keys[0]] is not None]
     heads = ["cost", *(f"{name}, W" for name in rows[0]["heat_sigma_W"]), *shown]
     sigmas, members = (Table(box=None, pad_edge=False, header_style="bold") for _ in range(2))
@@ -40,54 +40,54 @@ def as_text(found: dict[str, Any]) -> RenderableType:
     members.add_column("cost", justify="right", no_wrap=True)
     members.add_column("sensors")
     for row in rows:
-        cost = "now" if row is found["configured"] else f"{row['cost']:g}"
+        cost = "now" if row is result["configured"] else f"{row['cost']:g}"
         pairs = [tuple(row[key] for key in _SIGMAS[name]) for name in shown]
         heats = [f"{x:.3g}" for x in row["heat_sigma_W"].values()]
         sigmas.add_row(cost, *heats, *(f"{rms:.3g} ({worst:.3g})" for rms, worst in pairs))
         members.add_row(cost, Text(", ".join(row["names"])))
-    return Group(*(Text(line) for line in _said(found)), Text(), sigmas, Text(), members)
+    return Group(*(Text(line) for line in _sentences(result)), Text(), sigmas, Text(), members)
 
 
-def _said(found: dict[str, Any]) -> list[str]:
-    tried = found["tried"]
+def _sentences(result: dict[str, Any]) -> list[str]:
+    tried = result["tried"]
     searched = (
         f"all {tried} sets were tried" if tried > 1 else "the only set within number and budget was tried"
     )
-    if not found["exhaustive"]:
+    if not result["exhaustive"]:
         searched = (
             f"{tried} sets were tried, not all: from those worth their cost, one sensor more, less "
             "or exchanged"
         )
     return [
-        f"judged by {_BY[found['by']]}; {searched}",
+        f"judged by {_BY[result['by']]}; {searched}",
         f"{SHIFT_SAID}; of field and error as rms over the travel (at its worst place)",
     ]
 
 
-def write_costs(path: Path, found: dict[str, Any]) -> None:
+def write_costs(path: Path, result: dict[str, Any]) -> None:
     """Draw the σ of the sets against their cost, and which sensors they have."""
-    sets, now = found["sets"], found["configured"]
+    sets, now = result["sets"], result["configured"]
     shown = [name for name, keys in _SIGMAS.items() if now[keys[0]] is not None]
     names = list(dict.fromkeys(name for one in sets for name in one["names"]))
     with drawn(path, 14.0, 6.0 + 0.28 * len(names)) as figure:
         parts = figure.subfigures(2, 1, squeeze=False, height_ratios=(4.4, 0.9 + 0.28 * len(names)))[:, 0]
         panels = parts[0].subplots(1, 1 + len(shown), squeeze=False)[0]
-        _lines(panels[0], found, "heats, W", {n: ("heat_sigma_W", n) for n in now["heat_sigma_W"]})
+        _lines(panels[0], result, "heats, W", {n: ("heat_sigma_W", n) for n in now["heat_sigma_W"]})
         for axes, name in zip(panels[1:], shown, strict=True):
             rms, worst = _SIGMAS[name]
-            _lines(axes, found, name, {"rms over the travel": (rms,), "worst place": (worst,)})
+            _lines(axes, result, name, {"rms over the travel": (rms,), "worst place": (worst,)})
         _members(parts[1].subplots(), sets, names)
 
 
-def _lines(axes: Axes, found: dict[str, Any], title: str, keys: dict[str, tuple[str, ...]]) -> None:
+def _lines(axes: Axes, result: dict[str, Any], title: str, keys: dict[str, tuple[str, ...]]) -> None:
     """σ against cost, dashed what the configured sensors leave."""
     from matplotlib.ticker import LogLocator, NullFormatter  # noqa: PLC0415
 
-    costs = [one["cost"] for one in found["sets"]]
+    costs = [one["cost"] for one in result["sets"]]
     for i, (name, path) in enumerate(keys.items()):
-        values = [_at(one, path) for one in found["sets"]]
+        values = [_at(one, path) for one in result["sets"]]
         axes.plot(costs, values, "o-", ms=5, color=colour(i), label=name)
-        axes.axhline(_at(found["configured"], path), color=colour(i), ls="--", lw=1.0)
+        axes.axhline(_at(result["configured"], path), color=colour(i), ls="--", lw=1.0)
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")

@@ -37,7 +37,7 @@ class Profiles:
 def draw_profiles(figure: Figure, profiles: Profiles) -> None:
     """Draw a curve for each time, with its 95 %, as Li et al. (2022) have it in figure 11."""
     figure.set_layout_engine("constrained")
-    known = bool(np.isfinite(profiles.error_um).any())
+    has_error = bool(np.isfinite(profiles.error_um).any())
     above, left, right = figure.subplot_mosaic([["a", "a"], ["b", "c"]]).values()
     x_mm, minutes = 1000.0 * profiles.position_m, (profiles.time_s - profiles.time_s[0]) / 60.0
     first = 0.0 if len(minutes) == 1 else minutes[1] - minutes[0]
@@ -49,8 +49,8 @@ def draw_profiles(figure: Figure, profiles: Profiles) -> None:
         for k, (curve, spread) in enumerate(zip(values, sigma, strict=True)):
             _curve(axes, x_mm, curve, spread, inks[k], f"{first + minutes[k]:.3g} min")
         axes.set(title=title, xlabel="mm")
-    above.set_visible(known)
-    (above if known else left).legend(fontsize=8, ncols=2)
+    above.set_visible(has_error)
+    (above if has_error else left).legend(fontsize=8, ncols=2)
     for j, name in enumerate(profiles.names):
         _curve(right, first + minutes, profiles.heat_W[:, j], profiles.heat_sigma_W[:, j], colour(j), name)
     right.set(title="Heat, W", xlabel="min")

@@ -52,7 +52,7 @@ OF_PARTS = "gain"
 """That of sensors that show a part, known to a tolerance of their own."""
 SHIFT_SAID = f"σ below: means over two hours at {SPEED_RPM:g} rpm and an hour at rest, from ten minutes on"
 """The standard shift in words."""
-_SAID = {"heat": "heats", "field": "field", "error": "error"}
+_PLURALS = {"heat": "heats", "field": "field", "error": "error"}
 
 
 def tolerances(config: Config) -> dict[str, Any]:
@@ -68,20 +68,22 @@ def tolerances(config: Config) -> dict[str, Any]:
     plant = replace(plant, noise_R_K2=plant.noise_R_K2 * rarer)
     keys = np.array([Nuisance(kind).key for kind in plant.parameters.kind], np.str_)
     parts = [s.shows_tolerance for s in config.sensor if s.shows_tolerance is not None]
-    asked = [key for key in KEYS if (config.node or key not in OF_NODES) and (any(parts) or key != OF_PARTS)]
-    cases = [np.ones(len(keys))]
-    cases += [np.where(keys == key, AS_KNOWN, 1.0) for key in asked]
-    cases.append(np.where(keys == Nuisance.LAW.key, 1.0, AS_KNOWN))
-    found = spread(plant, config.estimator, standard_shift(config, plant), np.array(cases))
-    if isinstance(found, NotDefined):
-        return {"tolerances": [], "improve_first": {}, "tolerances_left_out": f"not computed: {found.reason}"}
-    own = config.tolerance.model_dump() | {OF_PARTS: max(parts, default=0.0)}
-    values: list[float | None] = [None, *(own[key] for key in asked), None]
-    rows = [
-        _row(plant, found, i, key, value)
-        for i, (key, value) in enumerate(zip((CONFIGURED, *asked, ALL), values, strict=True))
+    keys_used = [
+        key for key in KEYS if (config.node or key not in OF_NODES) and (any(parts) or key != OF_PARTS)
     ]
-    return {"tolerances": rows, "improve_first": _first(found, asked), "tolerances_left_out": None}
+    cases = [np.ones(len(keys))]
+    cases += [np.where(keys == key, AS_KNOWN, 1.0) for key in keys_used]
+    cases.append(np.where(keys == Nuisance.LAW.key, 1.0, AS_KNOWN))
+    sigma = spread(plant, config.estimator, standard_shift(config, plant), np.array(cases))
+    if isinstance(sigma, NotDefined):
+        return {"tolerances": [], "improve_first": {}, "tolerances_left_out": f"not computed: {sigma.reason}"}
+    configured = config.tolerance.model_dump() | {OF_PARTS: max(parts, default=0.0)}
+    values: list[float | None] = [None, *(configured[key] for key in keys_used), None]
+    rows = [
+        _row(plant, sigma, i, key, value)
+        for i, (key, value) in enumerate(zip((CONFIGURED, *keys_used, ALL), values, strict=True))
+    ]
+    return {"tolerances": rows, "improve_first": _first(sigma, keys_used), "tolerances_left_out": None}
 
 
 def few_modes(config: Config) -> Config:
@@ -91,29 +93,29 @@ def few_modes(config: Config) -> Config:
     return config.model_copy(update={"model": config.model.model_copy(update={"modes": MOST_MODES})})
 
 
-def _row(plant: Plant, found: Spread, i: int, key: str, value: float | None) -> dict[str, Any]:
+def _row(plant: Plant, sigma: Spread, i: int, key: str, value: float | None) -> dict[str, Any]:
     return {
         "key": key,
         "tolerance": value,
-        "heat_sigma_W": dict(zip(plant.layout.sources, found.heat_W[i].tolist(), strict=True)),
-        "field_sigma_K": float(found.field_K[i]),
-        "error_sigma_um": None if found.error_um is None else float(found.error_um[i]),
+        "heat_sigma_W": dict(zip(plant.layout.sources, sigma.heat_W[i].tolist(), strict=True)),
+        "field_sigma_K": float(sigma.field_K[i]),
+        "error_sigma_um": None if sigma.error_um is None else float(sigma.error_um[i]),
     }
 
 
-def _first(found: Spread, asked: Sequence[str]) -> dict[str, dict[str, Any] | None]:
+def _first(sigmas: Spread, keys: Sequence[str]) -> dict[str, dict[str, Any] | None]:
     """By quantity the key that helps most, and by what part it makes σ smaller."""
-    quantities = {"heat": np.sqrt(np.mean(found.heat_W**2, axis=1)), "field": found.field_K}
-    if found.error_um is not None:
-        quantities["error"] = found.error_um
-    return {name: _best(sigma, asked) for name, sigma in quantities.items()}
+    quantities = {"heat": np.sqrt(np.mean(sigmas.heat_W**2, axis=1)), "field": sigmas.field_K}
+    if sigmas.error_um is not None:
+        quantities["error"] = sigmas.error_um
+    return {name: _best(sigma, keys) for name, sigma in quantities.items()}
 
 
-def _best(sigma: FloatArray, asked: Sequence[str]) -> dict[str, Any] | None:
-    """The best of the cases `asked` between the first, which is as configured, and the last, of all, (v,)."""
+def _best(sigma: FloatArray, keys: Sequence[str]) -> dict[str, Any] | None:
+    """The best of the cases `keys` between the first, which is as configured, and the last, of all, (v,)."""
     fall = 1.0 - sigma[1:-1] / sigma[0]
     best = int(np.argmax(fall))
-    return {"key": asked[best], "fall": float(fall[best])} if fall[best] >= WORTH_A_WORD else None
+    return {"key": keys[best], "fall": float(fall[best])} if fall[best] >= WORTH_A_WORD else None
 
 
 def advice(improve_first: dict[str, dict[str, Any] | None]) -> str:
@@ -121,7 +123,7 @@ def advice(improve_first: dict[str, dict[str, Any] | None]) -> str:
     named: dict[str, list[str]] = {}
     for quantity, best in improve_first.items():
         if best is not None:
-            named.setdefault(best["key"], []).append(f"σ of {_SAID[quantity]} -{best['fall']:.0%}")
+            named.setdefault(best["key"], []).append(f"σ of {_PLURALS[quantity]} -{best['fall']:.0%}")
     if not named:
         return "no single tolerance costs much"
     return "; ".join(f"{key} ({', '.join(falls)}): {KEYS[key]}" for key, falls in named.items())
@@ -133,24 +135,24 @@ def detectable(config: Config) -> dict[str, Any]:
     `further_sensor`, how one more would reduce the largest of these; `slow_in_sigma`, whether σ allows for
     slow faults that are not noticed; and `not_screened`, why none of it.
     """
-    reason, found = _why_not(config), None
+    reason, faults = _why_not(config), None
     if reason is None:
         config = few_modes(config)
         plant = build_plant(config, learns=True)
-        found = noticed(plant, standard_shift(config, plant), _sample_s(config))
-        reason = "not computed: there are too many states" if found is None else None
-    if found is None:
+        faults = noticed(plant, standard_shift(config, plant), _sample_s(config))
+        reason = "not computed: there are too many states" if faults is None else None
+    if faults is None:
         return {
             "minimal_detectable": {}, "further_sensor": None, "slow_in_sigma": False, "not_screened": reason
         }  # fmt: skip
     rows = {
         sensor.name: {"fault_K": jump_K, "time_s": time_s, "slow_K": _finite(slow_K)}
         for sensor, jump_K, time_s, slow_K in zip(
-            config.sensor, *(column.tolist() for column in found), strict=True
+            config.sensor, *(column.tolist() for column in faults), strict=True
         )
         if sensor.kind == "temperature"
     }
-    further = _further(config, found.slow_K) if np.isfinite(found.slow_K).all() else None
+    further = _further(config, faults.slow_K) if np.isfinite(faults.slow_K).all() else None
     return {
         "minimal_detectable": rows,
         "further_sensor": further,
@@ -165,8 +167,8 @@ def _why_not(config: Config) -> str | None:
         return "nothing is screened: [integrity] enabled = false; readings are refused by the gate alone"
     if not config.estimator.learns:
         kind = config.estimator.kind
-        said = f'engine = "{config.estimator.engine}"' if kind == "kalman" else f'kind = "{kind}"'
-        return f"nothing is screened: {said}; only the compiled Kalman filter does, others have their gate"
+        setting = f'engine = "{config.estimator.engine}"' if kind == "kalman" else f'kind = "{kind}"'
+        return f"nothing is screened: {setting}; only the compiled Kalman filter does, others have their gate"
     return None
 
 
@@ -174,7 +176,7 @@ def _sample_s(config: Config) -> FloatArray:
     """How often each sensor has a sample (s,): at the ticks of the estimator after its own."""
     period_s = config.estimator.period_s
     own_s = [s.probing_s or config.sample_s.get(s.channel, period_s) for s in config.sensor]
-    return np.array([period_s * max(1, math.ceil(each / period_s - 1e-9)) for each in own_s])
+    return np.array([period_s * max(1, math.ceil(sensor_s / period_s - 1e-9)) for sensor_s in own_s])
 
 
 def _further(config: Config, slow_K: FloatArray) -> dict[str, Any] | None:
@@ -187,9 +189,9 @@ def _further(config: Config, slow_K: FloatArray) -> dict[str, Any] | None:
     worst = int(np.argmax(np.where(thermal, slow_K, 0.0)))
     best: dict[str, Any] | None = None
     for place in _places(config):
-        more = _with_another(config, place)
-        plant = build_plant(more, learns=True)
-        least_K = slow_fault_K(plant, standard_shift(more, plant), _sample_s(more), worst)
+        extended = _with_another(config, place)
+        plant = build_plant(extended, learns=True)
+        least_K = slow_fault_K(plant, standard_shift(extended, plant), _sample_s(extended), worst)
         if least_K is None:
             return None
         if best is None or least_K < best["slow_K_then"]:
@@ -201,14 +203,14 @@ def _further(config: Config, slow_K: FloatArray) -> dict[str, Any] | None:
 def _places(config: Config) -> Iterator[dict[str, Any]]:
     """Where a further thermocouple can be mounted: `position_m` on the screw, or the body it is `on`."""
     there_m = [s.position_m for s in config.sensor if s.position_m is not None]
-    wanted = [c for c in config.candidate if c.kind == "temperature"]
+    candidates = [c for c in config.candidate if c.kind == "temperature"]
     along_m = np.linspace(0.0, config.screw.length_m, PLACES).round(6).tolist() if there_m else []
     on = [node.name for node in config.node] if not there_m else []
-    if wanted:
-        on = [c.on for c in wanted if c.on is not None]
-        along_m = [c.position_m for c in wanted if c.position_m is not None]
+    if candidates:
+        on = [c.on for c in candidates if c.on is not None]
+        along_m = [c.position_m for c in candidates if c.position_m is not None]
     for x_m in along_m:
-        if min((abs(x_m - each) for each in there_m), default=math.inf) >= NEAREST_M:
+        if min((abs(x_m - occupied_m) for occupied_m in there_m), default=math.inf) >= NEAREST_M:
             yield {"position_m": x_m, "on": None}
     for name in on:
         yield {"position_m": None, "on": name}
@@ -234,10 +236,10 @@ def buys(further: dict[str, Any] | None) -> str:
     now_K, then_K, sensor = further["slow_K_now"], further["slow_K_then"], further["sensor"]
     on = further.get("on")
     if then_K > (1.0 - WORTH_A_WORD) * now_K:
-        where = "on the screw" if on is None else "on nut or housings"
-        return f"no further thermocouple {where} would bring {sensor}'s slow fault far below {now_K:.3g} K"
-    where = f"at {further['position_m']:.3g} m" if on is None else f"more on {on}"
-    return f"a thermocouple {where} would bring {sensor}'s slow fault from {now_K:.3g} to {then_K:.3g} K"
+        place = "on the screw" if on is None else "on nut or housings"
+        return f"no further thermocouple {place} would bring {sensor}'s slow fault far below {now_K:.3g} K"
+    place = f"at {further['position_m']:.3g} m" if on is None else f"more on {on}"
+    return f"a thermocouple {place} would bring {sensor}'s slow fault from {now_K:.3g} to {then_K:.3g} K"
 
 
 def _finite(value: float) -> float | None:

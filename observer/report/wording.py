@@ -38,12 +38,12 @@ SUPERSCRIPT = str.maketrans("23", "²³")
 """Separation below which a test may not decide, and below which it certainly does not."""
 
 
-def as_sentences(found: Discovery, result: dict[str, Any]) -> Iterator[str]:
+def as_sentences(discovery: Discovery, result: dict[str, Any]) -> Iterator[str]:
     """Yield what a discovery comes to, line by line: verdict, parameters or the deciding test, residual.
 
     `result` is the content of its `result.json`.
     """
-    yield f"{headline(found.verdict, result)}."
+    yield f"{headline(discovery.verdict, result)}."
     for effect in result["effects"]:
         values = ", ".join(f"{key} = {measured(p)}" for key, p in effect["parameters"].items())
         yield f"  {name_of(effect)}: {values}"
@@ -62,8 +62,8 @@ def as_sentences(found: Discovery, result: dict[str, Any]) -> Iterator[str]:
     yield f"{gap_sentence(result)}."
     if result["worth"] is not None:
         yield f"{worth_sentence(result['worth'])}."
-    if found.search.blind:
-        yield f"{not_identifiable_sentence(found.search.blind)}."
+    if discovery.search.blind:
+        yield f"{not_identifiable_sentence(discovery.search.blind)}."
 
 
 _SUPPORTED = {
@@ -72,12 +72,12 @@ _SUPPORTED = {
 }
 
 
-def displacement_sentence(said: dict[str, Any]) -> str:
+def displacement_sentence(displacements: dict[str, Any]) -> str:
     """What displacement sensors say, without a full stop."""
     names = " or ".join(
         f"{c['key']} = {c['value']:.4g} ({c['ci95'][0]:.4g} … {c['ci95'][1]:.4g}) {unit_text(c['unit'])}"
         f", {c['before']:.4g} before"
-        for c in said["causes"]
+        for c in displacements["causes"]
     )
     text = {
         "explained": "What the temperatures make the screw grow explains the displacements",
@@ -85,8 +85,8 @@ def displacement_sentence(said: dict[str, Any]) -> str:
         "ambiguous": f"The displacements cannot distinguish {names}",
         "unknown": "Something moves the axis that no temperature shows, and it is none of what was tried",
         "not_identifiable": "There are too few displacements to say anything of them",
-    }[said["verdict"]]
-    return text + _SUPPORTED.get(said["supports"], "")
+    }[displacements["verdict"]]
+    return text + _SUPPORTED.get(displacements["supports"], "")
 
 
 def headline(verdict: Verdict, result: dict[str, Any]) -> str:
@@ -98,10 +98,10 @@ def headline(verdict: Verdict, result: dict[str, Any]) -> str:
         doubted = f"The logs themselves are in doubt; {missing}"
         return doubted if verdict.suspected else f"The calibrated model explains the logs; {missing}"
     if verdict.kind == "ambiguous":
-        answers = [joined([lack_of(c.kind, c.target) for c in each]) for each in verdict.sets]
-        every, family = joined(answers, last="; or ", between="; "), result["family"]
+        answers = [joined([lack_of(c.kind, c.target) for c in causes]) for causes in verdict.sets]
+        alternatives, family = joined(answers, last="; or ", between="; "), result["family"]
         lacks = "one of these effects" if family is None else family_text(family)
-        return f"The model lacks {lacks}; the logs cannot distinguish its possible causes: {every}"
+        return f"The model lacks {lacks}; the logs cannot distinguish its possible causes: {alternatives}"
     if verdict.suspected:
         return "The logs themselves are in doubt, so no effect is reported as missing"
     if verdict.kind == "unknown":
@@ -121,8 +121,8 @@ def lack_of(kind: str, *targets: str | None) -> str:
 
 def family_text(family: dict[str, Any]) -> str:
     """A family with its figure, and what stands beside it, as what a model lacks."""
-    every = [_family_text(family), *(_family_text(each) for each in family.get("beside", ()))]
-    return joined(every)
+    texts = [_family_text(family), *(_family_text(other) for other in family.get("beside", ()))]
+    return joined(texts)
 
 
 def _family_text(family: dict[str, Any]) -> str:
@@ -139,13 +139,13 @@ def partial_sentence(partial: dict[str, Any]) -> str:
     """What an effect explains of the unknown, and what remains, without a full stop."""
     if partial["family"] is None:
         values = ", ".join(f"{key} = {measured(p)}" for key, p in partial["parameters"].items())
-        what = f"{lack_of(partial['kind'], partial['target'])} ({name_of(partial)}: {values})"
+        cause = f"{lack_of(partial['kind'], partial['target'])} ({name_of(partial)}: {values})"
     else:
-        what = family_text(partial["family"])
+        cause = family_text(partial["family"])
     doing = "" if partial["phase"] is None else f", {during(partial['phase'])}"
-    remain, beyond = (kelvin(partial[f"remains_{key}rms_K"]) for key in ("", "beyond_tolerances_"))
+    remain, excess = (kelvin(partial[f"remains_{key}rms_K"]) for key in ("", "beyond_tolerances_"))
     return (
-        f"Of what is missing {what} explains {100 * partial['share']:.0f} %; {remain} rms remain ({beyond} "
+        f"Of what is missing {cause} explains {100 * partial['share']:.0f} %; {remain} rms remain ({excess} "
         f"beyond tolerances), most on {partial['most_on']}{doing}"
     )
 
@@ -181,14 +181,14 @@ def name_of(effect: dict[str, Any]) -> str:
 
 def gap_sentence(result: dict[str, Any]) -> str:
     """How far measured and predicted are apart on the proof, without a full stop."""
-    gap, beyond = result["gap"], result["gap"]["beyond_tolerances"]
-    before, after, given = (kelvin(gap[f"{key}_rms_K"]) for key in ("before", "after", "as_given"))
-    first_K, last_K = (kelvin(beyond[f"{key}_rms_K"]) for key in ("before", "after"))
+    gap, excess = result["gap"], result["gap"]["beyond_tolerances"]
+    before, after, configured = (kelvin(gap[f"{key}_rms_K"]) for key in ("before", "after", "as_given"))
+    first_K, last_K = (kelvin(excess[f"{key}_rms_K"]) for key in ("before", "after"))
     noise = f"noise alone: {kelvin(gap['floor_rms_K'])}"
     if gap["before_rms_K"] == gap["after_rms_K"]:
         return (
             f"On data held back the calibrated model is off by {after} rms, {last_K} beyond tolerances "
-            f"(as configured: {given}; {noise})"
+            f"(as configured: {configured}; {noise})"
         )
     with_what = {
         "ambiguous": " with the first of them",
@@ -218,12 +218,12 @@ def event_sentence(event: dict[str, Any], log: str) -> str:
     """Where, when, and by how many watts something happened, without a full stop."""
     heat, wide = abs(event["heat_W"]), 1.96 * event["heat_sigma_W"]
     watts = f"{heat:.{_digits(wide)}f} ± {wide:.{_digits(wide)}f}"
-    more = "more" if event["heat_W"] > 0 else "less"
+    sign = "more" if event["heat_W"] > 0 else "less"
     above = "above" if event["mean_K"] > 0 else "below"
     begin, end = (duration_text(event[key]) for key in ("from_s", "to_s"))
     return (
         f"The error is largest near sensor {event['sensor']} in {log}, from {begin} to {end} "
-        f"({PHASES.get(event['phase'], event['phase'])}): {watts} W {more} heat than the model has, "
+        f"({PHASES.get(event['phase'], event['phase'])}): {watts} W {sign} heat than the model has, "
         f"measured {kelvin(abs(event['mean_K']))} {above} predicted"
     )
 

@@ -34,11 +34,11 @@ def main() -> None:
     pages = Pages(Past(Path(folder), name), question["in_force"], question["gap_s"])
     try:
         span = Span.of(question["asked"], time.time())
-        found = pages.estimates(span) if question["key"] == "estimate" else pages.readings(span)
+        page = pages.estimates(span) if question["key"] == "estimate" else pages.readings(span)
     except UserError as error:
         sys.stderr.write(str(error))
         sys.exit(2)
-    sys.stdout.buffer.write(found)
+    sys.stdout.buffer.write(page)
 
 
 main()

@@ -27,13 +27,13 @@ class PastProcess:
         self._child: subprocess.Popen[bytes] | None = None
         self._is_closed = False
 
-    def ask(self, key: str, asked: Mapping[str, str]) -> PastReply:
+    def ask(self, key: str, parameters: Mapping[str, str]) -> PastReply:
         """Ask for a page of `estimate` or `readings`, and wait for the answer."""
         if not self._waiting.acquire(blocking=False):
             return PastReply(b"", "too many requests at once; ask again in a second")
         try:
             with self._lock:
-                return self._ask(json.dumps(self._question | {"key": key, "asked": asked}).encode())
+                return self._ask(json.dumps(self._question | {"key": key, "asked": parameters}).encode())
         finally:
             self._waiting.release()
 
@@ -46,12 +46,12 @@ class PastProcess:
         ) as child:
             self._child = child
             try:
-                found, words = child.communicate(question, _PATIENCE_S)
+                page, words = child.communicate(question, _PATIENCE_S)
             except subprocess.TimeoutExpired:
                 child.kill()
                 return PastReply(b"", "the past could not be read in time; ask for less")
         if child.returncode == 0:
-            return PastReply(found)
+            return PastReply(page)
         if child.returncode == _REFUSED:
             return PastReply(b"", words.decode())
         return PastReply(b"", "the query failed; ask for another span")

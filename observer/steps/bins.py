@@ -67,7 +67,7 @@ def history(
             f"no span: give from < to in seconds since 1970, up to {_MOST_S:g}, and 1 to {MOST_POINTS} points"
         )
     files = [file for file in (past.files() if past else ()) if file.from_s < to_s and file.to_s > from_s]
-    parts, part_s, end_s, done, notes = (
+    parts, part_s, end_s, files_read, notes = (
         _Parts(points),
         (to_s - from_s) / points,
         clock() + _PATIENCE_S,
@@ -82,14 +82,14 @@ def history(
             pass  # packed or removed meanwhile
         except LogError as error:
             notes.add(f"{error}; it is left out")
-        done += 1
+        files_read += 1
         if clock() >= end_s:
             break
     middle_s = from_s + (np.arange(points) + 0.5) * part_s
     return {
         "from_s": from_s,
         "to_s": to_s,
-        "read": done / len(files) if files else 1.0,
+        "read": files_read / len(files) if files else 1.0,
         "notes": sorted(notes),
         "time_s": np.round(middle_s, 3).tolist(),
         "channels": parts.document(),

@@ -28,9 +28,9 @@ from observer.steps.columns import FIELDS, StepRows, StepSource
 FILE_S = 3600.0
 """The length of the time that a file covers."""
 _PACKED = ".parquet"
-_ABOUT = b"ballscrew.steps"
+_DOCUMENT_KEY = b"ballscrew.steps"
 _GROUP_ROWS = 1800
-_MOST_ABOUT_BYTES = 1 << 24
+_MOST_DOCUMENT_BYTES = 1 << 24
 _STAMP = "%Y%m%dT%H%M%SZ"
 _STAMPED = re.compile(r"(.+)-(\d{8}T\d{6}Z)(?:-(\d+))?\.steps(?:\.parquet)?")
 
@@ -50,13 +50,13 @@ class StepFile(NamedTuple):
 
 def step_files(folder: Path, name: str) -> list[StepFile]:
     """Return the files of an axis in the order of time; raises `LogError` for an unreadable folder."""
-    found: dict[str, tuple[float, int, Path]] = {}
+    files: dict[str, tuple[float, int, Path]] = {}
     for file in _names(folder):  # the packed one of two that are the same comes last
         if (match := _STAMPED.fullmatch(file)) is not None and match[1] == name:
             with suppress(ValueError):
                 from_s = datetime.strptime(match[2], _STAMP).replace(tzinfo=UTC).timestamp()
-                found[file.removesuffix(_PACKED)] = from_s, int(match[3] or 1), folder / file
-    return [StepFile(path, from_s, hour_end_s(from_s)) for from_s, _, path in sorted(found.values())]
+                files[file.removesuffix(_PACKED)] = from_s, int(match[3] or 1), folder / file
+    return [StepFile(path, from_s, hour_end_s(from_s)) for from_s, _, path in sorted(files.values())]
 
 
 def axes_of(folder: Path) -> list[str]:
@@ -104,20 +104,20 @@ def read_columns(
         if not file.is_packed:
             steps = _plain(file.path)
             steps = steps.at(slice(*np.searchsorted(steps.time_s, [from_s, to_s])))
-            wanted = steps.source.value_names if names is None else names
-            return steps.source.channels, [np.array(steps.column(name)) for name in ("time_s", *wanted)]
+            selected = steps.source.value_names if names is None else names
+            return steps.source.channels, [np.array(steps.column(name)) for name in ("time_s", *selected)]
         from pyarrow import parquet  # noqa: PLC0415 - slow to import, and the daemon does without
 
         with parquet.ParquetFile(file.path) as packed:
-            source = StepSource.of_json(packed.schema_arrow.metadata[_ABOUT])
-            wanted = source.value_names if names is None else names
+            source = StepSource.of_json(packed.schema_arrow.metadata[_DOCUMENT_KEY])
+            selected = source.value_names if names is None else names
             groups = list(_groups(packed, from_s, to_s))
-            table = packed.read_row_groups(groups, columns=["time_s", *wanted], use_threads=False)
+            table = packed.read_row_groups(groups, columns=["time_s", *selected], use_threads=False)
         time_s = _numbers(table, "time_s")
         span = slice(*np.searchsorted(time_s, [from_s, to_s]))
-        nothing = np.full(len(time_s), np.nan)
-        held = set(table.column_names)
-        columns = [_numbers(table, name) if name in held else nothing for name in wanted]
+        empty = np.full(len(time_s), np.nan)
+        stored = set(table.column_names)
+        columns = [_numbers(table, name) if name in stored else empty for name in selected]
         return source.channels, [column[span] for column in (time_s, *columns)]
 
 
@@ -141,7 +141,7 @@ def _in_words(file: StepFile) -> Iterator[None]:
 def _plain(path: Path) -> StepRows:
     """Read a file of rows: what is whole, and in the order of time."""
     with path.open("rb") as file:
-        line = file.readline(_MOST_ABOUT_BYTES)
+        line = file.readline(_MOST_DOCUMENT_BYTES)
         source = StepSource.of_json(line)
         count = (os.fstat(file.fileno()).st_size - len(line)) // source.dtype.itemsize
         if not count:
@@ -163,7 +163,7 @@ def _packed_pieces(path: Path, from_s: float, to_s: float, backwards: bool) -> I
     from pyarrow import parquet  # noqa: PLC0415 - slow to import, and the daemon does without
 
     with parquet.ParquetFile(path) as packed:
-        source = StepSource.of_json(packed.schema_arrow.metadata[_ABOUT])
+        source = StepSource.of_json(packed.schema_arrow.metadata[_DOCUMENT_KEY])
         groups = list(_groups(packed, from_s, to_s))
         for number in reversed(groups) if backwards else groups:
             table = packed.read_row_group(number, use_threads=False)
@@ -208,7 +208,7 @@ def pack(path: Path) -> None:
     columns = {"time_s": rows["time_s"], "sequence": rows["sequence"]}
     columns |= {name: rows[field][:, k] for field in FIELDS for k, name in enumerate(names[field])}
     table = pa.table({name: _arrow(np.ascontiguousarray(column)) for name, column in columns.items()})
-    table = table.replace_schema_metadata({_ABOUT: source.to_json().encode()})
+    table = table.replace_schema_metadata({_DOCUMENT_KEY: source.to_json().encode()})
     part, packed = path.with_name(f".{path.name}.part"), path.with_name(path.name + _PACKED)
     split = ["time_s", *(n for field in ("values", "age_s", "numbers") for n in names[field])]
     parquet.write_table(

@@ -30,7 +30,7 @@ def time_of(text: str, key: str) -> float:
     Raises `ConfigError`.
     """
     try:
-        found = float(text)
+        time_s = float(text)
     except ValueError:
         try:
             moment = datetime.fromisoformat(text)
@@ -38,10 +38,10 @@ def time_of(text: str, key: str) -> float:
             raise ConfigError(
                 f"{key}={text[:40]}: give seconds since 1970 or ISO 8601, such as 2026-03-01T06:00:00Z"
             ) from None
-        found = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
-    if not abs(found) <= _LATEST_S:
+        time_s = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+    if not abs(time_s) <= _LATEST_S:
         raise ConfigError(f"{key}={text[:40]}: give a finite time in seconds since 1970")
-    return found
+    return time_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,13 +53,13 @@ class Span:
     every_s: float = 0.0
 
     @classmethod
-    def of(cls, asked: dict[str, str], now_s: float) -> Span:
+    def of(cls, parameters: dict[str, str], now_s: float) -> Span:
         """The span that a query names; raises `ConfigError`."""
-        if "from" not in asked:
+        if "from" not in parameters:
             raise ConfigError("to=… alone is not a span; give from=… too")
-        begin_s = time_of(asked["from"], "from")
-        end_s = time_of(asked["to"], "to") if "to" in asked else now_s
-        every_s = asked.get("every", "0")
+        begin_s = time_of(parameters["from"], "from")
+        end_s = time_of(parameters["to"], "to") if "to" in parameters else now_s
+        every_s = parameters.get("every", "0")
         try:
             apart_s = float(every_s)
         except ValueError:

@@ -82,10 +82,14 @@ def series(
         column = _column(node, steps.source.layout)
         if column is None:
             continue
-        found, qualities = _values(column, steps.estimates)
+        column_values, qualities = _values(column, steps.estimates)
         turn = slice(None, None, -1 if backwards else 1)
         times_s += steps.time_s[turn].tolist()
-        values += ([_SENSOR[code] for code in found] if found.dtype == np.int8 else found.tolist())[turn]
+        values += (
+            [_SENSOR[code] for code in column_values]
+            if column_values.dtype == np.int8
+            else column_values.tolist()
+        )[turn]
         quality += qualities[turn]
         if len(times_s) > most:
             break

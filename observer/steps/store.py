@@ -82,16 +82,16 @@ class Past:
         Where the clock was set back, the steps of a time that was already passed are left out. Raises
         `LogError` where a file is damaged.
         """
-        found, passed_s = list[list[NDArray[Any]]](), -math.inf
+        blocks, passed_s = list[list[NDArray[Any]]](), -math.inf
         for file in self.files():
             if file.to_s <= from_s or file.from_s >= to_s:
                 continue
             with suppress(FileNotFoundError):  # packed or removed meanwhile
                 _, columns = read_columns(file, from_s, to_s, names)
                 begin = int(np.searchsorted(columns[0], passed_s, side="right"))
-                found.append([column[begin:] for column in columns])
+                blocks.append([column[begin:] for column in columns])
                 passed_s = max([passed_s, *columns[0][-1:]])
-        pieces = zip(*found, strict=True) if found else ([np.empty(0)] for _ in ("time_s", *names))
+        pieces = zip(*blocks, strict=True) if blocks else ([np.empty(0)] for _ in ("time_s", *names))
         return {n: np.concatenate(piece) for n, piece in zip(("time_s", *names), pieces, strict=True)}
 
     @staticmethod

@@ -128,10 +128,10 @@ class PastWriter(StepObserver):
                 return
             if self._tending.returncode:
                 log.warning("published steps could not be packed", exit_code=self._tending.returncode)
-        nothing = subprocess.DEVNULL
+        devnull = subprocess.DEVNULL
         try:
             self._tending = subprocess.Popen(
-                self._tend, stdin=nothing, stdout=nothing, stderr=nothing, start_new_session=True
+                self._tend, stdin=devnull, stdout=devnull, stderr=devnull, start_new_session=True
             )
         except OSError as error:
             log.warning("published steps could not be packed", reason=error.strerror)

@@ -134,7 +134,8 @@ def section_of(page: str, title: str, model: type[BaseModel], text: str) -> str:
 def keys() -> str:
     """The rows of the published keys."""
     return "".join(
-        f"| `{name}` | {key.holds} | {key.when or '–'} | {key.asked or '–'} |\n" for name, key in KEYS.items()
+        f"| `{name}` | {key.holds} | {key.sent or '–'} | {key.query_answer or '–'} |\n"
+        for name, key in KEYS.items()
     )
 
 

@@ -49,7 +49,7 @@ def test_words_that_mean_missing_are_counted_by_column(tmp_path):
     log = read_log(_log(tmp_path, range(10), cells))
     (words,) = log.words
     assert (words.column, words.cells) == ("t1_degC", 7)
-    assert set(words.say) == {"inf", "NULL", "NaN", "nan", "-inf", "NA"}
+    assert set(words.texts) == {"inf", "NULL", "NaN", "nan", "-inf", "NA"}
     assert words.text.startswith("channel t1_degC: 7 cells say NULL, ")
     assert not np.isfinite(log.values[[0, 1, 3, 4, 5, 6, 7, 9], 0]).any()
 
@@ -64,4 +64,4 @@ def test_infinite_numbers_in_parquet_are_counted(tmp_path):
     values = pa.array([1.0, math.inf, None, -math.inf])
     parquet.write_table(pa.table({"time_s": [0, 1, 2, 3], "t1_degC": values}), tmp_path / "log.parquet")
     (words,) = read_log(tmp_path / "log.parquet").words
-    assert (words.column, words.cells, words.say) == ("t1_degC", 2, ("inf",))
+    assert (words.column, words.cells, words.texts) == ("t1_degC", 2, ("inf",))

@@ -57,19 +57,19 @@ def test_a_damped_step_is_shorter_and_stays_within_its_bounds() -> None:
     rng = np.random.default_rng(2)
     A, b, wide = rng.normal(size=(9, 3)), rng.normal(size=9), np.full(3, 10.0)
     fit = LinearFit.of(A, b)
-    damped = fit.within(-wide, wide, damping=4.0)
+    damped = fit.bounded_step(-wide, wide, damping=4.0)
     weights = np.diag(np.sum(A**2, axis=0))
     np.testing.assert_allclose(damped, np.linalg.solve(A.T @ A + 4.0 * weights, A.T @ b), atol=1e-9)
     assert np.linalg.norm(damped) < np.linalg.norm(fit.step)
-    np.testing.assert_allclose(fit.within(-wide, wide), fit.step, atol=1e-9)
-    assert (np.abs(fit.within(-0.01 * wide / 10, 0.01 * wide / 10)) <= 0.01 + 1e-12).all()
+    np.testing.assert_allclose(fit.bounded_step(-wide, wide), fit.step, atol=1e-9)
+    assert (np.abs(fit.bounded_step(-0.01 * wide / 10, 0.01 * wide / 10)) <= 0.01 + 1e-12).all()
 
 
 def test_a_bounded_step_may_always_be_zero() -> None:
     fit = LinearFit.of(np.eye(2), np.array([2.0, -2.0]))
-    beyond_zero = fit.within(np.array([-1.0, 0.5]), np.array([-0.5, 1.0]))
+    beyond_zero = fit.bounded_step(np.array([-1.0, 0.5]), np.array([-0.5, 1.0]))
     np.testing.assert_allclose(beyond_zero, 0.0, atol=2e-12)
-    np.testing.assert_allclose(fit.within(np.zeros(2), np.zeros(2)), 0.0, atol=2e-12)
+    np.testing.assert_allclose(fit.bounded_step(np.zeros(2), np.zeros(2)), 0.0, atol=2e-12)
 
 
 def test_what_a_fit_cannot_absorb_is_orthogonal_to_it() -> None:

@@ -44,7 +44,7 @@ def test_what_a_tolerance_explains_costs_its_share_of_standard_deviations(seed: 
 
 def most_probable(T: FloatArray, residual: FloatArray, most: FloatArray) -> FloatArray:
     """Tolerances of variance 1 within their limits."""
-    return LinearFit.of(T, residual, prior_weight=1.0).within(-most, most)
+    return LinearFit.of(T, residual, prior_weight=1.0).bounded_step(-most, most)
 
 
 @pytest.mark.parametrize(("off_sigma", "taken"), [(1.0, 0.99), (2.9, 2.87), (13.0, 3.0), (-13.0, -3.0)])
