@@ -35,3 +35,5 @@ def test_others_log_in_with_the_files_that_are_made_as_the_page_shows(tmp_path):
             assert client.get("/recent.json").status_code == 200
         with pytest.raises(httpx.ConnectError, match="certificate verify failed"):
             httpx.get(url)
+        with pytest.raises(httpx.TransportError):
+            httpx.get(url.replace("https://", "http://"))

@@ -16,7 +16,7 @@ def _file(folder, text: str, mode: int = 0o600):
     return path
 
 
-def test_names_and_passwords_are_read(tmp_path):
+def test_a_file_of_users_gives_names_and_passwords(tmp_path):
     users = read_users(_file(tmp_path, "anna:a:b\n\nben:c\n"), "page.users_file")
     assert users == {"anna": "a:b", "ben": "c"}
 
@@ -30,7 +30,7 @@ def test_names_and_passwords_are_read(tmp_path):
         ("anna:a\n", 0o644, "chmod 600"),
     ],
 )
-def test_an_unusable_file_is_rejected_with_a_sentence(tmp_path, text, mode, reason):
+def test_an_unusable_file_of_users_is_rejected_with_a_sentence(tmp_path, text, mode, reason):
     with pytest.raises(ConfigError, match=reason):
         read_users(_file(tmp_path, text, mode), "page.users_file")
 
@@ -73,12 +73,13 @@ def test_a_cookie_that_is_not_ours_is_worth_nothing(change):
     assert _login(Clock()).user_of(_value(login.cookie("anna"))) is None
 
 
-def test_a_cookie_is_for_the_page_alone_and_for_tls_where_there_is_any():
-    header = _login(Clock()).cookie("anna")
-    assert "HttpOnly" in header
-    assert "SameSite=Strict" in header
-    assert "Secure" not in header
-    assert "Secure" in _login(Clock(), secure=True).cookie("anna")
+@pytest.mark.parametrize("secure", [False, True])
+def test_a_cookie_is_for_the_page_alone_and_for_tls_where_there_is_any(secure):
+    login = _login(Clock(), secure=secure)
+    for header in (login.cookie("anna"), login.no_cookie()):
+        words = set(header.split("; "))
+        assert {"HttpOnly", "SameSite=Strict", "Path=/"} <= words
+        assert ("Secure" in words) == secure
 
 
 def test_five_wrong_passwords_make_an_address_wait_for_a_minute():

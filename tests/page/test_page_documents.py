@@ -5,29 +5,17 @@ from __future__ import annotations
 import csv
 import itertools
 import json
-import ssl
 from contextlib import closing
 from pathlib import Path
 
-import httpx
 import pytest
 
-from observer.page.guard import COOKIE
-from tests.page.browser import CHROMIUM, SIZES, chromium
+from tests.page.browser import IN_A_BROWSER, SIZES, complaints
 from tests.page.gateway import DOCUMENTS, NASTY, crowd, crowd_estimate, estimate, gateway, send, send_all
 from tests.patience import until
 from tests.publish.people import Authority, secret
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's package chromium"),
-]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as started:
-        yield started
+pytestmark = IN_A_BROWSER
 
 
 @pytest.fixture(scope="module")
@@ -66,41 +54,11 @@ def crowded(anna, sealed):
         yield page
 
 
-def test_who_trusts_the_authority_logs_in_and_out_over_it(sealed):
-    url, ca, _ = sealed
-    own = {"origin": url.rstrip("/")}
-    with httpx.Client(base_url=url, verify=ssl.create_default_context(cafile=ca)) as client:
-        assert client.get("/").headers["location"] == "/login"
-        wrong = client.post("/login", data={"user": "anna", "password": "wrong"}, headers=own)
-        assert wrong.status_code == 403
-        assert "set-cookie" not in wrong.headers
-        right = client.post("/login", data={"user": "anna", "password": "right"}, headers=own)
-        assert right.headers["location"] == "/"
-        words = {word.strip() for word in right.headers["set-cookie"].split(";")}
-        assert {"Secure", "HttpOnly", "SameSite=Strict", "Path=/"} <= words
-        assert client.get("/recent.json").status_code == 200
-        out = client.post("/logout", headers=own)
-        assert f"{COOKIE}=;" in out.headers["set-cookie"]
-        assert "Secure" in out.headers["set-cookie"]
-        assert client.get("/recent.json").status_code == 401
-
-
-def test_clients_without_trust_or_encryption_get_nothing(sealed):
-    url, *_ = sealed
-    with pytest.raises(httpx.ConnectError, match="certificate verify failed"):
-        httpx.get(url)
-    with pytest.raises(httpx.TransportError):
-        httpx.get(url.replace("https://", "http://"))
-
-
 def test_documents_are_shown_and_never_run(anna, sealed):
     url, _, process = sealed
     send_all(process, DOCUMENTS, estimate(7))
     with closing(anna.new_page()) as page:
-        problems = []
-        page.on("console", lambda m: problems.append(m.text) if m.type in {"error", "warning"} else None)
-        page.on("pageerror", lambda error: problems.append(str(error)))
-        page.on("dialog", lambda dialog: problems.append(dialog.message))
+        problems = complaints(page)
         page.goto(url)
         page.wait_for_selector("#c-forecast canvas")
         page.wait_for_selector("tr[data-sensor=t3]")
@@ -200,7 +158,7 @@ def test_long_and_numerous_texts_stay_in_their_panel(crowded):
         assert crowded.evaluate(out) == [], size
 
 
-def test_the_keyboard_goes_through_it_in_the_order_that_is_seen(crowded):
+def test_the_keyboard_goes_through_the_page_in_the_order_that_is_seen(crowded):
     width, height = SIZES["phone"]  # one column
     crowded.set_viewport_size({"width": width, "height": height})
     crowded.evaluate("() => { document.activeElement.blur(); scrollTo(0, 0); }")
@@ -222,7 +180,7 @@ def test_the_keyboard_goes_through_it_in_the_order_that_is_seen(crowded):
     assert all(marked for _, marked in seen)
 
 
-def test_nothing_moves_where_that_is_not_wanted(crowded):
+def test_the_page_does_not_move_where_the_reader_wants_no_motion(crowded):
     crowded.emulate_media(reduced_motion="reduce")
     assert crowded.evaluate("() => getComputedStyle(document.documentElement).scrollBehavior") == "auto"
     moving = "() => document.getAnimations().length"
@@ -232,7 +190,7 @@ def test_nothing_moves_where_that_is_not_wanted(crowded):
     assert crowded.evaluate("() => getComputedStyle(document.documentElement).scrollBehavior") == "smooth"
 
 
-def test_a_browser_shows_the_page_over_it(browser, sealed):
+def test_a_browser_logs_in_and_out_over_tls(browser, sealed):
     url, _, process = sealed
     send_all(process, DOCUMENTS, estimate(7))
     with closing(browser.new_page(ignore_https_errors=True)) as page:

@@ -9,14 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.page.browser import CHROMIUM, PERIOD_S, SIZES, chromium, seconds_until, service
+from tests.page.browser import IN_A_BROWSER, PERIOD_S, SIZES, complaints, seconds_until, service
 from tests.patience import until
 from tests.system.plant import children_of
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's package chromium"),
-]
+pytestmark = IN_A_BROWSER
 
 SLACK_S = 1.5  # 0.4 s of the page's own, and a busy computer
 SHOWN = """() => ({
@@ -41,21 +38,19 @@ def _number(text: str) -> float:
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory):
+def served(tmp_path_factory, browser):
     """A service, and a page of it that has been open for a while."""
-    with service(tmp_path_factory.mktemp("page")) as (url, daemon, seen), chromium() as browser:
+    with service(tmp_path_factory.mktemp("page")) as (url, daemon, seen):
         page = browser.new_page(viewport=dict(zip(("width", "height"), SIZES["desktop"], strict=True)))
-        problems, requests = [], []
-        page.on("console", lambda m: problems.append(m.text) if m.type in {"error", "warning"} else None)
-        page.on("pageerror", lambda error: problems.append(str(error)))
+        problems, requests = complaints(page), []
         page.on("request", lambda request: requests.append(request.url))
         page.goto(url)
         page.wait_for_selector("tr[data-sensor]")
-        yield {"url": url, "daemon": daemon, "seen": seen, "page": page, "browser": browser,
+        yield {"url": url, "daemon": daemon, "seen": seen, "page": page,
                "problems": problems, "requests": requests}  # fmt: skip
 
 
-def test_it_shows_the_numbers_that_zenoh_carries(served):
+def test_the_page_shows_the_numbers_that_zenoh_carries(served):
     page, seen = served["page"], served["seen"]
     page.wait_for_function("() => Number(document.getElementById('heats').dataset.sequence) > 2")
     shown = page.evaluate(SHOWN)
@@ -104,7 +99,7 @@ def test_a_sensor_that_is_read_every_other_step_does_not_flicker(served):
     assert page.evaluate("() => [...dashes]") == []
 
 
-def test_it_asks_nobody_else_and_complains_of_nothing(served):
+def test_the_page_asks_its_own_server_only_and_complains_of_nothing(served):
     served["page"].wait_for_timeout(500)
     assert served["requests"]
     assert [r for r in served["requests"] if not r.startswith((served["url"], "data:"))] == []
@@ -112,7 +107,7 @@ def test_it_asks_nobody_else_and_complains_of_nothing(served):
 
 
 @pytest.mark.parametrize("who", ["service", "gateway"])
-def test_it_says_stale_when_one_is_frozen_and_comes_back(served, who):
+def test_the_page_says_stale_while_service_or_gateway_is_frozen(served, who):
     page, pid = served["page"], served["daemon"].process.pid
     if who == "gateway":
         (pid,) = [child for child in children_of(pid) if "gateway" in _command(child)]
@@ -130,7 +125,7 @@ def test_it_says_stale_when_one_is_frozen_and_comes_back(served, who):
     seconds_until(page, "() => document.body.dataset.state !== 'stale'")
 
 
-def test_its_controls_work_from_the_keyboard_and_bare_keys_do_nothing(served):
+def test_the_controls_of_the_page_work_from_the_keyboard_and_bare_keys_do_nothing(served):
     page = served["page"]
     page.wait_for_function("() => Number(document.getElementById('moment').max) > 1")
     theme = "() => document.documentElement.dataset.theme ?? ''"
@@ -166,14 +161,6 @@ def test_the_recording_is_looked_back_on_and_laid_over_itself(served):
     start = page.get_attribute("#c-past", "data-from")
     page.click("#earlier")
     page.wait_for_function(f"() => document.getElementById('c-past').dataset.from !== '{start}'")
-
-
-def test_nothing_overflows_to_the_side(served):
-    page = served["page"]
-    for width, height in SIZES.values():
-        page.set_viewport_size({"width": width, "height": height})
-        page.wait_for_function(f"() => innerWidth === {width}")
-        assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth"), width
 
 
 def _command(pid: int) -> str:

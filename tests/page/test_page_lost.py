@@ -6,13 +6,10 @@ from contextlib import closing, contextmanager
 
 import pytest
 
-from tests.page.browser import CHROMIUM, chromium
+from tests.page.browser import IN_A_BROWSER
 from tests.page.gateway import DOCUMENTS, HEAD, estimate, gateway, send, send_all
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's package chromium"),
-]
+pytestmark = IN_A_BROWSER
 
 # what is written on canvases, each text with its colour
 WRITTEN = """
@@ -31,12 +28,6 @@ def _readings(quality: str, age_s: float) -> dict:
         "nut_position_m": {"value": 0.4, "quality": quality, "age_s": age_s},
     }
     return {**HEAD, "channels": channels}
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as started:
-        yield started
 
 
 @contextmanager

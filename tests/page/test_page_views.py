@@ -11,15 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.page.browser import CHROMIUM, SIZES, chromium
+from tests.page.browser import IN_A_BROWSER, SIZES, complaints
 from tests.page.gateway import DOCUMENTS, HEAD, NOW_S, PLACES_M, estimate, gateway, send, send_all
 from tests.patience import PATIENCE_S
 from tests.steps.made import write_steps
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's package chromium"),
-]
+pytestmark = IN_A_BROWSER
 
 MACHINE = 'lathe\'s-"7"<b>'
 ROWS, STEP_S = 300, 10.0
@@ -57,12 +54,6 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def browser():
-    with chromium() as started:
-        yield started
-
-
-@pytest.fixture(scope="module")
 def served(folder):
     """A machine of a hostile name with an hour behind it; its address and its process."""
     with gateway(documents={**DOCUMENTS, "error": ERROR}, recordings=folder, machine=MACHINE) as given:
@@ -81,9 +72,7 @@ def opened(browser, served):
 
     def at(words: str = ""):
         page = context.new_page()
-        page.on("console", lambda m: problems.append(m.text) if m.type in {"error", "warning"} else None)
-        page.on("pageerror", lambda error: problems.append(str(error)))
-        page.on("dialog", lambda dialog: problems.append(dialog.message))
+        problems.append(complaints(page))
         page.route("**/recent.json", lambda r: r.fulfill(json={**r.fetch().json(), "rows": PAST}))
         page.goto(f"{url}{words}" if words.startswith("#") or not words else words)
         page.wait_for_selector("tr[data-sensor=t3]")
@@ -96,7 +85,7 @@ def opened(browser, served):
 
     with closing(context):
         yield at
-        assert problems == []
+        assert not any(problems)
 
 
 def _saved(page, panel: str, kind: str) -> bytes:
