@@ -1,6 +1,7 @@
 """Small stand-ins for drive, estimator, publisher, driver and clock, so that the service is tested alone."""
 
 import asyncio
+import contextlib
 import math
 from dataclasses import dataclass, field
 
@@ -11,8 +12,11 @@ from observer.estimate.pipeline import Pipeline
 from observer.estimators.protocol import EstimatorState
 from observer.exchange import PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock, Inputs, Layout, Quality, Reading
-from observer.live.loop import Service
-from tests.patience import eventually
+from observer.live.loop import Service, serve
+from observer.process.clock import ServiceClock
+from observer.record.recorder import NoRecorder
+from tests.logs.recordings import plan as aligned
+from tests.patience import PATIENCE_S, eventually
 
 SENSORS = ("t1_degC", "t2_degC")
 
@@ -142,6 +146,23 @@ def fake_service(drivers, plan, clock, *, publisher=None, estimator=None, gap=No
         tuple(drivers), plan, pipeline, publisher or FakePublisher(), clock, notes.append,
         estimator=estimator, notes=notes, **parts,
     )  # fmt: skip
+
+
+def loop_service(
+    drivers=(), *, clock=None, period_s=0.1, expected_s=(0.1, 0.1, 0.02), recorder=None, **parts
+) -> FakeService:
+    """A service of fakes at so many steps a second, on a real clock unless another is given."""
+    plan = aligned(expected_s=expected_s, period_s=period_s)
+    return fake_service(drivers, plan, clock or ServiceClock(), recorder=recorder or NoRecorder(), **parts)
+
+
+async def serve_until(service: Service, until, timeout_s: float = PATIENCE_S) -> None:
+    """Serve until a condition holds."""
+    task = asyncio.ensure_future(serve(service))
+    await eventually(lambda: until() or task.done(), timeout_s)
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
 
 
 @dataclass

@@ -112,7 +112,7 @@ def test_the_next_estimate_continues_from_the_last(changes):
     assert lowest > -1e-9 * np.abs(there.estimator.P).max()
 
 
-def test_into_the_same_model_it_is_nearly_the_same_estimate_fifty_seconds_on():
+def test_an_estimate_carried_into_the_same_model_is_nearly_the_same_fifty_seconds_on():
     """Not the same, since what had been learnt begins anew; a cold start would be off by 5 W, two σ."""
     machine, snapshot, _, then = _stood()
     other, estimator = _parts()
@@ -153,7 +153,7 @@ class _StatesOfItsOwn:
 
 
 @pytest.mark.parametrize("of", ["before", "now"])
-def test_to_and_from_an_estimator_with_states_of_its_own_it_starts_cold(of):
+def test_a_service_starts_cold_beside_an_estimator_with_states_of_its_own(of):
     other, estimator = _parts()
     assert _carried(_stood(), other) is not None
     own = MachineModel(other.config, other.plant, other.drive, other.plan)

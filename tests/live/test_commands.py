@@ -1,7 +1,6 @@
 """Commands are obeyed between two steps, answered with what was done, and put on record for the replay."""
 
 import asyncio
-import contextlib
 import time
 from dataclasses import replace
 
@@ -18,11 +17,10 @@ from observer.estimate.pipeline import Pipeline
 from observer.estimate.replay import estimates_of
 from observer.exchange import Command, Outcome, PublishStatus
 from observer.files.logs import Log, read_log
-from observer.frames import Reading
+from observer.frames import EstimateQuality, Reading
 from observer.live.commands import Commands
-from observer.live.loop import Service, serve
+from observer.live.loop import serve
 from observer.live.observers import CompensationObserver, StepObserver
-from observer.process.clock import ServiceClock
 from observer.record.recorder import NoRecorder, Recorder
 from tests.control.test_compensate import GRID, at, estimate, machine
 from tests.live.fakes import (
@@ -30,12 +28,11 @@ from tests.live.fakes import (
     FakeDriver,
     FakeEstimator,
     FakePublisher,
-    FakeService,
     FastClock,
-    fake_service,
+    loop_service,
+    serve_until,
 )
 from tests.logs.recordings import CHANNELS, plan
-from tests.patience import eventually
 
 
 def _command(
@@ -46,30 +43,18 @@ def _command(
     )
 
 
-async def _serve(service: Service, until) -> None:
-    task = asyncio.ensure_future(serve(service))
-    await eventually(lambda: until() or task.done())
-    task.cancel()
-    with contextlib.suppress(asyncio.CancelledError):
-        await task
-
-
-def _service(
-    drivers=(), recorder=None, publisher=None, clock=None, expected_s=(0.1, 0.1, 0.02), **parts
-) -> FakeService:
-    return fake_service(
-        drivers, plan(expected_s=expected_s, period_s=0.1), clock or ServiceClock(), publisher=publisher,
-        recorder=recorder or NoRecorder(), instance="0a0a0a0a", **parts,
-    )  # fmt: skip
-
-
-async def test_a_replay_resets_where_the_live_run_was_reset(tmp_path):
+async def test_the_replay_of_a_recording_is_the_live_run_with_its_resets_to_the_last_bit(tmp_path):
     rng = np.random.default_rng(7)
-    slow = [(0.1 * k, {"t1_degC": rng.normal(20, 1), "t2_degC": rng.normal(30, 1)}, {}) for k in range(600)]
+    slow = []
+    for k in range(600):
+        values = {"t1_degC": rng.normal(20, 1), "t2_degC": rng.normal(30, 1)}
+        slow.append((0.1 * k, values, {"t2_degC": "open_circuit"} if k % 7 == 3 else {}))
     fast = [(0.02 * k, {"nut_position_m": rng.uniform(0.2, 0.8)}, {}) for k in range(3000)]
     recorder, answers = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5), []
     drivers = [FakeDriver(slow, "slow", lag_s=0.05), FakeDriver(fast, "fast")]
-    service = _service(drivers, recorder, expected_s=(1.0, 1.0, 0.2))  # a busy machine's readings come late
+    service = loop_service(
+        drivers, recorder=recorder, expected_s=(1.0, 1.0, 0.2)
+    )  # a busy machine's readings come late
     asked = [10, 11, 20]
 
     def until():
@@ -78,24 +63,27 @@ async def test_a_replay_resets_where_the_live_run_was_reset(tmp_path):
             service.publisher.asked.append(_command("reset", answers))
         return len(answers) == 3 and len(service.publisher.estimates) >= 25
 
-    await _serve(service, until)
+    await serve_until(service, until)
     assert [(outcome.done, outcome.text) for outcome in answers] == [(True, "the estimator restarts")] * 3
     (path,) = tmp_path.glob("m-x-*.csv")
     assert path.read_text().count(",!reset=done by anna%40desk\n") == 3
     log = read_log(path, CHANNELS)
     np.testing.assert_array_equal(np.diff(log.time_s) > 0, True)
-    live = np.concatenate([block.field_degC for _, block in service.publisher.estimates])
+    live = [block for _, block in service.publisher.estimates]
 
     def replay(log):
         pipeline = Pipeline(FakeDrive(), FakeEstimator())
-        blocks = estimates_of(log, service.plan, pipeline, lambda done, total: None)
-        return np.concatenate([block.field_degC for _, block in blocks])
+        return [block for _, block in estimates_of(log, service.plan, pipeline, lambda done, total: None)]
+
+    def bits(blocks, name):
+        return np.concatenate([getattr(block, name) for block in blocks]).tobytes()
 
     replayed = replay(log)
-    assert live.tobytes() == replayed.tobytes()
+    for name in ("time_s", "heat_W", "field_degC", "innovation_K", "sensor_quality", "quality"):
+        assert bits(replayed, name) == bits(live, name), name
+    assert EstimateQuality.DEGRADED in {quality for block in live for quality in block.quality}
     without = replace(log, flags=tuple((flags or "").partition("!")[0] for flags in log.flags))
-    forgotten = replay(without)
-    assert forgotten.tobytes() != live.tobytes()  # the resets were needed
+    assert bits(replay(without), "field_degC") != bits(live, "field_degC")  # the resets were needed
 
 
 @pytest.mark.parametrize("block", [1, 3, 4096])
@@ -266,7 +254,7 @@ async def test_a_foreign_message_releases_the_compensation_and_shows_in_health()
     observer = CompensationObserver(
         follower, lambda _document: None, lambda: publisher.status.rival, NoControl()
     )
-    service = _service(publisher=publisher, clock=FastClock(), observers=(observer,))
+    service = loop_service(publisher=publisher, clock=FastClock(), observers=(observer,), instance="0a0a0a0a")
 
     def until():
         if len(publisher.estimates) >= 3:
@@ -274,12 +262,12 @@ async def test_a_foreign_message_releases_the_compensation_and_shows_in_health()
             publisher.rival = rival
         return any(rival in reason for h in publisher.healths for reason in h["reasons"])
 
-    await _serve(service, until)
+    await serve_until(service, until)
     assert follower.released[0] == rival
     assert publisher.healths[-1]["instance"] == "0a0a0a0a"
 
 
-async def test_a_dead_thread_ends_the_pings_of_the_watchdog():
+async def test_a_dead_publisher_ends_the_pings_of_the_watchdog():
     class Mortal(FakePublisher):
         alive = True
 
@@ -288,7 +276,7 @@ async def test_a_dead_thread_ends_the_pings_of_the_watchdog():
             return PublishStatus(True, alive=self.alive, reason=None if self.alive else "dead")
 
     publisher = Mortal()
-    service = _service(publisher=publisher, clock=FastClock())
+    service = loop_service(publisher=publisher, clock=FastClock())
     notes = service.notes
     pings = []
 
@@ -299,7 +287,7 @@ async def test_a_dead_thread_ends_the_pings_of_the_watchdog():
             pings.append((len(notes), len(publisher.estimates)))
         return pings and len(publisher.estimates) >= pings[0][1] + 50
 
-    await _serve(service, until)
+    await serve_until(service, until)
     assert len(notes) == pings[0][0]
     assert any("publishing: dead" in h["reasons"] for h in publisher.healths)
 
@@ -316,7 +304,7 @@ async def test_where_another_service_has_the_axis_it_does_not_start(tmp_path):
 
     publisher = Second()
     recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5)
-    service = _service([FakeDriver([(0, {"t1_degC": 20.0}, {})])], recorder, publisher)
+    service = loop_service([FakeDriver([(0, {"t1_degC": 20.0}, {})])], recorder=recorder, publisher=publisher)
     with pytest.raises(UserError, match="another service runs"):
         await asyncio.wait_for(serve(service), 20)
     assert publisher.estimates == []

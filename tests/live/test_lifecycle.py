@@ -5,9 +5,7 @@ from dataclasses import dataclass, field
 
 from observer.daemon import run
 from observer.exchange import PublishStatus
-from observer.process.clock import ServiceClock
-from tests.live.fakes import FakeDriver, FakePublisher, fake_service
-from tests.logs.recordings import plan
+from tests.live.fakes import FakeDriver, FakePublisher, loop_service
 
 LIVES_S, READY_S = 0.5, 1.0
 
@@ -24,12 +22,9 @@ class SlowToSettle(FakePublisher):
         return PublishStatus(True, len(self.estimates), 0, 0, None, settled=settled)
 
 
-def test_its_time_begins_with_its_first_tick():
+def test_the_time_of_a_service_begins_with_its_first_tick():
     script = [(0.05 * k, {"t1_degC": 20.0 + k, "t2_degC": 20.0}, {}) for k in range(2000)]
-    publisher, aligned = SlowToSettle(), plan(period_s=0.1)
-    run(
-        fake_service((FakeDriver(script),), aligned, ServiceClock(), publisher=publisher),
-        LIVES_S,
-    )
+    publisher = SlowToSettle()
+    run(loop_service((FakeDriver(script),), publisher=publisher), LIVES_S)
     assert publisher.closed
     assert publisher.estimates

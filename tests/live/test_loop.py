@@ -1,7 +1,6 @@
 """The loop: ticks on the grid, nothing beside it ends it, live and replay agree to the last bit."""
 
 import asyncio
-import contextlib
 import math
 from dataclasses import replace
 from functools import partial
@@ -13,8 +12,6 @@ import pytest
 from drivers.protocol import DriverStatus
 from observer.control.compensation import NOT_ARMED, CompensationState
 from observer.control.steering import NoControl
-from observer.estimate.pipeline import Pipeline
-from observer.estimate.replay import estimates_of
 from observer.estimators.protocol import SENSOR_GUARD
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality, Reading
@@ -22,59 +19,43 @@ from observer.kernels.codes import JUMPED
 from observer.live.loop import Service, serve
 from observer.live.observers import CompensationObserver, StepObserver
 from observer.live.restarts import Restarts
-from observer.process.clock import ServiceClock
 from observer.quality.gap import Departure
-from observer.record.recorder import NoRecorder, Recorder
+from observer.record.recorder import Recorder
 from tests.live.fakes import (
-    FakeDrive,
     FakeDriver,
     FakeEstimator,
     FakePublisher,
-    FakeService,
     FastClock,
-    fake_service,
+    loop_service,
+    serve_until,
 )
-from tests.logs.recordings import CHANNELS, plan
-from tests.patience import PATIENCE_S, eventually
-
-
-def _service(drivers=(), *, clock=None, recorder=None, period_s=0.1, **parts) -> FakeService:
-    aligned = plan(expected_s=(0.1, 0.1, 0.02), period_s=period_s)
-    return fake_service(drivers, aligned, clock or ServiceClock(), recorder=recorder or NoRecorder(), **parts)
-
-
-async def _serve(service: Service, until, timeout_s: float = PATIENCE_S) -> None:
-    """Serve until a condition holds."""
-    task = asyncio.ensure_future(serve(service))
-    await eventually(lambda: until() or task.done(), timeout_s)
-    task.cancel()
-    with contextlib.suppress(asyncio.CancelledError):
-        await task
+from tests.logs.recordings import CHANNELS
+from tests.patience import eventually
 
 
 def _ticks(service: Service) -> list[float]:
     return [float(block.time_s[0]) for _, block in service.publisher.estimates]
 
 
-async def test_ticks_stand_on_the_grid_without_drift():
-    service = _service(clock=FastClock(late_s=(0.03,) * 50), period_s=0.5)
-    await _serve(service, lambda: len(service.publisher.estimates) >= 20)
+async def test_late_ticks_stay_on_the_grid_without_drift():
+    service = loop_service(clock=FastClock(late_s=(0.03,) * 50), period_s=0.5)
+    await serve_until(service, lambda: len(service.publisher.estimates) >= 20)
     ticks = _ticks(service)
     assert ticks == [1000.5 + 0.5 * k for k in range(len(ticks))]
     assert [sequence for sequence, _ in service.publisher.estimates] == list(range(len(ticks)))
 
 
 async def test_a_late_tick_skips_to_the_next_grid_point_and_is_counted():
-    service = _service(clock=FastClock(late_s=(0.0, 1.7)), period_s=0.5)
+    service = loop_service(clock=FastClock(late_s=(0.0, 1.7)), period_s=0.5)
     # the health that counts it is due within five seconds
-    await _serve(service, lambda: any(h["overruns"] for h in service.publisher.healths))
+    await serve_until(service, lambda: any(h["overruns"] for h in service.publisher.healths))
     assert _ticks(service)[:4] == [1000.5, 1001.0, 1003.0, 1003.5]
     assert service.publisher.healths[-1]["overruns"] == 3
 
 
-async def test_every_part_is_started_and_ended():
-    service = _service([driver := FakeDriver([])])
-    await _serve(service, lambda: service.publisher.estimates)
+async def test_a_service_starts_and_ends_every_part():
+    service = loop_service([driver := FakeDriver([])])
+    await serve_until(service, lambda: service.publisher.estimates)
     assert service.publisher.started
     assert service.publisher.closed
     assert driver.runs == 1
@@ -82,7 +63,7 @@ async def test_every_part_is_started_and_ended():
 
 
 async def test_a_failing_step_is_reported_and_the_watchdog_not_fed():
-    service = _service(clock=FastClock())
+    service = loop_service(clock=FastClock())
     task = asyncio.ensure_future(serve(service))
     await eventually(lambda: service.publisher.estimates)
     service.estimator.fail = True
@@ -119,13 +100,13 @@ async def test_a_compensator_follows_every_step_and_hears_of_those_that_fail():
     publisher = FakePublisher()
     document = partial(publisher.document, "compensation")
     follower = CompensationObserver(_Follower(), document, lambda: None, NoControl())
-    service = _service(clock=FastClock(), publisher=publisher, observers=(follower,))
+    service = loop_service(clock=FastClock(), publisher=publisher, observers=(follower,))
 
     def failing() -> bool:
         service.estimator.fail |= len(publisher.compensations) >= 3
         return publisher.compensations[-1:] != [] and publisher.compensations[-1].startswith(b"fail")
 
-    await _serve(service, failing)
+    await serve_until(service, failing)
     assert publisher.compensations[:2] == [b"step 0 True", b"step 1 True"]
     assert b"made to fail" in publisher.compensations[-1]
 
@@ -133,15 +114,15 @@ async def test_a_compensator_follows_every_step_and_hears_of_those_that_fail():
 async def test_a_driver_that_fails_is_started_again_and_the_others_go_on():
     bad = FakeDriver([(0, RuntimeError("driver fell over"), {}), (0, {"t1_degC": 20.0}, {})], "bad")
     good = FakeDriver([(0.05 * k, {"t2_degC": 20.0 + k}, {}) for k in range(100)], "good")
-    service = _service([bad, good])
-    await _serve(service, lambda: bad.runs == 2 and not bad.script)
+    service = loop_service([bad, good])
+    await serve_until(service, lambda: bad.runs == 2 and not bad.script)
     assert len(good.script) < 95
     channels = service.publisher.healths[-1]["channels"]
     assert channels["t2_degC"]["quality"] == "good"
 
 
 async def test_readings_from_the_future_or_the_past_are_not_believed():
-    service = _service(clock=FastClock(), period_s=0.5)
+    service = loop_service(clock=FastClock(), period_s=0.5)
 
     class Odd(FakeDriver):
         async def run(self, deliver, now):
@@ -156,7 +137,7 @@ async def test_readings_from_the_future_or_the_past_are_not_believed():
         return (channel["quality"], channel["fault"]) == ("rejected", "time_backwards")
 
     service = replace(service, drivers=(Odd([]),))
-    await _serve(service, lambda: any(map(is_rejected, service.publisher.healths)))
+    await serve_until(service, lambda: any(map(is_rejected, service.publisher.healths)))
     health = service.publisher.healths[-1]
     assert health["channels"]["t1_degC"]["fault"] is None
     assert _ticks(service)[0] < 1010
@@ -175,7 +156,7 @@ class _LeavesOut(FakeEstimator):
 async def test_an_excluded_sensor_is_shown_at_its_channel():
     driver = FakeDriver([(0.0, dict.fromkeys(CHANNELS, 20.0), {})] * 3)
     names = {"t1_degC": "t1", "t2_degC": "t2"}
-    service = _service([driver], estimator=_LeavesOut(), sensors=names)
+    service = loop_service([driver], estimator=_LeavesOut(), sensors=names)
 
     def excesses():
         return {
@@ -185,13 +166,13 @@ async def test_an_excluded_sensor_is_shown_at_its_channel():
             if "excess" in c
         }
 
-    await _serve(service, excesses)
+    await serve_until(service, excesses)
     assert excesses() == {"t2_degC": {"value": 3.0, "sigma": 0.2, "unit": "K"}}
 
 
-async def test_health_on_change_and_every_five_seconds():
-    service = _service(clock=FastClock(), period_s=0.5)
-    await _serve(service, lambda: len(service.publisher.estimates) >= 60)
+async def test_health_is_published_at_least_every_five_seconds():
+    service = loop_service(clock=FastClock(), period_s=0.5)
+    await serve_until(service, lambda: len(service.publisher.estimates) >= 60)
     times = [h["time_s"] for h in service.publisher.healths]
     assert len(times) >= 4
     assert np.diff(times).max() < 5.6  # five seconds and the tick after them
@@ -201,7 +182,7 @@ async def test_health_on_change_and_every_five_seconds():
 
 async def test_a_stepped_clock_is_reported():
     clock = FastClock()
-    service = _service(clock=clock, period_s=0.5)
+    service = loop_service(clock=clock, period_s=0.5)
     task = asyncio.ensure_future(serve(service))
     await eventually(lambda: service.publisher.healths)
     clock.offset = 3600.0
@@ -215,33 +196,10 @@ async def test_a_stepped_clock_is_reported():
 
 async def test_an_unconnected_driver_is_reported():
     driver = FakeDriver([], status=DriverStatus(last_error="connection refused"))
-    service = _service([driver], clock=FastClock())
-    await _serve(service, lambda: service.publisher.healths)
+    service = loop_service([driver], clock=FastClock())
+    await serve_until(service, lambda: service.publisher.healths)
     reasons = service.publisher.healths[-1]["reasons"]
     assert "driver fake is not connected: connection refused" in reasons
-
-
-async def test_the_replay_of_the_recording_is_the_live_run_to_the_last_bit(tmp_path):
-    rng = np.random.default_rng(7)
-    slow = []  # a minute, of which the loop takes what comes after it has begun
-    for k in range(600):
-        values = {"t1_degC": rng.normal(20, 1), "t2_degC": rng.normal(30, 1)}
-        slow.append((0.1 * k, values, {"t2_degC": "open_circuit"} if k % 7 == 3 else {}))
-    fast = [(0.02 * k, {"nut_position_m": rng.uniform(0.2, 0.8)}, {}) for k in range(3000)]
-    recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5)
-    service = _service([FakeDriver(slow, "slow", lag_s=0.05), FakeDriver(fast, "fast")], recorder=recorder)
-    await _serve(service, lambda: len(service.publisher.estimates) >= 25)
-    (path,) = tmp_path.glob("m-x-*.csv")
-    log = read_log(path, CHANNELS)
-    pipeline = Pipeline(FakeDrive(), FakeEstimator())
-    replayed = [block for _, block in estimates_of(log, service.plan, pipeline, lambda done, total: None)]
-    live = [block for _, block in service.publisher.estimates]
-    assert sum(len(block) for block in replayed) == len(live) >= 20
-    for name in ("time_s", "heat_W", "field_degC", "innovation_K", "sensor_quality", "quality"):
-        one = np.concatenate([getattr(block, name) for block in live])
-        other = np.concatenate([getattr(block, name) for block in replayed])
-        assert one.tobytes() == other.tobytes(), name
-    assert {EstimateQuality(q) for block in live for q in block.quality} >= {EstimateQuality.DEGRADED}
 
 
 async def test_a_reading_between_the_grid_point_and_its_late_tick_is_recorded_in_the_order_of_use(tmp_path):
@@ -259,8 +217,8 @@ async def test_a_reading_between_the_grid_point_and_its_late_tick_is_recorded_in
 
     driver = Between([])
     recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5)
-    service = _service([driver], clock=LateClock(late_s=(0.01,) * 1000), recorder=recorder, period_s=0.5)
-    await _serve(service, lambda: len(service.publisher.estimates) >= 20)
+    service = loop_service([driver], clock=LateClock(late_s=(0.01,) * 1000), recorder=recorder, period_s=0.5)
+    await serve_until(service, lambda: len(service.publisher.estimates) >= 20)
     (path,) = tmp_path.glob("*.csv")
     log = read_log(path, CHANNELS)
     ticks = _ticks(service)
@@ -273,7 +231,7 @@ async def test_a_dead_recorder_is_reported_and_the_watchdog_not_fed(tmp_path, mo
         raise ZeroDivisionError("a defect")
 
     recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5)
-    service = _service(recorder=recorder)
+    service = loop_service(recorder=recorder)
     task = asyncio.ensure_future(serve(service))
     await eventually(lambda: service.notes)
     monkeypatch.setattr(recorder, "_drain", defect)
@@ -289,7 +247,7 @@ async def test_a_dead_recorder_is_reported_and_the_watchdog_not_fed(tmp_path, mo
 async def test_before_a_restart_the_parts_end_and_clients_learn_the_reason():
     keeper = _Keeping()
     driver = FakeDriver([(0, {"t1_degC": 20.0, "t2_degC": 20.0}, {})])
-    service = _service([driver], clock=FastClock(), period_s=0.5)
+    service = loop_service([driver], clock=FastClock(), period_s=0.5)
     service = replace(service, restarts=Restarts(dict), observers=(keeper,))
     task = asyncio.ensure_future(serve(service))
     await eventually(lambda: [b for _, b in service.publisher.estimates if np.isfinite(b.field_degC).all()])
@@ -305,8 +263,8 @@ async def test_before_a_restart_the_parts_end_and_clients_learn_the_reason():
     assert keeper.snapshot.tick_s == last.time_s[0] + 60.0
     # and a service goes on from there: the first step is as long as the gap
     start = FastClock(service.clock.time_s + 60.0)
-    after = replace(_service([FakeDriver([])], clock=start), start=keeper.snapshot)
-    await _serve(after, lambda: len(after.publisher.estimates) >= 2)
+    after = replace(loop_service([FakeDriver([])], clock=start), start=keeper.snapshot)
+    await serve_until(after, lambda: len(after.publisher.estimates) >= 2)
     first = after.publisher.estimates[0][1]
     gap_s = first.time_s[0] - last.time_s[0] - 60.0
     assert first.field_degC[0, 2] == pytest.approx(first.field_degC[0, 0] * gap_s)
@@ -338,9 +296,9 @@ class _Departed:
 async def test_a_departed_prediction_is_a_reason_and_estimates_stay_as_good_as_they_are():
     readings = [(0.05 * k, dict.fromkeys(CHANNELS, 20.0 + 0.01 * k), {}) for k in range(400)]
     gap = _Departed()
-    service = _service([FakeDriver(readings)], gap=gap)
+    service = loop_service([FakeDriver(readings)], gap=gap)
     reason = "the model's prediction has departed from sensor t2"
-    await _serve(
+    await serve_until(
         service,
         lambda: (
             any(r.startswith(reason) for h in service.publisher.healths for r in h["reasons"])

@@ -202,7 +202,7 @@ def test_a_bus_with_a_cyclic_sender_is_opened_again_as_before():
     assert parse(table(channels=("nut_position_m",), reopen_s=1.0)).open_drivers()[1]._bus.reopen_s == 1.0
 
 
-def test_the_check_explains_it(monkeypatch):
+def test_the_check_explains_a_channel_that_sends_only_on_change(monkeypatch):
     monkeypatch.setattr("observer.live.one_look.LOOK_S", 0.5)
     config = parse(table(channels=("t1_degC",)))
     assert findings(config)["heartbeat_s"] == {"t1_degC": HEARTBEAT_S}

@@ -31,7 +31,7 @@ def stepped(config: Config, probing_rows: int) -> tuple[MachineModel, Any, list[
     return machine, pipeline, blocks
 
 
-def test_one_update_is_what_a_reading_leaves() -> None:
+def test_the_worth_of_a_probing_is_what_its_reading_leaves() -> None:
     config = probed(sensor=OCCASIONAL, integrity={"enabled": False})
     machine = MachineModel.of(config, learns=True)
     pipeline = machine.pipeline()
@@ -49,7 +49,7 @@ def test_one_update_is_what_a_reading_leaves() -> None:
 
 
 @pytest.mark.parametrize(("needs_um", "now"), [(0.5, True), (500.0, False)])
-def test_it_is_advised_when_the_part_needs_it(needs_um: float, now: bool) -> None:
+def test_a_probing_is_advised_when_the_part_needs_it(needs_um: float, now: bool) -> None:
     config = probed(sensor=OCCASIONAL, probing={"needs_um": needs_um})
     machine, pipeline, blocks = stepped(config, 10_000)
     said: list[Any] = []

@@ -61,7 +61,7 @@ def _wait_for_rows(folder, count: int) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_without_a_router(tmp_path, number):
+def test_a_service_without_a_router_ends_within_two_seconds(tmp_path, number):
     with _service(f"tcp/127.0.0.1:{free_port()}", tmp_path) as process:
         _read_until(process, "ready")
         _terminate(process, number)
@@ -69,7 +69,7 @@ def test_without_a_router(tmp_path, number):
     assert _recording(tmp_path).step.any()
 
 
-def test_with_a_router_that_freezes(tmp_path):
+def test_a_service_whose_router_freezes_ends_within_two_seconds(tmp_path):
     with Router() as router, _service(router.endpoint, tmp_path) as process:
         with Subscription((router.endpoint,), "m", "x") as subscription:
             until(lambda: "estimate" in subscription.latest())
@@ -81,7 +81,7 @@ def test_with_a_router_that_freezes(tmp_path):
 
 
 @pytest.mark.parametrize(("hangs", "word"), [("step", "hanging"), ("driver", "ready")])
-def test_with_a_part_that_hangs(tmp_path, hangs, word):
+def test_a_service_with_a_part_that_hangs_ends_within_two_seconds(tmp_path, hangs, word):
     with _service(f"tcp/127.0.0.1:{free_port()}", tmp_path, hangs) as process:
         _read_until(process, word)
         _terminate(process)

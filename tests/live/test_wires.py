@@ -9,8 +9,7 @@ from drivers.protocol import DriverStatus
 from observer.frames import Reading
 from observer.live import wires as wires_module
 from observer.live.wires import Wires
-from tests.live.fakes import FakeDriver
-from tests.live.test_loop import _serve, _service
+from tests.live.fakes import FakeDriver, loop_service, serve_until
 from tests.patience import eventually as until
 
 
@@ -87,7 +86,7 @@ async def test_a_driver_that_does_not_end_is_left_behind():
         hanging.let_go.set()
 
 
-async def test_a_thread_that_does_not_come_round_is_not_alive(monkeypatch):
+async def test_a_thread_of_drivers_that_hangs_is_not_alive(monkeypatch):
     monkeypatch.setattr(wires_module, "_DEAF_S", 0.2)
     hanging = Hanging([])
     with started(hanging) as (wires, _):
@@ -95,14 +94,14 @@ async def test_a_thread_that_does_not_come_round_is_not_alive(monkeypatch):
         hanging.let_go.set()
 
 
-async def test_a_dead_thread_ends_the_pings_of_the_watchdog():
+async def test_a_dead_thread_of_drivers_ends_the_pings_of_the_watchdog():
     class Deadly(FakeDriver):
         async def run(self, deliver, now):
             await asyncio.to_thread(ready.wait, 20.0)
             asyncio.get_running_loop().stop()  # as an exception would that is none of an application's
 
     ready = threading.Event()
-    service = _service([Deadly([])], period_s=0.05)
+    service = loop_service([Deadly([])], period_s=0.05)
     before = []
 
     def stopped_pinging():
@@ -112,7 +111,7 @@ async def test_a_dead_thread_ends_the_pings_of_the_watchdog():
         estimates, notes = before[-1]
         return any(n == notes and estimates - e >= 5 for e, n in before)
 
-    await _serve(service, stopped_pinging, timeout_s=30.0)
+    await serve_until(service, stopped_pinging, timeout_s=30.0)
 
 
 async def test_a_reading_that_is_late_keeps_its_time_and_one_far_too_late_is_a_fault():
@@ -137,18 +136,11 @@ async def test_a_reading_that_is_late_keeps_its_time_and_one_far_too_late_is_a_f
         def close(self, timeout_s):
             return True
 
-    service = _service([Late([])], recorder=Recorder())
+    service = loop_service([Late([])], recorder=Recorder())
 
     def faults_seen():
         return [health["channels"]["t1_degC"]["fault"] for health in service.publisher.healths]
 
-    await _serve(service, lambda: "time_backwards" in faults_seen())
+    await serve_until(service, lambda: "time_backwards" in faults_seen())
     faults = [reading.faults for reading in Recorder.readings]
     assert faults == [{}, {}, {}, {"t1_degC": "time_backwards"}]
-
-
-async def test_a_driver_that_fails_is_started_again(monkeypatch):
-    monkeypatch.setattr(wires_module, "RESTART_S", 0.0)
-    driver = FakeDriver([(0, RuntimeError("made to fail"), {})] * 2)
-    with started(driver):
-        await until(lambda: driver.runs == 3)

@@ -1,4 +1,4 @@
-"""A browser for the tests of a file; one that lives longer would keep asyncio from the tests of other files."""
+"""A browser for the tests of one file: it keeps asyncio from others while it lives."""
 
 import pytest
 
