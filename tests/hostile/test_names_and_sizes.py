@@ -1,28 +1,37 @@
-"""Files that would slow the checks or command the terminal are refused or shown in plain characters."""
+"""Files that would slow the checks or command the terminal are rejected or shown in plain characters."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
 
+from observer import view
+from observer.cli.output import advancing
 from observer.errors import ConfigError
 from observer.files.regular import MOST_DEPTH, MOST_ENTRIES, read_toml
 from observer.installation import load
-from observer.terminal import printable
+from observer.installation.examine import examine
+from observer.terminal import print_for_people, printable
 
 CONFIG = Path(__file__).parents[2] / "config" / "demo.toml"
-COMMANDS = {
-    "escape": "\x1b[31mred", "sequence": "\x9b2J", "title": "\x1b]0;owned\x07", "bell": "\x07",
-    "override": "\u202egnp.exe", "isolate": "\u2066x\u2069", "return": "\rgood",
-}  # fmt: skip
+COMMANDS = "\x1b[31mred", "\x9b2J", "\x1b]0;owned\x07", "\u202egnp.exe", "\u2066x\u2069", "\rgood"
+
+
+def assert_shown_as_escapes(shown: str) -> None:
+    assert not any(sign in shown for sign in "\x1b\x9b\x07\r\u202e\u2066\u2069")
+    assert "\\u202e" in shown
 
 
 @pytest.mark.parametrize("key", ["a", '"b c"', "'d'"])
 @pytest.mark.parametrize("line", ["{} = 1", "[{}]", "[[{}]]", "x = {{ y = 1, {} = 1 }}"])
-def test_a_key_of_too_many_parts_is_refused_before_it_is_parsed(
+def test_a_key_of_too_many_parts_is_rejected_before_it_is_parsed(
     key: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tomllib.loads", lambda _text: pytest.fail("it was parsed"))
@@ -38,28 +47,25 @@ def test_numbers_and_sentences_with_many_points_are_no_long_key(tmp_path: Path) 
     assert len(read_toml(path)["x_m"]) == 1000
 
 
-def test_a_file_of_too_many_keys_is_refused_as_a_whole(tmp_path: Path) -> None:
-    path = tmp_path / "machine.toml"
-    path.write_text("".join(f"k{i} = 1\n" for i in range(MOST_ENTRIES + 1)))
-    with pytest.raises(ConfigError, match=f"more than {MOST_ENTRIES} keys"):
-        load(path)
-
-
-def test_names_are_suggested_for_the_listed_keys_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [(MOST_ENTRIES + 1, f"more than {MOST_ENTRIES} keys"), (5000, r"and \d+ more; fix these first")],
+)
+def test_a_file_of_too_many_keys_is_rejected_with_few_suggestions(
+    keys: int, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = []
-    monkeypatch.setattr("observer.installation.problems._closest", lambda key, _known: asked.append(key))
+    suggested = []
+    monkeypatch.setattr("observer.installation.problems._closest", lambda key, _: suggested.append(key))
     path = tmp_path / "machine.toml"
-    path.write_text("".join(f"k{i} = 1\n" for i in range(5000)))
-    with pytest.raises(ConfigError, match=r"and \d+ more; fix these first"):
+    path.write_text("".join(f"k{i} = 1\n" for i in range(keys)))
+    with pytest.raises(ConfigError, match=words):
         load(path)
-    assert len(asked) <= 40
+    assert len(suggested) <= 40
 
 
 @pytest.mark.parametrize("table", ["record", "checkpoint"])
 @pytest.mark.parametrize("directory", [r"a\u0000b", "x" * 5000], ids=["NUL", "too long"])
-def test_a_directory_that_no_file_system_can_have_is_refused(
+def test_a_directory_that_no_file_system_can_have_is_rejected(
     table: str, directory: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "machine.toml"
@@ -68,39 +74,50 @@ def test_a_directory_that_no_file_system_can_have_is_refused(
         load(path)
 
 
-@pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
-def test_a_name_that_commands_a_terminal_is_printed_as_escapes(command: str, tmp_path: Path) -> None:
-    folder = tmp_path / f"log{command.replace('/', '')}"
-    done = subprocess.run(
-        [sys.executable, "-m", "observer", "check", "--config", str(folder / "machine.toml")],
-        capture_output=True, check=False,
-    )  # fmt: skip
+def test_a_configuration_that_is_not_a_file_is_neither_waited_for_nor_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", Path("/dev/zero"), tmp_path, tmp_path / ("x" * 300)):
+        with pytest.raises(ConfigError, match="cannot be read"):
+            examine(path)
+
+
+def test_a_configuration_without_end_is_not_read_to_its_end(tmp_path: Path) -> None:
+    path = tmp_path / "large.toml"
+    with path.open("wb") as file:
+        file.truncate(50_000_000_000)
+    with pytest.raises(ConfigError, match="larger than 4 MB"):
+        examine(path)
+
+
+def test_a_path_that_commands_a_terminal_is_printed_as_escapes(tmp_path: Path) -> None:
+    path = tmp_path / "".join(COMMANDS) / "machine.toml"
+    command = [sys.executable, "-m", "observer", "check", "--config", str(path)]
+    done = subprocess.run(command, capture_output=True, check=False)
     assert done.returncode == 2
-    shown = done.stderr.decode()
-    assert "no such file" in shown
-    assert not any(sign in shown for sign in "\x1b\x9b\x07\r\u202e\u2066\u2069")
+    assert "no such file" in done.stderr.decode()
+    assert_shown_as_escapes(done.stderr.decode())
     assert printable("Spindel über 20 °C, 5 µm\n") == "Spindel über 20 °C, 5 µm\n"
 
 
-def test_a_table_shows_no_command_from_a_file(capsys: pytest.CaptureFixture[str]) -> None:
-    from rich.table import Table
-    from rich.text import Text
-
-    from observer.terminal import print_for_people
-
+def in_a_table() -> None:
     table = Table("name")
-    for command in COMMANDS.values():
+    for command in COMMANDS:
         table.add_row(Text(command))
     print_for_people(table)
-    shown = capsys.readouterr().out
-    assert not any(sign in shown for sign in "\x1b\x9b\x07\r\u202e\u2066\u2069")
 
 
-def test_a_bar_shows_no_command_from_a_file(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from observer.cli.output import advancing
+def in_the_live_view() -> None:
+    with Live(Text("".join(COMMANDS)), console=view.printable_console()):
+        pass
 
+
+@pytest.mark.parametrize("show", [in_a_table, in_the_live_view])
+def test_a_name_that_commands_a_terminal_is_shown_as_escapes(show, capsys) -> None:
+    show()
+    assert_shown_as_escapes(capsys.readouterr().out)
+
+
+def test_a_progress_bar_shows_neither_commands_nor_markup_of_a_name(capsys, monkeypatch) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")  # rich takes the stream for a terminal
     with advancing("compare") as progress:
         progress("\u202e\x9b[bold]x[/]", 0.5)
@@ -108,17 +125,3 @@ def test_a_bar_shows_no_command_from_a_file(
     assert not any(sign in shown for sign in "\x9b\u202e")
     assert "\\u202e" in shown
     assert "[bold]" in shown
-
-
-def test_the_live_view_shows_no_command_from_a_name(capsys: pytest.CaptureFixture[str]) -> None:
-    from rich.live import Live
-    from rich.text import Text
-
-    from observer import view
-
-    assert view.printable_console.__module__ == "observer.terminal"
-    with Live(Text("\u202e\x9bx"), console=view.printable_console()):
-        pass
-    shown = capsys.readouterr().out
-    assert not any(sign in shown for sign in "\x9b\u202e")
-    assert "\\u202e" in shown

@@ -13,7 +13,7 @@ import pytest
 import observer
 from observer.errors import LogError
 from tests.intake.machine import truth
-from tests.intake.test_formats import of_parquet, workbook
+from tests.intake.writers import of_parquet, workbook
 
 CASES = Path(__file__).parents[1] / "data" / "log-cases"
 

@@ -12,9 +12,7 @@ from observer.files.logs import read_log
 from observer.intake.reading import read_channels
 from tests.intake.machine import CONFIG, assert_is, configured, truth
 from tests.intake.rod import import_file
-from tests.intake.test_formats import measurement, waveforms, workbook
-from tests.intake.test_long_and_joined import mtconnect
-from tests.intake.test_text import german
+from tests.intake.writers import german, measurement, mtconnect, waveforms, workbook
 
 WRITERS = {
     "run.xlsx": workbook,
