@@ -1,7 +1,7 @@
 """The interface for writing to a control, in four functions.
 
-It is not a driver, since nothing here reads a machine. A correction consists of whole numbers, so what a
-control reads back can be compared exactly with what was written.
+It is not a driver, since nothing here reads a machine. A correction consists of whole numbers, so a value
+that is read back from a control must equal the written one.
 """
 
 from __future__ import annotations

@@ -208,9 +208,7 @@ class Line:
             return await self._exchange(request, unit, timeout_s)
 
     async def last_replies(self, requests: Iterable[Request], period_s: float) -> None:
-        """Wait until a reply for which another was taken would have come. On Modbus TCP there are no such
-        replies.
-        """
+        """Wait until a reply for which another was taken would have come. Modbus TCP has no such replies."""
         if self.has_numbers:
             return
         if self._is_disturbed() or any(self._has_twin(request) for request in requests):

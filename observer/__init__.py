@@ -6,7 +6,7 @@
     estimates = machine.replay("run.csv")
     estimates["heat_nut_W"]
 
-What is in `__all__` is documented and stable; everything else is private.
+Names in `__all__` are documented and stable; everything else is private.
 """
 
 import importlib

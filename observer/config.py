@@ -55,7 +55,7 @@ class Model(Section):
 
 
 class Calibrate(Section):
-    """What may be fitted."""
+    """The parameters that may be fitted."""
 
     #: what may be fitted, as `"surface.convection_W_m2K"` or `"source.<name>.<key>"`; – is the base film and
     #: each law's scale
@@ -63,7 +63,7 @@ class Calibrate(Section):
 
 
 class Discover(Section):
-    """What a search for missing effects considers."""
+    """The effects that a search considers."""
 
     #: kinds of [effects](effects.md) that the machine cannot have
     without: Annotated[tuple[Annotated[str, Field(max_length=256)], ...], Field(max_length=100)] = ()
@@ -84,7 +84,7 @@ class Discover(Section):
 
 
 class Output(Section):
-    """Where the field is reported, and what the thermal error is measured from."""
+    """Positions at which the field is reported, and the reference of the thermal error."""
 
     #: where field and thermal error are reported, increasing; – is 21 equal steps
     positions_m: tuple[quantities.Position, ...] | None = Field(default=None, min_length=2, max_length=1000)
@@ -93,7 +93,7 @@ class Output(Section):
 
 
 class ChannelLimits(Section):
-    """Limits of one channel, in its own unit; what is not given has a default by what it measures."""
+    """Limits of one channel, in its own unit; a missing limit has the default of its quantity."""
 
     #: smallest accepted value; – is −40 °C on screw, node and end, −20 °C of the air, 5 % of the
     #: screw before its left end, the highest speed backwards
@@ -221,7 +221,7 @@ class Config(Description):
 
     @property
     def gives_bounds(self) -> bool:
-        """Whether estimates have bounds of what a faulty sensor could hide.
+        """Whether estimates have bounds on the error that a faulty sensor could hide.
 
         They have none where heats are known by one sensor each and the laws: no sensor checks another.
         """

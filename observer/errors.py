@@ -55,7 +55,7 @@ def meant(word: str, choices: Iterable[str]) -> str:
 
 
 def check_choice(option: str, value: object, choices: Sequence[str]) -> None:
-    """Raise `UserError` where what is given for an option is none of what it may be."""
+    """Raise `UserError` if the value of an option is not one of its choices."""
     if value not in choices:
         raise UserError(
             f"{option} = {value!r} is not known{meant(str(value), choices)}; give {' or '.join(choices)}"

@@ -59,7 +59,7 @@ class KeyFigure:
 
 
 def _entry(name: Any) -> str:
-    """What an entry is called: its name, or its position with four digits."""
+    """Return the label of an entry: its name, or its position with four digits."""
     return name if isinstance(name, str) else f"{float(name):.4g}"
 
 
@@ -340,7 +340,7 @@ def plain_name(text: str, most: int = _NAME_LENGTH) -> str:
 
 
 class PastReply(NamedTuple):
-    """A page of the past, or the reason why there is none."""
+    """A page of the past, or the reason for its absence."""
 
     payload: bytes
     reason: str | None = None

@@ -19,7 +19,8 @@ _COMMANDING = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 def printable(text: str) -> str:
     """Return a text in which control characters, but line breaks and tabs, are written as escapes.
 
-    A name in a file can hold a terminal's commands, or signs that reverse the order of what follows.
+    A name in a file can hold a terminal's commands, or characters that reverse the order of the text after
+    them.
     """
     return "".join(
         character.encode("unicode_escape", "surrogatepass").decode("ascii")

@@ -127,8 +127,8 @@ def gaps_of(log: Log) -> Iterator[str]:
         sentence = f"there is no row for {_duration(apart_s[at])} after {log.time_s[at]:.6g} s"
         others = f", the longest of {int(long.sum())} such gaps" if long.sum() > 1 else ""
         yield (
-            f"{sentence}{others}: what the machine did there is unknown, and what is found just after it is "
-            "doubtful; give the parts as logs of their own"
+            f"{sentence}{others}: the machine's inputs there are unknown, and results just after it are "
+            "doubtful; split the log there and give both parts"
         )
 
 

@@ -88,7 +88,7 @@ _BEGIN_ANYWHERE = (ChannelKind.POSITION, ChannelKind.SPEED, ChannelKind.OTHER)
 
 
 def likely_unit(limits: Limits, j: int, column: FloatArray, air_degC: float) -> Unit | None:
-    """Return the unit in which a column (n,) of channel number j is plausible, None if there is none."""
+    """Return the unit in which a column (n,) of channel number j is plausible, or None."""
     values = column[np.isfinite(column)]
     if len(values) == 0 or np.ptp(values) == 0.0:  # nothing, or a device's code for a fault
         return None

@@ -50,7 +50,7 @@ def demo(
         typer.Option(help="Thermocouples along the screw, or on nut and housings only."),
     ] = "screw",
 ) -> None:
-    """Run the main job on a simulated machine: real Modbus and CAN, estimates beside the truth."""
+    """Run the service on a simulated machine with Modbus and CAN; show estimates beside the true heats."""
     from pydantic import ValidationError
 
     from observer.demo import run_demo

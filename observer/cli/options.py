@@ -34,7 +34,7 @@ OutputOption = Annotated[
     Path, typer.Option("--output", "-o", help="Folder for the results; made if missing.")
 ]
 SecondsOption = Annotated[
-    float | None, typer.Option(min=0, help="Stop after this many seconds; default: run on.")
+    float | None, typer.Option(min=0, help="Stop after this many seconds; default: no limit.")
 ]
 
 
@@ -77,7 +77,7 @@ ClientOption = Annotated[
 LogArgument = Annotated[
     Path, typer.Argument(help="Log (.csv, .csv.gz, .parquet) or CAN recording (.asc, .blf …).")
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="For programs.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 HashOption = Annotated[
     str | None, typer.Option(help="Hash of the configuration meant; default: the one in force.")
 ]

@@ -73,8 +73,8 @@ def sinumerik(
     facts = (
         f"MD38000 $MA_MM_ENC_COMP_MAX_POINTS[0,{axis}] must be {len(rows)} or more; load the file with "
         "MD32700 $MA_ENC_COMP_ENABLE[0] = 0, then set it to 1.",
-        f"The table is zero at the reference, {MM_PER_M * machine_m[reference]:g} mm; what is left there, "
-        f"{offset_um:.1f} um, is no part of it: put it into a work offset.",
+        f"The table is zero at the reference, {MM_PER_M * machine_m[reference]:g} mm. The remaining "
+        f"{offset_um:.1f} um there are not in the table: put them into a work offset.",
     )
     return ControlTable(f"{axis.lower()}_eec.ini", head + "\n".join([*rows, *tail]) + "\n", facts)
 

@@ -16,7 +16,7 @@ OWNER_ONLY = 0o600
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder that only its owner may read; an existing one stays as it is."""
+    """Make a folder that only its owner may read; an existing folder does not change."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     folder.mkdir(mode=0o700, exist_ok=True)
 

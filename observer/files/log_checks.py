@@ -128,7 +128,7 @@ def _long(time_s: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """Cells of a column that were read as missing because of what they say: how many, and what."""
+    """Cells of a column that hold words and were read as missing: their number and the words."""
 
     column: str
     cells: int
@@ -136,7 +136,7 @@ class Words:
 
     @property
     def text(self) -> str:
-        """The same as a sentence without full stop, with what to do."""
+        """The same as a sentence without full stop, with the remedy."""
         say, read = ("cell says", "was read") if self.cells == 1 else ("cells say", "were read")
         words = ", ".join(self.texts[:MOST_LISTED]) + (", …" if len(self.texts) > MOST_LISTED else "")
         return (

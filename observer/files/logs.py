@@ -75,7 +75,7 @@ class Log:
         return len(self.time_s)
 
     def __getitem__(self, channel: str) -> FloatArray:
-        """A channel's values (n,), NaN where there is none."""
+        """A channel's values (n,), NaN in empty cells."""
         return self.values[:, self.channels.index(channel)]
 
     def with_channels(self, names: Sequence[str]) -> Log:
@@ -180,7 +180,8 @@ def _read_csv(
 def read_part(path: Path, first: bytes, data: bytes, only: Sequence[str]) -> tuple[Log | None, int]:
     """Read whole blocks of a recording whose first line is `first`; only those at its beginning hold it.
 
-    Returns the rows, None where there are none, and how many damaged blocks were left out. Raises `LogError`.
+    Returns the rows, or None without any, and the number of damaged blocks that were left out. Raises
+    `LogError`.
     """
     header = _header(path, first)
     selected, begins = _selected(path, header, only), data.startswith(first)

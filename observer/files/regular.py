@@ -25,13 +25,13 @@ MOST_LOG_BYTES = 1 << 30
 
 
 def one_line(reason: str) -> str:
-    """Return the first line of what a library says of a file, without what cannot be printed."""
+    """Return the first line of a library's message about a file; "?" replaces unprintable characters."""
     first = reason.strip().split("\n", 1)[0][:200]
     return "".join(c if c.isprintable() else "?" for c in first)
 
 
 def refuse_irregular(path: Path, remedy: str, opened: int | None = None) -> None:
-    """Raise `OSError` where there is nothing, `UserError` where there is a pipe, a device or a folder.
+    """Raise `OSError` if the path does not exist, `UserError` if it is a pipe, a device or a folder.
 
     `opened` is the descriptor of the file where that is open already.
     """
@@ -52,7 +52,7 @@ def refuse_large(path: Path, size_bytes: int) -> None:
 def read_regular(path: Path, most_bytes: int, remedy: str) -> bytes:
     """Read a file that is a file: a pipe would be waited for, a device may never end.
 
-    Raises `OSError`, or `UserError` for what is no file of at most `most_bytes`.
+    Raises `OSError`, or `UserError` if it is not a file of at most `most_bytes`.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     with open(descriptor, "rb") as file:

@@ -22,7 +22,7 @@ Column = NDArray[np.float64] | NDArray[np.str_]
 
 
 class TableSink(Protocol):
-    """What takes the blocks of a table."""
+    """A writer of the blocks of a table."""
 
     def write(self, columns: Mapping[str, Column]) -> None:
         """Append rows; every block has the same columns in the same order."""

@@ -1,1 +1,1 @@
-"""Fitting a configuration to logs: what may vary, what the logs say of it, and how sure that is."""
+"""Fitting a configuration to logs: free parameters, their values, and the uncertainty."""

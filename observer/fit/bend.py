@@ -1,4 +1,4 @@
-"""What displacement sensors read where a support has play: no linear function of the temperatures.
+"""Readings of displacement sensors where a support has play: not linear in the temperatures.
 
 The screw is predicted as if it grew freely, with one sensor more, of the growth of all of it; what the
 supports hold back of that is taken off afterwards (`observer.model.rod.supports`).
@@ -19,7 +19,7 @@ _WHOLE = "screw.growth"
 
 
 class Bend(NamedTuple):
-    """The displacement sensors (d,), and what holds the screw at their places."""
+    """The displacement sensors (d,), and the supports that restrain the screw at their positions."""
 
     moved: tuple[int, ...]
     restraint: Restraint

@@ -170,7 +170,7 @@ class Calibration:
 
     @property
     def written(self) -> dict[str, float]:
-        """What the configuration has from the fit, by key: nothing where its own values are kept."""
+        """The configured values that come from the fit, by key: empty if the configured ones are kept."""
         return {} if self.kept is not None else self.values | self.left
 
 
@@ -279,7 +279,7 @@ def _why_kept(config: Config, judged: HeldBack) -> str | None:
     return (
         f"the configured values are kept: fitted ones predict {part} worse, {shown.after_rms_K:.3g} K rms"
         f"{place} instead of {shown.before_rms_K:.3g} K; record a longer log, from a cold start through "
-        "warming up to cooling down, and correct what is roughly known in the configuration"
+        "warming up to cooling down, and correct the estimated values in the configuration"
     )
 
 

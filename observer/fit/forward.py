@@ -85,7 +85,7 @@ class Forward:
         return out
 
     def _setting(self, config: Config) -> Setting:
-        """What the runs are predicted with at a configuration."""
+        """The inputs of a prediction of the runs at a configuration."""
         unit, strength = unit_laws(lean_config(config, self._modes))
         key = unit.model_dump_json(include=PREDICTS) + repr(unit.effect)
         unit, bend = unbent(unit)
@@ -106,7 +106,7 @@ class Forward:
         """The change (b, s) of each prediction with a heat in each outage of a log: of each source
         throughout, and on each stretch of the screw throughout and at the end.
 
-        What the machine did there is unknown; a heat may have been off, or on, or elsewhere, or later.
+        The inputs of an outage are unknown; a heat may have been off, or on, or elsewhere, or later.
         """
         if not any(len(outages_of(run)) for run in self.runs):
             return []

@@ -170,7 +170,7 @@ class Fit:
 
     @cached_property
     def deviance(self) -> float:
-        """Twice the negative log likelihood of what may be used, up to a constant."""
+        """Twice the negative log likelihood of the usable rows, up to a constant."""
         return float(np.sum(self.remainder**2))
 
     @cached_property

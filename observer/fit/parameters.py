@@ -133,7 +133,7 @@ def lawless(config: Config) -> str | None:
         return None
     sources = "no heat has" if len(without) == len(config.source) else f"{', '.join(without)}: without"
     return (
-        f"{sources} a law, so a prediction takes it as 0 W and what it does to the screw counts as the "
+        f"{sources} a law, so a prediction takes it as 0 W and its effect on the screw counts as the "
         "model's error; give speed_channel with torque_Nm (a nut) or heat_W_rpm (a bearing), or power_channel"
     )
 

@@ -1,4 +1,4 @@
-"""What all hypotheses of one search share; immutable."""
+"""The data that all hypotheses of one search share; immutable."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class Problem:
 
     @cached_property
     def prior(self) -> Prior | None:
-        """What is known of the free parameters before the fit."""
+        """The prior of the free parameters."""
         return None if self.prior_of is None else self.prior_of(self.config, self.keys)
 
     @cached_property

@@ -87,7 +87,7 @@ def running_in_of(fit: Fit, runs: Sequence[Run]) -> dict[str, float]:
 
 
 def spread(share: float, starts: Sequence[Fading]) -> float:
-    """One standard deviation of what running in differs by from one start to the next."""
+    """One standard deviation of the running-in from one start to the next."""
     before = math.hypot(PER_START * share, LEAST)
     if len(starts) < 2:
         return before

@@ -60,7 +60,7 @@ class Run:
         return float(self.frames.time_s[-1] - self.frames.time_s[0])
 
     def means(self, rows: FloatArray) -> FloatArray:
-        """Average rows (K, s) over each block's usable samples, (b, s); 0 where there is none."""
+        """Average rows (K, s) over each block's usable samples, (b, s); 0 in a block without any."""
         total = np.add.reduceat(np.where(self.usable, rows, 0.0), self.first, axis=0)
         return np.asarray(total / np.maximum(self.count, 1.0))
 

@@ -301,7 +301,7 @@ class SteppedRun:
         return drive.run(drive.initial(), self.run.frames)[1]
 
     def _aggregated(self, config: Config, plant: Plant) -> Driving:
-        """What drives the ticks, (T,), without the nuts."""
+        """The inputs of the ticks, (T,), without the nuts."""
         fine, row_s = Drive(config, plant).open_loop(self.run.frames), self.run.frames.dt_s
         first = self.ticks.first
         last = np.append(first[1:], len(row_s)) - 1
@@ -323,7 +323,7 @@ class SteppedRun:
         return [self.run.frames.dt_s * (heat_W[:, m.index] + 1e-6) for m in plant.moving]
 
     def _footprint(self, plant: Plant, i: int, *, at_ends: bool = False) -> Footprint:
-        """What a nut's path leaves in the ticks, for any modes up to as many as the plant has."""
+        """The contribution of a nut's path to the ticks, for any number of modes up to the plant's."""
         source = plant.moving[i]
         highest = max(plant.mode_index[-1], len(source.table.mu_1_m))
         return self._footprints.get(

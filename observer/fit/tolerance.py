@@ -1,4 +1,4 @@
-"""Nuisance parameters: what is known of any machine only within a tolerance, and is no missing effect.
+"""Nuisance parameters: known of any machine only within a tolerance, and not a missing effect.
 
 Each is a small change of the configuration with the standard deviation given by `[tolerance]`: it may vary
 inside every hypothesis under a Gaussian prior, and is neither reported nor written back.
@@ -200,8 +200,8 @@ class LearntChanges(NamedTuple):
 def learnt_changes(config: Config, learnt: Mapping[str, tuple[float, float]]) -> LearntChanges:
     """Return the changes of a configuration after an estimator has learnt value and σ by name while it ran.
 
-    What has no key, such as the ambient's offset, stays within its tolerance. A sensor with an offset effect
-    keeps it.
+    A parameter without a key, such as the ambient's offset, stays within its tolerance. A sensor with an
+    offset effect keeps it.
     """
     values = {key: value for key, (value, _) in learnt.items() if key in candidates(config) and value > 0.0}
     left = remaining_tolerances(config, {key: learnt[key][1] / value for key, value in values.items()})

@@ -35,7 +35,7 @@ _NORMAL_MAD = 1.4826  # of a normal distribution: its standard deviation over it
 class MeanHeat:
     """The mean heat of one source in one log, at a mean speed, of a machine of some type.
 
-    `good` is the fraction of good estimates in the log, NaN if there is no replay.
+    `good` is the fraction of good estimates in the log, NaN without a replay.
     """
 
     machine: str

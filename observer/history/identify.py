@@ -40,8 +40,8 @@ def heat_history(
     The function `tolerances` returns the effect of one standard deviation of each tolerance on the sensors.
     Its argument is the heats (K, m_e) that the smoother estimates without tolerances, averaged over minutes,
     NaN where unknown. The learnt part of the tolerances is subtracted from the readings. The remaining
-    uncertainty is added to σ for every method, as it is for the smoother. Each iteration of a descent calls
-    `progress`. Raises `UserError` if the options contradict each other, or if the method cannot use this log.
+    uncertainty is added to σ for every method. Each iteration of a descent calls `progress`. Raises
+    `UserError` if the options contradict each other, or if the method cannot use this log.
     """
     options.check()
     first = None if tolerances is None else smooth_heats(plant, settings, blocks)
@@ -204,9 +204,9 @@ def _warnings(options: MethodOptions, misfit: float) -> list[str]:
 def _tolerated_misfit(misfit: float) -> str:
     """Return the warning about a misfit that tolerances explain only if the considered ones change too."""
     return (
-        f"the residual is {misfit**0.5:.3g} times the noise, and [tolerance] explains it by what it only "
-        "allows for (material, positions and the like), which stays as configured; σ includes it, and the "
-        "smoother takes it up as noise of the field"
+        f"the residual is {misfit**0.5:.3g} times the noise, which [tolerance] explains only by quantities "
+        "that are not fitted (material, positions); σ includes it, and the smoother treats it as noise of "
+        "the field"
     )
 
 

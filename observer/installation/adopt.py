@@ -151,7 +151,7 @@ def _adoptable(folder: Path, config: Path, *, candidate: bool) -> Path:
     offered = _table(result.get("partial")).get("candidate") is not None
     if offered and not candidate:
         raise ConfigError(
-            f"{folder}: holds only a candidate (candidate.toml): it explains part of what is missing, but "
+            f"{folder}: holds only a candidate (candidate.toml): it explains part of the deviation, but "
             "the search could not name it; read report.html, and add --candidate if you can say what it is"
         )
     if candidate and not offered:

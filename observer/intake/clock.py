@@ -308,7 +308,7 @@ def _epoch_of(first: float, unit: str) -> tuple[str, float, float] | None:
     """Return the epoch in which a first time is a date from 1995 to 2060: its name, s per count, and zero in
     s.
 
-    None if there is no such epoch. `unit` restricts the choice.
+    None without such an epoch. `unit` restricts the choice.
     """
     for name, to_s, zero_s in _EPOCHS:
         if (not unit or (to_s == 1.0 and unit == "s")) and _FIRST_S < first * to_s + zero_s < _LAST_S:

@@ -197,8 +197,7 @@ def _with_unit(
     finite = candidate.values[np.isfinite(candidate.values)]
     shown = f"{np.median(finite):.4g}" if len(finite) else ""
     doubts[channel] = (
-        f'"{candidate.name}" looks like {likely.in_words}, not {shown_unit(unit)}: '
-        f"it says {shown} in the middle"
+        f'"{candidate.name}" looks like {likely.in_words}, not {shown_unit(unit)}: its median is {shown}'
     )
     if meant := known_unit(likely.in_words):
         columns[channel] = LogColumn(column=candidate.name, unit=meant)

@@ -94,9 +94,7 @@ def _field(matches: Any, name: str, default: int = 0) -> Nanoseconds:
 
 
 def _texts(matches: Any, name: str) -> list[str]:
-    """Return a field of text (n,), empty strings where it is missing; an empty list if there is no such
-    field.
-    """
+    """Return a field of text (n,), empty strings where it is missing; an empty list without such a field."""
     import pyarrow.compute as pc  # noqa: PLC0415
 
     if matches.type.get_field_index(name) < 0:

@@ -124,7 +124,7 @@ def _widened(sheet: Sheet, form: LongForm) -> list[tuple[Sheet, NDArray[np.int64
 def _in_order(sheet: Sheet, clock: SheetClock, doubts: list[str]) -> TimedSheet:
     """Return one signal of a file in long form, sorted by time, and append the doubts about it.
 
-    Of several values at one time the last is kept. Rows before the first value are removed.
+    The last of several values at one time is kept. Rows before the first value are removed.
     """
     column = sheet.columns[0]
     values, _ = numbers_of(column, sheet.decimal)

@@ -89,7 +89,7 @@ def write_program(path: Path, config: Config, cycle: FrameBlock) -> None:
 
 
 def configurations(config_text: str, discovery: Discovery, result: dict[str, Any]) -> dict[str, str]:
-    """Return the configuration with what was found, by the name of its file.
+    """Return the improved configuration, by the name of its file.
 
     It is `config.toml` with the named effects, or `candidate.toml` with the effect that explains most of an
     unknown gap; empty for neither.

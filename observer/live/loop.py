@@ -178,7 +178,7 @@ async def _refuse_a_second_service(publisher: Publisher) -> None:
 
 
 class _Cycles:
-    """What changes while a service runs."""
+    """The variables of a running service."""
 
     def __init__(self, service: Service) -> None:
         self._service = service

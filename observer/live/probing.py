@@ -1,4 +1,4 @@
-"""The advice to probe now: when the thermal error is no longer known well enough for the part."""
+"""The advice to probe, given when the thermal error is too uncertain for the part."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def is_advised(config: Config) -> bool:
 
 
 class ProbingAdvisor(StepObserver):
-    """Publishes every five seconds whether to probe now, and what that would gain."""
+    """Publishes every five seconds whether to probe now, and the gain in σ."""
 
     def __init__(
         self, config: Config, plant: Plant, instance: str, publish: Callable[[Mapping[str, Any]], None]

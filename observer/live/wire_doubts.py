@@ -114,7 +114,7 @@ def _mark(one: dict[str, Any], doubt: str, remedy: str) -> None:
 def _of_temperatures(
     module: _Module, air: str | None, air_degC: float | None
 ) -> Iterator[tuple[str, str, str]]:
-    """Each doubtful channel with what is wrong with its value, and the remedy."""
+    """Each doubtful channel with the problem of its value, and the remedy."""
     judged = dict(module.values_degC)
     for name, value in module.values_degC.items():
         place = module.places.get(name)

@@ -138,7 +138,7 @@ class _Pages:
         return Response(self._recent[1], media_type="application/json", headers=headers)
 
     async def past(self, _: Request) -> Response:
-        """The times of the first and the last published step, or the reason why there is none."""
+        """The times of the first and the last published step, or the reason for their absence."""
         past = self._start.past
         if past is None:
             return _Json({"reason": "nothing is recorded; name a folder in record.directory"})

@@ -1,1 +1,1 @@
-"""Laws of physics and what materials are; constants. Functions of numbers, nothing else."""
+"""Laws of physics, properties of materials, and constants. Functions of numbers, nothing else."""

@@ -19,7 +19,9 @@ _GAS_CONSTANT_J_kgK = 287.058
 
 
 class Air(NamedTuple):
-    """What of the air a film coefficient depends on; `viscosity_m2_s` is kinematic, `expansion_1_K` = 1/T."""
+    """The properties of air on which a film coefficient depends; `viscosity_m2_s` is kinematic,
+    `expansion_1_K` = 1/T.
+    """
 
     viscosity_m2_s: float
     conductivity_W_mK: float
@@ -153,7 +155,7 @@ def thread_factor(
 
 
 def radiation_film_W_m2K(emissivity: float, ambient_degC: float, rise_K: float) -> float:
-    """Return the film that loses as much as a grey surface radiates: ε σ (T_s + T_a)(T_s² + T_a²).
+    """Return the film coefficient of a grey surface's radiation: ε σ (T_s + T_a)(T_s² + T_a²).
 
     At a rise of zero this is the tangent 4 ε σ T_a³ of the grey body's loss (Lathe, eq. 4).
     """

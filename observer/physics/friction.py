@@ -18,7 +18,7 @@ SWITCH_MM2_S_RPM = 2000.0
 
 
 class BearingType(NamedTuple):
-    """What Palmgren's formula takes from the kind of bearing.
+    """The constants of Palmgren's formula for a kind of bearing.
 
     f_1 = `load_factor` (P_0/C_0)^`load_exponent`; the load that acts is `axial` F_a − 0.1 F_r, but at least
     F_r; `f0` is the factor of the lubricant's torque, for grease.
@@ -96,8 +96,8 @@ def preload_torque_Nm(preload_N: float, efficiency: float, lead_m: float) -> flo
     """Return the torque that turns a preloaded double nut without any outer load.
 
     One half of the nut is driven against the preload, which takes F l/(2π η); the other is driven back by
-    it, which returns F l/(2π) (2 − 1/η). What is left is M = F l/π (1/η − 1), all of it heat. Assumes that
-    both halves waste the same torque.
+    it, which returns F l/(2π) (2 − 1/η). The remaining term is M = F l/π (1/η − 1), all of it heat. Assumes
+    that both halves waste the same torque.
     """
     return preload_N * lead_m / math.pi * (1.0 / efficiency - 1.0)
 

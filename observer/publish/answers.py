@@ -170,7 +170,7 @@ class Responder:
                 query.reply(f"{self._prefix}/{key}", page.payload, encoding=_OF_THE_PAST[key])
 
     def _answer_to(self, key: str, query: Any) -> tuple[bytes, str] | str:
-        """An answer with its encoding, or the reason why there is none."""
+        """An answer with its encoding, or the reason for its absence."""
         if key == "config":
             return self._config, JSON_ENCODING
         if key == "estimate":

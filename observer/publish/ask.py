@@ -26,7 +26,7 @@ _LONGEST = 300
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """A JSON object, or the reason why there is none; and the machine and axis it is from."""
+    """A JSON object, or the reason for its absence; and its machine and axis."""
 
     document: dict[str, Any] | None
     problem: str = ""

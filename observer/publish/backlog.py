@@ -24,7 +24,7 @@ log = structlog.get_logger()
 
 
 class MissingSpan(NamedTuple):
-    """What is missing: the messages of `keys` from a time up to another."""
+    """A gap: the missing messages of `keys` from a time up to another."""
 
     from_s: float
     to_s: float
@@ -66,7 +66,7 @@ class Backlog:
             return sum(span.to_s - span.from_s for span in self._missing)
 
     def behind_s(self, newest_s: float) -> float:
-        """Return what is missing together with what has not gone up to a time, during an outage."""
+        """Return the missing spans and, during an outage, the span since its start up to a time."""
         with self._lock:
             out_s = 0.0 if self._got_s is None else max(newest_s - self._got_s, 0.0)
         return self.left_s + out_s

@@ -277,7 +277,7 @@ def decode_estimate(data: bytes) -> dict[str, Any]:
 
 
 def decode(data: bytes) -> Any:
-    """What comes as CBOR: an estimate, a list or a page of them; raises `ValueError` for other bytes."""
+    """Decode CBOR: an estimate, a list or a page of them; raises `ValueError` for other bytes."""
     stream = io.BytesIO(data)
     try:
         message = cbor2.load(stream, tag_hook=_array)

@@ -37,7 +37,8 @@ _LARGEST = 1e12  # no number of a screw is larger
 class Subscription:
     """Subscribes to one axis and keeps, per key, only the newest message: a slow reader is never behind.
 
-    What has not been renewed for 3 s, nor for three times its usual gap, is shown as `stale`. `machine` and
+    A message that has not been renewed for 3 s, nor for three times its usual period, is shown as `stale`.
+    `machine` and
     `axis` may be `*`. Entering raises `zenoh.ZError` where no router or peer answers.
     """
 
@@ -159,7 +160,7 @@ def _quality(latest: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def accuracy(quality: str, health: Mapping[str, Any]) -> str:
-    """How well a good estimate knows the thermal error at the nut; empty where that is not said."""
+    """The uncertainty of the thermal error at the nut in a good estimate; empty if it was not published."""
     known_to_um = _float(health.get("error_known_to_um"))
     return f" to ±{known_to_um:.0f} µm at the nut" if quality == "good" and known_to_um is not None else ""
 
@@ -299,7 +300,7 @@ def _force(document: Mapping[str, Any]) -> list[Text]:
 
 
 def _sensors(estimate: Mapping[str, Any]) -> Table:
-    """One row per sensor: its quality and how far it was from what the model expected."""
+    """One row per sensor: its quality and its innovation."""
     moved = _items(estimate.get("displacements"))
     table = Table("sensor", "quality", "residual, K or µm" if moved else "residual, K")
     rows = zip(
@@ -315,7 +316,7 @@ def _sensors(estimate: Mapping[str, Any]) -> Table:
 
 
 def _learned(document: Mapping[str, Any]) -> Text:
-    """What has been learnt of the machine in one paragraph, value ± σ of each."""
+    """The learnt parameters in one paragraph, value ± σ of each."""
     learned = [
         f"{_word(name)} {_short(_table(entry).get('value'))} ± {_short(_table(entry).get('sigma'))}"
         for name, entry in list(_table(document.get("parameters")).items())[:_LONGEST_LIST]

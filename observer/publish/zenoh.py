@@ -1,4 +1,4 @@
-"""Publishes estimates on Zenoh: nothing here waits for a network, and what could not be sent is counted.
+"""Publishes estimates on Zenoh: nothing here waits for a network, and unsent messages are counted.
 
 The session opens in a thread of its own, which retries for ever, so a missing router delays nothing.
 Publishers drop rather than wait (`CongestionControl.DROP`): a slow subscriber must not stall the estimator.
@@ -48,7 +48,7 @@ def key_prefix(machine: str, axis: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Link:
-    """An open session and what is declared on it."""
+    """An open session and its declarations."""
 
     session: zenoh.Session
     publishers: dict[str, zenoh.Publisher]
@@ -71,7 +71,7 @@ class Outlet(Protocol):
 
     @property
     def unsent(self) -> Mapping[str, Mapping[str, float]]:
-        """What is kept to be sent late, by outlet: `steps` and `duration_s`."""
+        """The size of the messages to be sent late, by outlet: `steps` and `duration_s`."""
 
     def start(self) -> None:
         """Begin to take messages."""
@@ -356,7 +356,7 @@ class Rivals:
         return False
 
     def look(self) -> None:
-        """Take in what has come since the last look."""
+        """Take in the messages since the last look."""
         if self._messages is None:
             if (session := self._listener()) is None:
                 return
@@ -391,7 +391,7 @@ class Rivals:
 
     @property
     def reason(self) -> str | None:
-        """What another program publishes, in a sentence; None if nothing was received lately."""
+        """A sentence on the messages of another program; None if nothing was received lately."""
         if self._heard is None or time.monotonic() - self._heard[1] > _MEMORY_S:
             return None
         return self._heard[0]

@@ -130,7 +130,7 @@ def _heat_trend(c: Condition) -> str:
 def _rejected(c: Condition) -> str:
     digits = 1 if c.unit == "um" else 2
     reading = f"{c.about} is rejected: {c.value:+.{digits}f} {_symbol(c)}"
-    return f"{reading} from what the model and the other sensors expect"
+    return f"{reading} from the value that the model and the other sensors predict"
 
 
 _POLLED_WELL_S = 0.025
@@ -153,7 +153,7 @@ def _excluded(c: Condition) -> str:
     if abs(c.value) < c.expected:  # the other sensors know too little to take it back
         return (
             f"{c.about} is excluded, {since}; it reads {c.value:+.1f} ± {c.expected:.1f} {_symbol(c)} off, "
-            "which may be right: if the sensor is, run `observer reset`"
+            "which may be right; if the sensor is correct, run `observer reset`"
         )
     return (
         f"{c.about} reads {abs(c.value):.1f} ± {c.expected:.1f} {_symbol(c)} too {_high_or_low(c)} and is "
@@ -167,7 +167,7 @@ def _swapped(c: Condition) -> str:
     if math.isfinite(c.returns_s):
         return f"{names} were exchanged and excluded, {since}; {_used_again(c)}"
     return (
-        f"{names} are exchanged and excluded: put their plugs right; they are used again ten minutes later, "
+        f"{names} are exchanged and excluded; exchange their plugs; they are used again ten minutes later, "
         f"or at once after `observer reset`, {since}"
     )
 
@@ -224,8 +224,8 @@ class ConditionKind(Enum):
     DRIVER = KindRecord(lambda c: f"driver {c.about} is not connected{_detail(c)}", WIRE_ALARM)
     SILENT = KindRecord(
         lambda c: (
-            f"driver {c.about} is open and silent{_detail(c)}; check that its senders run, the bit rate, "
-            "cable and adapter; it is opened again until a frame comes"
+            f"driver {c.about} is open but receives nothing{_detail(c)}; check that its senders run, the bit "
+            "rate, cable and adapter; it is opened again until a frame comes"
         ),
         WIRE_ALARM,
     )
@@ -251,7 +251,7 @@ class ConditionKind(Enum):
     NO_ESTIMATE = KindRecord(lambda _: "no estimate yet: the first step is still to come")
     JUST_BEGUN = KindRecord(
         lambda _: (
-            "the estimate has just begun: readings are judged for 20 s, and must say how warm the screw is"
+            "the estimate has just begun: readings are checked for 20 s and must fix the screw's temperature"
         )
     )
     UNEXPLAINED = KindRecord(
@@ -263,8 +263,8 @@ class ConditionKind(Enum):
     )
     OFFSET_MOVED = KindRecord(
         lambda c: (
-            f"{c.about} reads {c.value - c.expected:+.2f} K beside what it did in its first {c.detail} h, by "
-            "the offset that is learnt"
+            f"{c.about} reads {c.value - c.expected:+.2f} K off its first {c.detail} h of service, by its "
+            "learnt offset; check the sensor and its contact"
         ),
         SENSOR_DISAGREES_ALARM,
         alarm_name="drifting",
@@ -272,22 +272,22 @@ class ConditionKind(Enum):
     )
     HEAT_HIGH = KindRecord(
         lambda c: (
-            f"the heat of {c.about} is {c.value:.2f} times what was learnt for its speed and temperature in "
+            f"the heat of {c.about} is {c.value:.2f} times the value learnt for its speed and temperature in "
             f"{c.detail} h of running{_heat_trend(c)}"
         ),
         HEAT_HIGH_ALARM,
     )
     HEAT_LOW = KindRecord(
         lambda c: (
-            f"the heat of {c.about} has fallen to {c.value:.2f} of what was learnt for its speed and "
+            f"the heat of {c.about} has fallen to {c.value:.2f} of the value learnt for its speed and "
             f"temperature in {c.detail} h of running{_heat_trend(c)}"
         ),
         HEAT_LOW_ALARM,
     )
     HEATS_TOGETHER = KindRecord(
         lambda c: (
-            f"all heats that depend on {c.about} are {c.value:.2f} times what was learnt in {c.detail} h of "
-            "running: that channel reads wrong, or the film or all lubrication has changed"
+            f"all heats that depend on {c.about} are {c.value:.2f} times the value learnt in {c.detail} h of "
+            "running; check that channel, the film and the lubrication"
         ),
         HEAT_OFF_LAW_ALARM,
     )
@@ -298,20 +298,20 @@ class ConditionKind(Enum):
     BIASED = _test(
         Fault.BIASED,
         lambda c: (
-            f"{c.about} and the model disagree by {c.value:+.2g} σ on average: an offset, a position, or "
-            "film and ambient"
+            f"{c.about} and the model disagree by {c.value:+.2g} σ on average; check the sensor's "
+            "offset and position, the film and the ambient"
         ),
     )
     COLOURED = _test(
         Fault.COLOURED,
         lambda c: (
-            f"the residual of {c.about} is not noise: each sample deviates as the last did (mean product "
-            f"{c.value:+.2g} σ², that of noise is 0)"
+            f"the deviations of {c.about} from the model persist (product of consecutive ones "
+            f"{c.value:+.2g} σ², 0 for noise); check its position, its lag and the heats near it"
         ),
     )
     NOISY = _test(
         Fault.NOISY,
-        lambda c: f"{c.about} scatters {c.value:.1f} times as much as its noise and the model explain",
+        lambda c: f"{c.about} scatters {c.value:.1f} times as much as its noise and the model allow",
         alarm=SENSOR_DISAGREES_ALARM,
         alarm_name="noisy",
         alarm_from=3.0,
@@ -331,8 +331,8 @@ class ConditionKind(Enum):
     OFF_LAW = _test(
         Fault.OFF_LAW,
         lambda c: (
-            f"the heat of {c.about} is {c.value:.3g} W where its law says {c.expected:.3g} W: a unit, a "
-            "sensor, the nut's position, or the model"
+            f"the heat of {c.about} is {c.value:.3g} W, by its law {c.expected:.3g} W; check units, the "
+            "sensors near it, the nut's position and the law"
         ),
         alarm=HEAT_OFF_LAW_ALARM,
         figures=_FIGURES,
@@ -340,8 +340,8 @@ class ConditionKind(Enum):
     ALL_OFF_LAW = _test(
         Fault.ALL_OFF_LAW,
         lambda c: (
-            f"all heats together are off their laws by {c.value:+.1f} σ: film, ambient, or something that "
-            "all sensors share"
+            f"all heats together are off their laws by {c.value:+.1f} σ; check film, ambient, and the "
+            "module and reference that all sensors share"
         ),
         alarm=HEAT_OFF_LAW_ALARM,
         target="all",
@@ -375,8 +375,8 @@ class ConditionKind(Enum):
     DRIFTING = _test(
         Fault.DRIFTING,
         lambda _: (
-            "all sensors together depart from laws and air, faster than they may drift; check what they "
-            "share, and the laws, then run `observer reset`"
+            "all sensors together depart from the heat laws and the ambient, faster than drift allows; check "
+            "their module and reference, and the laws, then run `observer reset`"
         ),
     )
     AMBIGUOUS = _test(
@@ -388,13 +388,13 @@ class ConditionKind(Enum):
     )
     SETTLING = _test(
         Fault.SETTLING,
-        lambda _: "the estimate is settling, after readings that stepped, came back, or do not agree",
+        lambda _: "the estimate is settling, after readings that stepped, returned, or do not agree",
     )
     AIR_LEAPT = _test(
         Fault.AIR_LEAPT,
         lambda c: (
-            f"the air's temperature has jumped by {c.value:+.1f} K, which air cannot do; check its sensor, "
-            "then run `observer reset`"
+            f"the air's temperature has jumped by {c.value:+.1f} K, faster than air can change; check its "
+            "sensor, then run `observer reset`"
         ),
     )
 

@@ -1,4 +1,4 @@
-"""What a service has recorded of the last hours, as the frames that it saw, a run for each stretch.
+"""A service's recordings of the last hours, as the frames that it used, a run for each stretch.
 
 A file that was full goes on in the next one as if it were one. After a start the service knows no channel any
 more until it has been read, and so do the frames here. Stretches end where nothing was recorded for a while,

@@ -52,7 +52,9 @@ log = structlog.get_logger()
 
 @dataclass(frozen=True, slots=True)
 class RecordStatus:
-    """What became of the rows so far; `reason` says in one sentence what is wrong, None if nothing is."""
+    """The numbers of rows written and lost so far; `reason` says in one sentence what is wrong, None if
+    nothing is.
+    """
 
     path: Path | None = None
     rows_written: int = 0
@@ -135,7 +137,7 @@ class Recorder:
         self._put(row, is_full, standing() if is_full and standing is not None else None)
 
     def command(self, time_s: float, name: str, outcome: str) -> None:
-        """Record what somebody asked the service to do, and what came of it, in a row without any value."""
+        """Record a command and its outcome in a row without any value."""
         entry = f"{COMMAND_MARK}{name}={quote(outcome, safe=_PLAIN)}"
         self._put(f"{time_s!r},{',' * len(self._channels)},,{entry}\n".encode())
 

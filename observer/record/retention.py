@@ -42,7 +42,9 @@ _LEAST_FREE_GB = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Retention:
-    """What is kept: files younger than `keep_s`, `keep_bytes` in all, `free_bytes` of the disk left free."""
+    """The files to keep: those younger than `keep_s`, `keep_bytes` in all, `free_bytes` of the disk left
+    free.
+    """
 
     keep_s: float = math.inf
     keep_bytes: float = math.inf
@@ -60,7 +62,7 @@ class Retention:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """One complete file: its size with what lies beside it, and when its last row was written."""
+    """One complete file: its size with its companion files, and when its last row was written."""
 
     path: Path
     size: int
@@ -110,7 +112,7 @@ def shortage(folder: Path, keep: Retention) -> str | None:
 
 
 def recordings(folder: Path, name: str, ending: str = r"\.csv") -> list[Recording]:
-    """The files that services of this name have written; links and files of other names are none."""
+    """The files that services of this name have written, without links."""
     file_name = re.compile(rf"{re.escape(name)}-\d{{8}}T\d{{6}}Z(-\d+)?{ending}")
     complete = []
     for path in folder.iterdir():

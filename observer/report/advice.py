@@ -58,7 +58,7 @@ def next_step(result: dict[str, Any], logs: str, config: str, output: str) -> di
 
 
 def candidate_comment(partial: dict[str, Any]) -> str:
-    """The header of a candidate's configuration: that it is not a result, and what it leaves unexplained."""
+    """The header of a candidate's configuration: it is not a result, and part stays unexplained."""
     proof, worth = partial["proof"], partial["worth"]
     before_K, after_K = (kelvin(proof[f"{key}_rms_K"]) for key in ("before", "after"))
     leaves = f"the gap on data held back goes from {before_K} to {after_K} rms"

@@ -1,6 +1,6 @@
 """Shared by pictures, reports and the page: the colours of temperature, units, and axes.
 
-Time runs to the right, and position upwards beside it; position runs to the right where there is no time.
+Time is horizontal. Position is vertical in time charts and horizontal in the others.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a configuration means, as plain data: `observer check`."""
+"""The properties of a configuration, as plain data: `observer check`."""
 
 from __future__ import annotations
 

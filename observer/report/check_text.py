@@ -1,4 +1,4 @@
-"""What a configuration means, and what its devices delivered, for people: `observer check`."""
+"""The properties of a configuration, and the readings of its devices, for people: `observer check`."""
 
 from __future__ import annotations
 

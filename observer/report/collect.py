@@ -15,10 +15,10 @@ MOST = 2000
 
 
 class Decimator:
-    """Keeps at most `most` evenly spaced rows of a stream, and the extremes of what lies between them.
+    """Keeps at most `most` evenly spaced rows of a stream, and the extremes of the rows between them.
 
     Rows fall into buckets of a fixed number of rows. When there are too many buckets, neighbours merge in
-    pairs and the buckets hold twice as many rows from then on. Of each bucket the last row is kept, and each
+    pairs and the buckets hold twice as many rows from then on. The last row of each bucket is kept, and each
     column's smallest and largest value (NaN only where the bucket holds nothing else).
     """
 
@@ -64,7 +64,9 @@ class Decimator:
 
 
 def _extremes(buckets: FloatArray, first: NDArray[np.int64]) -> FloatArray:
-    """The last, the least and the largest value of what begins at `first` among last, least and largest."""
+    """The last, the smallest and the largest value of each bucket that begins at `first` among last, least
+    and largest.
+    """
     ends = np.append(first[1:], buckets.shape[1]) - 1
     low, high = np.fmin.reduceat(buckets[1], first), np.fmax.reduceat(buckets[2], first)
     return np.stack([buckets[0][ends], low, high])

@@ -51,7 +51,7 @@ def tolerated(prior: Tolerance) -> str:
         f"offset to {prior.offset_K:g} K, its position to {1000 * prior.position_m:g} mm and its lag to "
         f"{prior.lag_s:g} s, its part of the rise to {100 * prior.gain:g} %, the air to {prior.ambient_K:g} "
         f"K, heats from log to log to {100 * prior.heat_per_log:g} %, and how even the film is to "
-        f"{100 * UNEVEN:.0f} %. What these can explain is no effect and not written back."
+        f"{100 * UNEVEN:.0f} %. A deviation within these tolerances is not an effect and is not written back."
     )
 
 
@@ -105,7 +105,7 @@ def _shown(discovery: Discovery) -> Shown:
 
 
 def _suspects(result: dict[str, Any]) -> Html:
-    """What is wrong with the logs."""
+    """The section on faults in the logs."""
     rows = [
         [s["what"], code(s["channel"]) if s["channel"] else "–", f"{s['text']}."] for s in result["suspects"]
     ]
@@ -241,7 +241,7 @@ def _proof(discovery: Discovery, result: dict[str, Any], shown: Shown, logs: Seq
 
 
 def _displacements(result: dict[str, Any]) -> Html:
-    """What displacement sensors say, and how far each is predicted off."""
+    """The verdict of the displacement sensors, and the prediction error of each."""
     displacements = result["displacements"]
     if displacements is None:
         return Html("")
@@ -340,7 +340,7 @@ def _parameters(discovery: Discovery, result: dict[str, Any]) -> Html:
 
 
 def _limits(discovery: Discovery, logs: Sequence[str]) -> Html:
-    """What each log was used for, what was missing in it, and what is not identifiable."""
+    """The use of each log, its missing rows, and the parameters that are not identifiable."""
     evidence = discovery.problem.evidence
     rows = []
     for i, (name, run) in enumerate(zip(logs, discovery.problem.forward.runs, strict=True)):

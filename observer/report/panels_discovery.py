@@ -1,4 +1,4 @@
-"""The drawings of a discovery's report, as SVG that takes the colours of the page it stands in."""
+"""The drawings of a discovery's report, as SVG in the colours of its page."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ ROLES = {PROOF: "proof", UNUSED: "left out"}
 @dataclass(frozen=True, slots=True)
 class Track:
     """One log on a regular grid of half minutes: its name, `role` (b,) (a fold, PROOF or UNUSED), and values
-    (s, b) by name, NaN where there is no mean.
+    (s, b) by name, NaN without a mean.
     """
 
     name: str
@@ -190,7 +190,7 @@ def shortened(name: str, most: int) -> str:
 
 
 def _margin(width: float) -> float:
-    """What the names of sensors take of a drawing's width, in inches."""
+    """The width of the sensors' names in a drawing, in inches."""
     return LEFT if width == WIDTH else LEFT_NARROW
 
 
@@ -265,7 +265,7 @@ def _outline(axes: Axes, box: Box, unit_s: float) -> None:
 
 
 def _scale(figure: Figure, height: float, limit_K: float, time: str) -> None:
-    """The key of the colours, and what the time is."""
+    """The key of the colours, and the label of the time axis."""
     width = figure.get_figwidth()
     figure.text(_margin(width) / width, 0.62 / height, time, color=QUIET, fontsize=8.5, va="center")
     axes = _axes(

@@ -75,7 +75,7 @@ def draw_simulation(figure: Figure, config: Config, samples: Decimator, title: s
 
 
 def _error_or_field(has_error: bool, config: Config) -> tuple[str, str]:
-    """Title and unit of the panel that shows the thermal error, or the temperature where there is none."""
+    """Title and unit of the panel of the thermal error, or of the temperature."""
     screw = "free screw" if config.supports is None else "screw between its supports"
     return (f"Thermal error of the {screw}", "µm") if has_error else ("Temperature", "°C")
 
@@ -104,7 +104,7 @@ def draw_heat_history(
 
 
 def _samples(config: Config, history: HeatHistory, blocks: Sequence[Inputs]) -> Decimator:
-    """The history (m_e heats) and the inputs it was made from, thinned to what a page can show."""
+    """The history (m_e heats) and its inputs, thinned to the resolution of a page."""
     samples, begin = Decimator(), 0
     estimated = np.flatnonzero([s.estimate for s in config.source])
     for block in blocks:

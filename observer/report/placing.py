@@ -1,4 +1,4 @@
-"""What sets of sensors leave unknown for their cost, for people: `observer place`."""
+"""The remaining σ of sets of sensors against their cost, for people: `observer place`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What limits accuracy, as plain data for `observer check`: tolerances, and the faults that are noticed."""
+"""The limits of accuracy, as plain data for `observer check`: tolerances, and the faults that are noticed."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def _row(plant: Plant, sigma: Spread, i: int, key: str, value: float | None) -> 
 
 
 def _first(sigmas: Spread, keys: Sequence[str]) -> dict[str, dict[str, Any] | None]:
-    """By quantity the key that helps most, and by what part it makes σ smaller."""
+    """By quantity, the key that helps most and the fraction by which it lowers σ."""
     quantities = {"heat": np.sqrt(np.mean(sigmas.heat_W**2, axis=1)), "field": sigmas.field_K}
     if sigmas.error_um is not None:
         quantities["error"] = sigmas.error_um
@@ -119,7 +119,7 @@ def _best(sigma: FloatArray, keys: Sequence[str]) -> dict[str, Any] | None:
 
 
 def advice(improve_first: dict[str, dict[str, Any] | None]) -> str:
-    """Return a sentence on what to improve first, and how."""
+    """Return a sentence on the first improvement to make."""
     named: dict[str, list[str]] = {}
     for quantity, best in improve_first.items():
         if best is not None:
@@ -180,7 +180,7 @@ def _sample_s(config: Config) -> FloatArray:
 
 
 def _further(config: Config, slow_K: FloatArray) -> dict[str, Any] | None:
-    """What a further thermocouple at its best place does for the sensor that hides the largest fault.
+    """The gain of a further thermocouple at its best place, for the sensor that hides the largest fault.
 
     The places are the configured candidates; else the screw, if it carries a sensor; else the bodies, since
     nothing can be mounted on a screw that turns.
@@ -230,7 +230,7 @@ IN_BOUND = (
 
 
 def buys(further: dict[str, Any] | None) -> str:
-    """Return a sentence on what a further sensor would gain; empty where nothing was computed."""
+    """Return a sentence on the gain of a further sensor; empty if it was not computed."""
     if further is None:
         return ""
     now_K, then_K, sensor = further["slow_K_now"], further["slow_K_then"], further["sensor"]

@@ -1,4 +1,4 @@
-"""What a discovery found, in sentences for people; made from records, never from other sentences."""
+"""The result of a discovery, in sentences for people; made from records, never from other sentences."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ _SUPPORTED = {
 
 
 def displacement_sentence(displacements: dict[str, Any]) -> str:
-    """What displacement sensors say, without a full stop."""
+    """The verdict of the displacement sensors, without a full stop."""
     names = " or ".join(
         f"{c['key']} = {c['value']:.4g} ({c['ci95'][0]:.4g} … {c['ci95'][1]:.4g}) {unit_text(c['unit'])}"
         f", {c['before']:.4g} before"
@@ -120,7 +120,7 @@ def lack_of(kind: str, *targets: str | None) -> str:
 
 
 def family_text(family: dict[str, Any]) -> str:
-    """A family with its figure, and what stands beside it, as what a model lacks."""
+    """A family with its value and its companions, as the missing part of a model."""
     texts = [_family_text(family), *(_family_text(other) for other in family.get("beside", ()))]
     return joined(texts)
 
@@ -136,7 +136,7 @@ def _family_text(family: dict[str, Any]) -> str:
 
 
 def partial_sentence(partial: dict[str, Any]) -> str:
-    """What an effect explains of the unknown, and what remains, without a full stop."""
+    """The share that an effect explains, and the remainder, without a full stop."""
     if partial["family"] is None:
         values = ", ".join(f"{key} = {measured(p)}" for key, p in partial["parameters"].items())
         cause = f"{lack_of(partial['kind'], partial['target'])} ({name_of(partial)}: {values})"
@@ -151,7 +151,7 @@ def partial_sentence(partial: dict[str, Any]) -> str:
 
 
 def worth_sentence(worth: dict[str, float]) -> str:
-    """What an answer is worth in thermal error, without a full stop."""
+    """The change of thermal error by an answer, without a full stop."""
     before, after, most, left = (
         um(worth[f"{key}_um"]) for key in ("before_rms", "after_rms", "before_largest", "after_largest")
     )
@@ -201,7 +201,7 @@ def gap_sentence(result: dict[str, Any]) -> str:
 
 
 def not_identifiable_sentence(blind: Sequence[Candidate]) -> str:
-    """What is not identifiable from these logs, without a full stop."""
+    """The parameters not identifiable from these logs, without a full stop."""
     targets: dict[str, list[str | None]] = {}
     for candidate in blind:
         targets.setdefault(candidate.kind, []).append(candidate.target)

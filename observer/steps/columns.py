@@ -96,7 +96,8 @@ class StepRows:
 
 @dataclass(frozen=True, eq=False)
 class StepSource:
-    """What all steps of a file share: the layout of the estimates, the channels, and the document `config`.
+    """The common part of all steps of a file: the layout of the estimates, the channels, and the document
+    `config`.
 
     `note` is a sentence on steps that are not as they were published, empty otherwise.
     """

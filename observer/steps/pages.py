@@ -78,7 +78,7 @@ class Span:
 
 
 class _Step(NamedTuple):
-    """The step `k` of a block, its number, and what makes its messages."""
+    """The step `k` of a block, its number, and the encoder of its messages."""
 
     encoder: EstimateEncoder
     estimates: EstimateBlock
@@ -157,7 +157,7 @@ class Pages:
     gap_s: float = 2.5
 
     def estimates(self, span: Span) -> bytes:
-        """Return a page of estimates, CBOR: `estimates` is an array of what was published."""
+        """Return a page of estimates, CBOR: `estimates` is an array of the published messages."""
         page, messages, size = PageOfSteps(self.past, span, self.gap_s), list[bytes](), 0
         for encoder, estimates, _, k, sequence in page:
             messages.append(encoder.cbor(estimates, k, sequence))
@@ -166,7 +166,7 @@ class Pages:
         return cbor2.dumps({**page.head(self.in_force), "estimates": []})[:-1] + array_of(messages)
 
     def readings(self, span: Span) -> bytes:
-        """Return a page of readings, JSON: `readings` is an array of what was published."""
+        """Return a page of readings, JSON: `readings` is an array of the published messages."""
         page, messages, size = PageOfSteps(self.past, span, self.gap_s), list[bytes](), 0
         for encoder, _, frames, k, sequence in page:
             messages.append(encoder.readings(frames, k, sequence))

@@ -73,7 +73,7 @@ def series(
 ) -> Series:
     """Return the first `most` values of a span, the last ones in reverse order if `backwards`.
 
-    Of a value that is NaN, which is no value, the quality is invalid.
+    The quality of a NaN is invalid.
     """
     times_s: list[float] = []
     values: list[Any] = []

@@ -1,4 +1,4 @@
-"""What was published of an axis, asked by time; from any thread."""
+"""The published steps of an axis by time; usable from any thread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is done for the files of the past beside the loop: closed hours are packed, lost steps are made again.
+"""Upkeep of the files of the past, beside the loop: closed hours are packed, lost steps are made again.
 
 Steps are lost where a service was killed before it had written them, or where it wrote none. The readings
 give them again, to the same bits, from the state beside their recording.
@@ -39,7 +39,7 @@ class Recorded:
 
     @classmethod
     def of(cls, path: Path) -> Recorded | None:
-        """Return the times of a file, None where its first or last whole row tells none. Raises `OSError`."""
+        """Return the times of a file, None if its first or last whole row has no time. Raises `OSError`."""
         with suppress(ValueError, FileNotFoundError), path.open("rb") as file:
             lines = [file.readline(_LINE_BYTES), file.readline(_LINE_BYTES)]
             file.seek(max(0, path.stat().st_size - _LINE_BYTES))

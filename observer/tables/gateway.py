@@ -87,8 +87,8 @@ class Page(Section):
         if is_loopback(self.listen) or self.certificate is not None:
             return None
         return (
-            f"page.listen: others reach {self.listen} without TLS, so passwords and what is shown go in "
-            "the clear; name page.certificate and page.key"
+            f"page.listen: others reach {self.listen} without TLS, so passwords and values are sent "
+            "unencrypted; name page.certificate and page.key"
         )
 
 
