@@ -9,25 +9,16 @@ import sys
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from observer import installation
 from observer.discovery.candidates import library
 from observer.effects.catalogue import KINDS
 from observer.errors import ConfigError
-from observer.estimate.pipeline import MachineModel
-from observer.files.logs import read_log
 from observer.fit.parameters import free_keys
-from observer.frames import Inputs
 from observer.installation import with_effects
 from observer.report.wording import lack_of
 from tests.docs.console import blocks
-from tests.reference.service_path import inputs_of
-from tests.reference.test_effects import changes, rms_K
-from tests.truth.machine import effects as truth
-from tests.truth.machine.effects import Ladder
-from tests.truth.machine.machine import Machine as Machine2D
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "docs" / "how-to" / name for name in ("add-an-effect.md", "add-an-effect-to-the-library.md")]
@@ -100,16 +91,6 @@ def test_an_effect_from_outside_is_checked_like_ours(cover: Path) -> None:
     assert lack_of("telescopic:Cover", "nut") == "air under a cover that nut warms"
 
 
-def test_an_installed_package_may_name_it(cover: Path) -> None:
-    about = cover / "telescopic-1.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: telescopic\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text("[ballscrew_observer.effects]\ncover = telescopic:Cover\n")
-    config = rig(COVER | {"kind": "cover"}, discover={"also": ["cover"], "without": ["radiation"]})
-    assert [(e.kind, e.named()) for e in config.effect] == [("cover", "telescopic:Cover")]
-    assert library(config, (), (), config.discover.also)[-1].kind == "telescopic:Cover"
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -128,19 +109,6 @@ def test_what_is_wrong_with_it_is_said(cover: Path, change: dict[str, object], s
     assert said in str(error.value)
 
 
-def test_it_estimates_a_log(cover: Path) -> None:
-    estimates = []
-    for config in (rig(), rig(COVER)):
-        machine = MachineModel.of(config, learns=True)
-        log = read_log(RIG / "run_c.csv.gz", config.channels)
-        inputs = Inputs.joined(inputs_of(config, machine.plant, log)).part(0, 1200)
-        estimator = machine.estimator()
-        estimates.append(estimator.run(estimator.initial(), inputs)[1])
-    bare, covered = estimates
-    assert np.isfinite(covered.heat_W).all()
-    assert np.abs(covered.heat_W - bare.heat_W).max() > 0.1
-
-
 def test_a_search_tries_it_where_it_is_asked_to(cover: Path) -> None:
     config = rig(discover={"also": ["telescopic:Cover"]})
     names = [c.name for c in library(config, free_keys(config), (), config.discover.also)]
@@ -149,23 +117,6 @@ def test_a_search_tries_it_where_it_is_asked_to(cover: Path) -> None:
         rig(discover={"also": ["telescopic:Hood"]})
     with pytest.raises(ConfigError, match='without: "covers" is no effect; give one of surface_convection'):
         rig(discover={"without": ["covers"]})
-
-
-@pytest.mark.parametrize("heated", [0.0, 1.0])
-def test_its_air_is_that_of_a_machine_in_two_dimensions(
-    cover: Path, heated: float, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    def covered(machine: Machine2D, effect: truth.Effect) -> Machine2D:
-        own = {"cover_W_K": effect["loss_W_K"], "cover_J_K": effect["capacity_J_K"]}
-        return truth._physics(machine, **own, cover_share=effect["heated"])
-
-    monkeypatch.setitem(truth.LIBRARY, "telescopic:Cover", covered)
-    fixed = {"loss_W_K": 2.0, "capacity_J_K": 500.0}
-    true_K, model_K, _ = changes(
-        Ladder("nut", "heated", (heated,) * 5, fixed, kind="telescopic:Cover"), tmp_path
-    )
-    assert rms_K(true_K) > 5.0
-    assert rms_K(model_K - true_K) < 0.002 * rms_K(true_K)
 
 
 def extended(folder: Path) -> Path:

@@ -10,13 +10,7 @@ import numpy as np
 import pytest
 
 from observer import config, installation
-from observer.align.aligner import AlignPlan, frames_of_log
-from observer.discovery.candidates import library
 from observer.files.logs import Log, read_log
-from observer.fit.forward import Forward
-from observer.fit.parameters import free_keys
-from observer.fit.runs import prepare
-from observer.fit.tolerance import tolerances
 from observer.frames import EstimateBlock, Quality
 from observer.tables import laws
 from tests.reference.service_path import replay
@@ -76,19 +70,3 @@ def test_a_start_on_a_warm_machine_knows_the_ends_within_its_sigmas() -> None:
     off_K = started.field_degC[minute, ends] - from_the_beginning.field_degC[begin + minute, ends]
     assert (np.abs(off_K) < 3 * started.field_sigma_K[minute, ends]).all()
     assert started.field_sigma_K[minute, ends].max() < 0.6, "so wide a band would hold anything"
-
-
-def test_what_tolerances_move_and_how_many_candidates_there_are() -> None:
-    settings, _ = rig()
-    plan = AlignPlan.of(settings)
-    logs = [read_log(RIG / "end_conduction-0.1" / f"run_{run}.csv.gz", settings.channels) for run in "abc"]
-    forward = Forward(settings, [prepare(settings, list(frames_of_log(log, plan)), "") for log in logs])
-    here = np.concatenate(forward(settings))
-    moved_K = [np.sqrt(np.mean((np.concatenate(forward(c)) - here) ** 2)) for c, _ in tolerances(settings)]
-    conductivity, heat, place, *rest = np.round(moved_K, 2).tolist()
-    film, offset, (ambient, lag) = rest[:4], rest[4:9], rest[9:]
-    assert (conductivity, heat, place, min(film), max(film)) == (0.08, 0.21, 0.15, 0.04, 0.07)
-    assert (min(offset), max(offset), ambient, lag) == (0.12, 0.13, 0.43, 0.03)
-    candidates = library(settings, free_keys(settings))
-    assert len({c.name for c in candidates}) >= 40
-    assert sum(len(c.shapes) for c in candidates) > 100

@@ -75,15 +75,6 @@ def test_the_image_runs_as_a_numbered_user_without_rights() -> None:
     assert int(uid) >= 10000, "low numbers belong to users of the host"
 
 
-def test_every_copied_file_reaches_the_build() -> None:
-    allowed = {line[1:] for line in (ROOT / ".dockerignore").read_text().splitlines() if line.startswith("!")}
-    copied = {w for s in STEPS if s.word == "COPY" and "--from" not in s.text for w in s.words()[:-1]}
-    assert copied == allowed
-    assert all((ROOT / name).exists() for name in copied), (
-        f"missing: {[n for n in copied if not (ROOT / n).exists()]}"
-    )
-
-
 def test_nothing_is_installed_that_is_not_locked() -> None:
     for step in STEPS:
         if step.word == "RUN" and re.search(r"pip\b.* install ", step.text):

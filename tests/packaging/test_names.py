@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections import Counter, defaultdict
+from collections import defaultdict
 from functools import cache
 from pathlib import Path
 
@@ -25,16 +25,3 @@ def test_no_class_name_has_two_meanings() -> None:
                 places[node.name].append(path)
     assert len(places) > 100
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
-
-
-def test_no_module_binds_a_constant_twice() -> None:
-    """The later value would take the place of the earlier one, without a word."""
-    twice = {}
-    for path, tree in parsed().items():
-        names: Counter[str] = Counter()
-        for node in tree.body:
-            targets = node.targets if isinstance(node, ast.Assign) else []
-            names.update(target.id for target in targets if isinstance(target, ast.Name))
-        if again := [name for name, count in names.items() if count > 1]:
-            twice[path] = again
-    assert twice == {}

@@ -17,24 +17,6 @@ PAGE = ROOT / "docs" / "how-to" / "systemd.md"
 TEXT = UNIT.read_text(encoding="utf-8")
 
 
-def _value(key: str) -> list[str]:
-    return [word for line in re.findall(rf"^{key}=(.*)$", TEXT, re.MULTILINE) for word in line.split()]
-
-
-def test_it_waits_for_the_right_time() -> None:
-    assert "time-sync.target" in _value("After")
-    assert "time-sync.target" in _value("Wants")
-
-
-def test_a_reload_asks_the_service_itself() -> None:
-    assert _value("ExecReload") == ["/bin/kill", "-HUP", "$MAINPID"]
-
-
-def test_what_it_keeps_is_for_its_owner_only() -> None:
-    assert _value("StateDirectoryMode") == ["0700"]
-    assert _value("UMask") == ["0077"]
-
-
 def _verify(unit: Path) -> list[str]:
     """What systemd finds wrong in a unit, except that the program is not installed here."""
     command = ["systemd-analyze", "verify", "--man=no", "--recursive-errors=no", str(unit)]
