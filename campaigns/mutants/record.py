@@ -92,13 +92,10 @@ def write(found: Sequence[Survivor], counted: Sequence[Count]) -> None:
 
 
 def page_end(counted: Sequence[Count]) -> str:
-    """Return the table of the last run."""
+    """Return the sentence about the last run."""
     tried, alive = sum(c.tried for c in counted), sum(c.survived for c in counted)
     share = 100 * alive / max(tried, 1)
-    lines = ["", "| module | mutants | tried | survived |", "|---|---|---|---|"]
-    lines += [f"| `{c.module}` | {c.mutants} | {c.tried} | {c.survived} |" for c in counted]
-    lines += [f"| together | {sum(c.mutants for c in counted)} | {tried} | {alive}, {share:.1f} % |"]
-    return "\n".join(lines) + "\n"
+    return f"\n{tried} mutants of {len(counted)} modules were tried; {alive} survived, {share:.1f} %.\n"
 
 
 def _rows(path: Path) -> list[dict[str, Any]]:

@@ -20,6 +20,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from drivers import can, canopen, modbus, mtconnect, opcua, places, player
+from observer.effects.base import EffectTable
 from observer.effects.catalogue import LIBRARY
 from observer.exchange import KEYS
 from observer.installation import Installation
@@ -111,6 +112,8 @@ def table(model: type[BaseModel], page: dict[str, str]) -> str:
     """The table of a class, its keys in the order of those that the `page` has already, by meaning."""
     keys = {field.alias or name: (name, field) for name, field in model.model_fields.items()}
     rows = []
+    if issubclass(model, EffectTable):
+        keys.pop("kind")  # the heading is its value
     for key in [*(k for k in page if k in keys), *(k for k in keys if k not in page)]:
         name, field = keys[key]
         said = (meanings(c).get(name) for c in model.__mro__ if c not in (BaseModel, object))

@@ -76,7 +76,7 @@ def test_reasons_outlive_a_run_and_other_modules_are_left() -> None:
 
 def test_the_page_counts_together() -> None:
     end = record.page_end([Count("a.py", 50, 30, 1), Count("b.py", 20, 10, 0)])
-    assert "| together | 70 | 40 | 1, 2.5 % |" in end
+    assert end == "\n40 mutants of 2 modules were tried; 1 survived, 2.5 %.\n"
 
 
 SOURCE = '''
