@@ -259,5 +259,5 @@ def test_plugs_that_stay_exchanged_are_not_used_when_the_machine_has_cooled() ->
     since_s, pipeline, block = swapped_and_put_right(None)
     assert (block.sensor_quality[since_s > 60.0, :2] == Quality.EXCLUDED).all()
     (said,) = {of_finding(f).sentence for f in pipeline.findings if f.fault is Found.SWAPPED}
-    assert "put their plugs right" in said
+    assert "exchange their plugs" in said
     assert "`observer reset`" in said

@@ -76,7 +76,7 @@ def test_an_occasional_channel_is_not_there_until_its_first_value_which_is_no_re
     [
         ({}, "good", "good", ""),
         ({"estimate": None, "frame": None}, "starting", "invalid", "no estimate yet"),
-        ({"estimate": EstimateQuality.STARTING}, "starting", "starting", "readings are judged for 20 s"),
+        ({"estimate": EstimateQuality.STARTING}, "starting", "starting", "readings are checked for 20 s"),
         ({"estimate": EstimateQuality.INVALID, "had_estimate": False}, "starting", "invalid",
          "is invalid although"),
         ({"estimate": EstimateQuality.INVALID}, "invalid", "invalid", "is invalid although no channel"),
@@ -180,7 +180,7 @@ def test_a_correlation_in_time_is_not_a_percentage():
     """A mean product in σ² may be more than one: "it repeats by 170 %" is nothing that anyone can picture."""
     said = of_finding(Finding(Fault.COLOURED, "t3", 12.0, 1.7, 0.0)).sentence
     assert "%" not in said
-    assert "each sample deviates as the last did (mean product +1.7 σ²" in said
+    assert "product of consecutive ones +1.7 σ²" in said
 
 
 EXCLUDED = Finding(Fault.EXCLUDED, "t2", 5.0, 3.0, 0.2)
@@ -248,7 +248,7 @@ def test_an_excluded_sensor_says_when_it_is_used_again_or_the_command():
     perhaps = excluded(0.8, 6.3)
     assert "+0.8 ± 6.3 K off, which may be right" in perhaps
     assert "run `observer reset`" in perhaps
-    assert "put their plugs right" in excluded(3.0, 0.3, kind=ConditionKind.SWAPPED)
+    assert "exchange their plugs" in excluded(3.0, 0.3, kind=ConditionKind.SWAPPED)
     assert "agrees again and is used in 7 min" in excluded(0.0, 0.3, 400.0, ConditionKind.SWAPPED)
 
 

@@ -83,7 +83,7 @@ def test_an_atypical_value_is_reported_with_what_was_probably_meant(changes, out
 def test_a_page_in_the_clear_is_doubted():
     page = {"listen": "0.0.0.0:8080", "users_file": "users"}
     (doubt,) = doubts(parse(changed(page=page)))
-    assert "in the clear" in doubt
+    assert "unencrypted" in doubt
     assert doubts(parse(changed(page=page | {"certificate": "c.pem", "key": "k.pem"}))) == []
 
 
