@@ -23,9 +23,11 @@ QUALITIES = ("good", "starting", "degraded", "stale", "invalid")
 ENCODER = EstimateEncoder(LAYOUT, "ab12")
 HEALTH: dict[str, Any] = {
     "state": "degraded", "reasons": ["channel t2_degC is missing"], "cycles": 70, "overruns": 2,
-    "published": 400, "publish_drops": 3, "recorded": 80, "record_drops": 0,
+    "published": 400, "publish_drops": 3, "recorded": 80, "record_drops": 6, "degraded_sensors": ["t2"],
+    "unsent": {"mqtt": {"steps": 12, "duration_s": 12.0}},
     "channels": {"t1_degC": {"quality": "good", "age_s": 0.25, "fault": None}},
-    "drivers": {"axis": {"connected": True, "samples": 9, "drops": 0, "errors": 4, "reconnects": 1}},
+    "drivers": {"axis": {"connected": True, "samples": 9, "drops": 0, "errors": 4, "reconnects": 1,
+                         "error_frames": 9, "bus_off": 8}},
 }  # fmt: skip
 ALARM = {
     "id": "sensor_fault.t2.open_circuit", "kind": "sensor_fault", "target": "t2", "severity": "major",

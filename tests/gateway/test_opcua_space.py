@@ -38,11 +38,11 @@ def test_every_reference_and_data_type_is_there(nodes):
         IDS.ServerStatusDataType, IDS.ServerState, IDS.ModellingRule_Mandatory,
     ],
 )  # fmt: skip
-def test_what_clients_ask_for_is_there(nodes, wanted):
+def test_the_address_space_has_what_clients_ask_for(nodes, wanted):
     assert ua.NodeId(wanted) in nodes
 
 
-def test_what_nobody_serves_here_is_not(nodes):
+def test_the_address_space_is_without_what_nobody_serves(nodes):
     for unused in (IDS.AlarmConditionType, IDS.PublishSubscribe, IDS.FileType, IDS.ServerConfiguration):
         assert ua.NodeId(unused) not in nodes
     assert not [name for name in sys.modules if name.startswith("asyncua.server.standard_address_space")]

@@ -33,15 +33,24 @@ def _users(folder: Path) -> dict:
     return {"login": {"users_file": secret(folder / "users", lines)}, "access": ROLES}
 
 
-def _obey(made) -> list[str]:
-    obeyed = [c for c in made.commands() if c.refused is None]
-    for one in obeyed:
-        one.answer(Outcome(True, "as asked", 1.0))
-    return [one.kind for one in obeyed]
+def _is_obeyed(made, opened) -> bool:
+    """Whether the one command that a client asks for is handed over, and its outcome reported."""
+    replies = opened.get(COMMAND, timeout=10)
+    (command,) = wait(lambda: [c for c in made.commands() if c.refused is None])
+    command.answer(Outcome(True, "as asked", 1.0))
+    return command.kind == "reset" and [json.loads(r.ok.payload.to_bytes())["done"] for r in replies] == [
+        True
+    ]
+
+
+def _may_only_look(opened) -> bool:
+    """Whether a client is told the configuration, and gets no answer to a command."""
+    (config,) = ask(opened, f"{PREFIX}/config")
+    return json.loads(config)["hash"] == "ab12" and all(a == "! Timeout" for a in ask(opened, COMMAND))
 
 
 @pytest.mark.system
-def test_by_password(tmp_path):
+def test_a_viewer_by_password_only_looks_and_an_operator_commands(tmp_path):
     with published(**_users(tmp_path)) as (made, endpoint):
         made.document("health", {"state": "good"})
 
@@ -61,12 +70,9 @@ def test_by_password(tmp_path):
                 assert [str(r.ok.key_expr) for r in alive] == [f"{PREFIX}/alive"]
                 for wildcard in ("ballscrew/**", f"{PREFIX}/**", "**"):
                     assert all(a == "! Timeout" for a in ask(opened, f"{wildcard}?config=ab12"))
-            assert all(a == "! Timeout" for a in ask(anna, COMMAND))
+            assert _may_only_look(anna)
             assert made.commands() == []
-            replies = oskar.get(COMMAND, timeout=10)
-            wait(lambda: _obey(made) == ["reset"])
-            (reply,) = list(replies)
-            assert json.loads(reply.ok.payload.to_bytes())["done"] is True
+            assert _is_obeyed(made, oskar)
 
 
 def _publish_until(made, condition):
@@ -111,7 +117,7 @@ def test_only_a_service_may_publish_or_answer_on_the_keys(tmp_path):
 
 
 @pytest.mark.system
-def test_by_certificate(tmp_path):
+def test_a_viewer_by_certificate_only_looks_and_an_operator_commands(tmp_path):
     plant, other = Authority(tmp_path), Authority(tmp_path, "other")
     tls = {"ca": plant.ca, **plant.sign("service"), "client_certificates": True}
     access = {"viewer": ["certificate:grafana"], "operator": ["certificate:panel"]}
@@ -129,17 +135,14 @@ def test_by_certificate(tmp_path):
         with person(plant.ca, plant.sign("visitor")) as visitor:  # let in, but not named
             assert all(a == "! Timeout" for a in ask(visitor, f"{PREFIX}/config"))
         with person(plant.ca, plant.sign("grafana")) as grafana:
-            assert json.loads(ask(grafana, f"{PREFIX}/config")[0])["hash"] == "ab12"
-            assert all(a == "! Timeout" for a in ask(grafana, COMMAND))
+            assert _may_only_look(grafana)
         assert made.commands() == []
         with person(plant.ca, plant.sign("panel")) as panel:
-            replies = panel.get(COMMAND, timeout=10)
-            wait(lambda: _obey(made) == ["reset"])
-            assert [json.loads(r.ok.payload.to_bytes())["done"] for r in replies] == [True]
+            assert _is_obeyed(made, panel)
 
 
 @pytest.mark.system
-def test_the_commands_of_the_program_log_in(tmp_path):
+def test_the_programs_own_commands_log_in_as_whom_they_are_given(tmp_path):
     with published(**_users(tmp_path)) as (made, endpoint):
         made.document("health", {"state": "good"})
         anna = user(tmp_path, "anna", "see")
@@ -190,19 +193,9 @@ def test_files_with_secrets_belong_to_one_person(tmp_path):
         ):
             login(user="anna", password_file=word, users_file=users)
         file.chmod(0o600)
-    for text, sentence in (
-        ("", "names no user"),
-        ("anna\n", "line 1: write name:password"),
-        ("\n", "names no user"),
-    ):
-        users.write_text(text)
-        with pytest.raises(ConfigError, match=sentence):
-            login(users_file=users)
     word.write_text(" \n")
     with pytest.raises(ConfigError, match="is empty; write the password"):
         login(user="anna", password_file=word)
-    with pytest.raises(ConfigError, match="cannot be read"):
-        login(users_file=tmp_path / "none")
 
 
 def test_certificates_are_looked_at_before_anything_starts(tmp_path):
@@ -255,10 +248,7 @@ def test_the_page_on_access_control_does_what_it_says(tmp_path, monkeypatch):
             with pytest.raises(zenoh.ZError), session(endpoint):
                 pass
             with session(endpoint, Client.model_validate(viewer)) as opened:
-                assert json.loads(ask(opened, f"{PREFIX}/config")[0])["hash"] == "ab12"
-                assert all(a == "! Timeout" for a in ask(opened, COMMAND))
+                assert _may_only_look(opened)
             assert made.commands() == []
             with session(endpoint, Client.model_validate(operator)) as opened:
-                replies = opened.get(COMMAND, timeout=10)
-                wait(lambda: _obey(made) == ["reset"])
-                assert [json.loads(r.ok.payload.to_bytes())["done"] for r in replies] == [True]
+                assert _is_obeyed(made, opened)

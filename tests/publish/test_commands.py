@@ -98,7 +98,7 @@ def test_without_a_configuration_nothing_is_obeyed():
 
 
 @pytest.mark.system
-def test_only_a_few_commands_wait():
+def test_at_most_four_commands_wait_and_more_are_refused():
     with published() as (made, endpoint), session(endpoint) as opened:
         many = [opened.get(f"{PREFIX}/command/reset?{HASH}", timeout=5) for _ in range(12)]
         refused = [r for replies in many[4:] for r in replies if r.err]
@@ -107,7 +107,7 @@ def test_only_a_few_commands_wait():
         assert 1 <= len(made.commands()) <= 4
 
 
-def test_a_name_is_fit_for_a_log():
+def test_the_name_of_who_asks_is_fit_for_a_log():
     assert plain_name("anna@desk-7.plant") == "anna@desk-7.plant"
     assert plain_name('a;b=c,"d"\n!e') == "a_b_c__d___e"
     assert len(plain_name("x" * 10_000)) == 64

@@ -58,7 +58,7 @@ def test_a_service_that_comes_back_at_once_is_not_refused():
 
 
 @pytest.mark.system
-def test_two_that_start_at_one_moment_both_notice():
+def test_two_services_that_start_at_one_moment_both_notice():
     with Router() as router:
         pair = [_client(router.endpoint, name) for name in ("11111111", "22222222")]
         wait(lambda: all(one.status.connected or one.status.taken for one in pair))
@@ -77,7 +77,7 @@ def test_two_that_start_at_one_moment_both_notice():
 
 @pytest.mark.system
 @pytest.mark.parametrize("mode", ["client", "peer"])
-def test_two_that_both_went_on_notice_each_other(monkeypatch, mode):
+def test_two_services_that_both_went_on_notice_each_other(monkeypatch, mode):
     monkeypatch.setattr("observer.publish.zenoh.Rivals.token_is_there", lambda _: False)
     with Router() as router:
         pair = [_client(router.endpoint, name, mode) for name in ("11111111", "22222222")]
@@ -98,7 +98,7 @@ def test_two_that_both_went_on_notice_each_other(monkeypatch, mode):
 
 
 @pytest.mark.system
-def test_its_own_messages_and_the_truth_are_not_foreign():
+def test_a_service_takes_its_own_messages_and_the_truth_for_no_rivals():
     with published() as (made, endpoint), session(endpoint) as other:
         heard = other.declare_subscriber(f"{PREFIX}/**", zenoh.handlers.FifoChannel(1000))
 

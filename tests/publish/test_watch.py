@@ -34,7 +34,7 @@ def _shown(latest, table=live_table) -> str:
     return console.export_text()
 
 
-def test_shows_heats_field_error_sensors_and_reasons():
+def test_the_live_table_shows_heats_field_error_sensors_and_reasons():
     latest = _latest(quality=2)
     latest["heat"]["sources"]["nut"] = {"heat_W": 61.234, "sigma_W": 2.0}
     latest["truth/heat"] = {"sources": {"nut": {"heat_W": 59.234, "sigma_W": 0}}}
@@ -47,7 +47,7 @@ def test_shows_heats_field_error_sensors_and_reasons():
         assert words in text
 
 
-def test_names_the_heats_whose_usual_value_is_not_known_yet():
+def test_the_live_table_names_the_heats_whose_usual_value_is_not_known_yet():
     bands = {"nut": {"known": False, "learning": "2.5 of 30 h of running"}, "bearing": {"learning": None}}
     text = _shown(_latest() | {"alarms": {"alarms": [], "bands": bands}})
     assert "usual heats, still being learnt: nut 2.5 of 30 h of running\n" in text.replace(" \n", "\n")
@@ -80,11 +80,11 @@ def test_whatever_a_health_report_holds_it_is_shown(value):
     assert "service" in shown
 
 
-def test_without_truth_there_is_no_such_column():
+def test_without_truth_the_live_table_has_no_such_column():
     assert "truth" not in _shown(_latest())
 
 
-def test_shows_nothing_and_unknown_values():
+def test_the_live_table_shows_an_empty_document_and_unknown_values():
     assert "starting" in _shown({})
     latest = _latest()
     latest["field"]["temperature_degC"] = [None, None, None]

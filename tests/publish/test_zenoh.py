@@ -87,7 +87,7 @@ def test_a_subscriber_gets_every_message_of_the_contract(publisher):
     assert latest["field"]["position_m"] == pytest.approx(latest["estimate"]["position_m"].tolist(), rel=1e-5)
 
 
-def test_messages_say_what_they_are(publisher):
+def test_messages_carry_their_encoding_and_may_be_dropped(publisher):
     made, endpoint = publisher
     with zenoh.open(session_config("client", (endpoint,), ())) as session:
         subscriber = session.declare_subscriber("ballscrew/**")
@@ -121,7 +121,7 @@ def _get(endpoint, selector):
         return list(session.get(selector, timeout=PATIENCE_S))
 
 
-def test_answers_for_the_configuration_and_the_last_estimates(publisher):
+def test_a_publisher_answers_for_the_configuration_and_the_last_estimates(publisher):
     made, endpoint = publisher
     prefix = "ballscrew/lathe-7/z"
     (none,) = _get(endpoint, f"{prefix}/estimate")
@@ -177,7 +177,7 @@ def test_a_router_that_is_not_there_yet_holds_up_nothing(mode):
     assert made.close(2.0)
 
 
-def test_a_router_killed_and_back():
+def test_a_killed_router_is_counted_as_an_outage_and_found_again_within_a_second():
     with Router() as router:
         made = _publisher(router.endpoint)
         _keep_publishing(made, lambda: made.status.connected)
