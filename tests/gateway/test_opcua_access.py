@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,19 +22,18 @@ from asyncua.crypto.uacrypto import CertProperties
 from pydantic import ValidationError
 
 from observer.errors import ConfigError
-from observer.gateway.opcua import NAMESPACE
 from observer.gateway.opcua_server import _Guarded, _Readers, guarded
 from observer.tables.gateway import Opcua
 from tests.docs.console import blocks
 from tests.gateway.applications import PAGE, application, made_as_on_the_page
 from tests.gateway.feeding import GatewayFeed, fed_gateway
+from tests.gateway.nodes import node_of
 from tests.patience import eventually
 from tests.publish.people import secret
 from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
 POLICIES = (SecurityPolicyBasic256Sha256, SecurityPolicyAes128Sha256RsaOaep, SecurityPolicyAes256Sha256RsaPss)
-HEAT = ("lathe", "z", "Heat", "nut", "Heat_W")
 
 
 @dataclass(frozen=True)
@@ -103,21 +102,9 @@ def served(folder) -> Iterator[Served]:
         yield server
 
 
-async def _heat(client: Client):
-    """The node of a heat, once the first estimate has come."""
-    index = await client.get_namespace_index(NAMESPACE)
-    path = [f"{index}:{part}" for part in HEAT]
-
-    async def node():
-        with suppress(ua.UaError):
-            return await client.nodes.objects.get_child(path)
-
-    return await eventually(node)
-
-
 async def _value(client: Client) -> float:
     """The heat, of whatever quality it is."""
-    heat = await _heat(client)
+    heat = await node_of(client)
     return (await heat.read_data_value(raise_on_bad_status=False)).Value.Value
 
 
@@ -126,7 +113,7 @@ async def test_with_the_password_a_client_reads_and_subscribes_and_cannot_write(
         async with await served.known(policy=policy) as client:
             assert await _value(client) == 26.5
             with pytest.raises(ua.UaError):
-                await (await _heat(client)).write_value(5.0)
+                await (await node_of(client)).write_value(5.0)
             assert await _value(client) == 26.5
     heard: list[tuple[float, int]] = []
 
@@ -136,7 +123,7 @@ async def test_with_the_password_a_client_reads_and_subscribes_and_cannot_write(
 
     async with await served.known() as client:
         subscription = await client.create_subscription(50, Handler())
-        await subscription.subscribe_data_change(await _heat(client))
+        await subscription.subscribe_data_change(await node_of(client))
         await eventually(lambda: heard == [(26.5, ua.StatusCodes.Good)])
         served.feed.estimate("degraded")
         await eventually(lambda: heard[1:] == [(26.5, ua.StatusCodes.UncertainSubNormal)])
@@ -181,7 +168,7 @@ async def _cannot_read(client: Client, node: ua.NodeId) -> None:
 
 async def test_nobody_reads_without_encryption_even_with_password_or_another_session(served):
     async with await served.known() as own:
-        node = (await _heat(own)).nodeid
+        node = (await node_of(own)).nodeid
         client = Client(served.url)
         client.set_user("scada")
         client.set_password(served.password)

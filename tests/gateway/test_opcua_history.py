@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from asyncua import Client, ua
 
-from observer.gateway.opcua import NAMESPACE, STATUS
+from observer.gateway.opcua import STATUS
 from observer.publish.codec import config_json, decode_estimate
 from observer.tables.gateway import Opcua
 from tests.gateway.feeding import fed_gateway
-from tests.patience import eventually, until
+from tests.gateway.nodes import node_of
+from tests.patience import until
 from tests.publish.router import free_port
 from tests.steps.lived import BEGIN_S, configuration, lived
 
 pytestmark = pytest.mark.system
-HEAT = ("lathe", "z", "Heat", "nut", "Heat_W")
 
 
 @pytest.fixture(scope="module")
@@ -49,18 +49,6 @@ def _at(since_s: float) -> datetime:
     return datetime.fromtimestamp(BEGIN_S + since_s, UTC).replace(tzinfo=None)
 
 
-async def _node(client: Client, *path: str):
-    index = await client.get_namespace_index(NAMESPACE)
-
-    async def found():
-        try:
-            return await client.nodes.objects.get_child([f"{index}:{part}" for part in path])
-        except ua.UaError:
-            return None
-
-    return await eventually(found)
-
-
 async def _read(client: Client, node, details, point: bytes | None = None) -> ua.HistoryReadResult:
     value = ua.HistoryReadValueId(NodeId=node.nodeid, ContinuationPoint=point)
     asked = ua.HistoryReadParameters(HistoryReadDetails=details, NodesToRead=[value])
@@ -68,53 +56,34 @@ async def _read(client: Client, node, details, point: bytes | None = None) -> ua
     return result
 
 
+def _stamps(values):
+    return [(v.StatusCode.value, round(v.SourceTimestamp.replace(tzinfo=UTC).timestamp(), 3)) for v in values]
+
+
 async def test_a_client_reads_what_was_published(recorded):
-    config, messages = recorded
-    published = [decode_estimate(message) for message in messages]
-    url = f"opc.tcp://127.0.0.1:{free_port()}"
-    folder = config.record.directory
-    with fed_gateway(opcua=Opcua(listen=url), recordings=folder) as feed:
-        until(lambda: feed.said()["reason"] is None)
-        feed.send("config", config_json(config, "00000001").encode())
-        feed.send("estimate", messages[-1])
-        async with Client(url, timeout=60, watchdog_intervall=60.0) as client:
-            node = await _node(client, *HEAT)
-            assert await node.read_attribute(ua.AttributeIds.Historizing)
-            assert ua.AccessLevel.HistoryRead in await node.get_access_level()
-            nut = published[0]["sources"].index("nut")
-            heats = np.array([float(e["heat_W"][nut]) for e in published])
-            wanted = [(STATUS[e["quality"]], round(e["time_s"], 3)) for e in published]
-
-            def stamps(values):
-                return [
-                    (v.StatusCode.value, round(v.SourceTimestamp.replace(tzinfo=UTC).timestamp(), 3))
-                    for v in values
-                ]
-
-            whole = await node.read_raw_history(_at(0), _at(199.5))
-            assert stamps(whole) == wanted
-            np.testing.assert_allclose([v.Value.Value for v in whole], heats, rtol=1e-6)
-            few = await _read(client, node, ua.ReadRawModifiedDetails(
-                StartTime=_at(10), EndTime=_at(60), NumValuesPerNode=7))  # fmt: skip
-            assert stamps(few.HistoryData.DataValues) == wanted[20:27]
-            next_ = await _read(
-                client, node,
-                ua.ReadRawModifiedDetails(StartTime=_at(10), EndTime=_at(60), NumValuesPerNode=7),
-                few.ContinuationPoint,
-            )  # fmt: skip
-            assert stamps(next_.HistoryData.DataValues) == wanted[27:34]
-            back = await _read(client, node, ua.ReadRawModifiedDetails(
-                StartTime=_at(60), EndTime=_at(10), NumValuesPerNode=5))  # fmt: skip
-            assert stamps(back.HistoryData.DataValues) == wanted[120:115:-1]
-            rest = await _read(
-                client, node,
-                ua.ReadRawModifiedDetails(StartTime=_at(60), EndTime=_at(10), NumValuesPerNode=5),
-                back.ContinuationPoint,
-            )  # fmt: skip
-            assert stamps(rest.HistoryData.DataValues) == wanted[115:110:-1]
-            field = await _node(client, "lathe", "z", "Field", "Temperature_degC")
-            (first, *_) = await field.read_raw_history(_at(50), _at(51))
-            np.testing.assert_allclose(first.Value.Value, published[100]["field_degC"], rtol=1e-6)
+    published = [decode_estimate(message) for message in recorded[1]]
+    nut = published[0]["sources"].index("nut")
+    wanted = [(STATUS[e["quality"]], round(e["time_s"], 3)) for e in published]
+    async with connected(recorded) as (client, _feed):
+        node = await node_of(client)
+        assert await node.read_attribute(ua.AttributeIds.Historizing)
+        assert ua.AccessLevel.HistoryRead in await node.get_access_level()
+        whole = await node.read_raw_history(_at(0), _at(199.5))
+        assert _stamps(whole) == wanted
+        heats = [float(e["heat_W"][nut]) for e in published]
+        np.testing.assert_allclose([v.Value.Value for v in whole], heats, rtol=1e-6)
+        for from_s, to_s, first, second in (
+            (10, 60, wanted[20:27], wanted[27:34]),
+            (60, 10, wanted[120:113:-1], wanted[113:106:-1]),  # backwards
+        ):
+            asked = ua.ReadRawModifiedDetails(StartTime=_at(from_s), EndTime=_at(to_s), NumValuesPerNode=7)
+            few = await _read(client, node, asked)
+            assert _stamps(few.HistoryData.DataValues) == first
+            rest = await _read(client, node, asked, few.ContinuationPoint)
+            assert _stamps(rest.HistoryData.DataValues) == second
+        field = await node_of(client, "lathe", "z", "Field", "Temperature_degC")
+        (first, *_) = await field.read_raw_history(_at(50), _at(51))
+        np.testing.assert_allclose(first.Value.Value, published[100]["field_degC"], rtol=1e-6)
 
 
 FORGED = [bytes(3), bytes(9), bytes(8), b"\xff" * 8, b"\x00\x01" * 4, b"x" * 4000]
@@ -122,7 +91,7 @@ FORGED = [bytes(3), bytes(9), bytes(8), b"\xff" * 8, b"\x00\x01" * 4, b"x" * 400
 
 async def test_a_hostile_history_read_gets_an_error_and_ends_no_process(recorded):
     async with connected(recorded) as (client, feed):
-        node = await _node(client, *HEAT)
+        node = await node_of(client)
         assert len(await node.read_raw_history(_at(0), _at(9))) == 19
         archive = _children(feed.process.pid)
         raw = ua.ReadRawModifiedDetails(StartTime=_at(10), EndTime=_at(60), NumValuesPerNode=7)
@@ -146,7 +115,7 @@ def _children(pid: int) -> list[str]:
 
 async def test_aggregates_are_refused_and_an_unknown_node_spoils_no_other(recorded):
     async with connected(recorded) as (client, _feed):
-        node = await _node(client, *HEAT)
+        node = await node_of(client)
         processed = ua.ReadProcessedDetails(
             StartTime=_at(0), EndTime=_at(90), ProcessingInterval=30_000.0,
             AggregateType=[ua.NodeId(ua.ObjectIds.AggregateFunction_Average)],

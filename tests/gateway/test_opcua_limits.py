@@ -11,9 +11,9 @@ import urllib.request
 import pytest
 from asyncua import Client, ua
 
-from observer.gateway.opcua import NAMESPACE
 from observer.tables.gateway import Opcua, Page
 from tests.gateway.feeding import fed_gateway, feed_machine
+from tests.gateway.nodes import node_of
 from tests.patience import PATIENCE_S, Stopwatch, eventually, until
 from tests.publish.router import free_port
 
@@ -81,22 +81,9 @@ async def test_an_answer_lists_a_limited_number_of_references(served):
         assert codes == {ua.StatusCodes.BadNoContinuationPoints}
 
 
-async def _heat(client: Client):
-    index = await client.get_namespace_index(NAMESPACE)
-    path = [f"{index}:{part}" for part in ("lathe", "z", "Heat", "nut", "Heat_W")]
-
-    async def node():
-        try:
-            return await client.nodes.objects.get_child(path)
-        except ua.UaError:
-            return None
-
-    return await eventually(node)
-
-
 async def test_a_session_has_a_limited_number_of_items_and_subscriptions(served):
     async with Client(served, timeout=PATIENCE_S) as client:
-        node = await _heat(client)
+        node = await node_of(client)
         first = await client.create_subscription(500, Handler())
         for _ in range(10):
             await first.subscribe_data_change([node] * 100)
@@ -123,7 +110,7 @@ async def test_every_requested_interval_becomes_one_between_100_ms_and_a_minute(
         handler = Handler()
         handler.datachange_notification = lambda _node, value, _data: changes.put_nowait(value)
         subscription = await client.create_subscription(0.0, handler)
-        await subscription.subscribe_data_change(await _heat(client), sampling_interval=math.nan)
+        await subscription.subscribe_data_change(await node_of(client), sampling_interval=math.nan)
         await asyncio.wait_for(changes.get(), PATIENCE_S)
 
 
@@ -139,7 +126,7 @@ async def test_nobody_uses_the_subscription_of_another_session(served):
         number = subscription.subscription_id
         (result,) = await other.uaclient.delete_subscriptions([number])
         assert result.value == ua.StatusCodes.BadSubscriptionIdInvalid
-        await subscription.subscribe_data_change([await _heat(one)])
+        await subscription.subscribe_data_change([await node_of(one)])
 
 
 async def test_a_session_ends_with_its_connection(served):

@@ -16,9 +16,9 @@ from asyncua import Client, ua
 from observer.exchange import KEYS
 from observer.tables.gateway import Metrics, Mqtt, Opcua
 from tests.gateway.feeding import ALARM, ENCODER, HEALTH, QUALITIES, GatewayFeed, block, fed_gateway
+from tests.gateway.nodes import read_node
 from tests.gateway.test_metrics import labelled, scraped
 from tests.gateway.test_mqtt import Listener, broker, pytestmark  # noqa: F401  (the marks hold here, too)
-from tests.gateway.test_opcua import read_node
 from tests.patience import eventually, until
 from tests.publish.router import free_port
 
