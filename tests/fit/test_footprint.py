@@ -20,12 +20,12 @@ from observer.fit.runs import Run, means_of, prepare
 from observer.fit.steps import PLACES, SteppedRun, interpolation, swept
 from observer.frames import FloatArray
 from observer.model.build import build_plant
-from observer.model.drive import Drive
 from observer.model.plant import Plant
 from observer.model.rod import moving
-from observer.model.simulate import simulate, simulate_means, start_from_sensors
+from observer.model.simulate import simulate_means
 from observer.tables.screw import ScrewSection
 from tests.logs.machines import RIG, rig
+from tests.logs.simulated import simulated_rows
 
 MODES = 20
 
@@ -45,6 +45,16 @@ def stepped(config: Config) -> Config:
 
 def the_run() -> Run:
     return prepare(rig()[0], rig()[1], "the rig's log")
+
+
+def means_by_row(run: SteppedRun, rows: FloatArray) -> FloatArray:
+    """The mean of each sensor's rows over each of a run's means, without rows that are no number."""
+    ticks, there = run.ticks, np.isfinite(rows)
+    mean = ticks.mean[np.repeat(np.arange(len(ticks.first)), np.diff([*ticks.first, len(rows)]))]
+    total, count = np.zeros((2, mean[-1] + 1, rows.shape[1]))
+    np.add.at(total, mean, np.where(there, rows, 0.0))
+    np.add.at(count, mean, there)
+    return total / count
 
 
 def averaged(run: SteppedRun, plant: Plant, weight: FloatArray) -> FloatArray:
@@ -121,17 +131,7 @@ def test_a_strong_body_on_the_nut_is_predicted_in_ticks_as_row_by_row(
     forward = Forward(config, [the_run()])
     in_ticks = forward(config)[0]
     run = forward.runs[0]
-    plant = build_plant(config).sensors_only()
-    drive = Drive(config, plant)
-    inputs = drive.run(drive.initial(), run.run.frames)[1]
-    state = start_from_sensors(
-        plant, run.run.start_degC, run.run.start_R_K2, inputs.law_W[0], inputs.z_start[0]
-    )
-    rows = simulate(plant, state, inputs)[1]
-    mean = run.ticks.mean[np.repeat(np.arange(len(run.ticks.first)), np.diff([*run.ticks.first, len(rows)]))]
-    by_row = np.zeros_like(in_ticks)
-    np.add.at(by_row, mean, rows)
-    by_row /= np.bincount(mean)[:, None]
+    by_row = means_by_row(run, simulated_rows(config, run.run)[1])
     error_K, rise_K = np.sqrt(np.mean((in_ticks - by_row) ** 2)), np.ptp(by_row)
     print(f"{error_K:.4f} K of {rise_K:.1f} K")
     assert error_K < 1e-3 * rise_K  # by the mean place and the stroke: 3e-3
@@ -142,15 +142,10 @@ def test_a_pass_early_in_a_tick_warms_its_mean_by_more_than_one_late_in_it() -> 
     config, passed = with_effects(), 2
     plant = build_plant(config).sensors_only()
     run = SteppedRun(the_run(), config, plant)
-    drive = Drive(config, plant)
-    inputs, by_row = run.inputs(config, plant, "", ""), drive.run(drive.initial(), run.run.frames)[1]
-    state = start_from_sensors(
-        plant, run.run.start_degC, run.run.start_R_K2, inputs.law_W[0], inputs.z_start[0]
-    )
+    inputs = run.inputs(config, plant, "", "")
+    state, rows = simulated_rows(config, run.run)
     steps = simulate_means(plant, state, inputs)
-    rows = simulate(plant, state, by_row)[1][:, passed]
-    mean = run.ticks.mean[np.repeat(np.arange(len(run.ticks.first)), np.diff([*run.ticks.first, len(rows)]))]
-    exact = np.bincount(mean, rows) / np.bincount(mean)
+    exact = means_by_row(run, rows)[:, passed]
     passing, plain = (
         float(np.sqrt(np.mean((means[:, passed] - exact) ** 2)))
         for means in (run.means(plant, inputs, steps), means_of(run.ticks, steps, 0.0 * steps.ends))
@@ -169,10 +164,8 @@ def test_means_over_ticks_are_those_of_the_rows_however_a_sensor_lags(lag_s: flo
     forward, by_row = Forward(config, [run]), Forward(config, [run], tick_s=0.0)
     ticks = forward.runs[0].ticks
     rows = by_row._rows(by_row._setting(config), by_row.runs[0])[1].ends
-    mean = ticks.mean[np.repeat(np.arange(len(ticks.first)), np.diff([*ticks.first, len(rows)]))]
-    exact = np.zeros_like(ticks.measured_degC)
-    np.add.at(exact, mean, np.where(run.usable, rows, 0.0))
-    error_K = forward(config)[0] - exact / ticks.count
+    exact_degC = means_by_row(forward.runs[0], np.where(run.usable, rows, np.nan))
+    error_K = forward(config)[0] - exact_degC
     rms_K, rise_K = np.sqrt(np.mean(error_K**2, axis=0)), np.ptp(ticks.measured_degC, axis=0)
     print(f"{1e3 * rms_K.round(6)} mK of {rise_K.round(1)} K")
     beyond = [0, 4]  # the nut does not pass them

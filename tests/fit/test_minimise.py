@@ -147,38 +147,31 @@ def test_it_is_over_after_its_steps() -> None:
         assert len(least.slopes) == steps + 1
 
 
-def test_a_little_drop_ends_it() -> None:
-    """Drops of 0.4 and more go on; the step that brings less is still taken."""
+@pytest.mark.parametrize(
+    ("stop", "weight", "first"),
+    [
+        # (1 − x)² drops by 0.19, 0.17, … at each tenth; the step that brings less is still taken
+        ({"little": 0.4}, 1.0, 0.1),
+        ({"little": 0.0}, 1.0, 0.6),
+        # σ is 1, and a half where the weight is 2
+        ({"small": 0.11, "steps": 5}, 1.0, 0.1),
+        ({"small": 0.09, "steps": 5}, 1.0, 0.5),
+        ({"small": 0.11, "steps": 5}, 2.0, 0.5),
+        # five more drops as the first lead to −0.14, four after it to 0.05: hopeless beside a lesser rival
+        ({"rival": -0.1}, 1.0, 0.2),
+        ({"rival": -0.2}, 1.0, 0.1),
+        ({"rival": 0.04, "steps": 5}, 1.0, 0.1),
+        ({"rival": 0.06, "steps": 5}, 1.0, 0.2),
+    ],
+)
+def test_a_fit_ends_at_a_little_drop_a_small_step_or_beside_a_rival(
+    stop: dict[str, float], weight: float, first: float
+) -> None:
+    """By tenths from 0 towards 1."""
+    least = Least(lambda t: t, lambda _: np.eye(2), np.array([1.0, 0.0]), weight)
     within = Range(FREE.low, FREE.high, np.full(2, 0.1))
-    ends = []
-    for little in (0.4, 0.0):
-        least = Least(lambda t: t, lambda _: np.eye(2), np.array([1.0, 0.0]))
-        ends.append(least.fit([0.0, 0.0], within, LONG._replace(little=little, steps=6)).theta[0])
-    # (1 − x)² drops by 0.19, 0.17, … at each tenth
-    assert ends == pytest.approx([0.1, 0.6])
-
-
-def test_a_step_small_beside_its_standard_deviation_ends_it() -> None:
-    within = Range(FREE.low, FREE.high, np.full(2, 0.1))
-    ends = []
-    for weight, small in ((1.0, 0.11), (1.0, 0.09), (2.0, 0.11)):
-        least = Least(lambda t: t, lambda _: np.eye(2), np.array([1.0, 0.0]), weight)
-        ends.append(least.fit([0.0, 0.0], within, LONG._replace(small=small, steps=5)).theta[0])
-    assert ends == pytest.approx([0.1, 0.5, 0.5])  # σ is 1, and a half where the weight is 2
-
-
-def test_one_that_cannot_catch_up_with_its_rival_is_given_up() -> None:
-    """From 1 by tenths: 0.81, 0.64, 0.49 …; five more drops as the first make −0.14, four after it 0.05."""
-    within = Range(FREE.low, FREE.high, np.full(2, 0.1))
-    ends = []
-    for steps, rival in ((6, -0.1), (6, -0.2), (5, 0.04), (5, 0.06)):
-        least = Least(lambda t: t, lambda _: np.eye(2), np.array([1.0, 0.0]))
-        found = least.fit([0.0, 0.0], within, LONG._replace(steps=steps, rival=rival))
-        ends.append(round(float(found.theta[0]), 6))
-    assert ends[1] == 0.1
-    assert ends[0] > 0.1
-    assert ends[2] == 0.1
-    assert ends[3] > 0.1
+    found = least.fit([0.0, 0.0], within, LONG._replace(**({"steps": 6} | stop)))
+    assert found.theta[0] == pytest.approx(first)
 
 
 def test_what_is_no_number_is_left_where_it_is() -> None:

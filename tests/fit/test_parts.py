@@ -24,7 +24,6 @@ from observer.fit.parameters import FILM, get, with_values
 from observer.fit.problem import Problem, modelled_lags
 from observer.fit.tolerance import tolerances
 from observer.frames import FloatArray
-from observer.linear_fit import Marginal
 from tests.logs.machines import machine
 
 NOISE_K = np.array([0.05, 0.02])
@@ -375,6 +374,8 @@ def test_an_effect_replaces_the_tolerance_of_the_same_thing_alone() -> None:
     with_film, with_bias = machine(effect=[film]), machine(effect=[bias])
     assert replaces(StretchFilm(0.0, 0.1, 0.2), with_film)
     assert not replaces(StretchFilm(0.0, 0.1, 0.2), with_bias)
+    drift = {"kind": "sensor_drift", "target": "a", "rate_K_h": 4.0}
+    assert not replaces(SensorOffset("a", 0.1, 0.0), machine(effect=[drift])), "an offset does not explain it"
     assert replaces(SensorOffset("a", 0.1, 0.0), with_bias)
     assert not replaces(SensorOffset("b", 0.1, 0.0), with_bias)
     assert not replaces(None, with_film)
@@ -386,11 +387,3 @@ def test_a_fit_that_cannot_overtake_its_rival_is_given_up() -> None:
     hopeless = fit_effects(problem, problem.config, (), rival=-1e9)
     assert problem.free_values(hopeless.config)[0] <= 30.0 + 1e-9, "one step of half a scale"
     assert patient.deviance < hopeless.deviance
-
-
-def test_marginalised_is_less_and_never_more() -> None:
-    rng = np.random.default_rng(6)
-    T, r = 2.0 * rng.normal(size=(9, 3)), rng.normal(size=9)
-    M = Marginal.of(T)
-    assert np.sum(M(r) ** 2) == pytest.approx(r @ np.linalg.solve(np.eye(9) + T @ T.T, r), rel=1e-9)
-    np.testing.assert_allclose(M(np.column_stack([r, 2 * r])), np.column_stack([M(r), 2 * M(r)]), atol=1e-12)

@@ -9,11 +9,9 @@ from observer.fit.runs import joined, prepare
 from observer.frames import Quality
 from observer.installation import parse
 from observer.model.build import build_plant
-from observer.model.drive import Drive
-from observer.model.simulate import simulate, start_from_sensors
 from observer.tables.sections import Node
 from tests.logs.machines import machine, rig
-from tests.logs.simulated import made_log
+from tests.logs.simulated import made_log, simulated_rows
 
 CHANGED = {
     "surface.convection_W_m2K": 12.0,
@@ -31,11 +29,7 @@ def test_the_sum_of_responses_is_the_simulation() -> None:
     changed = changed.model_copy(
         update={"model": changed.model.model_copy(update={"modes": len(build_plant(config).mode_index)})}
     )
-    plant = build_plant(changed)
-    drive = Drive(changed, plant)
-    _, inputs = drive.run(drive.initial(), run.frames)
-    state = start_from_sensors(plant, run.start_degC, run.start_R_K2, inputs.law_W[0], inputs.z_end[0])
-    rows = simulate(plant, state, inputs)[1][:, plant.rows.sensor_slice]
+    rows = simulated_rows(changed, run)[1]
     [predicted] = Forward(config, [run], tick_s=0.0)(replaced(config, CHANGED))
     # sums of the same numbers in another order: rounding of temperatures of 50 °C over 2e4 steps
     np.testing.assert_allclose(predicted, run.means(rows), rtol=0, atol=1e-9)
@@ -60,12 +54,8 @@ def test_the_sum_of_responses_is_the_simulation_beside_a_network_and_an_effect_t
     )
     log = made_log(bare, seed=2, minutes=10.0)
     run = prepare(config, [log], "log")
-    plant = build_plant(config)
-    assert len(plant.source_names) == len(config.source) + 2
-    drive = Drive(config, plant)
-    _, inputs = drive.run(drive.initial(), run.frames)
-    state = start_from_sensors(plant, run.start_degC, run.start_R_K2, inputs.law_W[0], inputs.z_end[0])
-    rows = simulate(plant, state, inputs)[1][:, plant.rows.sensor_slice]
+    assert len(build_plant(config).source_names) == len(config.source) + 2
+    rows = simulated_rows(config, run)[1]
     [predicted] = Forward(config, [run], tick_s=0.0)(config)
     np.testing.assert_allclose(predicted, run.means(rows), rtol=0, atol=1e-9)
 

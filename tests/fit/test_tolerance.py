@@ -6,40 +6,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from observer.config import Config
 from observer.discovery.candidates import library, promises, signatures
 from observer.discovery.search import tried
 from observer.effects.bodies import EndConduction
-from observer.effects.terms import SensorOffset, StretchFilm
 from observer.fit.forward import Forward
-from observer.fit.hypothesis import Fit, fit_effects, fit_null, replaces
+from observer.fit.hypothesis import fit_effects, fit_null
 from observer.fit.parameters import replaced
 from observer.fit.problem import Problem
-from observer.fit.tolerance import tolerances
 from observer.frames import FloatArray, FrameBlock
-from observer.linear_fit import LinearFit, Marginal
+from observer.linear_fit import LinearFit
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
 from tests.discovery.small import problem_of
 from tests.logs.machines import machine, table
 from tests.logs.simulated import made_log
-
-
-@given(st.integers(0, 10**6), st.integers(1, 12), st.integers(0, 4))
-def test_what_a_tolerance_explains_costs_its_share_of_standard_deviations(seed: int, n: int, t: int) -> None:
-    """‖M r‖² = min over a of ‖r − T a‖² + ‖a‖² = rᵀ (I + T Tᵀ)⁻¹ r."""
-    rng = np.random.default_rng(seed)
-    T, r = 3 * rng.normal(size=(n, t)), rng.normal(size=n)
-    left = float(np.sum(Marginal.of(T)(r) ** 2))
-    closed = float(r @ np.linalg.solve(np.eye(n) + T @ T.T, r))
-    a = np.linalg.solve(np.eye(t) + T.T @ T, T.T @ r)
-    least = float(np.sum((r - T @ a) ** 2) + np.sum(a**2))
-    assert left == pytest.approx(closed, rel=1e-9)  # rounding of solves of well-conditioned matrices
-    assert left == pytest.approx(least, rel=1e-9)
 
 
 def most_probable(T: FloatArray, residual: FloatArray, most: FloatArray) -> FloatArray:
@@ -65,25 +48,6 @@ def test_what_one_tolerance_may_not_explain_falls_to_others() -> None:
     assert slope[1] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_an_effect_replaces_the_tolerance_of_the_same_thing_alone() -> None:
-    """A bias of one sensor its offset; a drift does not, since an offset does not explain it."""
-    own, other = SensorOffset("a", 0.3, 0.0), SensorOffset("b", 0.3, 0.0)
-    biased = machine(effect=[{"kind": "sensor_bias", "target": "a", "offset_K": 4.0}])
-    drifting = machine(effect=[{"kind": "sensor_drift", "target": "a", "rate_K_h": 4.0}])
-    assert [replaces(term, biased) for term in (own, other, None, StretchFilm(0.0, 0.1, 1.0))] == [
-        True, False, False, False,
-    ]  # fmt: skip
-    assert not replaces(own, drifting)
-    assert not replaces(own, machine())
-
-
-def test_columns_are_marginalised_as_one_by_one() -> None:
-    rng = np.random.default_rng(3)
-    M, columns = Marginal.of(rng.normal(size=(8, 2))), rng.normal(size=(8, 3))
-    one_by_one = np.column_stack([M(c) for c in columns.T])
-    np.testing.assert_allclose(M(columns), one_by_one, rtol=0, atol=1e-12)
-
-
 MATERIAL = 0.02
 
 
@@ -104,49 +68,6 @@ def test_a_conductivity_within_its_tolerance_is_nothing_and_far_beyond_is_someth
             assert bare > fit.deviance + 10.0  # it would count as something, if it were not marginalised
     assert left[1] < left[0] + 5.0  # a price of one standard deviation squared, and the fit's own chance
     assert left[15] > left[0] + 50.0  # 15² at most: free parameters make up for a part
-
-
-def test_every_tolerance_moves_the_prediction_and_stays_small() -> None:
-    config = machine()
-    problem = problem_of(config, [made_log(config, 0, minutes=60.0)])
-    here = problem.predicted(config)
-    rise_K = float(np.ptp(problem.evidence.measured_degC))
-    every = list(tolerances(config))
-    relative = {
-        key: getattr(changed.screw, key) / getattr(config.screw, key) - 1
-        for changed, _ in every
-        for key in ("conductivity_W_mK", "density_kg_m3", "specific_heat_J_kgK", "diameter_m")
-        if changed.screw != config.screw and getattr(changed.screw, key) != getattr(config.screw, key)
-    }
-    # ρ goes with c, and a diameter is measured
-    assert relative == pytest.approx({"conductivity_W_mK": MATERIAL, "specific_heat_J_kgK": MATERIAL})
-    assert {kind for _, kind in every} == {"whole", "position", "lag"}
-    for changed, kind in every:
-        moved_K = float(np.max(np.abs(problem.predicted(changed) - here)))
-        assert 1e-3 < moved_K < 0.05 * rise_K, kind
-
-
-def test_a_lag_that_an_effect_describes_is_no_tolerance_any_more() -> None:
-    """A sensor's error of three standard deviations of its lag costs nine at the most, unless an effect
-    claims to describe that lag: then nothing forgives it.
-    """
-    config = machine()
-    problem = problem_of(config, [made_log(config, 0, minutes=60.0)])
-    problem = problem.with_nuisance(config)
-    assert problem.nuisance is not None
-    lag = [i for i, name in enumerate(problem.nuisance.lag_of) if name == "b"]
-    assert len(lag) == 1
-    residual = 3.0 * problem.nuisance.columns[:, lag[0]]
-    nothing, parameters = np.zeros((len(residual), 0)), np.zeros(0)
-    cost = {}
-    for target in (None, "a", "b"):
-        effects = [] if target is None else [{"kind": "sensor_lag", "target": target, "time_constant_s": 9.0}]
-        claimed = machine(effect=effects)
-        cost[target] = Fit(problem, claimed, (), parameters, residual, nothing, parameters).deviance
-    print(cost)
-    assert cost[None] <= 9.0
-    assert cost["a"] <= 9.0
-    assert cost["b"] > 2 * cost[None]
 
 
 # ---- gaps ----
@@ -337,11 +258,3 @@ def test_rows_a_minute_apart_do_not_show_when_a_heat_changed(monkeypatch: pytest
     print(honest, allowed, strict)
     assert allowed < honest + 30.0  # a shift of one σ, and four heats that changed by √3 σ each
     assert strict > allowed + 200.0
-
-
-def test_rows_close_together_leave_no_such_doubt() -> None:
-    config = machine()
-    problem = problem_of(config, [made_log(config, 0, minutes=60.0)])
-    close = thinned(made_log(config, 0, minutes=60.0), 1)
-    assert problem.forward.by_coarse_rows(config) == []
-    assert problem_of(config, [close]).forward.runs[0].row_s == 2.0

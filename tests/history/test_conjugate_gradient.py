@@ -1,7 +1,5 @@
 """Conjugate gradients by sweeps of the plant, and step by step as printed."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -42,14 +40,6 @@ def test_conjugate_gradients_end_at_the_noise(order):
     assert 0 < found.iterations[0] < 300
     error_W = (found.heat_W[:, :, 0] - heat_W)[20:-20]
     assert np.sqrt(np.mean(error_W**2)) < (6.0 if order == 0 else 1.5)
-
-
-def test_conjugate_gradients_without_noise_find_the_heats():
-    plant, u, heat_W = logged(steps=100, missing=0.0, noise_K=0.0)
-    _, found = descended(replace(plant, noise_R_K2=plant.noise_R_K2 * 1e-4), u, 1)
-    assert found.reached[0]
-    # a descent that ends at 0.5 mK leaves a percent or two open where the heat jumps at the start
-    np.testing.assert_allclose(found.heat_W[1:90, :, 0], heat_W[1:90], rtol=0, atol=1.0)
 
 
 def test_heats_of_a_log_do_not_depend_on_the_logs_that_descend_beside_it():
@@ -134,14 +124,3 @@ def test_step_by_step_with_a_plant_that_changes_is_refused():
     options = MethodOptions("conjugate-gradient", gradient="central-differences")
     with pytest.raises(UserError, match=r"needs one that stays as it is; use --gradient adjoint"):
         heat_history(plant, EstimatorSettings(), [u], options)
-
-
-@pytest.mark.parametrize("options", [{}, {"order": 0}, {"gradient": "central-differences"}])
-def test_rows_before_the_first_measurement_are_unknown(options):
-    plant, u, _ = logged()
-    u.usable[:7] = False
-    options = MethodOptions("conjugate-gradient", **options)
-    history = heat_history(plant, EstimatorSettings(), [u.part(0, 50), u.part(50)], options)
-    assert len(history) == len(u)
-    assert np.flatnonzero(np.isnan(history.heat_W).any(axis=1)).tolist() == list(range(7))
-    np.testing.assert_array_equal(history.heat_W[7], history.heat_W[8])

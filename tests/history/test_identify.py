@@ -52,16 +52,6 @@ def _identify(log, output, **options):
     return heats.summary
 
 
-def test_columns_are_those_of_the_contract_and_rows_those_of_the_log(tmp_path):
-    log = _log(tmp_path / "log.csv")
-    _identify(log, tmp_path / "out")
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["heat.csv", "heat.png", "summary.json"]
-    read = read_log(tmp_path / "out" / "heat.csv")
-    assert read.channels == ("heat_left_W", "heat_left_sigma_W", "heat_right_W", "heat_right_sigma_W")
-    np.testing.assert_array_equal(read.time_s, read_log(log).time_s)
-    assert np.isfinite(read.values).all()
-
-
 def test_a_heat_that_an_effect_adds_is_known_and_not_among_those_found(tmp_path):
     log = _log(tmp_path / "log.csv")
     config = _config(effect=[{"kind": "local_heat", "position_m": 0.5, "heat_W": 3.0}])
@@ -89,6 +79,7 @@ def test_a_log_without_any_value_leaves_nothing_behind(tmp_path):
 @pytest.mark.parametrize(
     "options",
     [
+        {"method": "smoother"},
         {"method": "tikhonov"},
         {"method": "tikhonov", "order": 0, "parameter_choice": "ico", "seed": 3},
         {"method": "conjugate-gradient"},
@@ -104,9 +95,11 @@ def test_every_method_writes_the_same_files_and_says_how_it_went(tmp_path, optio
     summary = heats.summary
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["heat.csv", "heat.png", "summary.json"]
     read = read_log(tmp_path / "out" / "heat.csv")
+    assert read.channels == ("heat_left_W", "heat_left_sigma_W", "heat_right_W", "heat_right_sigma_W")
+    np.testing.assert_array_equal(read.time_s, read_log(log).time_s)
     assert np.isfinite(read.values).all()
     assert summary["method"] == options["method"]
-    assert summary["misfit"] > 0.0
+    assert options["method"] == "smoother" or summary["misfit"] > 0.0
     assert summary.items() >= {k: v for k, v in options.items() if k not in ("order", "seed")}.items()
 
 
@@ -155,12 +148,6 @@ def test_uneven_steps_are_taken_by_every_method(tmp_path, method):
     summary = _identify(log, tmp_path / "out", method=method)
     assert summary["rows"] == 190
     assert not summary["warnings"]
-
-
-def test_a_log_that_a_method_cannot_take_is_named(tmp_path):
-    log, config = _log(tmp_path / "log.csv"), _config(effect=[{"kind": "radiation", "emissivity": 0.9}])
-    with pytest.raises(LogError, match=r"log\.csv: radiation, .* use --method smoother"):
-        observer.Machine(config, b"").identify(log, "conjugate-gradient")
 
 
 @pytest.mark.parametrize(

@@ -152,14 +152,24 @@ def test_a_reading_that_the_smoother_refuses_is_not_used():
     assert np.isfinite(np.delete(history.residual_K, 60, axis=0)).all()
 
 
-@pytest.mark.parametrize("order", [0, 1])
-def test_rows_before_the_first_measurement_are_unknown(order):
+@pytest.mark.parametrize(
+    "options",
+    [
+        MethodOptions("tikhonov", order=0),
+        MethodOptions("tikhonov", order=1),
+        MethodOptions("conjugate-gradient"),
+        MethodOptions("conjugate-gradient", order=0),
+        MethodOptions("conjugate-gradient", gradient="central-differences"),
+    ],
+)
+def test_heats_before_the_first_measurement_are_unknown(options):
     plant, u, _ = logged()
     u.usable[:7] = False
-    options = MethodOptions("tikhonov", order=order)
     history = heat_history(plant, EstimatorSettings(), [u.part(0, 50), u.part(50)], options)
     assert len(history) == len(u)
     assert np.flatnonzero(np.isnan(history.heat_W).any(axis=1)).tolist() == list(range(7))
+    if options.method == "conjugate-gradient":
+        np.testing.assert_array_equal(history.heat_W[7], history.heat_W[8])
 
 
 def test_a_misfit_beyond_the_noise_is_said():

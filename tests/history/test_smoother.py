@@ -29,24 +29,28 @@ def nut_path(steps):
     return 0.3 + 0.2 * np.sin(1.7 * np.arange(steps))
 
 
+def assert_is_the_dense_posterior(plant, u, digits):
+    ours = smooth_heats(plant, OPEN_GATE, [u])
+    heat, sigma, residual = posterior_heats(plant, u)
+    np.testing.assert_allclose(ours.heat_W, heat, rtol=0, atol=digits * np.abs(heat).max())
+    np.testing.assert_allclose(ours.heat_sigma_W, sigma, rtol=digits)
+    np.testing.assert_allclose(ours.residual_K, residual, rtol=0, atol=digits * np.nanmax(np.abs(residual)))
+
+
 @pytest.mark.parametrize("moving", [(), (1,)])
 @pytest.mark.parametrize("estimated", [None, (True, False, True)])
 @pytest.mark.parametrize("heat_rate", [0.0, 5e-3])
-def test_equals_the_dense_posterior(moving, estimated, heat_rate):
+def test_the_smoother_equals_the_dense_posterior(moving, estimated, heat_rate):
     """Uneven steps, missing samples, jumping laws, a moving nut."""
     plant = rod(moving=moving, estimated=estimated, heat_rate_1_s=heat_rate)
     u = inputs(plant, steps=90, nut_m=nut_path(90), uneven=True, missing=0.3)
-    ours = smooth_heats(plant, OPEN_GATE, [u])
-    heat, sigma, residual = posterior_heats(plant, u)
     # both lose digits of a covariance whose entries span ten decades; half of double precision is left
-    np.testing.assert_allclose(ours.heat_W, heat, rtol=0, atol=1e-8 * np.abs(heat).max())
-    np.testing.assert_allclose(ours.heat_sigma_W, sigma, rtol=1e-8)
-    np.testing.assert_allclose(ours.residual_K, residual, rtol=0, atol=1e-8 * np.nanmax(np.abs(residual)))
+    assert_is_the_dense_posterior(plant, u, 1e-8)
 
 
 @pytest.mark.parametrize(("noise_K", "digits"), [(0.1, 1e-8), (1e-4, 2e-3)], ids=["usual", "almost exact"])
 @pytest.mark.parametrize("effects", [[], LINEAR], ids=["by itself", "coupled"])
-def test_a_short_history_of_coupled_states_equals_it_too(effects, noise_K, digits):
+def test_a_short_history_of_coupled_states_equals_the_dense_posterior(effects, noise_K, digits):
     """Two sensors are heard late. Sensors so exact that they
     correct one after the other cost the dense matrices most of their digits.
     """
@@ -54,11 +58,7 @@ def test_a_short_history_of_coupled_states_equals_it_too(effects, noise_K, digit
     plant = replace(plant, noise_R_K2=np.full(3, noise_K**2))
     u = driven(plant, 16, dt_s=2.0, uneven=True, missing=0.2, loss=True)
     u.usable[:5, 1] = u.usable[:9, 2] = False
-    ours = smooth_heats(plant, OPEN_GATE, [u])
-    heat, sigma, residual = posterior_heats(plant, u)
-    np.testing.assert_allclose(ours.heat_W, heat, rtol=0, atol=digits * np.abs(heat).max())
-    np.testing.assert_allclose(ours.heat_sigma_W, sigma, rtol=digits)
-    np.testing.assert_allclose(ours.residual_K, residual, rtol=0, atol=digits * np.nanmax(np.abs(residual)))
+    assert_is_the_dense_posterior(plant, u, digits)
 
 
 def a_sensor_that_jumps(u):
@@ -132,25 +132,6 @@ def coupled_machine(**effect):
 @pytest.mark.parametrize(
     "effect",
     [
-        {"kind": "attached_mass", "target": "left", "capacity_J_K": 900.0, "conductance_W_K": 4.0},
-        {"kind": "sensor_lag", "target": "t2", "time_constant_s": 20.0},
-        {"kind": "uneven_convection", "from_m": 0.1, "to_m": 0.3, "extra_W_m2K": 40.0},
-    ],
-    ids=lambda effect: effect["kind"],
-)
-def test_equals_the_dense_posterior_where_effects_couple_the_states(effect):
-    plant, u = coupled_machine(**effect)
-    ours = smooth_heats(plant, OPEN_GATE, [u])
-    heat, sigma, residual = posterior_heats(plant, u)
-    # the inverse of a covariance over ten decades leaves eight digits, of which the processor moves the last
-    np.testing.assert_allclose(ours.heat_W, heat, rtol=0, atol=1e-7 * np.abs(heat).max())
-    np.testing.assert_allclose(ours.heat_sigma_W, sigma, rtol=1e-7)
-    np.testing.assert_allclose(ours.residual_K, residual, rtol=0, atol=1e-7 * np.nanmax(np.abs(residual)))
-
-
-@pytest.mark.parametrize(
-    "effect",
-    [
         {"kind": "radiation", "emissivity": 0.8},
         {"kind": "natural_convection", "coefficient_W_m2K": 9.0},
         {"kind": "friction_fade", "target": "left", "per_K": 0.02},
@@ -174,17 +155,6 @@ def test_a_log_in_blocks_and_segments_is_the_log_to_the_last_bit(monkeypatch):
     parts = smooth_heats(plant, OPEN_GATE, [u.part(0, 1), u.part(1, 120), u.part(120)])
     for name in ("heat_W", "heat_sigma_W", "residual_K"):
         assert getattr(parts, name).tobytes() == getattr(whole, name).tobytes(), name
-
-
-def test_the_last_step_is_the_filters():
-    plant = rod()
-    u = inputs(plant, steps=100)
-    estimator = build_estimator(plant, EstimatorSettings())
-    _, filtered = estimator.run(estimator.initial(), u)
-    ours = smooth_heats(plant, EstimatorSettings(), [u])
-    np.testing.assert_array_equal(ours.heat_W[-1], filtered.heat_W[-1])
-    np.testing.assert_array_equal(ours.heat_sigma_W[-1], filtered.heat_sigma_W[-1])
-    assert (ours.heat_sigma_W <= filtered.heat_sigma_W * (1 + 1e-12)).all(), "later measurements only help"
 
 
 def test_what_the_gate_refused_does_not_count():

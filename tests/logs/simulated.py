@@ -13,13 +13,14 @@ from observer.discovery.experiment import Habits, Phase, frames_of
 from observer.estimate.pipeline import MachineModel
 from observer.files.logs import read_log
 from observer.files.writer import write_log
+from observer.fit.runs import Run
 from observer.frames import FloatArray, FrameBlock, Inputs
 from observer.installation import load
 from observer.model.build import build_plant
 from observer.model.cycle import SHIFT, SPEED_RPM
 from observer.model.drive import Drive
 from observer.model.plant import Plant
-from observer.model.simulate import simulate, start
+from observer.model.simulate import simulate, start, start_from_sensors
 from tests.logs.machines import LENGTHS_M, configuration
 
 LOW_m, HIGH_m, AIR_degC = 0.15, 0.80, 22.0
@@ -46,6 +47,15 @@ def run_model(plant: Plant, drive: Drive, block: FrameBlock, start_degC: float) 
     _, u = drive.run(drive.initial(), block)
     _, rows = simulate(plant, start(plant, start_degC, u.law_W[0]), u)
     return u, rows[:, : plant.rows.sensors]
+
+
+def simulated_rows(config: Config, run: Run) -> tuple[FloatArray, FloatArray]:
+    """The state that a run's first readings show, and what its sensors would read row by row (K, s)."""
+    plant = build_plant(config).sensors_only()
+    drive = Drive(config, plant)
+    _, u = drive.run(drive.initial(), run.frames)
+    state = start_from_sensors(plant, run.start_degC, run.start_R_K2, u.law_W[0], u.z_start[0])
+    return state, simulate(plant, state, u)[1]
 
 
 def made_log(
