@@ -61,12 +61,6 @@ def test_the_phases_of_a_shift() -> None:
     assert found.ambient_degC == pytest.approx(20.0)
 
 
-def test_a_machine_that_never_works_is_isothermal() -> None:
-    found = course(lambda _minute: False)
-    assert {PHASES[p] for p in found.phase} == {"isothermal"}
-    assert found.running_s[-1] == 0.0
-
-
 # ---- what logs lack ----
 
 

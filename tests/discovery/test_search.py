@@ -61,16 +61,6 @@ def test_a_proof_without_a_reading_is_refused() -> None:
         discover(config, [[broken]])
 
 
-@pytest.mark.slow
-@pytest.mark.nightly
-def test_what_is_left_out_is_neither_tried_nor_named() -> None:
-    found = found_in(machine(discover={"without": ["sensor_bias"]}), effect=[BIAS])
-    tried = [found.search.ranking, *found.search.rivals, found.search.chosen]
-    assert found.search.ranking
-    assert "sensor_bias" not in {t.candidate.kind for trials in tried for t in trials}
-    assert "sensor_bias" not in {c.kind for c in found.search.blind}
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_without_leaves_out_its_kind_and_no_other(kind: str) -> None:
     config = machine()

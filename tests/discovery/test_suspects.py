@@ -33,24 +33,13 @@ def entry_of(trouble: str | None, seed: int, logs: int = 1) -> Entry:
     return Entry("suspect", "one", Case("suspects", (), seed, logs=logs), trouble=trouble)
 
 
-@pytest.mark.parametrize(
-    "trouble",
-    [
-        pytest.param("heat starts late", marks=[pytest.mark.slow, pytest.mark.nightly]),
-        "sensors exchanged",
-        "ambient",
-        "offsets",
-    ],
-)
+@pytest.mark.parametrize("trouble", ["sensors exchanged", "ambient", "offsets"])
 def test_what_is_wrong_with_one_log_is_reported(trouble: str) -> None:
     entry = entry_of(trouble, 5)
     made = troubled(entry.case, trouble)
     (suspect,) = suspects_of(entry, made)
     assert suspect.what == trouble
     assert all(channel in str(suspect.channel) for channel in made.about)
-    if trouble == "heat starts late":
-        assert suspect.channel is None
-        assert float(suspect.by) == pytest.approx(float(made.by.split()[0]), abs=20.0)
 
 
 @pytest.mark.slow
@@ -273,14 +262,6 @@ def test_suspects_are_judged_by_what_and_where() -> None:
     page = suspect_summary([line, quiet])
     assert "| units | 1/1 = 100.0 % | 2.5 … 100.0 % | yes | 0/1 = 0.0 % |" in page
     assert "| ambient | – | – | – | 1/1 = 100.0 % |" in page
-
-
-def test_the_slice_has_ten_of_each_and_sixty_others() -> None:
-    entries = suspect_campaign()
-    assert len({e.name for e in entries}) == len(entries)
-    assert all(sum(e.trouble == t for e in entries) >= 10 for t in TROUBLES)
-    assert sum(e.trouble is None for e in entries) >= 60
-    assert min(e.case.seed for e in entries) == 9400
 
 
 @pytest.mark.parametrize(

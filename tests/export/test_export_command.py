@@ -78,13 +78,6 @@ def test_incompatible_options_are_rejected_in_a_sentence(
     assert not (tmp_path / "none").exists()
 
 
-def test_a_model_that_varies_is_rejected(tmp_path: Path) -> None:
-    config = tmp_path / "c.toml"
-    config.write_text(RIG.read_text() + '\n[[effect]]\nkind = "speed_convection"\ngain = 0.1\n')
-    done = export("--config", config, "--output", tmp_path / "none")
-    assert "constant matrices; remove it" in str(done.exception)
-
-
 def test_what_the_service_has_learnt_is_not_left_out_in_silence(tmp_path: Path, monkeypatch: Any) -> None:
     config = tmp_path / "c.toml"
     config.write_text(f'{RIG.read_text()}\n[checkpoint]\ndirectory = "{tmp_path}"\n')

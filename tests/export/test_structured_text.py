@@ -72,14 +72,6 @@ def test_a_bracket_that_would_end_the_xml_text_survives() -> None:
     assert body.text == "x := a[b[1]]>2;\n"
 
 
-def test_the_readme_says_how_each_tool_takes_the_block_and_that_none_was_tried(tmp_path: Path) -> None:
-    write_st(observer_form(machine()), tmp_path)
-    text = (tmp_path / "README.md").read_text()
-    assert "not tried in any vendor's tool" in text
-    assert "TwinCAT 3: add `FB_BallscrewObserver.TcPOU`" in text
-    assert "CODESYS" in text
-
-
 def test_a_name_that_the_block_needs_is_rejected() -> None:
     sensors = table()["sensor"]
     sensors[0]["channel"] = "quality"

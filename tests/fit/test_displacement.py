@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -12,7 +11,8 @@ import pytest
 from observer.align.aligner import AlignPlan, frames_of_log
 from observer.config import Config
 from observer.files.logs import Log
-from observer.fit.calibrate import Calibration, calibrate
+from observer.fit.calibrate import calibrate
+from tests.logs.machines import SCREW, machine
 from tests.truth.bar import Bar
 from tests.truth.kuznetsov import displacement_um, field
 
@@ -24,41 +24,35 @@ TIMES_S = np.arange(0.0, 6000.0, 30.0)
 FROM_S = 285.0
 """When both heats go on, half-way between two rows."""
 CHANNELS = ("t1_degC", "t2_degC", "t3_degC", "p1_um", "p2_um", "p3_um", "left_W", "right_W")
-CONFIG = """
-[screw]
-length_m = 1.0
-diameter_m = 0.036
-conductivity_W_mK = 50.0
-density_kg_m3 = 7800.0
-specific_heat_J_kgK = 460.0
-expansion_1_K = 11.0e-6
-[surface]
-convection_W_m2K = 15.0
-[ambient]
-temperature_degC = 20.0
-[tolerance]
-position_m = 0.0
-offset_K = 0.02
-lag_s = 0.0
-[supports]
-mounting = "L-III"
-elastic_modulus_Pa = 2.06e11
-stiffness_first_N_m = 1.4e8
-stiffness_second_N_m = 5.0e8
-"""
-CONFIG += "".join(
-    f'[[source]]\nname = "{n}"\nshape = "point"\nposition_m = {x}\npower_channel = "{n}_W"\n'
-    for n, x in (("left", 0.0), ("right", 1.0))
-)
-CONFIG += "".join(
-    f'[[sensor]]\nname = "t{i}"\nchannel = "t{i}_degC"\nposition_m = {x}\nnoise_K = 0.02\n'
-    for i, x in enumerate(WARM_M, 1)
-)
-CONFIG += "".join(
-    f'[[sensor]]\nname = "p{i}"\nkind = "displacement"\nchannel = "p{i}_um"\nposition_m = {x}\n'
-    "noise_um = 0.3\nzero_um = 0.5\n"
-    for i, x in enumerate(PROBE_M, 1)
-)
+SUPPORTS = {
+    "mounting": "L-III", "elastic_modulus_Pa": MODULUS_PA, "stiffness_first_N_m": 1.4e8,
+    "stiffness_second_N_m": 5.0e8,
+}  # fmt: skip
+SENSORS = [
+    {"name": f"t{i}", "channel": f"t{i}_degC", "position_m": x_m, "noise_K": 0.02}
+    for i, x_m in enumerate(WARM_M, 1)
+] + [
+    {"name": f"p{i}", "kind": "displacement", "channel": f"p{i}_um", "position_m": x_m, "noise_um": 0.3,
+     "zero_um": 0.5}
+    for i, x_m in enumerate(PROBE_M, 1)
+]  # fmt: skip
+SOURCES = [
+    {"name": name, "shape": "point", "position_m": x_m, "power_channel": f"{name}_W"}
+    for name, x_m in (("left", 0.0), ("right", 1.0))
+]
+
+
+def rod(expansion_1_K: float, free: tuple[str, ...], **supports: float) -> Config:
+    """Kuznetsov's rod as a configuration has it, with a wrong expansion, stiffness, pre-tension or play."""
+    return machine(
+        screw=SCREW | {"expansion_1_K": expansion_1_K},
+        surface={"convection_W_m2K": 15.0},
+        tolerance={"position_m": 0.0, "offset_K": 0.02, "lag_s": 0.0},
+        supports=SUPPORTS | supports,
+        source=SOURCES,
+        sensor=SENSORS,
+        calibrate={"free": free},
+    )
 
 
 @cache
@@ -79,39 +73,27 @@ def log(preload_N: float, gap_m: float) -> Log:
     return Log(Path("rod.csv"), TIMES_S, CHANNELS, rows)
 
 
-def found(more: str, free: tuple[str, ...], preload_N: float, gap_m: float) -> Calibration:
-    """A calibration that frees these keys."""
-    config = Config.model_validate(tomllib.loads(CONFIG + more) | {"calibrate": {"free": free}})
-    return calibrate(config, [list(frames_of_log(log(preload_N, gap_m), AlignPlan.of(config)))])
-
-
-def check(result: Calibration, truth: dict[str, float], share: float) -> None:
-    """Every key is found within a share of its truth, which its interval holds."""
+@pytest.mark.parametrize(
+    ("configured", "preload_N", "gap_m", "truth"),
+    [
+        ({"expansion_1_K": 11.0e-6}, 0.0, 0.0, {
+            "screw.expansion_1_K": 12.4e-6, "supports.stiffness_first_N_m": 2.0e8,
+            "supports.stiffness_second_N_m": 3.5e8,
+        }),
+        (
+            {"expansion_1_K": 12.4e-6, "stiffness_first_N_m": 2.0e8, "stiffness_second_N_m": 3.5e8,
+             "preload_N": 1000.0, "gap_m": 25e-6},
+            PRELOAD_N, GAP_M, {"supports.preload_N": PRELOAD_N, "supports.gap_m": GAP_M},
+        ),
+    ],
+    ids=["expansion and stiffness", "preload and play"],
+)  # fmt: skip
+def test_displacements_let_a_calibration_find_what_moves_a_rod(
+    configured: dict[str, float], preload_N: float, gap_m: float, truth: dict[str, float]
+) -> None:
+    config = rod(free=tuple(truth), **configured)
+    result = calibrate(config, [list(frames_of_log(log(preload_N, gap_m), AlignPlan.of(config)))])
     assert result.obstacles == ()
     for one in result.fitted:
-        assert one.value == pytest.approx(truth[one.key], rel=share), one
+        assert one.value == pytest.approx(truth[one.key], rel=0.05), one
         assert one.ci95[0] <= truth[one.key] <= one.ci95[1], one
-
-
-EXPANSION, FIRST, SECOND = (
-    "screw.expansion_1_K",
-    "supports.stiffness_first_N_m",
-    "supports.stiffness_second_N_m",
-)
-
-
-def test_expansion_and_stiffness() -> None:
-    result = found("", (EXPANSION, FIRST, SECOND), 0.0, 0.0)
-    check(result, {EXPANSION: 12.4e-6, FIRST: 2.0e8, SECOND: 3.5e8}, 0.05)
-
-
-def test_preload_and_play() -> None:
-    keys = "supports.preload_N", "supports.gap_m"
-    text = CONFIG.replace("= 1.4e8", "= 2.0e8\npreload_N = 1000.0\ngap_m = 25e-6").replace(
-        "= 5.0e8", "= 3.5e8"
-    )
-    config = Config.model_validate(
-        tomllib.loads(text.replace("11.0e-6", "12.4e-6")) | {"calibrate": {"free": keys}}
-    )
-    result = calibrate(config, [list(frames_of_log(log(PRELOAD_N, GAP_M), AlignPlan.of(config)))])
-    check(result, {keys[0]: PRELOAD_N, keys[1]: GAP_M}, 0.05)

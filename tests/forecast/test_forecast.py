@@ -18,50 +18,28 @@ from observer.forecast.settling import settling, settling_between
 from observer.frames import EstimateQuality, FloatArray
 from observer.model.build import build_plant
 from observer.model.plant import Plant
-from tests.learning.machines import config_of
+from tests.logs.machines import SCREW, machine
 
-ROD = """
-[machine]
-name = "rod"
-[screw]
-length_m = 1.0
-diameter_m = 0.036
-conductivity_W_mK = 50.0
-density_kg_m3 = 7800.0
-specific_heat_J_kgK = 460.0
-expansion_1_K = 11.8e-6
-[surface]
-convection_W_m2K = 15.0
-[ambient]
-temperature_degC = 20.0
-[boundary.left]
-kind = "insulated"
-[boundary.right]
-kind = "insulated"
-[[source]]
-name = "whole"
-shape = "band"
-from_m = 0.0
-to_m = 1.0
-power_channel = "heater_W"
-[[sensor]]
-name = "t1"
-channel = "t1_degC"
-position_m = 0.5
-noise_K = 0.05
-[tolerance]
-conductivity = 0.0
-heat_capacity = 0.0
-convection = 0.0
-ambient_K = 0.0
-end_W_K = 0.0
-position_m = 0.0
-offset_K = 0.0
-lag_s = 0.0
-[estimator]
-learn = []
-"""
-CONFIG = config_of(ROD)
+KNOWN = (
+    "conductivity",
+    "heat_capacity",
+    "convection",
+    "ambient_K",
+    "end_W_K",
+    "position_m",
+    "offset_K",
+    "lag_s",
+)
+CONFIG = machine(
+    screw=SCREW | {"expansion_1_K": 11.8e-6},
+    surface={"convection_W_m2K": 15.0},
+    boundary={end: {"kind": "insulated"} for end in ("left", "right")},
+    source=[{"name": "whole", "shape": "band", "from_m": 0.0, "to_m": 1.0, "power_channel": "heater_W"}],
+    sensor=[{"name": "t1", "channel": "t1_degC", "position_m": 0.5, "noise_K": 0.05}],
+    tolerance=dict.fromkeys(KNOWN, 0.0),
+    estimator={"learn": []},
+)
+"""A rod of one temperature, of which everything is known."""
 TAU_S = 7800.0 * 460.0 * 0.036 / 4.0 / 15.0
 """ρ c d / 4 h: how fast a rod of one temperature cools."""
 LOSS_W_K = 15.0 * math.pi * 0.036

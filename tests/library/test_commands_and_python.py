@@ -13,6 +13,7 @@ import can
 import cantools
 import numpy as np
 import pytest
+import tomlkit
 from typer.testing import CliRunner
 
 import observer
@@ -22,48 +23,33 @@ from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
 from observer.estimate.pipeline import MachineModel
 from observer.library.profiles import ReportGrid
 from observer.record.recorder import Part
+from tests.logs.machines import SCREW
 from tests.logs.recordings import recorded
 from tests.record.test_can_log import DBC
 
-CONFIG = """
-[screw]
-length_m = 0.6
-diameter_m = 0.03
-conductivity_W_mK = 50.0
-density_kg_m3 = 7800.0
-specific_heat_J_kgK = 460.0
-expansion_1_K = 12e-6
-[surface]
-convection_W_m2K = 15.0
-[ambient]
-temperature_degC = 20.0
-[[source]]
-name = "bearing"
-shape = "point"
-position_m = 0.0
-speed_channel = "speed_rpm"
-heat_W_rpm = 0.01
-[[sensor]]
-name = "t1"
-channel = "t1_degC"
-position_m = 0.05
-[[sensor]]
-name = "t2"
-channel = "t2_degC"
-position_m = 0.4
-[calibrate]
-free = ["source.bearing.scale"]
-[drivers.axis]
-kind = "can"
-interface = "virtual"
-channel = "none"
-dbc = "DBC"
-period_s = 1.0
-[drivers.axis.channels]
-t1_degC = { message = "Temperatures", signal = "T1" }
-t2_degC = { message = "Temperatures", signal = "T2" }
-speed_rpm = { message = "Temperatures", signal = "Speed" }
-"""
+CHANNELS = {"t1_degC": "T1", "t2_degC": "T2", "speed_rpm": "Speed"}
+WIRES = {name: {"message": "Temperatures", "signal": signal} for name, signal in CHANNELS.items()}
+AXIS = {
+    "kind": "can", "interface": "virtual", "channel": "none", "dbc": "DBC", "period_s": 1.0,
+    "channels": WIRES,
+}  # fmt: skip
+CONFIG = tomlkit.dumps(
+    {
+        "screw": SCREW | {"length_m": 0.6, "diameter_m": 0.03, "expansion_1_K": 12e-6},
+        "surface": {"convection_W_m2K": 15.0},
+        "ambient": {"temperature_degC": 20.0},
+        "source": [
+            {"name": "bearing", "shape": "point", "position_m": 0.0, "speed_channel": "speed_rpm",
+             "heat_W_rpm": 0.01},
+        ],
+        "sensor": [
+            {"name": "t1", "channel": "t1_degC", "position_m": 0.05},
+            {"name": "t2", "channel": "t2_degC", "position_m": 0.4},
+        ],
+        "calibrate": {"free": ["source.bearing.scale"]},
+        "drivers": {"axis": AXIS},
+    }
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -96,12 +96,6 @@ def test_the_least_faults_are_by_the_sigma_that_estimate_and_bank_have_over_the_
     np.testing.assert_allclose(column(of_demo(), "slow_K"), slow_K, rtol=0.03)
 
 
-def test_each_sensor_has_its_row_with_its_keys() -> None:
-    rows = of_demo()["minimal_detectable"]
-    assert list(rows) == NAMES
-    assert all({"fault_K", "time_s", "slow_K"} <= set(row) for row in rows.values())
-
-
 @pytest.mark.parametrize(("period_s", "time_s"), [(0.5, 2.5), (1.0, 3.0), (5.0, 15.0)])
 @pytest.mark.usefixtures("no_further")
 def test_a_jump_is_decided_after_three_samples_and_two_seconds(period_s: float, time_s: float) -> None:
@@ -199,11 +193,6 @@ def test_what_can_be_mounted_is_what_the_candidates_name() -> None:
     candidate = SensorCandidate(name="foot", on="left_housing")
     config = housings().model_copy(update={"candidate": (candidate,)})
     assert detectable(config)["further_sensor"]["on"] == "left_housing"
-
-
-def test_a_check_says_first_whether_anything_has_to_be_done() -> None:
-    before, _, _ = text_of(demo()).partition("modes  ")
-    assert "Nothing has to be done." in before or "To do: what the warnings name." in before
 
 
 def test_a_model_without_tolerances_is_held_against_no_slow_fault() -> None:

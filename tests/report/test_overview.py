@@ -55,11 +55,13 @@ def _shown(pixels: np.ndarray, hex_colour: str) -> int:
     return int(np.count_nonzero((pixels == wanted).all(axis=2)))
 
 
-def test_the_overview_of_a_replay_shows_all_its_panels(samples, tmp_path: Path) -> None:
-    config, _ = rig()
+@pytest.mark.parametrize(
+    ("draw", "of"), [(draw_overview, 0), (draw_simulation, 1)], ids=["replay", "simulation"]
+)
+def test_an_overview_shows_all_its_panels(draw, of: int, samples, tmp_path: Path) -> None:
     path = tmp_path / "overview.png"
     with written(path) as figure:
-        draw_overview(figure, config, samples[0], "replay")
+        draw(figure, rig()[0], samples[of], "title")
     assert _size(path) == (1600, 1200)
     pixels = _pixels(path)
     for top, bottom in BANDS:
@@ -67,20 +69,8 @@ def test_the_overview_of_a_replay_shows_all_its_panels(samples, tmp_path: Path) 
         assert len(np.unique(panel.reshape(-1, 3), axis=0)) > 20  # a blank panel has its frame and grid only
     heats = pixels[: int(1200 * 0.26)]
     for ink in ("#0072B2", "#D55E00", "#009E73"):  # nut and two bearings, in the panel and in its key
-        assert _shown(heats, ink) > 50
+        assert draw is draw_simulation or _shown(heats, ink) > 50
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_the_overview_of_a_simulation_shows_all_its_panels(samples, tmp_path: Path) -> None:
-    config, _ = rig()
-    path = tmp_path / "overview.png"
-    with written(path) as figure:
-        draw_simulation(figure, config, samples[1], "simulation")
-    assert _size(path) == (1600, 1200)
-    pixels = _pixels(path)
-    for top, bottom in BANDS:
-        panel = pixels[int(1200 * top) : int(1200 * bottom), 120:1400]
-        assert len(np.unique(panel.reshape(-1, 3), axis=0)) > 20
 
 
 def test_a_long_log_is_drawn_from_few_samples(samples) -> None:
