@@ -93,7 +93,8 @@ NEAREST: dict[str, Nearest] = {
     "observer/kernels/path.py": _at("tests/model/test_path.py", "tests/model/test_moving.py", BITS),
     "observer/kernels/selftest.py": _at("tests/estimators/test_selftest.py", BITS),
     "observer/kernels/smoother.py": _at(
-        "tests/history/test_smoother.py::test_a_short_history_of_coupled_states_equals_the_dense_posterior", *SMOOTHED
+        "tests/history/test_smoother.py::test_a_short_history_of_coupled_states_equals_the_dense_posterior",
+        *SMOOTHED,
     ),
     "observer/kernels/step.py": _at(
         "tests/estimators/test_steps.py", "tests/estimators/test_given_gain.py", SPECIFIED, BITS
