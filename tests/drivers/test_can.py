@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from drivers.can import CanSettings
 from drivers.dbc import load_decoder
-from drivers.places import DBC_OF, CanChannel
+from drivers.places import CanChannel
 from drivers.simulated.wires import AxisBus
 from tests.drivers.harness import running
 from tests.patience import PATIENCE_S, Stopwatch, eventually
@@ -141,10 +141,6 @@ def test_mu_thermocouple1_is_little_endian_sixteenths():
     second = can.Message(arbitration_id=0x101, is_extended_id=False, data=bytes.fromhex("0100000000000000"))
     assert decode(first) == ({"a_degC": 25.0, "b_degC": -1.0}, {})
     assert decode(second) == ({"c_degC": 0.0625}, {})
-
-
-def test_the_bundled_files_are_there():
-    assert all(path.exists() for path in DBC_OF.values())
 
 
 async def test_frames_become_readings_stamped_by_the_services_clock():

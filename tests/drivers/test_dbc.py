@@ -65,6 +65,8 @@ def test_the_kind_of_number_is_read_beside_a_fault_elsewhere(signals):
             "overlapping",
         ),
         (TEXT.replace("Good: 8 A", "Good: 4000000000 A"), 5, "larger than 1785 bytes"),
+        (TEXT.replace("0|16@1", "4000000000|16@1"), 6, "larger than 1785 bytes"),
+        (TEXT.replace("0|16@1", "0|4000000000@1"), 6, "larger than 1785 bytes"),
         (TEXT + "SIG_VALTYPE 256 T : 1;\n", 8, "SIG_VALTYPE 256"),
         (TEXT + "SIG_VALTYPE_ x256 T : 1;\n", 8, "Invalid syntax"),
     ],

@@ -212,8 +212,6 @@ async def test_no_request_is_longer_than_max_registers():
     ):
         await recorder.until(lambda r: not r.faults)
     assert {count for *_, count in slave.requests} <= {5, 2}
-    with pytest.raises(ValueError, match="make it at least 4"):
-        tcp(1, channels={"x_m": {"register": 0, "type": "float64"}}, max_registers=3)
 
 
 # --- one connection for each wire ---

@@ -9,7 +9,6 @@ import sys
 from contextlib import contextmanager
 
 import pytest
-from pydantic import ValidationError
 
 from drivers.mtconnect import MtConnectSettings
 from tests.drivers.harness import running
@@ -151,23 +150,3 @@ async def test_an_agent_that_returns_is_met_within_a_second():
             await cnc.good("x_m", timeout_s=1.0)
         await cnc.fault("x_m")
         assert all(r.faults for r in await cnc.more(5))
-
-
-@pytest.mark.parametrize(
-    ("table", "sentence"),
-    [
-        ({"url": "ftp://h"}, "url"),
-        ({"url": "http://user@h"}, "url"),
-        ({"device": "a/b"}, "device"),
-        ({"channels": {"x_m": {"item": "a"}, "y_m": {"item": "a"}}}, "give each its own"),
-        (
-            {"channels": {"x_m": {"item": "a", "scale": 0}}},
-            r"scale\s+Value error, 0 makes every value the same",
-        ),
-    ],
-)
-def test_an_invalid_table_is_rejected_before_anything_begins(table, sentence):
-    with pytest.raises(ValidationError, match=sentence):
-        MtConnectSettings(
-            **({"kind": "mtconnect", "url": "http://h", "channels": {"x_m": {"item": "a"}}} | table)
-        )

@@ -70,42 +70,58 @@ def test_codes_may_be_written_as_in_the_manual():
     assert channel.status_faults == {32: "open_circuit", 1: "under_range"}
 
 
-REFUSED = {
-    "an input without a device": ('kind="modbus_tcp"\nhost="h"\nchannels={t=0}', "needs device"),
-    "an input the device has not": (
-        'kind="modbus_tcp"\nhost="h"\ndevice="micro800_tc2"\nchannels={t=2}',
-        "inputs 0 to 1, not 2",
-    ),
-    "scale 0": (
-        'kind="modbus_tcp"\nhost="h"\nchannels.t={register=0, scale=0}',
-        r"scale\s+Value error, 0 makes every",
-    ),
-    "beyond the last register": (
-        'kind="modbus_tcp"\nhost="h"\nchannels.t={register=65535, type="float32"}',
-        "beyond register 65535",
-    ),
-    "status without meaning": (
-        'kind="modbus_tcp"\nhost="h"\nchannels.t={register=0, status_register=1}',
-        "belong together",
-    ),
-    "unknown key": ('kind="modbus_tcp"\nhost="h"\nchannels.t={register=0, regster=1}', "regster"),
-    "unknown kind": ('kind="profinet"', "profinet"),
-    "no channel": ('kind="modbus_tcp"\nhost="h"\nchannels={}', "at least 1"),
-    "dbc and device": (
-        'kind="can"\ninterface="virtual"\nchannel="x"\ndbc="a.dbc"\ndevice="css_canmod_temp"\nchannels={t=0}',
-        "exactly one of dbc and device",
-    ),
-    "sdo with cob_id": (
-        'kind="canopen"\ninterface="virtual"\nchannel="x"\nnode_id=5\ncounts_per_m=1\nmode="sdo"\ncob_id=0x185',
-        "belongs to mode",
-    ),
+BUS = {"interface": "virtual", "channel": "x"}
+SOUND = {
+    "modbus_tcp": {"host": "h", "channels": {"t": {"register": 0}}},
+    "can": BUS | {"dbc": "a.dbc", "channels": {"t": {"message": "M", "signal": "S"}}},
+    "canopen": BUS | {"node_id": 5, "counts_per_m": 1},
+    "opcua": {"url": "opc.tcp://h", "channels": {"x_m": {"node": "i=1"}}},
+    "mtconnect": {"url": "http://h", "channels": {"x_m": {"item": "a"}}},
+    "profinet": {},
 }
+"""The least table of each kind, but for the last, which is none."""
 
 
-@pytest.mark.parametrize(("text", "words"), REFUSED.values(), ids=REFUSED.keys())
-def test_refusals_name_the_trouble(text, words):
+def registers(**place):
+    return {"channels": {"t": {"register": 0} | place}}
+
+
+ZERO = r"scale\s+Value error, 0 makes every value the same"
+REJECTED = [
+    ("modbus_tcp", {"channels": {"t": 0}}, "needs device"),
+    ("modbus_tcp", {"device": "micro800_tc2", "channels": {"t": 2}}, "inputs 0 to 1, not 2"),
+    ("modbus_tcp", {"channels": {}}, "at least 1"),
+    ("modbus_tcp", registers(scale=0), ZERO),
+    ("modbus_tcp", registers(register=65535, type="float32"), "beyond register 65535"),
+    ("modbus_tcp", registers(status_register=1), "belong together"),
+    ("modbus_tcp", registers(regster=1), "regster"),
+    ("modbus_tcp", registers(type="int32", word_order="big", byte_order="DCBA"), "give byte_order alone"),
+    ("modbus_tcp", registers(type="int32", byte_order="ACBD"), "ABCD"),
+    ("modbus_tcp", registers(type="float64") | {"max_registers": 3}, "make it at least 4"),
+    ("can", {"device": "css_canmod_temp", "channels": {"t": 0}}, "exactly one of dbc and device"),
+    *[("can", {"reopen_s": reopen_s}, "reopen_s") for reopen_s in (0, -1, 0.4, 1e9, "x")],
+    ("canopen", {"mode": "sdo", "cob_id": 0x185}, "belongs to mode"),
+    ("opcua", {"url": "http://127.0.0.1"}, r"opcua\.url"),
+    ("opcua", {"channels": {"x_m": {"node": "Axis.X"}}}, r"channels\.x_m\.node\s+String should match"),
+    ("opcua", {"channels": {"x_m": {"node": "ns=2;i=x"}}}, r"channels\.x_m\.node\s+String should match"),
+    ("opcua", {"channels": {"x_m": {"node": "i=1"}, "y_m": {"node": "i=1"}}}, "give each its own"),
+    ("opcua", {"channels": {"x_m": {"node": "i=1", "scale": 0}}}, ZERO),
+    ("opcua", {"certificate": "a.pem"}, "belong together"),
+    ("opcua", {"user": "me"}, "belong together"),
+    ("opcua", {"user": "me", "password_file": "p"}, "in the clear"),
+    ("mtconnect", {"url": "ftp://h"}, r"mtconnect\.url"),
+    ("mtconnect", {"url": "http://user@h"}, r"mtconnect\.url"),
+    ("mtconnect", {"device": "a/b"}, r"mtconnect\.device"),
+    ("mtconnect", {"channels": {"x_m": {"item": "a"}, "y_m": {"item": "a"}}}, "give each its own"),
+    ("mtconnect", {"channels": {"x_m": {"item": "a", "scale": 0}}}, ZERO),
+    ("profinet", {}, "profinet"),
+]
+
+
+@pytest.mark.parametrize(("kind", "change", "words"), REJECTED)
+def test_an_invalid_table_of_a_driver_is_rejected_before_anything_begins(kind, change, words):
     with pytest.raises(ValidationError, match=words):
-        SETTINGS.validate_python(tomllib.loads(text))
+        SETTINGS.validate_python({"kind": kind} | SOUND[kind] | change)
 
 
 @pytest.mark.parametrize("device", [*MODBUS_INPUTS, *CAN_INPUTS])
