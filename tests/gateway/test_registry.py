@@ -105,7 +105,12 @@ def _documents(quality: str, heat_quality: str) -> dict[str, bytes]:
     """A message on every key; the heats have a quality of their own."""
     rated = {"time_s": 1.8e9, "quality": quality}
     codes = [QUALITIES.index(name) for name in (heat_quality, quality, quality)]
-    estimate = replace(block(1.8e9, quality), part_quality=np.array([codes], np.int8))
+    unused_K = np.nan if quality == heat_quality else 0.5
+    estimate = replace(
+        block(1.8e9, quality),
+        part_quality=np.array([codes], np.int8),
+        innovation_K=np.array([[0.125, unused_K]]),
+    )
     documents = {
         "health": HEALTH | {"time_s": 1.8e9},
         "alarms": {"time_s": 1.8e9, "alarms": [ALARM], "bands": {}},
@@ -202,9 +207,11 @@ async def test_every_figure_has_its_value_and_quality_at_every_outlet(outlets, q
             await eventually(is_right)
         except AssertionError:
             assert wrong == []
-        unknown = await read_node(client, "Sensors", "t2", "Innovation_K")
-        assert unknown.StatusCode.value == STATUS["invalid"]
-    assert len(scraped(outlets.listen).get("ballscrew_innovation_celsius", ())) <= 1
+        unused = await read_node(client, "Sensors", "t2", "Innovation_K")
+        assert unused.StatusCode.value == STATUS["invalid"]
+    assert len(scraped(outlets.listen).get("ballscrew_innovation_celsius", ())) <= 1 + (
+        quality != heat_quality
+    )
     until(lambda: {key: outlets.mqtt.newest.get(key) for key in documents} == documents)
     until(lambda: outlets.mqtt.newest.get("quality") == quality.encode())
 
