@@ -108,7 +108,7 @@ def test_hostile_queries():
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("last", _NUMBERS[:3] + _NUMBERS[4:6])
+@pytest.mark.parametrize("last", [*_NUMBERS[:3], *_NUMBERS[4:6], "x", "1.5"])
 def test_an_invalid_number_does_no_harm(last):
     with published(history=5) as (made, endpoint), session(endpoint) as opened:
         made.publish(block(), 0)

@@ -38,7 +38,7 @@ def test_a_slow_drift_is_reported_beyond_the_limit_and_not_learnt_away():
     assert known.moved
 
 
-def test_it_ends_with_hysteresis():
+def test_a_moved_offset_clears_with_hysteresis():
     moved = _after([0.8] * 40, _after(np.zeros(40)))
     assert moved.moved
     assert _after([0.4] * 40, moved).moved

@@ -44,7 +44,7 @@ def _found(folder: Path, last_s: float = 1e6) -> list:
 @pytest.mark.parametrize(
     ("text", "seconds"), [("90min", 5400.0), ("8h", 28_800.0), ("2d", 172_800.0), (" 1.5 h", 5400.0)]
 )
-def test_durations(text, seconds):
+def test_a_duration_has_a_unit_of_minutes_hours_or_days(text, seconds):
     assert duration_s(text) == seconds
 
 
@@ -137,7 +137,7 @@ def test_a_clock_that_was_set_back_leaves_what_was_before_out(tmp_path):
     assert stretch.begin_s < BEGIN_S - 86_400.0
 
 
-def test_recordings_of_others_are_not_taken(tmp_path):
+def test_recordings_of_another_service_are_not_taken(tmp_path):
     _record(tmp_path, BEGIN_S)
     (path,) = tmp_path.glob("*.csv")
     path.rename(tmp_path / path.name.replace("m-x", "m-y"))

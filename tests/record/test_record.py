@@ -52,7 +52,7 @@ def test_a_reading_reads_back_as_it_was_used(events):
             assert flags.get(name) == expected
 
 
-def test_writes_through_and_says_where(tmp_path):
+def test_rows_can_be_read_while_the_recorder_lives_where_its_status_says(tmp_path):
     recorder = Recorder(tmp_path / "new" / "folder", "lathe-z", CHANNELS, 1e9, 5.0)
     _rows(recorder, 0, 10)
     _wait(lambda: recorder.status.rows_written == 20)
@@ -73,16 +73,6 @@ def test_a_full_part_ends_with_a_tick_and_each_part_is_independent(tmp_path):
     assert all(log.step[-1] for log in logs)
     assert all(2000 <= log.path.stat().st_size < 2100 for log in logs[:-1])
     np.testing.assert_array_equal(np.concatenate([log.time_s for log in logs]), np.arange(0, 200, 0.5))
-
-
-def test_parts_of_a_recording_lose_nothing(tmp_path):
-    """The frames of the parts, one after the other, hold every reading once."""
-    recorder = Recorder(tmp_path, "m-x", CHANNELS, 1000, 5.0)
-    _rows(recorder, 0, 100)
-    recorder.close()
-    logs = sorted((read_log(p, CHANNELS) for p in tmp_path.glob("*.csv")), key=lambda log: log.time_s[0])
-    fresh = [int(frames.fresh[:, 0].sum()) for log in logs for frames in frames_of_log(log, plan())]
-    assert sum(fresh) == 100
 
 
 def test_an_unwritable_folder_is_reported_and_nothing_is_lost_once_it_is_fixed(tmp_path):
@@ -213,7 +203,7 @@ def test_each_write_ends_with_a_checksum(tmp_path):
     assert len(read_log(path)) == 12
 
 
-def test_where_the_service_stood_goes_beside_the_first_file_only(tmp_path):
+def test_the_checkpoint_of_the_start_goes_beside_the_first_file_only(tmp_path):
     recorder = Recorder(tmp_path, "m-x", CHANNELS, 1000, 5.0, companions=Companions(start=b"where it stood"))
     _rows(recorder, 0, 100)
     recorder.close()
@@ -239,7 +229,7 @@ def test_full_files_go_beyond_the_size_that_is_kept(tmp_path):
     assert foreign.exists()
 
 
-def test_a_thread_that_ends_is_seen(tmp_path, monkeypatch):
+def test_a_recorder_whose_thread_ends_is_not_alive_and_says_why(tmp_path, monkeypatch):
     def defect(*_):
         raise ZeroDivisionError("a defect")
 

@@ -26,7 +26,7 @@ def test_everything_stays_unless_something_says_otherwise():
     assert _gone(Retention.of(RecordSettings())) == []
 
 
-def test_by_age_by_size_and_for_free_space_the_oldest_first():
+def test_the_oldest_files_go_first_by_age_by_size_and_for_free_space():
     assert _gone(Retention(keep_s=5 * DAY_S)) == FILES[:4]
     assert _gone(Retention(keep_bytes=3_500)) == FILES[:4]
     assert _gone(Retention(free_bytes=2e9), (100_000_000_000, 1_999_998_500)) == FILES[:2]
@@ -54,7 +54,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_only_complete_files_of_this_name_go(folder):
+def test_only_complete_files_of_this_service_go(folder):
     for name in ("m-x.checkpoint", "m-xy-20200101T000000Z.csv", "m-x-20200101T000000Z.csv.gz", "notes.csv"):
         (folder / name).write_bytes(bytes(5000))
     (folder / "m-x-20200101T000000Z.csv").symlink_to(folder / "notes.csv")

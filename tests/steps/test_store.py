@@ -75,7 +75,7 @@ def test_what_was_published_comes_back_to_the_last_bit(shift, first, last):
     assert page["readings"] == [json.loads(r) for r in readings if from_s <= json.loads(r)["time_s"] < to_s]
 
 
-def test_pieces_come_backwards_as_well(shift):
+def test_pieces_of_the_past_can_be_read_backwards(shift):
     _, folder, estimates, _ = shift
     pieces = list(Past(folder, NAME).read(-math.inf, math.inf, [], backwards=True))
     time_s = np.concatenate([piece.time_s[::-1] for piece in pieces])
@@ -96,7 +96,7 @@ def test_columns_have_the_names_of_estimates_csv_and_of_channels(shift):
     assert columns["time_s"][0] == HOUR_S - 300.0
 
 
-def test_one_step_of_each_interval(shift):
+def test_a_span_with_an_interval_gives_one_step_of_each(shift):
     config, folder, _, _ = shift
     page = decode(_pages(folder, config).estimates(Span(HOUR_S - 299.0, HOUR_S - 100.0, 60.0)))
     times_s = [estimate["time_s"] for estimate in page["estimates"]]
@@ -251,7 +251,7 @@ def test_steps_are_kept_within_the_bounds_of_the_recordings(tmp_path):
 @pytest.mark.parametrize(
     "text", ["1700000000", "2023-11-14T22:13:20Z", "2023-11-14T23:13:20+01:00", "2023-11-14T22:13:20"]
 )
-def test_a_time_is_seconds_or_iso(text):
+def test_a_time_is_given_in_seconds_or_by_iso_8601(text):
     assert time_of(text, "from") == 1_700_000_000.0
 
 
