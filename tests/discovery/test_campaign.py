@@ -93,7 +93,7 @@ ONE, TWO, NULL = entry("ladder", MOTOR), entry("pair", MOTOR, BIAS), entry("null
         (entry("outside", Effect("film_hour", None, {"factor": 2.0})), result("named", found(BIAS)), "wrong"),
     ],
 )  # fmt: skip
-def test_outcomes(hidden: Entry, answer: dict[str, Any], outcome: str) -> None:
+def test_an_answer_is_judged_by_what_was_hidden(hidden: Entry, answer: dict[str, Any], outcome: str) -> None:
     assert outcome_of(hidden, answer) == outcome
 
 
@@ -146,7 +146,7 @@ def rows() -> list[dict[str, str]]:
     return [asdict(line) for line in lines]
 
 
-def test_the_summary_counts() -> None:
+def test_the_summary_of_a_campaign_counts_rows() -> None:
     page = summary(rows())
     assert "| null: wrongly named | 1/10 = 10.0 % | 0.3 … 44.5 % | ≤ 1 % | **no** |" in page
     assert "| named rightly, ≥ 4 σ | 24/24 = 100.0 % | 85.8 … 100.0 % | ≥ 98 % | yes |" in page

@@ -54,7 +54,7 @@ def named(result: dict[str, Any], true: float) -> str:
     return str(cause["key"])
 
 
-def test_a_screw_that_expands_more_than_configured(tmp_path: Path) -> None:
+def test_a_screw_that_expands_more_than_configured_is_named_by_its_expansion(tmp_path: Path) -> None:
     """No heat is made up for it."""
     result, said = found(tmp_path, EXPANDED)
     assert result["verdict"] == "none"
@@ -134,14 +134,14 @@ def test_a_bed_is_as_large_as_at_the_reference_temperature(before: float | None)
 
 
 @pytest.mark.nightly
-def test_a_bed_that_grows_with_the_air(tmp_path: Path) -> None:
+def test_a_bed_that_grows_with_the_air_is_named_by_its_expansion(tmp_path: Path) -> None:
     result, _ = found(tmp_path, Moved(bed_1_K=11e-6), air_K=2.0)
     assert result["verdict"] == "none"
     assert named(result, 11e-6) == "bed.expansion_1_K"
 
 
 @pytest.mark.nightly
-def test_a_drift_of_one_probe(tmp_path: Path) -> None:
+def test_the_drift_of_one_probe_is_named_and_is_no_heat(tmp_path: Path) -> None:
     result, _ = found(tmp_path, Moved(drift_um_h=4.0))
     assert result["verdict"] == "none"
     assert named(result, 4.0) == "drift of probe_500"

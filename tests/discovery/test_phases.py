@@ -165,6 +165,7 @@ def test_it_works_from_a_fiftieth_of_its_fastest_on() -> None:
     np.testing.assert_array_equal(found.running_s, [0.0, 0.0, 30.0, 60.0, 60.0])
     still = course_of(settings(), stepped([0.0, 1e-12, 0.0]))
     assert not still.working.any(), "what is nothing is no work, be it the most there is"
+    assert {PHASES[phase] for phase in still.phase} == {"isothermal"}
     at_once = course_of(settings(), stepped([900.0] * 3))
     np.testing.assert_array_equal(at_once.running_s, [30.0, 60.0, 90.0])
     config = settings()

@@ -44,7 +44,7 @@ def test_offsets_and_places_of_a_typical_user_are_no_effect(tmp_path: Path, logs
 
 @pytest.mark.slow
 @pytest.mark.nightly
-def test_and_a_loss_is_found_among_them(tmp_path: Path) -> None:
+def test_a_loss_is_found_among_the_tolerances_of_a_typical_user(tmp_path: Path) -> None:
     result = found(tmp_path, Case("typical", (LOSS,), 1, typical=True))
     (effect,) = result["effects"]
     assert (effect["kind"], effect["target"]) == ("end_conduction", "right")

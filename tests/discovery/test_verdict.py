@@ -220,7 +220,7 @@ def test_a_rival_within_reach_cannot_be_distinguished_from_the_winner(
     assert alternatives(found, NOISE)[1][1] is near.fit
 
 
-def test_reach_is_up_to_and_with_its_bound() -> None:
+def test_a_rival_exactly_nine_behind_the_winner_is_an_alternative() -> None:
     assert sets(search((trial("winner", 100.0), trial("near", 91.0)))) == ["winner", "near"]
 
 

@@ -54,7 +54,9 @@ def test_c_is_equal_to_python(form: Form, inputs: Any, reference: Any, tmp_path:
     assert not apart(reference, by_c(form, program, inputs))
 
 
-def test_nothing_is_undefined(form: Form, inputs: Any, reference: Any, tmp_path: Path) -> None:
+def test_the_exported_c_has_no_undefined_behaviour(
+    form: Form, inputs: Any, reference: Any, tmp_path: Path
+) -> None:
     program = built(
         form, tmp_path, "gcc", "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"
     )

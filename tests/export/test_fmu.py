@@ -67,7 +67,7 @@ def by_fmu(form: Form, path: Path, inputs: list[dict[str, Any]], unzipped: Path)
 
 
 @pytest.mark.parametrize("name", ["observer", "model"])
-def test_it_is_valid_with_source_and_binary(folder: Path, name: str) -> None:
+def test_an_fmu_is_valid_and_has_source_and_binary(folder: Path, name: str) -> None:
     assert validate_fmu(str(folder / f"{name}.fmu")) == []
     with zipfile.ZipFile(folder / f"{name}.fmu") as archive:
         names = archive.namelist()
@@ -75,7 +75,7 @@ def test_it_is_valid_with_source_and_binary(folder: Path, name: str) -> None:
     assert any(n.startswith("binaries/") for n in names)
 
 
-def test_the_observer_is_equal_to_python(folder: Path, tmp_path: Path) -> None:
+def test_the_observer_fmu_is_equal_to_python(folder: Path, tmp_path: Path) -> None:
     form = observer_form(nut_machine())
     inputs = faulty(form, 800)
     assert not apart(by_python(form, inputs), by_fmu(form, folder / "observer.fmu", inputs, tmp_path))

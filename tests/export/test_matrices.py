@@ -28,7 +28,7 @@ def test_every_format_reads_back_the_same(tmp_path: Path) -> None:
     assert found["configuration"] == nut_machine().digest
 
 
-def test_it_is_one_plant_in_both_times() -> None:
+def test_the_exported_plant_is_one_in_continuous_and_discrete_time() -> None:
     """Ad and Bd are what the matrix exponential makes of A and B; at rest all is as warm as the air."""
     found = plant_matrices(nut_machine())
     n, m, p = len(found["A"]), found["B"].shape[1], found["E"].shape[1]

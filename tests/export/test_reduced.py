@@ -45,7 +45,7 @@ def _log(folder: Path, config: Config, rows: int, seed: int = 0) -> Log:
 
 @pytest.mark.parametrize("kind", ["kalman", "luenberger"])
 @pytest.mark.parametrize("make", [machine, nut_machine])
-def test_it_steps_as_the_settled_constant_gain(tmp_path: Path, make, kind: str) -> None:
+def test_the_reduced_observer_steps_as_the_settled_constant_gain(tmp_path: Path, make, kind: str) -> None:
     """From the same state, the same heats: within what sums in another order make of 1e-16 in 200 steps."""
     exact = {"offset_K": 0.0, "ambient_K": 0.0, "convection": 0.0, "conductivity": 0.0, "heat_capacity": 0.0,
              "position_m": 0.0, "lag_s": 0.0, "end_W_K": 0.0}  # fmt: skip

@@ -41,7 +41,7 @@ def test_a_film_takes_heat_from_the_whole_surface() -> None:
     assert found == pytest.approx(np.full(STEPS, 3.0 * SURFACE_M2 * 10.0))
 
 
-def test_a_stretch_takes_it_from_its_own() -> None:
+def test_an_uneven_film_takes_heat_from_its_own_stretch() -> None:
     """From 0.03 to 0.1 m, between places, the rise is 3.25 K on average."""
     stretch = {"kind": "uneven_convection", "from_m": 0.03, "to_m": 0.1, "extra_W_m2K": -4.0}
     assert taken(stretch, history(0.0, 20.0)) == pytest.approx(-4.0 * np.pi * DIAMETER_M * 0.07 * 3.25)
@@ -54,7 +54,7 @@ def test_radiation_goes_with_the_fourth_power() -> None:
     assert found == pytest.approx(0.5 * 5.670374419e-8 * fourth * SURFACE_M2)
 
 
-def test_turning_takes_it_only_while_it_turns() -> None:
+def test_speed_convection_and_coolant_take_heat_only_while_the_screw_turns() -> None:
     found = taken({"kind": "speed_convection", "gain": 0.2}, history(10.0, 10.0))
     assert found[0] > 0.0
     assert found[:30] == pytest.approx(found[0])
@@ -65,14 +65,14 @@ def test_turning_takes_it_only_while_it_turns() -> None:
 
 
 @pytest.mark.parametrize(("target", "rise_K"), [("left", 4.0), ("right", 14.0)])
-def test_an_end_takes_it_where_it_is(target: str, rise_K: float) -> None:
+def test_an_effect_at_an_end_takes_heat_at_the_rise_of_that_end(target: str, rise_K: float) -> None:
     end = {"kind": "end_conduction", "target": target, "conductance_W_K": 0.5}
     assert taken(end, history(4.0, 14.0)) == pytest.approx(0.5 * rise_K)
     heat = {"kind": "end_heat", "target": target, "heat_W_rpm": 2e-3}
     assert taken(heat, history(4.0, 14.0))[[0, -1]] == pytest.approx([-2.0, 0.0])
 
 
-def test_a_body_takes_what_it_stores_until_it_is_as_warm() -> None:
+def test_an_attached_body_takes_the_heat_that_it_stores() -> None:
     """A step of the screw's end by 10 K: C (1 − e^{−t/τ}) 10 K in all."""
     of = history(0.0, 0.0)
     of.temperature_degC[1:] += 10.0

@@ -113,7 +113,7 @@ def test_a_step_that_no_shortening_helps_is_not_taken() -> None:
     np.testing.assert_allclose(least.tried[1:], steps, rtol=1e-6)
 
 
-def test_bounds_hold_and_the_others_make_up_for_them() -> None:
+def test_bounds_of_a_fit_hold_and_free_parameters_make_up_for_them() -> None:
     within = Range(np.array([-np.inf, -1.0]), np.full(2, np.inf), np.full(2, np.inf))
     least = straight()
     found = least.fit([0.0, 0.0], within)
@@ -140,7 +140,7 @@ def test_no_step_is_longer_than_its_reach() -> None:
 # ---- when it is over ----
 
 
-def test_it_is_over_after_its_steps() -> None:
+def test_a_fit_is_over_after_its_steps() -> None:
     for steps in (0, 1, 3):
         least = valley()
         least.fit([-1.2, 1.0], stop=LONG._replace(steps=steps))

@@ -58,7 +58,7 @@ def test_a_bearing_that_runs_in_is_found_with_its_time() -> None:
     assert 1000.0 < time_s < 2300.0
 
 
-def test_a_bearing_that_does_not_is_found_not_to() -> None:
+def test_a_bearing_that_does_not_run_in_is_found_not_to() -> None:
     share, _, sigma = of_the_bearing(machine(), log_with(0.0, 2))
     assert abs(share) < 2.0 * sigma < 0.06
 

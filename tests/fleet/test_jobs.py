@@ -115,7 +115,7 @@ def test_one_log_may_be_of_two_machines_by_a_configuration_each(folder):
     assert [line.machine for line in lines] == ["mill-x", "mill-z"]
 
 
-def test_an_invalid_table(tmp_path):
+def test_a_table_that_cannot_be_read_is_reported_with_its_name(tmp_path):
     for name, content in (("a.csv", b"log,machine,config\n\xff\xfe"), ("a.parquet", b"no"), ("b.csv", None)):
         if content is not None:
             (tmp_path / name).write_bytes(content)

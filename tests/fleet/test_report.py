@@ -76,7 +76,7 @@ def test_the_page_asks_for_nothing_from_elsewhere():
     assert not re.search(r"https?:|<script|<link|<img|@import|url\(", html)
 
 
-def test_a_page_of_nothing_but_failures():
+def test_a_page_of_failures_alone_lists_what_could_not_be_done():
     assert "Could not be done" in page([], [_row("m", "replay", "bad") | {"problem": "gone", "found": {}}])
 
 

@@ -72,7 +72,7 @@ def test_in_the_first_minute_it_says_why_there_is_none() -> None:
     assert found["quality"] != "good"
 
 
-def test_it_is_off_where_it_is_switched_off() -> None:
+def test_a_forecaster_is_off_where_it_is_switched_off() -> None:
     assert not is_wanted(MachineModel.of(config_of(CONFIG, "\n[forecast]\nenabled = false\n")))
 
 

@@ -99,7 +99,7 @@ def test_a_parameter_does_what_the_changed_machine_does(name: str, one_day) -> N
     assert np.abs(said - there).max() < 0.1 * largest + 0.003  # a place moves nothing of a nut passing by
 
 
-def test_with_nothing_off_it_is_the_open_loop_prediction(one_day) -> None:
+def test_the_tolerant_prediction_with_nothing_off_is_the_open_loop(one_day) -> None:
     inputs = _inputs(config_of(), one_day)
     y_degC = inputs.y_degC.reshape(MINUTES, ROWS, -1).mean(axis=1)
     expected = y_degC - _predicted(config_of(), inputs)

@@ -114,7 +114,7 @@ def test_a_sensor_that_was_never_read_has_no_gap(machine: MachineModel, inputs) 
     assert per_sensor["t1"] > 0.0
 
 
-def test_row_by_row_it_is_the_same_as_in_blocks(machine: MachineModel, inputs) -> None:
+def test_a_gap_watch_fed_row_by_row_is_the_same_as_in_blocks(machine: MachineModel, inputs) -> None:
     whole, rows = _watch(machine), _watch(machine)
     part = inputs[0].part(0, 1400)
     whole.take(part)
@@ -186,7 +186,7 @@ def test_a_checkpoint_holds_it_to_the_last_bit_and_continues(machine: MachineMod
     assert watch.state.judged_s == pytest.approx(later.state.judged_s, abs=90.0)
 
 
-def test_estimates_are_the_same_with_and_without_it(machine: MachineModel) -> None:
+def test_estimates_are_the_same_with_and_without_a_gap_watch(machine: MachineModel) -> None:
     estimator = machine.estimator()
     frames = _frames(day(draw(SEED, 1, Rough()), SEED, 1, "a"))[:2]
     with_it = machine.pipeline(estimator)

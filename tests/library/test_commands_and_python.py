@@ -174,7 +174,7 @@ def recording_config(config: Path, program: dict[str, np.ndarray]) -> Path:
 
 
 @pytest.mark.parametrize("source", ["recent", "can"])
-def test_a_search_in_recordings_and_in_a_can_recording(
+def test_command_and_library_search_recordings_alike(
     source: str, recording_config: Path, can_recording: Path, tmp_path: Path
 ) -> None:
     output = tmp_path / "found"
@@ -187,7 +187,9 @@ def test_a_search_in_recordings_and_in_a_can_recording(
     assert set(by_command) >= {"result.json", "report.html"}
 
 
-def test_what_a_service_has_learnt(config: Path, log: Path, tmp_path: Path) -> None:
+def test_command_and_library_write_the_same_of_what_a_service_has_learnt(
+    config: Path, log: Path, tmp_path: Path
+) -> None:
     path = tmp_path / "learning.toml"
     path.write_text(f'{config.read_text()}[checkpoint]\ndirectory = "{tmp_path}"\n')
     machine = observer.load(path)
@@ -212,7 +214,7 @@ def test_what_a_service_has_learnt(config: Path, log: Path, tmp_path: Path) -> N
     ("format", "options"),
     [("c99", {}), ("st", {"single": True}), ("json", {}), ("table", {"control": "klipper", "axis": "Z"})],
 )
-def test_an_export(
+def test_command_and_library_export_the_same_files(
     format: str, options: dict[str, Any], config: Path, can_recording: Path, tmp_path: Path
 ) -> None:
     given = [part for key, value in options.items() for part in (f"--{key}", value) if part is not True]
@@ -270,7 +272,7 @@ def test_a_damaged_recording_gives_the_same_estimates(recording_config: Path, tm
 
 
 @pytest.mark.system
-def test_silent_wires_are_reported_alike(config: Path) -> None:
+def test_command_and_library_report_silent_wires_alike(config: Path) -> None:
     arguments = [sys.executable, "-m", "observer", "check", "--wires", "--json", "--config", config]
     done = subprocess.run(arguments, capture_output=True, text=True)
     assert done.returncode == 1, done.stderr

@@ -111,13 +111,13 @@ def test_a_simulation_is_a_log_again(machine, short_file, short, tmp_path):
     assert found.summary["sensors"]["t1"]["innovation_rms_K"] < 0.02
 
 
-def test_heats_of_a_whole_log(machine, short_file):
+def test_identified_heats_have_signals_and_a_picture(machine, short_file):
     heats = machine.identify(short_file)
     assert heats.signals[:2] == ("heat_nut_W", "heat_nut_sigma_W")
     assert len(heats.plot()) == 1 + len(machine.config.source)
 
 
-def test_a_forecast(machine, short_file):
+def test_a_forecast_reaches_as_far_as_asked(machine, short_file):
     found = machine.forecast(short_file, hours=0.5)
     assert found.sentences[0].startswith("In 0.5 h")
     assert found.time_s[-1] - found.time_s[0] == pytest.approx(1800.0, abs=60.0)
@@ -135,7 +135,7 @@ def test_a_calibration_gives_a_machine(machine, short_file, tmp_path):
     assert found.machine.config.digest != machine.config.digest
 
 
-def test_what_a_machine_means(machine):
+def test_a_machine_is_checked_and_has_a_state_space(machine):
     found = machine.check()
     assert found.usable
     assert found["modes"] > 0
