@@ -293,7 +293,7 @@ class SteppedRun:
                 swept(plant, plant.moving[i].table, self._present(plant.moving[i], i), out[:, i])
             return out
 
-        key = (on, *(_shape_of(plant.moving[i].table) for i in on))
+        key = (on, *(_shape_of(plant.moving[i].table) + _mixing_of(plant, i) for i in on))
         return self._sweeps.get(key, shapes)
 
     def _rows(self, config: Config, plant: Plant) -> Inputs:
@@ -364,6 +364,16 @@ def _shape_of(table: NutTable) -> bytes:
     """A key of the parts of a nut's table that its input columns depend on."""
     shape = (table.mu_1_m, table.phase, table.scale, np.array(table.conductance_W_m))
     return b"".join(a.tobytes() for a in shape)
+
+
+def _mixing_of(plant: Plant, i: int) -> bytes:
+    """A key of the modes that a nut's cosines make up; rounding errors of a basis do not change it."""
+    mixing = plant.moving[i].table.turn
+    if not len(mixing):
+        return b""
+    if plant.basis is not None:
+        mixing = plant.basis.V @ mixing
+    return (np.round(mixing[: plant.modes], 6) + 0.0).tobytes()  # no zero keeps a sign
 
 
 def driving(config: Config) -> str:

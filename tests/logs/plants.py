@@ -175,7 +175,7 @@ def moving_columns(plant, places_m):
         if len(nut.table.mu_1_m):
             for k, place_m in enumerate(places_m):
                 B[k, i], C[k, i] = columns_at(nut.table, [float(place_m)])
-                B[k, i, nut.table.lag] = nut.table.lag_decay_1_s
+                B[k, i, plant.modes + nut.index] = nut.table.lag_decay_1_s
         else:
             at_m = np.concatenate([sensors_of(plant), plant.layout.position_m])
             m = plant.B.shape[1]
