@@ -39,7 +39,7 @@ BUILD := $(UV) build --python $(PYTHON) --no-create-gitignore --build-constraint
 .DELETE_ON_ERROR:
 # `make -j demo test` would make the environment for both at once.
 .NOTPARALLEL:
-.PHONY: help env runtime demo test unit system processors slow nightly coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign releases-campaign alarms-observed forecast-campaign integrity first-day fleet-scaling config-mutants mutants reference evidence figures docs container-check operations-check lock dist wheels sbom clean
+.PHONY: help env runtime demo test announced near unit system processors slow nightly coverage lint format bench demo-under-load month hostile faults soak learning-campaign identify-campaign gap-campaign discover-campaign rods-campaign alarms-campaign releases-campaign alarms-observed forecast-campaign integrity first-day fleet-scaling config-mutants mutants reference evidence figures docs container-check operations-check lock dist wheels sbom clean
 
 help:  ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -47,8 +47,17 @@ help:  ## list these targets
 demo: $(RUNS)  ## the whole chain on a simulated machine with a live view; ARGS="--seconds 20" ends it
 	$(BIN)/observer demo $(ARGS)
 
-test: lint unit system  ## the checks that every change must pass: lint, then all tests but the slow ones
+test: announced lint unit system  ## the checks that every change must pass: lint, then all tests but the slow ones
 	@echo "make test: all passed"
+
+announced:
+	@echo "make test takes about 20 minutes on two quiet cores, after the environment is made."
+	@for program in chromium mosquitto prometheus clang cppcheck; do \
+	  PATH="$$PATH:/usr/sbin" command -v $$program > /dev/null || echo "$$program is missing: its tests are skipped; install the package of that name."; \
+	done
+
+near: $(READY)  ## the tests nearest to changed files, FILE="observer/model/couple.py"; ARGS goes to pytest
+	$(BIN)/python -m tests.near $(FILE) --pytest="$(ARGS)"
 
 lint: $(READY)  ## ruff, formatting, plain English, types of the product, campaigns and benchmarks, import contracts
 	$(BIN)/ruff check $(CODE)
