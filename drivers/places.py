@@ -57,10 +57,10 @@ ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
 class ModbusChannel(Place):
     """One value in the registers of a Modbus device.
 
-    `register` counts from 0, as on the wire. `fault_codes` are raw values (unsigned, as in the manual) that
-    stand for a fault. A `status_register` (same `function`) makes the value a fault when it has all bits of
-    a key of `status_faults`; the first key that fits names the fault. Values outside `low` … `high` are
-    faults too.
+    `register` counts from 0, as on the wire. `fault_codes` are the bits of a value that stand for a fault, as
+    an unsigned number after `byte_order` is applied. A `status_register` (same `function`) makes the value a
+    fault when it has all bits of a key of `status_faults`; the first key that fits names the fault. Values
+    outside `low` … `high` are faults too.
     """
 
     register_: Register = Field(alias="register")

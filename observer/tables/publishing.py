@@ -107,7 +107,9 @@ class Publish(Section):
     #: `"peer"`, `"client"` (of a router) or `"router"` (is one)
     mode: Literal["client", "peer", "router"] = "peer"
     connect: Endpoints = ()  #: endpoints to connect to, as `"tcp/192.168.0.10:7447"`
-    listen: Endpoints = ()  #: endpoints to listen on, as `"tcp/127.0.0.1:7447"`
+    #: endpoints to listen on; without `listen` and `connect` it is `tcp/127.0.0.1:7447`, on this computer
+    #: only; a `"client"` does not listen
+    listen: Endpoints = ()
     #: highest rate at which field and error are sent as JSON
     field_rate_Hz: Annotated[Number, Field(ge=1e-3, le=50)] = 2.0
     history: Annotated[Count, Field(ge=1, le=100_000)] = 1000  #: how many estimates the queryable remembers
