@@ -59,7 +59,8 @@ def test_a_fault_switches_a_compensation_off_until_somebody_arms_it_again(tmp_pa
             seen = len(heard.documents["compensation"])
             until(lambda: len(heard.documents["compensation"]) > seen + 5)
             assert not any(d["armed"] for d in heard.documents["compensation"][seen:])
-            assert _arm(endpoint, *demo).returncode == 0
+            # on a busy computer a position may be late just now: then the refusal is right
+            until(lambda: _arm(endpoint, *demo).returncode == 0)
             daemon.stop()
 
 
