@@ -372,7 +372,10 @@ def _heats_unknown(config: Config) -> Iterator[str]:
     for source in config.source:
         if source.heat_of is not None and laws.get(source.heat_of, "heat_of") in (None, "heat_of"):
             owners = ", ".join(n for n, law in laws.items() if law not in (None, "heat_of")) or "none yet"
-            yield (f"source {source.name}: heat_of names no source with a heat law of its own; name {owners}")
+            yield (
+                f"source {source.name}: heat_of names no source with a heat law of its own; "
+                f"name one of {owners}"
+            )
     yield from _following_what(config)
     if not any(s.estimate for s in config.source):
         yield "every source has estimate = false; leave at least one to be estimated"

@@ -1,4 +1,4 @@
-"""The tests nearest to a changed file: `python -m tests.near observer/model/couple.py -- -x`.
+"""The tests nearest to a changed file: `python -m tests.near observer/model/couple.py --pytest=-x`.
 
 Modules that mutants are tried on have a list of tests (`campaigns/mutants/nearest.py`). Of others, the test
 files that import the module run. A changed test file runs itself.

@@ -373,7 +373,7 @@ def _mixing_of(plant: Plant, i: int) -> bytes:
         return b""
     if plant.basis is not None:
         mixing = plant.basis.V @ mixing
-    return (np.round(mixing[: plant.modes], 6) + 0.0).tobytes()  # no zero keeps a sign
+    return (np.round(mixing[: plant.modes], 6) + 0.0).tobytes()  # -0.0 becomes 0.0
 
 
 def driving(config: Config) -> str:

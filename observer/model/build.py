@@ -12,7 +12,6 @@ from observer.config import Config
 from observer.effects.terms import COUPLING_TERMS, LawFactor, SensorOffset, StrokeEnds, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray
-from observer.model.bending import MOST_CANDIDATES, with_bending
 from observer.model.couple import with_coupling
 from observer.model.extend import with_learning, with_shown_part
 from observer.model.generator import diagonalised
@@ -52,10 +51,7 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool 
     """
     machine = realise(config)
     full = full_model(machine.config, machine.terms)
-    full, mode_numbers = with_bending(
-        full, keep_modes(machine.config, full.modes), machine.config, machine.terms
-    )
-    plant, modes = reduce(full, mode_numbers, nut_places)
+    plant, modes = reduce(full, keep_modes(machine.config, full.modes), nut_places)
     constant = None
     if machine.config.node or any(isinstance(t, COUPLING_TERMS) for t in machine.terms):
         sigma_W = np.array([s.initial_sigma_W for s in machine.config.source])
@@ -72,8 +68,7 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool 
 
 def full_model(config: Config, terms: Sequence[Term]) -> FullModel:
     """Return the full model of a configuration with its effects, without the couplings of its states."""
-    most = config.model.modes or MOST_MODES
-    modes = solve_modes(rod_of(config), (max(most, MOST_CANDIDATES) if config.link else most) + 1)
+    modes = solve_modes(rod_of(config), (config.model.modes or MOST_MODES) + 1)
     refuse_on_followed(config, terms)
     ends = {t.source: t.fraction for t in terms if isinstance(t, StrokeEnds)}
     return FullModel(

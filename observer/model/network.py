@@ -264,17 +264,6 @@ class Shapes(NamedTuple):
     swept: float
 
 
-def sweeping(machine: Description, bodies: Attached) -> Iterator[tuple[int, float, Stretch]]:
-    """Yield the number, the conductance to bodies, W/K, and the stroke of each nut that sweeps over one."""
-    for j, source in enumerate(machine.source):
-        G = sum(tie for _, place, tie in bodies.ties if place == j)
-        if source.shape != "nut" or G == 0.0:
-            continue
-        stroke = mean_stretch(source, machine.screw)
-        if abs(stroke.width_m - (source.length_m or 0.0)) >= NO_SWEEP * stroke.width_m:
-            yield j, G, stroke
-
-
 def shapes_of_strokes(modes: Modes, machine: Description, bodies: Attached) -> Iterator[Shapes]:
     """Yield the exchange of sweeping nuts beyond the exchange at the mean temperature.
 
@@ -282,7 +271,13 @@ def shapes_of_strokes(modes: Modes, machine: Description, bodies: Attached) -> I
     the modes lose G/(kA) ∫ w θ_i θ_j dx. The mean temperature carries G/(kA) ∫ w θ_i dx ∫ w θ_j dx of that.
     """
     kA = modes.rod.conductance_W_m
-    for j, G, stroke in sweeping(machine, bodies):
+    for j, source in enumerate(machine.source):
+        G = sum(tie for _, place, tie in bodies.ties if place == j)
+        if source.shape != "nut" or G == 0.0:
+            continue
+        stroke = mean_stretch(source, machine.screw)
+        if abs(stroke.width_m - (source.length_m or 0.0)) < NO_SWEEP * stroke.width_m:
+            continue
         theta, weights = shapes_within(modes, stroke)
         weights = weights / stroke.width_m
         mean = weights @ theta

@@ -7,7 +7,7 @@ States x = [modal amplitudes η of the temperature | one lag r_j per source], in
 with heats q in W (one per source) and known inputs z (ambient, prescribed ends, the error's reference). The
 lag r_j follows q_j with the decay rate of the first dropped mode; its output column is the steady response
 of all dropped modes. So no heat acts at once, and the field at rest is exact with any number of modes,
-unless a nut is coupled to a body (see `bending`).
+unless a nut is coupled to a body.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
 from observer.estimate.pipeline import MachineModel
 from observer.library.profiles import ReportGrid
 from observer.record.recorder import Part
-from tests.logs.machines import SCREW
+from tests.logs.machines import ROD
 from tests.logs.recordings import recorded
 from tests.record.test_can_log import DBC
 
@@ -34,22 +34,13 @@ AXIS = {
     "channels": WIRES,
 }  # fmt: skip
 CONFIG = tomlkit.dumps(
-    {
-        "screw": SCREW | {"length_m": 0.6, "diameter_m": 0.03, "expansion_1_K": 12e-6},
-        "surface": {"convection_W_m2K": 15.0},
-        "ambient": {"temperature_degC": 20.0},
-        "source": [
-            {"name": "bearing", "shape": "point", "position_m": 0.0, "speed_channel": "speed_rpm",
-             "heat_W_rpm": 0.01},
-        ],
-        "sensor": [
-            {"name": "t1", "channel": "t1_degC", "position_m": 0.05},
-            {"name": "t2", "channel": "t2_degC", "position_m": 0.4},
-        ],
+    ROD
+    | {
+        "screw": ROD["screw"] | {"expansion_1_K": 12e-6},
         "calibrate": {"free": ["source.bearing.scale"]},
         "drivers": {"axis": AXIS},
     }
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope="module")

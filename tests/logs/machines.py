@@ -27,6 +27,21 @@ SCREW = {
     "specific_heat_J_kgK": 460.0,
 }
 
+# A short rod with a bearing at its left end and two thermocouples.
+ROD = {
+    "screw": SCREW | {"length_m": 0.6, "diameter_m": 0.03},
+    "surface": {"convection_W_m2K": 15.0},
+    "ambient": {"temperature_degC": 20.0},
+    "source": [
+        {"name": "bearing", "shape": "point", "position_m": 0.0, "speed_channel": "speed_rpm",
+         "heat_W_rpm": 0.01},
+    ],
+    "sensor": [
+        {"name": "t1", "channel": "t1_degC", "position_m": 0.05},
+        {"name": "t2", "channel": "t2_degC", "position_m": 0.4},
+    ],
+}  # fmt: skip
+
 
 @cache
 def rig() -> tuple[Config, list[FrameBlock]]:

@@ -9,8 +9,7 @@ from scipy.sparse.linalg import spsolve
 
 from observer.config import Config
 from observer.installation import load, parse
-from observer.model.bending import with_bending
-from observer.model.build import build_plant, full_model, keep_modes
+from observer.model.build import build_plant
 from observer.model.generator import generator
 from observer.model.plant import Plant
 
@@ -85,41 +84,11 @@ def rises_at_rest(plant: Plant) -> np.ndarray:
     return rows @ np.linalg.solve(-generator(plant), plant.B)
 
 
-@pytest.mark.parametrize(("modes", "part"), [(6, 0.04), (15, 4e-3), (40, 1.2e-3), (80, 1e-4)])
+@pytest.mark.parametrize(("modes", "part"), [(15, 0.017), (40, 1.1e-3), (80, 1e-4)])
 def test_more_modes_bring_a_tied_nut_closer_to_finite_differences_at_rest(modes: int, part: float) -> None:
     settled, expected = rises_at_rest(build_plant(tied_machine(modes))), finite_differences()
-    # twice what the modes cannot follow: 1.9 %, 0.21 %, 0.063 %, 0.005 %; without bending 12 % and 0.84 %
+    # the exchange bends the field under the stroke; twice what modes cannot follow (0.84, 0.055, 0.005 %)
     np.testing.assert_allclose(settled, expected, atol=part * expected.max())
-
-
-def test_a_strong_exchange_under_a_nut_adds_modes_that_bend_there() -> None:
-    config = load(CONFIG / "yu-dual-drive.toml")
-    many = config.model.model_copy(update={"modes": 300})
-    few, reference = (build_plant(c) for c in (config, config.model_copy(update={"model": many})))
-    expected = rises_at_rest(reference)
-    assert few.modes < 30
-    # twice what 15 modes and six that bend leave out
-    np.testing.assert_allclose(rises_at_rest(few), expected, atol=1.2e-3 * expected.max())
-
-
-def test_a_weak_exchange_under_a_nut_adds_no_modes() -> None:
-    config = load(CONFIG / "demo-housings.toml")
-    kept = keep_modes(config, full_model(config, ()).modes)
-    assert build_plant(config).modes == len(kept)
-
-
-def test_modes_that_bend_are_orthogonal_and_a_screw_alone_does_not_couple_them() -> None:
-    config = tied_machine(10)
-    full, kept = with_bending(full_model(config, ()), range(10), config, ())
-    modes = full.modes.take(kept)
-    assert len(modes) > 12
-    np.testing.assert_allclose(modes.surface(), np.eye(len(modes)), atol=1e-9)
-    h_m, film_1_s = 1e-4, modes.rod.diffusivity_m2_s * modes.rod.fin_1_m**2
-    places_m = np.arange(h_m / 2, LENGTH_M, h_m)
-    slopes = (modes.theta(places_m + h_m / 4) - modes.theta(places_m - h_m / 4)) / (h_m / 2)
-    lost_1_s = slopes.T @ slopes * h_m + film_1_s * np.eye(len(modes))
-    # midpoints and difference quotients are off by less than a thousandth of the fastest
-    np.testing.assert_allclose(lost_1_s, np.diag(modes.decay_1_s), atol=1e-3 * modes.decay_1_s.max())
 
 
 @pytest.mark.parametrize("name", COUPLED)

@@ -13,6 +13,7 @@ import pytest
 from observer import Machine
 from observer.errors import ConfigError, LogError
 from observer.installation import Installation, parse
+from tests.logs.machines import ROD
 
 DBC = """VERSION ""
 BS_:
@@ -33,25 +34,7 @@ def _config(dbc: Path, *, with_driver: bool = True) -> Installation:
         "kind": "can", "interface": "virtual", "channel": "none", "dbc": str(dbc), "period_s": 0.5,
         "channels": channels,
     }  # fmt: skip
-    return parse(
-        {
-            "screw": {
-                "length_m": 0.6, "diameter_m": 0.03, "conductivity_W_mK": 50.0, "density_kg_m3": 7800.0,
-                "specific_heat_J_kgK": 460.0,
-            },
-            "surface": {"convection_W_m2K": 15.0},
-            "ambient": {"temperature_degC": 20.0},
-            "source": [
-                {"name": "bearing", "shape": "point", "position_m": 0.0, "speed_channel": "speed_rpm",
-                 "heat_W_rpm": 0.01},
-            ],
-            "sensor": [
-                {"name": "t1", "channel": "t1_degC", "position_m": 0.05},
-                {"name": "t2", "channel": "t2_degC", "position_m": 0.4},
-            ],
-            "drivers": {"axis": driver} if with_driver else {},
-        }
-    )  # fmt: skip
+    return parse(ROD | {"drivers": {"axis": driver} if with_driver else {}})
 
 
 def _recorded(path: Path, dbc: Path, seconds: float = 60.0, backwards: bool = False) -> None:
