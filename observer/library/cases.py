@@ -30,18 +30,18 @@ class CaseFigures:
     """The compared figures of a machine in a case: its steady state, or the maxima over a cycle.
 
     Attributes:
-        name: of the variant or case.
-        position_m: the places along the screw, (g,).
-        field_degC: temperature at these, (g,); over a cycle the highest at each place.
-        warmest_degC: highest temperature of the whole screw, between the places too.
-        coldest_degC: lowest temperature of the whole screw, between the places too.
-        temperature_degC: by the names of sensors and nodes; over a cycle the highest.
-        heat_W: by source; over a cycle the mean.
-        error_um: thermal error, (g,), largest by size; empty without an expansion coefficient.
-        force_N: axial force, largest by size, tension positive.
-        largest_error_um: the largest error by size within the travel.
-        largest_at_m: its place.
-        slowest_s: slowest time constant, None for a cycle.
+        name: The variant's name, or the case's.
+        position_m: The places along the screw, (g,).
+        field_degC: Temperature at these, (g,); over a cycle the highest at each place.
+        warmest_degC: Highest temperature of the whole screw, between the places too.
+        coldest_degC: Lowest temperature of the whole screw, between the places too.
+        temperature_degC: By the names of sensors and nodes; over a cycle the highest.
+        heat_W: By source; over a cycle the mean. Sources that never give heat are left out.
+        error_um: Thermal error, (g,), largest by size; empty without an expansion coefficient.
+        force_N: Axial force, largest by size, tension positive.
+        largest_error_um: The largest error by size within the travel, with its sign.
+        largest_at_m: The place of the largest error.
+        slowest_s: Slowest time constant of the coupled machine; None for a cycle.
         biot: Biot number of the screw in the largest film of the case.
     """
 
@@ -63,6 +63,9 @@ class CaseFigures:
     def columns(self) -> dict[str, float]:
         """The figures by the column names of `compare.csv`, such as `heat_nut_W`, `field_250_degC` and
         `biot`.
+
+        Columns of error and force are absent without an expansion coefficient, `slowest_s` is absent for a
+        cycle.
         """
         layout = Layout((), self.position_m, (), has_error=bool(len(self.error_um)))
         columns = {f"heat_{name}_W": heat_W for name, heat_W in self.heat_W.items()}
@@ -82,9 +85,10 @@ class SurveyedCase(NamedTuple):
     """The figures of a case, and the inputs of a search for a mounting.
 
     Attributes:
-        figures: the compared figures.
-        growth: of the free screw, (K, g) and (K,), µm; None without an expansion coefficient.
-        travel: whether the nuts travel over a place of the grid, (g,).
+        figures: The compared figures.
+        growth: Of the free screw, (K, g) and (K,), µm; None without an expansion coefficient. K is 1 for a
+            steady state.
+        travel: True where the nuts travel over a place of the grid, (g,).
     """
 
     figures: CaseFigures
@@ -97,7 +101,15 @@ def steady_case(
 ) -> SurveyedCase:
     """Return the steady state of a machine with constant inputs, or with the mean inputs of a log.
 
-    `inputs` replace channels of the log. Raises `ConfigError` or `LogError`.
+    Args:
+        name: The case's name.
+        config: The machine.
+        inputs: Constant values by channel; they replace channels of the log.
+        log: The log whose means are the other inputs; None if `inputs` has all.
+
+    Raises:
+        ConfigError: An input is missing or beyond its limits, or the machine has no steady state.
+        LogError: A channel that the model needs has no value in the log.
     """
     _refuse_implausible(config, inputs)
     survey = survey_of(config)
@@ -117,7 +129,17 @@ def steady_case(
 def cycle_case(name: str, config: Installation, inputs: Mapping[str, float], log: Log) -> SurveyedCase:
     """Return the maxima of a machine's temperature and growth over a log, by its heat laws alone.
 
-    `inputs` replace channels of the log. Raises `ConfigError` or `LogError`.
+    The screw starts at the temperature of the log's first sensor values, or at the ambient.
+
+    Args:
+        name: The case's name.
+        config: The machine.
+        inputs: Constant values by channel; they replace channels of the log.
+        log: The cycle, run once.
+
+    Raises:
+        ConfigError: An input is beyond its limits.
+        LogError: A channel that the model needs has no value in the log.
     """
     _refuse_implausible(config, inputs)
     survey = survey_of(config)
@@ -159,7 +181,13 @@ def _plan(survey: Survey, inputs: Mapping[str, float]) -> AlignPlan:
 def with_inputs(log: Log, inputs: Mapping[str, float], survey: Survey) -> Log:
     """Return the log as a program, with constant `inputs` in place of its own channels of these names.
 
-    Raises `LogError` where a channel that the model needs has no value.
+    Args:
+        log: The log, (K, c).
+        inputs: Values by channel; channels that the log lacks are added.
+        survey: The machine whose channels are needed.
+
+    Raises:
+        LogError: A channel that the model needs has no value in any row.
     """
     kept_channels = [c for c in log.channels if c not in inputs]
     columns = [log[c] for c in kept_channels] + [np.full(len(log), value) for value in inputs.values()]
@@ -231,7 +259,7 @@ def largest_of(values: FloatArray) -> FloatArray:
 def as_document(figures: CaseFigures) -> dict[str, Any]:
     """Return the figures as in `steady.json` and `compare.json`.
 
-    Error and force are None without an expansion coefficient.
+    Error, its place and the force are None without an expansion coefficient, arrays are lists.
     """
     with_error = bool(len(figures.error_um))
     return {

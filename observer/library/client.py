@@ -1,4 +1,8 @@
-"""An asynchronous client of a running service over Zenoh."""
+"""An asynchronous client of a running service over Zenoh.
+
+Zenoh calls back in threads of its own. Each message is handed to the event loop, so that the state of a
+stream changes in the loop's thread only.
+"""
 
 from __future__ import annotations
 
@@ -33,10 +37,15 @@ _STEP_S, _REPORT_S = 3.0, 15.0
 
 
 class ServiceStream(Generic[Message]):
-    """The messages of one kind: `async for message in stream`, beginning with the last one if there is any.
+    """The messages of one kind: `async for message in stream`, beginning with the last one if there is
+    any.
 
-    A slow reader gets the newest and is never behind. If nothing is heard for a while, the last message
-    comes once more with the quality `stale`, and so it stays in `last`.
+    A slow reader gets the newest and is never behind. If nothing is heard for a while, the last message comes
+    once more with the quality `stale`, and so it stays in `last`. A while is 3 s for estimates and 15 s for
+    health and alarms, or three of the usual intervals if these are longer.
+
+    Several readers may iterate over one stream: each gets every message that it is fast enough for. Use it in
+    the thread of the event loop only. Iteration never ends; leave it with `break`.
     """
 
     def __init__(self, kind: type[Message], silent_s: float) -> None:
@@ -48,7 +57,10 @@ class ServiceStream(Generic[Message]):
 
     @property
     def last(self) -> Message | None:
-        """The last message, None before the first."""
+        """The last message, None before the first.
+
+        Its quality is `stale` if nothing has been heard for a while, so an old value never looks fresh.
+        """
         if self._message is None or time.monotonic() < self._stale_s:
             return self._message
         if isinstance(self._message, ServiceHealth):
@@ -95,6 +107,15 @@ class ServiceClient:
 
     `machine` and `axis` identify it, `command` gives it commands. `heat`, `field`, `error`, `health` and
     `alarms` are streams. Each has the service's last message in `last` when the client is connected.
+
+    Attributes:
+        machine: Name of the machine; `*` until the service has answered.
+        axis: Name of the axis; `*` until the service has answered.
+        heat: Stream of `ServiceHeat`, a message each step.
+        field: Stream of `ServiceField`, at most two messages a second.
+        error: Stream of `ServiceThermalError`, at most two messages a second.
+        health: Stream of `ServiceHealth`, on change and every 5 s.
+        alarms: Stream of `ServiceAlarms`, on change.
     """
 
     machine: str
@@ -128,11 +149,19 @@ class ServiceClient:
         await asyncio.to_thread(close_within, self._session, 1.0)
 
     async def command(self, kind: str, *, without: Sequence[str] = (), alarm: str | None = None) -> str:
-        """Give the service a command; returns its outcome in words.
+        """Give the service a command and return its outcome in words.
 
-        `kind` is `arm`, `disarm`, `zero`, `reset` or `acknowledge`. Arming may do `without` sensors that are
-        excluded or missing; `alarm` is the id of the one to acknowledge, None for all. Raises `UserError`
-        with the reason where it is not done.
+        The service compares the hash of its configuration first, so a command never reaches another
+        configuration than the one that was read.
+
+        Args:
+            kind: `arm`, `disarm`, `zero`, `reset` or `acknowledge`.
+            without: Names of sensors that arming may do without although they are excluded or missing.
+            alarm: The id of the alarm to acknowledge; None for all.
+
+        Raises:
+            UserError: The command or a name is unknown, the service does not answer within the timeout, or it
+                refuses, with its reason.
         """
         if kind not in KINDS:
             raise UserError(f"there is no command {kind!r}; give one of {', '.join(KINDS)}")
@@ -211,9 +240,17 @@ class ServiceClient:
 def connect(
     endpoint: str = "tcp/127.0.0.1:7447", machine: str = "*", axis: str = "*", *, timeout_s: float = 10.0
 ) -> ServiceClient:
-    """Connect to a running service: `async with observer.connect() as service`.
+    """Return a client of a running service, to be entered: `async with observer.connect() as service`.
 
-    Without `machine` and `axis` it is the first that answers at the endpoint. Entering raises
-    `UserError`, a sentence, where none answers within `timeout_s`, with the axes that do.
+    Nothing is opened before it is entered.
+
+    Args:
+        endpoint: Zenoh endpoint of the service or of a router.
+        machine: Name of the machine; `*` for the first that answers.
+        axis: Name of the axis; `*` for the first that answers.
+        timeout_s: Longest wait for each answer of the service.
+
+    Raises:
+        UserError: On entering, if no service answers within `timeout_s`; the sentence lists the axes that do.
     """
     return ServiceClient(endpoint, machine, axis, timeout_s)

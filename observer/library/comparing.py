@@ -41,9 +41,9 @@ class LeftUnknown(NamedTuple):
     """The mean standard deviations over the standard shift.
 
     Attributes:
-        heat_W: of each estimated heat, by source.
-        field_K: of the temperature along the screw.
-        error_um: of the thermal error, None without an expansion coefficient.
+        heat_W: Of each estimated heat, by source.
+        field_K: Of the temperature along the screw.
+        error_um: Of the thermal error; None without an expansion coefficient.
     """
 
     heat_W: dict[str, float]
@@ -56,11 +56,12 @@ class Comparison:
     """Variants side by side.
 
     Attributes:
-        cases: the figures of each variant.
-        unknown: the σ that remain, by variant; empty unless variants differ in sensors.
-        mounted: by variant the best of each mounting, the best first; empty unless minimised.
-        sentences: what the search for mountings leaves unchanged.
-        document: the content of `compare.json`.
+        cases: The figures of each variant, in the order of the file.
+        unknown: The σ that remain, by variant; empty unless variants differ in sensors. None for a variant
+            whose σ is undefined.
+        mounted: By variant the best of each mounting, the best first; empty unless minimised.
+        sentences: What the search for mountings leaves unchanged.
+        document: The content of `compare.json`.
     """
 
     cases: tuple[CaseFigures, ...]
@@ -76,9 +77,13 @@ class Comparison:
 
     @in_words
     def to_pandas(self) -> Any:
-        """Return a `pandas.DataFrame` of the figures in `compare.csv`, with the variants' names as its index.
+        """Return a `pandas.DataFrame` of the figures in `compare.csv`, with the variants' names as its
+        index.
 
-        Raises `UserError` without pandas.
+        A figure that a variant lacks is NaN.
+
+        Raises:
+            UserError: pandas is not installed.
         """
         import pandas
 
@@ -92,7 +97,11 @@ class Comparison:
 
     @in_words
     def plot(self) -> list[Axes]:
-        """Draw the picture that the command writes, as a figure of pyplot, and return its axes."""
+        """Draw the picture that the command writes, as a figure of pyplot, and return its axes.
+
+        Raises:
+            UserError: matplotlib is not installed.
+        """
         from observer.report.comparison import draw_cases
         from observer.report.pictures import shown
 
@@ -101,7 +110,14 @@ class Comparison:
 
     @in_words
     def write(self, folder: str | Path) -> None:
-        """Write `compare.csv`, `compare.json` and `compare.png` into a folder. Raises `UserError`."""
+        """Write `compare.csv`, `compare.json` and `compare.png` into a folder.
+
+        Args:
+            folder: Is created if it is missing; files of the same names are replaced.
+
+        Raises:
+            UserError: The folder cannot be written; then it is as it was before.
+        """
         from observer.report.comparison import draw_cases
         from observer.report.pictures import written
 
@@ -128,10 +144,22 @@ def compared(
     minimise: Aim | None = None,
     progress: Callable[[str, float], None] = lambda _text, _share: None,
 ) -> Comparison:
-    """Compare variants of a configuration, whose text is `source`, from a file or from the content of one.
+    """Compare variants of a configuration in their steady states, or over a log's cycle.
 
-    They are compared in their steady states, or over a log's cycle. `progress` gets the name of the variant
-    and the share of the work that is done, 0 to 1. Raises `ConfigError` or `LogError`.
+    Args:
+        config: The machine whose channels the log has.
+        source: The text of its configuration, which the variants override.
+        variants_given: A variants' file, or its table.
+        log: The cycle; with `steady` the log whose means are the inputs. None for the inputs of the variants.
+        steady: Compare steady states.
+        minimise: `"error"` also searches the mounting, preload and gap with the least thermal error.
+        progress: Receives the name of the variant and the share of the work that is done, 0 to 1.
+
+    Raises:
+        ConfigError: A variant is invalid, has no steady state, or has no thermal error to minimise; the
+            sentence names the variant. Also if neither `steady` nor a log is given.
+        LogError: The log cannot be read, or an input has no value in it.
+        UserError: `minimise` is unknown.
     """
     if minimise is not None:
         check_choice("minimise", minimise, get_args(Aim))

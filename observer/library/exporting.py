@@ -29,13 +29,26 @@ Control = Literal["linuxcnc", "klipper", "sinumerik"]
 
 @dataclass(frozen=True, slots=True, repr=False)
 class ExportedFiles:
-    """Files for a controller or another program: `files`, their content by name, and `facts`, sentences."""
+    """Files for a controller or another program.
+
+    Attributes:
+        files: Their content by file name.
+        facts: Sentences about them: gains, features of the service that the export lacks, and agreement with
+            the estimator over a log.
+    """
 
     files: Mapping[str, bytes]
     facts: tuple[str, ...]
 
     def write(self, folder: str | Path) -> None:
-        """Write the files into a folder. Raises `UserError`."""
+        """Write the files into a folder.
+
+        Args:
+            folder: Is created if it is missing; files of the same names are replaced.
+
+        Raises:
+            UserError: The folder cannot be written; then it is as it was before.
+        """
         with results_in(Path(folder)) as part:
             for name, data in self.files.items():
                 (part / name).write_bytes(data)
@@ -57,8 +70,22 @@ def exported(
     """Return a configuration's observer as code, its plant, or the compensation at a log's end as a table.
 
     With a log, the code's reference in Python runs over it beside the configured estimator, and
-    `reference.csv` has both. `control` and `axis` concern a table; `single` takes REAL in structured text.
-    Raises `ConfigError` where a controller could not follow the model, `LogError` or `UserError`.
+    `reference.csv` has the outputs of the reference.
+
+    Args:
+        config: The machine.
+        format: Language or file type.
+        log: Needed for a table, optional for code, unused for matrices.
+        progress: Receives the number of rows estimated and their total.
+        control: The control whose format a table has.
+        axis: The control's name of the axis, letters and digits; for a table.
+        single: REAL instead of LREAL in structured text.
+
+    Raises:
+        ConfigError: A controller could not follow the model, the service has learnt parameters that the
+            configuration lacks, or the error is beyond `compensation.limit_um`.
+        LogError: The log cannot be read, or a table's last estimate is not good.
+        UserError: An option is unknown or belongs to another format.
     """
     check_choice("format", format, get_args(ExportFormat))
     check_choice("control", control, get_args(Control))

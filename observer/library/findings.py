@@ -12,7 +12,13 @@ from observer.report.wording import interval, unit_text
 
 @dataclass(frozen=True, slots=True)
 class FoundValue:
-    """An estimated value, its unit, and its 95 % interval."""
+    """An estimated value, its unit, and its 95 % interval.
+
+    Attributes:
+        value: In `unit`.
+        ci95: Lower and upper end of the interval, in `unit`.
+        unit: As in the result's JSON, such as `W/m2K`; `1` for a pure number.
+    """
 
     value: float
     ci95: tuple[float, float]
@@ -24,8 +30,12 @@ class FoundValue:
 
 @dataclass(frozen=True, slots=True)
 class FoundEffect:
-    """A physical effect that was named, where it is (None where it can be in one place only), and how
-    strong.
+    """A physical effect that was named.
+
+    Attributes:
+        kind: Its name in `[[effect]]` of the configuration, such as `speed_convection`.
+        target: The sensor, source or end where it acts; None for an effect of the whole machine.
+        parameters: Its fitted parameters by their keys.
     """
 
     kind: str
@@ -34,29 +44,33 @@ class FoundEffect:
 
 
 def values_in(table: Mapping[str, Mapping[str, Any]]) -> dict[str, FoundValue]:
-    """The values of a document by their keys."""
+    """Return the values of a table with the keys `value`, `ci95` and `unit` in each entry."""
     return {key: FoundValue(v["value"], (v["ci95"][0], v["ci95"][1]), v["unit"]) for key, v in table.items()}
 
 
 def effects_in(effects: Iterable[Mapping[str, Any]]) -> tuple[FoundEffect, ...]:
-    """The effects of a document."""
+    """Return the effects of the list `effects` in `result.json`, in its order."""
     return tuple(FoundEffect(e["kind"], e["target"], values_in(e["parameters"])) for e in effects)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class CheckFindings:
-    """The findings of a check of a configuration; `document` is the output of `observer check --json`."""
+    """The findings of a check of a configuration; `findings["modes"]` is an entry of its document.
+
+    Attributes:
+        document: The output of `observer check --json`.
+    """
 
     document: Mapping[str, Any]
 
     @property
     def usable(self) -> bool:
-        """Whether an estimator can be designed from it."""
+        """Whether an estimator can be designed; if not, the first warning is the reason."""
         return bool(self.document["verdict"]["usable"])
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The warnings, a sentence each."""
+        """The warnings, a sentence each, with its remedy; empty for a configuration without doubts."""
         return tuple(self.document["warnings"])
 
     def __getitem__(self, key: str) -> Any:

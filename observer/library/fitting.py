@@ -22,9 +22,9 @@ class RunsOfLogs(NamedTuple):
     """The runs of logs.
 
     Attributes:
-        frames: the blocks of frames of each log.
-        doubts: sentences about the logs, before any conversion.
-        misread: the channels that were recorded in another unit than configured.
+        frames: The blocks of frames of each log, in the order of time.
+        doubts: Sentences about the logs, before any conversion, each with the log's name.
+        misread: The channels that were recorded in another unit than configured.
     """
 
     frames: list[list[FrameBlock]]
@@ -33,10 +33,17 @@ class RunsOfLogs(NamedTuple):
 
 
 def runs_of(logs: Sequence[Log], config: Installation, *, convert_units: bool = False) -> RunsOfLogs:
-    """Return the runs of logs.
+    """Return the runs of logs, each with its own initial field.
 
-    With `convert_units` a channel recorded in another unit than configured is converted. Raises `LogError`
-    where two logs are identical or a log is implausible.
+    Args:
+        logs: Logs of one machine.
+        config: The machine.
+        convert_units: Convert a channel that was recorded in another unit than configured, and list it in
+            `misread`.
+
+    Raises:
+        LogError: Two logs are identical, or a temperature or an input of a heat law is beyond its limits
+            throughout a log.
     """
     _refuse_twice(logs)
     plan, runs = AlignPlan.of(config), []
@@ -55,10 +62,15 @@ def runs_of(logs: Sequence[Log], config: Installation, *, convert_units: bool = 
 
 
 def recent_runs(config: Installation, last_s: float) -> tuple[RunsOfLogs, list[str]]:
-    """Return a run for each stretch that the service has recorded in the last seconds, and the stretches'
-    names.
+    """Return a run for each stretch that the service has recorded recently, and the stretches' names.
 
-    Raises `ConfigError` if the service records nothing, `LogError` if the stretches are too short.
+    Args:
+        config: The machine, with `[record]`.
+        last_s: Seconds before the newest recorded row.
+
+    Raises:
+        ConfigError: The service records nothing, as `record.directory` is missing.
+        LogError: A recording cannot be read, or every stretch is too short for a fit.
     """
     from observer.align.plausibility import doubts_of_log
     from observer.record.recent import stretches
@@ -89,13 +101,21 @@ def _refuse_twice(logs: Sequence[Log]) -> None:
 
 
 def text_of(source: bytes) -> str:
-    r"""Return the text of a configuration's file, its lines ended by `\n`."""
+    r"""Return the text of a configuration's file, its lines ended by `\n`, for an improved file to be
+    written.
+    """
     return source.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def provenance(source: bytes, names: Sequence[str]) -> dict[str, Any]:
-    """Return the inputs of a result: version, date, names of the logs, and the SHA-256 of the
-    configuration.
+    """Return the inputs of a result, as the first entries of each JSON document.
+
+    Args:
+        source: The bytes of the configuration's file.
+        names: Names of the logs.
+
+    Returns:
+        `version` of this package, `date` in UTC (ISO 8601), `logs`, and `config_sha256`.
     """
     return {
         "version": version("ballscrew-observer"),
@@ -110,10 +130,21 @@ def fitted(
 ) -> tuple[dict[str, Any], str | None]:
     """Fit the free parameters and, where fitted values are better than configured ones, the process noise.
 
-    Returns the content of `calibration.json` and the text of `config.toml`, None where no fitted value is
-    better than the configured one.
+    Doubtful parts of the logs are left out first, and named under `left_out`.
 
-    `progress(stage)` is called about every second. Raises `ConfigError` or `LogError`.
+    Args:
+        config: The machine, with its free keys.
+        source: The bytes of its file.
+        logs: One log or several; the last, or the end of a single one, is held back.
+        progress: Receives the stage of the work, about every second.
+
+    Returns:
+        The content of `calibration.json`, and the text of `config.toml`. The text is None where no fitted
+            value is better than the configured one.
+
+    Raises:
+        ConfigError: A free key does not exist.
+        LogError: The logs are too short, identical, or determine no parameter; with the parts left out.
     """
     from observer.discovery.result import calibration_result
     from observer.estimate.replay import nut_paths

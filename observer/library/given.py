@@ -29,9 +29,16 @@ def read_log(path: str | Path, *, accept_truncated: bool = False, accept_damaged
     units of the file's columns, as `"Temp1 [°F]"`; `doubts` states what was assumed of their times. Give the
     path to a machine instead to have the file read by the configuration's `[log]`.
 
-    `accept_truncated` drops a last row that was cut off. `accept_damaged` drops the rows of a recording whose
-    checksum is wrong. Raises `LogError` with one sentence that names the file, the row or column, and the
-    remedy.
+    Args:
+        path: CSV, compressed CSV, Parquet, or a log as another recorder wrote it.
+        accept_truncated: Drop a last row that was cut off, instead of refusing the file.
+        accept_damaged: Drop the rows of a recording whose checksum is wrong, instead of refusing the file.
+
+    Returns:
+        The log with its times in seconds, values (K, c), and NaN for missing values.
+
+    Raises:
+        LogError: The file cannot be read; one sentence names the file, the row or column, and the remedy.
     """
     from observer.intake.importing import read_whole
 
@@ -44,7 +51,13 @@ def read_log(path: str | Path, *, accept_truncated: bool = False, accept_damaged
 def recorded(path: Path, config: Installation, **accept: bool) -> Log:
     """Return a file's log, with the channels of a configuration; it may be a recording of a CAN bus.
 
-    Raises `LogError` where an input has no value in the whole log.
+    Args:
+        path: The file; a CAN recording is decoded by the drivers of the configuration.
+        config: The machine whose channels and `[log]` are used.
+        accept: The options of `observer.read_log`.
+
+    Raises:
+        LogError: The file cannot be read, or an input or every sensor has no value in any row.
     """
     from observer.intake.readers import holds_signals, is_text_log
     from observer.record.recent import is_can_recording, read_can_log
@@ -61,7 +74,14 @@ def as_log(
 ) -> Log:
     """Return the given log, with a configuration's channels.
 
-    `accept` has the options of `observer.read_log`, which concern files. Raises `LogError`.
+    Args:
+        log_given: A path, or a log as an object.
+        config: The machine whose channels are needed.
+        name: Names a log without a file in errors.
+        accept: The options of `observer.read_log`, which concern files; None for none of them.
+
+    Raises:
+        LogError: The object is not a log, a channel is missing, or an input or every sensor has no value.
     """
     if isinstance(log_given, str | Path):
         return recorded(Path(log_given), config, **(accept or {}))
@@ -76,9 +96,16 @@ def as_log(
 def as_program(
     log_given: GivenLog, config: Installation, name: str = "log", spare: Iterable[str] = ()
 ) -> Log:
-    """Return the given log of a machine's inputs; sensors and `spare` channels may be missing in a file.
+    """Return the given log of a machine's inputs.
 
-    Raises `LogError`.
+    Args:
+        log_given: A path, or a log as an object, whose channels are checked later.
+        config: The machine whose inputs a file must have; its sensors may be missing.
+        name: Names a log without a file in errors.
+        spare: Further channels that a file may lack, as they get a constant value.
+
+    Raises:
+        LogError: The file cannot be read, an input is missing in it, or the object is not a log.
     """
     if isinstance(log_given, str | Path):
         return read_channels(Path(log_given), config, spare=config.sensor_channels | set(spare))
@@ -86,7 +113,13 @@ def as_program(
 
 
 def as_several(logs_given: GivenLog | Sequence[GivenLog], config: Installation) -> list[Log]:
-    """Return one log or a list of logs as a list. Raises `LogError` for an empty list."""
+    """Return one log or a list of logs as a list, each with the configuration's channels.
+
+    Logs without a file are called `log 1`, `log 2` … in errors.
+
+    Raises:
+        LogError: The list is empty, or one of them is not usable as a log.
+    """
     several = logs_given if isinstance(logs_given, list | tuple) else [logs_given]
     if not several:
         raise LogError("no log was given; give one or more")

@@ -35,9 +35,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class IdentifiedHeats(SignalTable):
-    """The heats over a log, each from all of its measurements: `heat_<source>_W` and `heat_<source>_sigma_W`.
+    """The heats over a log, each from all of its measurements: `heat_<source>_W` and
+    `heat_<source>_sigma_W`.
 
-    `summary` is what `observer identify` writes as `summary.json`.
+    Attributes:
+        summary: The content of `summary.json`: mean and peak heats in W, residuals in K, warnings, doubts.
     """
 
     summary: Mapping[str, Any]
@@ -56,8 +58,15 @@ class IdentifiedHeats(SignalTable):
     def write(self, folder: str | Path, format: str = "csv", *, picture: bool = True) -> None:
         """Write `heat.csv` (or `.parquet` by `format`), `summary.json` and `heat.png` into a folder.
 
-        With a report also `report.csv`, a row for each time and place, and `report.png`. Raises `UserError`
-        where that cannot be.
+        With a report also `report.csv`, a row for each time and place, and `report.png`.
+
+        Args:
+            folder: Is created if it is missing; files of the same names are replaced.
+            format: `csv`, `csv.gz` or `parquet`.
+            picture: Draw `heat.png`.
+
+        Raises:
+            UserError: The folder cannot be written; then it is as it was before.
         """
         from observer.library.profiles import write_report
 
@@ -75,7 +84,18 @@ def identified_heats(
 ) -> IdentifiedHeats:
     """Estimate the heats of a whole log, each from all measurements before and after it.
 
-    `progress` gets the stage of the work. Raises `LogError`, `ConfigError` or `UserError`.
+    σ includes the configured tolerances; the part of them that the log determines is removed from the
+    readings first.
+
+    Args:
+        log: The log, with the configuration's channels.
+        config: The machine.
+        options: The method with its options.
+        progress: Receives the stage of the work.
+
+    Raises:
+        LogError: The method cannot use this log, a temperature is beyond its limits throughout, or no sensor
+            has a value while all inputs are known.
     """
     # no field is reported, so the inputs of a long log need not carry its rows
     ends_only = Output(positions_m=(0.0, config.screw.length_m))

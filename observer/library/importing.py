@@ -28,8 +28,23 @@ def import_log(
 ) -> ImportedLog:
     """Read one or more files of one run as a log of a machine, by its `[log]`, the options and guesses.
 
-    `columns` are columns by channel, as `"Temp1"` or, with a unit, `"Temp1@degF"`. The result has the doubts
-    about the guesses as `asked`, and `.write(path)`. Raises `LogError` with all that cannot be guessed.
+    Args:
+        files: One file or several, which are joined in the order of their times.
+        machine: A machine, or the path of its configuration.
+        columns: The file's column by channel, as `"Temp1"` or, with a unit, `"Temp1@degF"`; these replace
+            `[log.columns]`.
+        time: The name of the column with the times.
+        time_format: Its format, as of `strptime`.
+        timezone: Its IANA time zone, for local times.
+
+    Returns:
+        The log with the `[log]` table that reads it. `asked` has the doubts about guesses, and `.write(path)`
+            writes the log.
+
+    Raises:
+        LogError: A file cannot be read, an option is invalid, or something cannot be guessed; all of it at
+            once.
+        ConfigError: The configuration is invalid.
     """
     config = (machine if isinstance(machine, Machine) else load(machine)).config
     options = {"time": time, "time_format": time_format, "timezone": timezone}
@@ -58,9 +73,20 @@ def _paths(files: GivenFiles) -> list[Path]:
 
 @in_words
 def extract_log(files: GivenFiles, output: str | Path, machine: Machine | str | Path | None = None) -> int:
-    """Write an extract of files to send to support, which shows how they are read; return its size in bytes.
+    """Write an extract of files to send to support, which shows how they are read.
 
-    It has less than 20 kB. With a machine the files are read by its `[log]`. Raises `LogError`.
+    It has the first and last lines of each file, the guesses made from them, and less than 20 kB.
+
+    Args:
+        files: One file or several.
+        output: The text file to write.
+        machine: Read the files by the `[log]` of this machine; None for guesses only.
+
+    Returns:
+        The size in bytes.
+
+    Raises:
+        LogError: A file cannot be read, or the extract cannot be written.
     """
     from observer.intake.extract import extract_of
 

@@ -19,8 +19,18 @@ def learned_parameters(
 ) -> tuple[dict[str, tuple[float, float]], dict[str, Any], str]:
     """Return the learnt parameters with σ, the content of `learned.json`, and the configuration with them.
 
-    `source` is the text of the configuration, `place` its file. Raises `ConfigError` where nothing is learnt
-    or no checkpoint of this configuration exists.
+    Args:
+        config: The machine, with `estimator.learn` and `[checkpoint]`.
+        source: The bytes of its configuration's file.
+        place: The file's path, named in errors.
+
+    Returns:
+        Value and σ by the parameter's key; the document; and the text of a configuration. In it the
+            tolerances are those that remain, and learnt offsets of sensors are effects.
+
+    Raises:
+        ConfigError: Nothing is learnt, the service keeps no checkpoint, or no checkpoint of this
+            configuration exists.
     """
     machine, file = MachineModel.of(config, learns=True), config.checkpoint_file
     if (learning := machine.plant.learning) is None or not learning.names:

@@ -16,7 +16,11 @@ from observer.steps.store import Past
 
 
 class PublishedSteps:
-    """The published steps of one axis by time; `name` is `<machine>-<axis>`."""
+    """The published steps of one axis by time, read from files that the service writes meanwhile.
+
+    Attributes:
+        name: `<machine>-<axis>`.
+    """
 
     def __init__(self, steps: Past) -> None:
         self._steps = steps
@@ -24,7 +28,10 @@ class PublishedSteps:
 
     @property
     def span_s(self) -> tuple[float, float] | tuple[None, None]:
-        """The times of the first and the last step in s since 1970, None without any."""
+        """The times of the first and the last step in s since 1970; two None without any step.
+
+        It is read from the files at each call, so it grows while the service runs.
+        """
         return self._steps.span_s()
 
     @in_words
@@ -35,11 +42,22 @@ class PublishedSteps:
         signals: tuple[str, ...] = (),
         every_s: float = 0.0,
     ) -> Any:
-        """Return the steps from one time up to another as a `pyarrow.Table`, at most one in each `every_s`.
+        """Return the steps from one time up to another as a `pyarrow.Table`, at most one in each
+        `every_s`.
 
-        The columns are `time_s` and the `signals`: those of `estimates.csv`, and channels. Without `signals`
-        they are the values of all channels. Quality is a code, the better before the worse.
-        Raises `LogError` for a damaged file, `UserError` without pyarrow.
+        Args:
+            from_s: First time, s since 1970.
+            to_s: End, itself excluded.
+            signals: Columns of `estimates.csv`, and channels; empty for the values of all channels.
+            every_s: Keep the first step of each such interval; 0 keeps all.
+
+        Returns:
+            `time_s` and a column (K,) for each signal, NaN where a file lacks it. A quality is a code, the
+                better before the worse.
+
+        Raises:
+            LogError: A file is damaged, or the folder cannot be read.
+            UserError: pyarrow is not installed.
         """
         import pyarrow as pa
 
@@ -55,9 +73,15 @@ class PublishedSteps:
 
 
 def past(folder: str | os.PathLike[str], name: str | None = None) -> PublishedSteps:
-    """Return the published steps in a folder of recordings, those of the axis `name` if there are several.
+    """Return the published steps in a folder of recordings.
 
-    Raises `ConfigError` where `name` is not there, or is needed; `LogError` where the folder cannot be read.
+    Args:
+        folder: The service's `record.directory`, or a copy of it.
+        name: `<machine>-<axis>`; None if the folder has one axis only.
+
+    Raises:
+        ConfigError: The folder has no steps of `name`, or several axes and no `name` is given.
+        LogError: The folder cannot be read.
     """
     axes = axes_of(Path(folder))
     if name is None and len(axes) == 1:

@@ -1,4 +1,9 @@
-"""A machine by its configuration, with everything that can be done with it."""
+"""A machine by its configuration, with everything that can be done with it.
+
+Each method is one command of the shell, on objects in memory. Results are frozen, and `.write(folder)` writes
+the files of the command. Methods block until the work is done, and packages that only one method needs are
+imported by that method.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +55,15 @@ class Machine:
 
     A log is a path, an `observer.Log`, a dict of columns, or the result of `simulate`. It may also be a
     `pandas.DataFrame` with `time_s` as a column or as its index. Unusable input raises `observer.UserError`
-    with one sentence that names the place and the remedy.
+    with one sentence that names the place and the remedy. `ConfigError` and `LogError` are kinds of it.
+
+    A machine never changes: fits and searches return another one. Its plant is built once, when first needed.
+
+    Attributes:
+        config: The configuration, checked; its fields are those of the file.
+        source: The bytes of the configuration's file, from which improved configurations are written with
+            their comments.
+        file: The configuration's name in errors.
     """
 
     config: Installation
@@ -67,7 +80,17 @@ class Machine:
 
     @classmethod
     def of_text(cls, text: str, file: str = "configuration") -> Machine:
-        """Return the machine of a configuration's text (TOML). Raises `ConfigError`."""
+        """Return the machine of a configuration that is given as text.
+
+        Args:
+            text: The content of a configuration file (TOML).
+            file: Its name in errors.
+
+        Raises:
+            ConfigError: Keys are unknown, missing or out of range, or contradict each other; a sentence for
+                each.
+            tomllib.TOMLDecodeError: The text is not TOML.
+        """
         return cls(parse(tomllib.loads(text), file), text.encode(), file)
 
     @cached_property
@@ -85,9 +108,24 @@ class Machine:
     ) -> Estimates:
         """Run a log through the path that live readings take, and return the estimates.
 
-        For a file, `accept_truncated` drops a last row that was cut off, `accept_damaged` the rows of a
-        recording with a wrong checksum. `progress` gets the number of rows done and their total. Raises
-        `LogError` or `ConfigError`.
+        A recording of the service starts from the checkpoint that lies beside it, so that it gives the
+        estimates that were published. Any other log starts cold.
+
+        Args:
+            log: The log, with a column for each channel of the configuration; empty cells are missing
+                readings.
+            progress: Receives the number of rows done and their total, about once a block.
+            accept_truncated: Drop a last row that was cut off, instead of refusing the file.
+            accept_damaged: Drop the rows of a recording whose checksum is wrong, instead of refusing the
+                file.
+
+        Returns:
+            A row for each step of the estimator, with the columns of `estimates.csv`.
+
+        Raises:
+            LogError: The file cannot be read, an input or every sensor has no value in any row, or a required
+                temperature is beyond its limits throughout.
+            ConfigError: No estimator can be designed for this configuration.
         """
         accept = {"accept_truncated": accept_truncated, "accept_damaged": accept_damaged}
         return estimates_of_log(as_log(log, self.config, accept=accept), self.config, self._model, progress)
@@ -98,8 +136,21 @@ class Machine:
     ) -> SimulatedRun:
         """Predict a run from the heat laws alone.
 
-        The program is a log of the input channels; where it also holds the sensors' channels, their first
-        values give the initial field, else `start_degC`, else the ambient. Raises `LogError`.
+        The initial field comes from the program's sensor channels if it has any. It then is the field that
+        fits their first values.
+
+        Args:
+            program: A log of the input channels; sensors' channels may be missing.
+            start_degC: Uniform temperature of the screw at the start; None for the sensors' first values, and
+                without these the ambient.
+            progress: Receives the number of rows done and their total.
+
+        Returns:
+            A log of all channels with heats, field and thermal error; it can be given to the other methods.
+
+        Raises:
+            LogError: The program cannot be read, an input has no value in any row, or is beyond its limits
+                throughout.
         """
         return simulated_run(as_program(program, self.config, "program"), self.config, start_degC, progress)
 
@@ -116,9 +167,21 @@ class Machine:
     ) -> ForecastRun:
         """Forecast what follows a log: temperatures and thermal error, and when they settle.
 
-        The next program is learnt from the log's end, or given as `program`, a log of the input channels
-        that is repeated. `accept_truncated`, `accept_damaged` and `progress` are as for `replay`. Raises
-        `LogError`.
+        Args:
+            log: The log up to now; it is replayed first, and the forecast starts from its last estimate.
+            program: A log of the input channels that is repeated from now on; None learns the program from
+                the log's end.
+            hours: Hours ahead, 0.05 to 24; None for `forecast.hours` of the configuration.
+            progress: Receives the number of rows replayed and their total.
+            accept_truncated: As for `replay`.
+            accept_damaged: As for `replay`.
+
+        Returns:
+            Field and thermal error with σ over the time ahead, and the forecast in sentences.
+
+        Raises:
+            LogError: The log cannot be replayed, is shorter than one step, or has no program at its end.
+            UserError: `hours` is out of range.
         """
         accept = {"accept_truncated": accept_truncated, "accept_damaged": accept_damaged}
         next_program = None if program is None else as_program(program, self.config, "program")
@@ -140,10 +203,23 @@ class Machine:
     ) -> IdentifiedHeats:
         """Estimate the heats of a whole log, each from all measurements before and after it.
 
-        `options` are `regularisation`, `parameter_choice`, `order`, `gradient` and `seed`, as of `observer
-        identify`. With a `report` the result also has temperatures and thermal error along the screw.
-        `progress` gets the stage of the work; `accept_truncated` and `accept_damaged` are as for `replay`.
-        Raises `LogError` or `UserError`.
+        Args:
+            log: The log, as for `replay`.
+            method: `smoother`, `tikhonov` or `conjugate-gradient`.
+            report: Places and times at which temperatures and thermal error are wanted too; None for heats
+                only.
+            progress: Receives the stage of the work.
+            accept_truncated: As for `replay`.
+            accept_damaged: As for `replay`.
+            options: `regularisation`, `parameter_choice`, `order`, `gradient` and `seed`, as of `observer
+                identify`; what is left out is the method's default.
+
+        Returns:
+            The heats in W with σ, a row for each step of the estimator.
+
+        Raises:
+            UserError: An option is unknown, out of range, or belongs to another method.
+            LogError: The log cannot be read, or the method cannot use it.
         """
         method_options = MethodOptions(method, **options)
         method_options.check()
@@ -165,7 +241,16 @@ class Machine:
         """Fit the parameters that the configuration declares free to a log, or to a list of logs.
 
         The last log, or the end of a single one, is held back. If the fitted values predict it worse than the
-        configured ones, the result's machine keeps the configured ones. Raises `UserError`.
+        configured ones, the result's machine keeps the configured ones.
+
+        Args:
+            logs: One log, or several of the same machine, each a run with its own initial field.
+            progress: Receives the stage of the work, about every second.
+
+        Raises:
+            ConfigError: A key declared free does not exist.
+            LogError: A log cannot be read, two are identical, they are too short, or they determine no
+                parameter.
         """
         progress("reading logs")
         document, text = fitted(self.config, self.source, as_several(logs, self.config), progress)
@@ -182,10 +267,20 @@ class Machine:
     ) -> DiscoveryResult:
         """Find the physical effect that the model lacks, and prove that the gap shrinks; some minutes.
 
-        The last of several logs, or the end of a single one, is kept as proof. Instead of logs, `recent_s`
-        takes the service's own recording of the last so many seconds. `progress` gets the stage of the work
-        and the share done, 0 to 1. A second process does half of the work unless `alone`. Raises
-        `ConfigError` or `LogError`.
+        The last of several logs, or the end of a single one, is kept as proof: it takes no part in fitting or
+        choosing. A channel that was recorded in another unit is converted first, and reported as a suspect.
+
+        Args:
+            logs: One log or several of the same machine; None with `recent_s`.
+            recent_s: Take the service's own recordings of the last so many seconds instead of logs.
+            progress: Receives the stage of the work and the share done, 0 to 1.
+            alone: Work in this process only. Otherwise a second process does half of the work; the result is
+                the same.
+
+        Raises:
+            UserError: Both `logs` and `recent_s` are given, or neither.
+            ConfigError: The configuration declares no parameter free, or the service records nothing.
+            LogError: A log cannot be read, two are identical, or the logs are too short.
         """
         from observer.library.searching import searched
 
@@ -208,7 +303,11 @@ class Machine:
     def learned(self) -> LearnedParameters:
         """Return the parameters that the service of this machine has learnt, from its checkpoint.
 
-        Raises `ConfigError` where nothing is learnt or no checkpoint of this configuration exists.
+        The service may be running: its checkpoint file is replaced whole.
+
+        Raises:
+            ConfigError: `estimator.learn` names no parameter, `[checkpoint]` is missing, or no checkpoint of
+                this configuration exists yet.
         """
         from observer.library.learning import learned_parameters
 
@@ -217,16 +316,36 @@ class Machine:
 
     @in_words
     def settle(self, inputs: Mapping[str, float], *, program: GivenLog | None = None) -> SteadyScrew:
-        """Return the steady state with constant inputs, or a program's means. Raises `UserError`."""
+        """Return the steady state with constant inputs, or with the mean inputs of a program.
+
+        Args:
+            inputs: Constant values by input channel, in the channel's unit. They replace the program's
+                columns.
+            program: A log of the input channels; None if `inputs` names each input that the model needs.
+
+        Raises:
+            ConfigError: An input is unknown, missing or implausible, or the machine never settles.
+            LogError: The program cannot be read, or an input has no value in it.
+        """
         from observer.library.steady import steady_screw
 
         return steady_screw(self.config, inputs, program)
 
     @in_words
     def compare(self, variants: GivenVariants, log: GivenLog | None = None, **options: Any) -> Comparison:
-        """Compare variants over a log of inputs or, with `steady=True`, in their steady states.
+        """Compare variants of this machine over a log of inputs, or in their steady states.
 
-        `minimise="error"` also finds mounting, preload and gap. Raises `UserError`.
+        Args:
+            variants: A variants' file (TOML), or its table: named overrides of the configuration.
+            log: A log of the input channels, the cycle that each variant runs; None with `steady=True`.
+            options: `steady=True` compares steady states. `minimise="error"` also finds mounting, preload and
+                gap. `progress` receives the variant's name and the share done, 0 to 1.
+
+        Raises:
+            ConfigError: A variant is invalid or has no steady state, or there is no thermal error to
+                minimise.
+            LogError: The log cannot be read, or an input has no value in it.
+            UserError: `minimise` is neither None nor `"error"`.
         """
         from observer.library.comparing import compared
 
@@ -244,13 +363,25 @@ class Machine:
         spacing_m: float | None = None,
         progress: Callable[[str], None] = lambda _text: None,
     ) -> PlacedSensors:
-        """Return the sets of up to `count` sensors in all, within a `budget`, that leave the smallest σ for
-        their cost.
+        """Return the sets of sensors that leave the smallest σ for their cost.
 
-        `candidates` are a file, or tables as `[[candidate]]` of a configuration, which they replace. Without
-        any they are nodes in the air and places on the screw, `spacing_m` apart. Sets are judged `by` the σ
-        of `"heat"`, `"field"` or `"error"`, or by the geometric mean of all three. With `keep` the configured
-        sensors stay, and count. Raises `UserError`.
+        Without any candidates they are nodes in the air and places on the screw. Every set contains a
+        thermocouple, since an estimate starts from a temperature.
+
+        Args:
+            count: Largest number of sensors in all; None for any within the budget, else two more than heats.
+            budget: Largest cost of a set; None for any.
+            candidates: A file, or tables as `[[candidate]]` of a configuration, which they replace.
+            by: The σ by which sets are judged: `"heat"`, `"field"`, `"error"`, or the geometric mean of all
+                three.
+            keep: The configured sensors stay in every set, and count.
+            spacing_m: Distance of the places on the screw; None for 41 places. Only without candidates.
+            progress: Receives the stage of the work.
+
+        Raises:
+            UserError: No set fulfils the limits, or the thermal error is asked for without an expansion
+                coefficient.
+            ConfigError: A candidate is invalid.
         """
         from observer.library.placing import Choice, candidates_of, placed
 
@@ -261,7 +392,8 @@ class Machine:
     def check(self) -> CheckFindings:
         """Return what the configuration means: modes, observability, poles, noise gain, warnings.
 
-        Raises `UserError` where no estimator can be designed.
+        Raises:
+            UserError: No estimator can be designed.
         """
         from observer.report.check import findings
 
@@ -269,7 +401,18 @@ class Machine:
 
     @in_words
     def check_wires(self) -> dict[str, Any]:
-        """Read each device once; return what `observer check --wires --json` prints. Raises `UserError`."""
+        """Read each device once and return its readings, with doubts about how it is wired.
+
+        This opens the buses that the drivers name. It must not run while the service uses the same serial
+        port.
+
+        Returns:
+            The document that `observer check --wires --json` prints.
+
+        Raises:
+            UserError: A file that a driver names cannot be used. A device that cannot be reached is a
+                finding.
+        """
         from observer.live.wire_doubts import wires_of
 
         return wires_of(self.config)
@@ -285,7 +428,18 @@ class Machine:
     ) -> ExportedFiles:
         """Return the observer as code, the plant, or the compensation at a log's end, as files.
 
-        `options` are `control`, `axis` and `single`, as of `observer export`. Raises `UserError`.
+        Args:
+            format: `c99`, `st` or `fmu` for code, `npz`, `mat` or `json` for matrices, `table` for a control.
+            log: For code, a log that the reference runs over beside the estimator. For a table, the log at
+                whose end it holds.
+            progress: Receives the number of rows done and their total.
+            options: `control`, `axis` and `single`, as of `observer export`.
+
+        Raises:
+            UserError: An option is unknown, or a table is asked for without a log.
+            ConfigError: A controller could not follow this model, or the service has learnt parameters that
+                the configuration lacks.
+            LogError: The log cannot be read, or the table's last estimate is not good.
         """
         from observer.library.exporting import exported
 
@@ -293,12 +447,16 @@ class Machine:
 
     @in_words
     def state_space(self) -> control.StateSpace:
-        """Return the plant as a continuous-time `control.StateSpace` with named inputs, outputs and states.
+        """Return the plant as a continuous-time `control.StateSpace` with named inputs, outputs and
+        states.
 
-        Inputs are `heat_<source>_W` and the known temperatures in °C, outputs `sensor_<name>_degC` and, as in
-        `estimates.csv`, `field_<mm>_degC` and `error_<mm>_um` (a `.` in a name is `_`). A nut that moves is
-        spread over its stroke; losses that change with speed or temperature are left out. Raises
-        `ConfigError` for supports with play, whose error is not a linear output.
+        Inputs are `heat_<source>_W` and the known temperatures in °C. Outputs are `sensor_<name>_degC` and,
+        as in `estimates.csv`, `field_<mm>_degC` and `error_<mm>_um`; a `.` in a name is `_`. A nut that moves
+        is spread over its stroke. Losses that change with speed or temperature are left out.
+
+        Raises:
+            ConfigError: The supports have play, so the thermal error is not a linear output.
+            UserError: The package `control` is not installed.
         """
         from observer.config import untied
         from observer.model.build import build_plant
@@ -312,8 +470,8 @@ class CalibrationResult:
     """The result of a calibration.
 
     Attributes:
-        machine: has the fitted values, or the configured ones where the fitted ones predict no better.
-        document: the content of `calibration.json`.
+        machine: Has the fitted values, or the configured ones where the fitted ones predict no better.
+        document: The content of `calibration.json`.
     """
 
     machine: Machine
@@ -322,7 +480,10 @@ class CalibrationResult:
 
     @property
     def values(self) -> dict[str, FoundValue]:
-        """The fitted parameters by their keys, with unit and 95 % interval."""
+        """The fitted parameters by their keys, with unit and 95 % interval.
+
+        They are those of the fit even where the configured values are kept.
+        """
         return values_in(self.document["calibrated"])
 
     @property
@@ -333,8 +494,13 @@ class CalibrationResult:
 
     @in_words
     def write(self, folder: str | Path) -> None:
-        """Write `calibration.json` into a folder, and `config.toml` where a fitted value is better than the
-        configured one. Raises `UserError`.
+        """Write `calibration.json` into a folder, and `config.toml` where fitted values are better.
+
+        Args:
+            folder: Is created if it is missing; files of the same names are replaced.
+
+        Raises:
+            UserError: The folder cannot be written; then it is as it was before.
         """
         with results_in(Path(folder)) as part:
             if self._text is not None:
@@ -354,9 +520,9 @@ class LearnedParameters:
     """The parameters that a service has learnt.
 
     Attributes:
-        machine: has the learnt values.
-        values: value and σ by the parameter's key.
-        document: the content of `learned.json`.
+        machine: Has the learnt values.
+        values: Value and σ by the parameter's key, both in the unit of the key.
+        document: The content of `learned.json`.
     """
 
     machine: Machine
@@ -366,7 +532,14 @@ class LearnedParameters:
 
     @in_words
     def write(self, folder: str | Path) -> None:
-        """Write `config.toml` and `learned.json` into a folder. Raises `UserError`."""
+        """Write `config.toml` and `learned.json` into a folder.
+
+        Args:
+            folder: Is created if it is missing; files of the same names are replaced.
+
+        Raises:
+            UserError: The folder cannot be written; then it is as it was before.
+        """
         with results_in(Path(folder)) as part:
             (part / "config.toml").write_text(self._text, encoding="utf-8")
             write_json(part / "learned.json", self.document)
@@ -377,7 +550,10 @@ class LearnedParameters:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DiscoveryResult:
-    """The result of a search; printed, it describes itself in sentences."""
+    """The result of a search; printed, it describes itself in sentences.
+
+    It holds the fitted models in memory, so the report is drawn only by `write`.
+    """
 
     _machines: Mapping[str, Machine]
     _file: str
@@ -386,7 +562,11 @@ class DiscoveryResult:
 
     @property
     def verdict(self) -> str:
-        """The verdict: `named`, `none`, `unknown`, `ambiguous` or `not_identifiable`."""
+        """The verdict: `named`, `none`, `unknown`, `ambiguous` or `not_identifiable`.
+
+        `none`: the model lacks nothing. `unknown`: no effect of the library explains the gap. `ambiguous`:
+        several explain it equally well. `not_identifiable`: the logs excite too little to decide.
+        """
         return str(self.document["verdict"])
 
     @property
@@ -401,12 +581,12 @@ class DiscoveryResult:
 
     @property
     def effects(self) -> tuple[FoundEffect, ...]:
-        """The effects that were named, each with its parameters."""
+        """The effects that were named, each with its parameters; empty unless the verdict is `named`."""
         return effects_in(self.document["effects"])
 
     @property
     def values(self) -> dict[str, FoundValue]:
-        """The parameters calibrated beside the effects, by their keys."""
+        """The parameters calibrated beside the effects, by their keys, with unit and 95 % interval."""
         return values_in(self.document["calibrated"])
 
     @property
@@ -416,17 +596,27 @@ class DiscoveryResult:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """The result in words."""
+        """The result in words, the verdict first, then its evidence and what to do about it."""
         from observer.report.wording import as_sentences
 
         return tuple(as_sentences(self._search.discovery, self._search.document))
 
     @in_words
     def write(self, folder: str | Path, *, report: bool = True) -> dict[str, Any]:
-        """Write `result.json`, `report.html` and, if there is one, `config.toml` or `candidate.toml` into a
-        folder.
+        """Write the files of `observer discover` into a folder.
 
-        Returns the content of `result.json`, with the next command. Raises `UserError`.
+        These are `result.json`, `report.html` and, if there is one, `config.toml` or `candidate.toml`. A
+        proposed test cycle is written as a log that the machine can run.
+
+        Args:
+            folder: Is created if it is missing; files of the same names are replaced.
+            report: Draw the report, which takes some seconds.
+
+        Returns:
+            The content of `result.json`, with the next command.
+
+        Raises:
+            UserError: The folder cannot be written; then it is as it was before.
         """
         with results_in(Path(folder)) as part:
             return self._search.write(part, self._logs, self._file, str(folder), report=report)
@@ -441,7 +631,9 @@ class DiscoveryResult:
 def load(path: str | Path) -> Machine:
     """Read a configuration file (TOML) and return its machine.
 
-    Raises `ConfigError`, a sentence for each problem that names the file, the key and the remedy.
+    Raises:
+        ConfigError: The file is missing, is not TOML, or is invalid; a sentence for each problem that names
+            the file, the key and the remedy.
     """
     return Machine(load_file(Path(path)), Path(path).read_bytes(), str(path))
 
@@ -451,6 +643,13 @@ def discover(
 ) -> DiscoveryResult:
     """Find the physical effect that a machine's model lacks; the same as `load(machine).discover(logs)`.
 
-    Raises `ConfigError` or `LogError`.
+    Args:
+        machine: A machine, or the path of its configuration.
+        logs: One log or several, the last of which is kept as proof.
+        options: Those of `Machine.discover`.
+
+    Raises:
+        ConfigError: The configuration is invalid, or declares no parameter free.
+        LogError: A log cannot be read, two are identical, or the logs are too short.
     """
     return (machine if isinstance(machine, Machine) else load(machine)).discover(logs, **options)

@@ -17,7 +17,13 @@ Message = TypeVar("Message")
 
 @dataclass(frozen=True, slots=True)
 class SourceHeat:
-    """The heat of a source, its standard deviation and its bound, W; None where unknown."""
+    """The heat of a source; a value is None where it is unknown.
+
+    Attributes:
+        heat_W: The estimate.
+        sigma_W: Its standard deviation.
+        bound_W: Half-width of its bound; None where none is published.
+    """
 
     heat_W: float | None
     sigma_W: float | None
@@ -26,7 +32,13 @@ class SourceHeat:
 
 @dataclass(frozen=True, slots=True)
 class ServiceHeat:
-    """The heats of one step by the names of their sources, to be trusted where `quality` is `good`."""
+    """The heats of one step.
+
+    Attributes:
+        time_s: Time of the step, s since 1970.
+        quality: `good`, `starting`, `degraded`, `stale` or `invalid`; use the heats only where it is `good`.
+        sources: The heats by the names of their sources.
+    """
 
     time_s: float
     quality: str
@@ -35,7 +47,16 @@ class ServiceHeat:
 
 @dataclass(frozen=True, slots=True)
 class ServiceField:
-    """The temperature (g,) along the screw at `position_m` (g,), with sigma and bound."""
+    """The temperature along the screw at one step.
+
+    Attributes:
+        time_s: Time of the step, s since 1970.
+        quality: As of `ServiceHeat`.
+        position_m: The places, (g,).
+        temperature_degC: Temperature at these, (g,); None where unknown.
+        sigma_K: Its standard deviation, (g,).
+        bound_K: Half-width of its bound, (g,); empty where none is published.
+    """
 
     time_s: float
     quality: str
@@ -47,9 +68,18 @@ class ServiceField:
 
 @dataclass(frozen=True, slots=True)
 class ServiceThermalError:
-    """The thermal error (g,) along the screw at `position_m` (g,), with sigma and bound, µm.
+    """The thermal error along the screw at one step, and the axial force of a screw held at both ends.
 
-    For a screw held at both ends also the axial force with sigma and bound, N, tension positive.
+    Attributes:
+        time_s: Time of the step, s since 1970.
+        quality: As of `ServiceHeat`.
+        position_m: The places, (g,).
+        error_um: Thermal error at these, (g,), positive away from x = 0.
+        sigma_um: Its standard deviation, (g,).
+        bound_um: Half-width of its bound, (g,); empty where none is published.
+        force_N: Axial force, tension positive; None for a screw that is free at one end.
+        force_sigma_N: Its standard deviation.
+        force_bound_N: Half-width of its bound; None where none is published.
     """
 
     time_s: float
@@ -67,7 +97,13 @@ class ServiceThermalError:
 class ServiceHealth:
     """The state of a service, and the reasons why it or its estimates are not good.
 
-    `channels` and `drivers` are objects by name, with the keys of the message `health`.
+    Attributes:
+        time_s: Time of the message, s since 1970.
+        state: Of the service; `stale` if it has not been heard.
+        quality: Of its estimates, as of `ServiceHeat`.
+        reasons: A sentence each; empty where all is good.
+        channels: An object for each channel: its quality and age, with the keys of the message `health`.
+        drivers: An object for each driver: its counts of readings, drops and reconnects.
     """
 
     time_s: float
@@ -80,7 +116,15 @@ class ServiceHealth:
 
 @dataclass(frozen=True, slots=True)
 class ServiceAlarm:
-    """An alarm, with its reason and its remedy as sentences."""
+    """An alarm.
+
+    Attributes:
+        id: Names it in `ServiceClient.command("acknowledge", alarm=…)`.
+        severity: `minor`, `major` or `invalid`.
+        state: Whether it is active, and acknowledged.
+        reason: What is wrong, a sentence.
+        remedy: What to do, a sentence; empty where none is known.
+    """
 
     id: str
     severity: str
@@ -91,7 +135,13 @@ class ServiceAlarm:
 
 @dataclass(frozen=True, slots=True)
 class ServiceAlarms:
-    """The alarms that are raised; `quality` is `stale` where the service has not been heard."""
+    """The alarms that are raised.
+
+    Attributes:
+        time_s: Time of the message, s since 1970.
+        alarms: All that are raised; empty where none is.
+        quality: `stale` where the service has not been heard, so that no alarm is missing unnoticed.
+    """
 
     time_s: float
     alarms: tuple[ServiceAlarm, ...]
@@ -99,7 +149,13 @@ class ServiceAlarms:
 
 
 def message_from(kind: type[Message], data: bytes | Mapping[str, Any]) -> Message | None:
-    """Return a message of a kind from JSON or from a document; None where the data are invalid."""
+    """Return a message of a kind; None where the data lack a key or have one of another type.
+
+    Args:
+        kind: Its class in this module.
+        data: JSON, or a decoded document. Keys that the class lacks are ignored, so later versions can be
+            read.
+    """
     try:
         adapter = TypeAdapter(kind)
         return adapter.validate_json(data) if isinstance(data, bytes) else adapter.validate_python(data)
@@ -110,6 +166,12 @@ def message_from(kind: type[Message], data: bytes | Mapping[str, Any]) -> Messag
 def documents_of(estimate: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Return the documents `heat`, `field` and `error` of a decoded estimate, with the keys that it
     contains.
+
+    Args:
+        estimate: The message `estimate`, with arrays by its keys.
+
+    Returns:
+        Documents as published under these keys, so that one class reads both. NaN and infinity are None.
     """
     values_by_key = {
         key: _numbers(value) for key, value in estimate.items() if isinstance(value, np.ndarray | list)

@@ -15,7 +15,10 @@ _WITHOUT_EXTRA = ("pandas", "xarray")
 
 
 def in_words(work: Callable[Arguments, Answer]) -> Callable[Arguments, Answer]:
-    """Make a function raise `UserError` with the remedy if it needs a package that is not installed."""
+    """Make a function raise `UserError` with the remedy if it needs a package that is not installed.
+
+    The wrapper lets `ModuleNotFoundError` pass for a package that no extra contains: that is a defect.
+    """
 
     @functools.wraps(work)
     def wrapped(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Answer:

@@ -43,9 +43,17 @@ _MORE_THAN_HEATS = 2  # how many more sensors than heats are tried by default
 class SensorPlaces:
     """A set of sensors and the σ that remain with it, means over the standard shift.
 
-    `names` are those of the candidates, `positions_m` where they are on the screw, None beside it. Field and
-    thermal error are over the travel of the nuts, or the whole screw where none travels: as rms over the
-    places, and at the worst of them. The error's are None without an expansion coefficient.
+    Field and thermal error are over the travel of the nuts, or the whole screw where none travels.
+
+    Attributes:
+        names: Names of the candidates.
+        positions_m: Where they are on the screw; None for one beside it.
+        cost: Of the set, in the unit of the candidates' costs; configured sensors that stay are free.
+        heat_sigma_W: By source.
+        field_sigma_K: As rms over the places.
+        field_worst_K: At the worst place.
+        error_sigma_um: As rms over the places; None without an expansion coefficient.
+        error_worst_um: At the worst place; None without an expansion coefficient.
     """
 
     names: tuple[str, ...]
@@ -58,7 +66,7 @@ class SensorPlaces:
     error_worst_um: float | None
 
     def document(self) -> dict[str, Any]:
-        """The set as `observer place --json` prints it."""
+        """Return the set as `observer place --json` prints it, with the attributes as its keys."""
         return {name: _plain(getattr(self, name)) for name in self.__slots__}
 
 
@@ -67,11 +75,11 @@ class PlacedSensors:
     """The sets of sensors of which none is both cheaper and better, the cheapest first.
 
     Attributes:
-        sets: these sets.
-        configured: the configuration's own sensors, at no cost.
-        by: the criterion.
-        exhaustive: whether all sets were tried, else a greedy search with exchanges.
-        tried: number of sets tried.
+        sets: These sets; each is better than all cheaper ones.
+        configured: The configuration's own sensors, at no cost.
+        by: The criterion.
+        exhaustive: True if all sets were tried, False after a greedy search with exchanges.
+        tried: Number of sets tried.
     """
 
     sets: tuple[SensorPlaces, ...]
@@ -93,7 +101,14 @@ class PlacedSensors:
 
     @in_words
     def draw(self, path: str | Path) -> None:
-        """Draw the σ that remain against the cost into a file (.png, .svg, .pdf). Raises `UserError`."""
+        """Draw the σ that remain against the cost into a file.
+
+        Args:
+            path: Its suffix chooses the format: .png, .svg or .pdf.
+
+        Raises:
+            UserError: The folder cannot be written, or matplotlib is not installed.
+        """
         from observer.report.placing import write_costs
 
         write_costs(Path(path), self.document)
@@ -110,10 +125,10 @@ class Choice:
     """The options of a search.
 
     Attributes:
-        sensors: largest number of sensors in a set; None: any within a budget, else two more than heats.
-        budget: largest cost of a set, None for any.
-        by: the criterion.
-        keep: whether the configured sensors stay in every set, and count.
+        sensors: Largest number of sensors in a set; None for any within a budget, else two more than heats.
+        budget: Largest cost of a set; None for any.
+        by: The criterion.
+        keep: Whether the configured sensors stay in every set, and count.
     """
 
     sensors: int | None = None
@@ -123,7 +138,13 @@ class Choice:
 
 
 class Mountable(NamedTuple):
-    """A sensor that could be mounted, its cost, and the interval of its readings, s, if it is probed."""
+    """A sensor that could be mounted.
+
+    Attributes:
+        sensor: Its place, noise and tolerances.
+        cost: In any unit that all candidates share.
+        every_s: Interval of its readings if it is probed; None for a reading each step.
+    """
 
     sensor: Sensor
     cost: float
@@ -135,7 +156,17 @@ def placed(
 ) -> PlacedSensors:
     """Return the sets of candidates that leave the smallest σ for their cost.
 
-    `progress` gets the stage of the work. Raises `UserError` for a choice that no set fulfils.
+    Sets are ranked with steps of 60 s over the standard shift; the σ of the sets returned have steps of 20 s.
+
+    Args:
+        config: The machine; its sensors are the set `configured`.
+        candidates: The sensors that could be mounted.
+        choice: The limits of a set, and the criterion.
+        progress: Receives the stage of the work.
+
+    Raises:
+        UserError: No set fulfils the choice, or the thermal error or a displacement is asked for without an
+            expansion coefficient.
     """
     check_choice("by", choice.by, QUANTITIES)
     if choice.by == "error" and config.screw.expansion_1_K is None:
@@ -257,9 +288,17 @@ def candidates_of(
 ) -> list[Mountable]:
     """Return the sensors that could be mounted: `candidates`, else those of the configuration.
 
-    Without any they are the nodes in contact with air, and places along the screw, `spacing_m` apart. If all
-    sensors are on nodes, places on the screw are left out unless a spacing is given. Raises `UserError` where
-    a spacing is given together with candidates.
+    Without any they are the nodes in contact with air, and places along the screw. If all sensors are on
+    nodes, places on the screw are left out unless a spacing is given.
+
+    Args:
+        config: The machine; its first thermocouple is the pattern of sensors that are made up.
+        candidates: A file of `[[candidate]]`, or its tables.
+        spacing_m: Distance of the places on the screw; None for 41 places.
+
+    Raises:
+        UserError: A spacing is given together with candidates.
+        ConfigError: A candidate is invalid.
     """
     if candidates is None:
         tables = config.candidate

@@ -41,8 +41,11 @@ if TYPE_CHECKING:
 class SimulatedRun(SignalTable):
     """A run predicted by the heat laws alone; it can be given wherever a log is asked for.
 
-    Its signals are the channels, `heat_<source>_W`, `field_<mm>_degC` and `error_<mm>_um`. `doubts` are
-    sentences about the program.
+    Its signals are the channels, `heat_<source>_W`, `field_<mm>_degC` and `error_<mm>_um`. Sensors' channels
+    have no noise.
+
+    Attributes:
+        doubts: Sentences about the program.
     """
 
     doubts: tuple[str, ...]
@@ -56,14 +59,19 @@ class SimulatedRun(SignalTable):
 
     @property
     def last_degC(self) -> FloatArray:
-        """The last reading of each sensor, (s,)."""
+        """The last reading of each sensor, (s,), °C; of a displacement in µm."""
         return np.array([self[sensor.channel][-1] for sensor in self._config.sensor])
 
     @in_words
     def write(self, folder: str | Path, name: str = "simulated.csv") -> None:
-        """Write the log, by its `name` as CSV or Parquet, and `overview.png` into a folder.
+        """Write the log and `overview.png` into a folder.
 
-        Raises `UserError` where that cannot be.
+        Args:
+            folder: Is created if it is missing; files of the same names are replaced.
+            name: Name of the log; its suffix chooses CSV, compressed CSV or Parquet.
+
+        Raises:
+            UserError: The folder cannot be written; then it is as it was before.
         """
         with results_in(Path(folder)) as part:
             self._write_table(part / name)
@@ -73,7 +81,17 @@ class SimulatedRun(SignalTable):
 def simulated_run(
     program: Log, config: Installation, start_degC: float | None, progress: Progress
 ) -> SimulatedRun:
-    """Predict a run from the heat laws alone. Raises `LogError`."""
+    """Predict a run from the heat laws alone, from the first row on at which all inputs are known.
+
+    Args:
+        program: The log of the inputs.
+        config: The machine.
+        start_degC: Uniform initial temperature; None for the program's sensors, else the ambient.
+        progress: Receives the number of rows done and their total.
+
+    Raises:
+        LogError: An input has no value in any row, or is beyond its limits throughout.
+    """
     machine, log = MachineModel.of(config), program_of(program, config)
     refuse_empty(log, config, sensors=False)
     refuse_implausible(log, config, laws=True)
@@ -102,8 +120,10 @@ def simulated_run(
 class ForecastRun(SignalTable):
     """The forecast after a log: temperatures and thermal error with their sigma, and when they settle.
 
-    `sentences` say it in words, `document` is the content of `forecast.json`, `doubts` are sentences about
-    the log and its end.
+    Attributes:
+        sentences: The forecast in words.
+        doubts: Sentences about the log and its end.
+        document: The content of `forecast.json`.
     """
 
     sentences: tuple[str, ...]
@@ -120,7 +140,14 @@ class ForecastRun(SignalTable):
 
     @in_words
     def write(self, folder: str | Path) -> None:
-        """Write `forecast.csv`, `forecast.json` and `forecast.png` into a folder. Raises `UserError`."""
+        """Write `forecast.csv`, `forecast.json` and `forecast.png` into a folder.
+
+        Args:
+            folder: Is created if it is missing; files of the same names are replaced.
+
+        Raises:
+            UserError: The folder cannot be written; then it is as it was before.
+        """
         with results_in(Path(folder)) as part:
             self._write_table(part / "forecast.csv")
             write_json(part / "forecast.json", self.document)
@@ -130,10 +157,19 @@ class ForecastRun(SignalTable):
 def forecast_run(
     log: Log, config: Installation, program: Log | None, hours: float | None, progress: Progress
 ) -> ForecastRun:
-    """Replay a log and forecast from its end, over `hours` or as many as configured.
+    """Replay a log and forecast from its end.
 
-    The program is learnt from the log's end, or given as a log of the input channels. Raises `LogError` or
-    `UserError`.
+    Args:
+        log: The log up to now.
+        config: The machine.
+        program: A log of the input channels that is repeated; None learns it from the log's end.
+        hours: Hours ahead; None for as many as configured.
+        progress: Receives the number of rows replayed and their total.
+
+    Raises:
+        UserError: `hours` is out of range.
+        LogError: The log is implausible or shorter than a step, its end shows no program, or its last
+            estimate is not finite.
     """
     settings, machine = config.forecast, MachineModel.of(config, learns=True)
     if hours is not None and not AHEAD_H[0] <= hours <= AHEAD_H[1]:

@@ -22,19 +22,35 @@ MOST_PLACES = 400
 
 
 class ReportGrid(NamedTuple):
-    """The grid of a report: positions every `every_m`, m, or as in `[output]`; times every `every_s`, s."""
+    """The grid of a report.
+
+    Attributes:
+        every_m: Distance of the positions over the first nut's stroke, or the screw without one; None for
+            those of `[output]`.
+        every_s: Interval of the times.
+    """
 
     every_m: float | None = None
     every_s: float = 600.0
 
     def check(self) -> None:
-        """Raise `UserError` unless `every_s` is positive."""
+        """Refuse an interval of times that is not positive.
+
+        Raises:
+            UserError: `every_s` is 0, negative or NaN.
+        """
         if not self.every_s > 0.0:
             raise UserError(f"--every-min {self.every_s / 60.0:g}: give a number above 0")
 
 
 def write_report(report: Profiles, folder: Path) -> None:
-    """Write `report.csv`, a row for each time and place, and `report.png` into a folder."""
+    """Write `report.csv` and `report.png` into a folder.
+
+    Args:
+        report: t times at g places.
+        folder: An existing folder. `report.csv` gets t g rows: time, place, temperature, thermal error and
+            heats, each with σ.
+    """
     from observer.report.pictures import written
 
     g = len(report.position_m)
@@ -54,9 +70,19 @@ def write_report(report: Profiles, folder: Path) -> None:
 
 
 def profiles(log: Log, config: Installation, heats: SignalTable, grid: ReportGrid) -> Profiles:
-    """Return the profiles of a log: `heats` from all of it, temperatures and thermal error from its replay.
+    """Return the profiles of a log: `heats` from all of it, temperatures and thermal error from its
+    replay.
 
-    Raises `UserError` for impossible places or times, `LogError` as a replay does.
+    Args:
+        log: The log, with the configuration's channels.
+        config: The machine.
+        heats: Result of `identified_heats` for this log, with the same rows as a replay.
+        grid: Places and times. Times count from the first estimate, which itself is left out; a shorter log
+            gets its last row.
+
+    Raises:
+        UserError: The places are impossible.
+        LogError: The log cannot be replayed.
     """
     places_m = places(config, grid.every_m)
     if places_m is not None:
@@ -96,9 +122,13 @@ def _along(estimates: Estimates, mm: list[str], rows: IntArray, kind: str, unit:
 
 
 def places(config: Installation, every_m: float | None) -> tuple[float, ...] | None:
-    """Return places every so many metres over the first nut's stroke, or over the screw; None as configured.
+    """Return places every so many metres over the first nut's stroke, or over the screw.
 
-    Raises `UserError` where they would be none, or more than 400.
+    Returns:
+        Places in m, rounded to 1 µm; None where `every_m` is None, for those of `[output]`.
+
+    Raises:
+        UserError: `every_m` exceeds the stretch, or would make more than 400 places.
     """
     if every_m is None:
         return None

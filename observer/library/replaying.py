@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def quietly(_rows: int, _total: int) -> None:
-    """Show no progress."""
+    """Accept a progress report and show nothing: the default where a caller gives no `progress`."""
 
 
 def _opposed(correlations: Mapping[str, float]) -> Iterator[str]:
@@ -47,7 +47,10 @@ def _opposed(correlations: Mapping[str, float]) -> Iterator[str]:
 class Estimates(SignalTable):
     """The estimates of a whole log; signals are the columns of `estimates.csv`.
 
-    `summary` is the content of `summary.json`: rows, qualities, mean heats, reasons, doubts.
+    The rows lie in a temporary file without a name, which vanishes with this object.
+
+    Attributes:
+        summary: The content of `summary.json`: rows, qualities, mean heats, reasons, doubts.
     """
 
     summary: Mapping[str, Any]
@@ -65,9 +68,16 @@ class Estimates(SignalTable):
 
     @in_words
     def write(self, folder: str | Path, format: str = "csv", *, picture: bool = True) -> None:
-        """Write `estimates.csv` (or `.parquet` by `format`), `summary.json` and `overview.png` into a folder.
+        """Write `estimates.csv` (or `.parquet` by `format`), `summary.json` and `overview.png` into a
+        folder.
 
-        Raises `UserError` where that cannot be.
+        Args:
+            folder: Is created if it is missing; files of the same names are replaced.
+            format: `csv`, `csv.gz` or `parquet`.
+            picture: Draw `overview.png`.
+
+        Raises:
+            UserError: The folder cannot be written; then it is as it was before.
         """
         with results_in(Path(folder)) as part:
             self._write_table(part / f"estimates.{format}")
@@ -79,7 +89,17 @@ class Estimates(SignalTable):
 def estimates_of_log(
     log: Log, config: Installation, machine: MachineModel, progress: Progress = quietly
 ) -> Estimates:
-    """Return the estimates of a log. Raises `LogError`."""
+    """Return the estimates of a log.
+
+    Args:
+        log: The log, with the configuration's channels.
+        config: The machine.
+        machine: Its model, built from the same configuration.
+        progress: Receives the number of rows done and their total.
+
+    Raises:
+        LogError: The temporary file has no room, or the log yields no estimate.
+    """
     pipeline = machine.pipeline()
     start, kind_of_start = start_of(log, CheckpointFit.of(machine))
     samples = ReplaySamples(config, pipeline.layout)

@@ -28,9 +28,9 @@ class SearchedLogs:
     """The result of a search.
 
     Attributes:
-        discovery: the search itself: verdict, problem, proposed experiment.
-        document: the content of `result.json` without the next command.
-        texts: the configurations by the names of their files.
+        discovery: The search itself: verdict, problem, proposed experiment.
+        document: The content of `result.json` without the next command.
+        texts: The configurations by the names of their files; empty if nothing was named.
     """
 
     discovery: Discovery
@@ -38,9 +38,17 @@ class SearchedLogs:
     texts: dict[str, str]
 
     def write(self, folder: Path, logs: str, config: str, output: str, *, report: bool) -> dict[str, Any]:
-        """Write all files of the result into a folder; return the content of `result.json`.
+        """Write all files of the result into a folder.
 
-        `logs`, `config` and `output` name them as in a shell, for the next command.
+        Args:
+            folder: An existing folder.
+            logs: The logs as in a shell, or `--recent …`; for the next command.
+            config: The configuration's path, for the next command.
+            output: The final folder's path, for the next command.
+            report: Draw `report.html`, which takes some seconds.
+
+        Returns:
+            The content of `result.json`, with the next command.
         """
         from observer.report.discovery import write_discovery_report
 
@@ -65,10 +73,19 @@ def searched(
     *,
     in_process: bool,
 ) -> SearchedLogs:
-    """Find the effect that a model lacks, in the runs of logs with these `names`.
+    """Find the effect that a model lacks.
 
-    `progress` gets the stage of the work and the share done, 0 to 1. `in_process` keeps all work in this
-    process. Raises `ConfigError` or `LogError`.
+    Args:
+        config: The machine.
+        source: The bytes of its file.
+        runs: The runs of the logs.
+        names: The names of the logs, for the result.
+        progress: Receives the stage of the work and the share done, 0 to 1.
+        in_process: Keep all work in this process; the result is the same.
+
+    Raises:
+        ConfigError: The configuration declares no parameter free.
+        LogError: The logs are too short, or hold nothing to compare.
     """
     corrected = [Suspect("units", m.channel, m.unit, m.text) for m in runs.misread]
     with WorkerPool(in_process=in_process) as pool:
@@ -78,7 +95,13 @@ def searched(
 
 
 def write_program(path: Path, config: Config, cycle: FrameBlock) -> None:
-    """Write the inputs of a cycle as a log, for the machine or for `observer simulate --program`."""
+    """Write the inputs of a cycle as a log, for the machine or for `observer simulate --program`.
+
+    Args:
+        path: The file; its suffix chooses the format.
+        config: Its sources' channels are the columns.
+        cycle: Frames (K, c). Values are rounded to five decimals.
+    """
     sources = config.source
     channels = [
         c for s in sources for c in (s.position_channel, s.speed_channel, s.drive_channel, s.power_channel)
@@ -91,8 +114,14 @@ def write_program(path: Path, config: Config, cycle: FrameBlock) -> None:
 def configurations(config_text: str, discovery: Discovery, result: dict[str, Any]) -> dict[str, str]:
     """Return the improved configuration, by the name of its file.
 
-    It is `config.toml` with the named effects, or `candidate.toml` with the effect that explains most of an
-    unknown gap; empty for neither.
+    Args:
+        config_text: The configuration in use; its comments stay.
+        discovery: The search.
+        result: The content of `result.json`.
+
+    Returns:
+        `config.toml` with the named effects, or `candidate.toml` with the effect that explains most of an
+            unknown gap; empty for neither.
     """
     partial = result["partial"]
     if discovery.verdict.kind == "named":

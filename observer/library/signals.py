@@ -31,7 +31,8 @@ _SHOWN = 12
 class SignalTable(ABC):
     """Signals over one time, by the names of the columns in the files that commands write.
 
-    `result["heat_nut_W"]` is a column (n,), `result.signals` their names, `result.time_s` their time.
+    `result["heat_nut_W"]` is a column (n,) of numbers, NaN where unknown, or of words. A name that is no
+    signal raises `KeyError`. `len(result)` is the number of rows.
     """
 
     _table: Any
@@ -39,12 +40,12 @@ class SignalTable(ABC):
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """The names of the signals."""
+        """The names of the signals in the order of the file's columns, without `time_s`."""
         return tuple(name for name in self._table.column_names if name != TIME)
 
     @property
     def time_s(self) -> FloatArray:
-        """The time (n,) of each row, in seconds."""
+        """The time (n,) of each row, in seconds: since 1970 or since the log's own zero, as in the log."""
         return np.asarray(self[TIME])
 
     def __getitem__(self, name: str) -> Any:
@@ -60,19 +61,27 @@ class SignalTable(ABC):
         return f"<{type(self).__name__}: {self._title}; {len(self)} rows, {len(self.signals)} signals>"
 
     def to_arrow(self) -> Any:
-        """Return a `pyarrow.Table` with `time_s` and a column for each signal."""
+        """Return a `pyarrow.Table` with `time_s` and a column for each signal; no data are copied."""
         return self._table
 
     @in_words
     def to_pandas(self) -> Any:
-        """Return a `pandas.DataFrame` with `time_s` as its index. Raises `UserError` without pandas."""
+        """Return a `pandas.DataFrame` with `time_s` as its index and a column for each signal.
+
+        Raises:
+            UserError: pandas is not installed.
+        """
         return self._table.to_pandas().set_index(TIME)
 
     @in_words
     def to_xarray(self) -> Any:
         """Return an `xarray.Dataset` over `time_s` and, for field and thermal error, `position_m`.
 
-        Units are attributes. Raises `UserError` without xarray.
+        The columns along the screw become one variable (n, g) each, such as `field_degC`. Units are
+        attributes.
+
+        Raises:
+            UserError: xarray is not installed.
         """
         import xarray
 
@@ -95,9 +104,13 @@ class SignalTable(ABC):
 
     @in_words
     def plot(self) -> list[Axes]:
-        """Draw the picture that the command writes, as a figure of pyplot, and return its axes from the top.
+        """Draw the picture that the command writes, as a figure of pyplot.
 
-        Raises `UserError` without matplotlib.
+        Returns:
+            Its axes from the top.
+
+        Raises:
+            UserError: matplotlib is not installed.
         """
         from observer.report.pictures import shown
 

@@ -26,7 +26,12 @@ STEADY = "steady state"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SteadyScrew:
-    """The steady state of a machine: `figures`, and `document`, the content of `steady.json`."""
+    """The steady state of a machine.
+
+    Attributes:
+        figures: Temperatures, heats, thermal error and force.
+        document: The content of `steady.json`.
+    """
 
     figures: CaseFigures
     document: Mapping[str, Any]
@@ -37,7 +42,11 @@ class SteadyScrew:
 
     @in_words
     def plot(self) -> list[Axes]:
-        """Draw the picture that the command writes, as a figure of pyplot, and return its axes."""
+        """Draw the picture that the command writes, as a figure of pyplot, and return its axes.
+
+        Raises:
+            UserError: matplotlib is not installed.
+        """
         from observer.report.comparison import draw_cases
         from observer.report.pictures import shown
 
@@ -46,7 +55,14 @@ class SteadyScrew:
 
     @in_words
     def write(self, folder: str | Path) -> None:
-        """Write `steady.csv`, `steady.json` and `steady.png` into a folder. Raises `UserError`."""
+        """Write `steady.csv` (one row), `steady.json` and `steady.png` into a folder.
+
+        Args:
+            folder: Is created if it is missing; files of the same names are replaced.
+
+        Raises:
+            UserError: The folder cannot be written; then it is as it was before.
+        """
         from observer.report.comparison import draw_cases
         from observer.report.pictures import written
 
@@ -61,7 +77,14 @@ class SteadyScrew:
 def steady_screw(config: Installation, inputs: Mapping[str, float], program: GivenLog | None) -> SteadyScrew:
     """Return the steady state of a machine with constant inputs, or with the mean inputs of a program.
 
-    Raises `ConfigError` or `LogError`.
+    Args:
+        config: The machine.
+        inputs: Constant values by input channel; they replace the program's columns.
+        program: A log of the other inputs; None if `inputs` has all that the model needs.
+
+    Raises:
+        ConfigError: An input is unknown, missing or beyond its limits, or the machine never settles.
+        LogError: The program cannot be read, or an input has no value in it.
     """
     check_inputs(config, inputs, "inputs")
     log = None if program is None else as_program(program, config, "program", spare=inputs)
