@@ -16,9 +16,20 @@ def build_estimator(
 ) -> Estimator:
     """Return the estimator the settings ask for; what it does not need is not imported.
 
-    With `integrity` the compiled Kalman filter looks for sensor faults before it corrects.
+    Args:
+        plant: The model. With its tolerances (`build_plant` with `learns`), σ contain them.
+        settings: The table `[estimator]`. A `kind` from outside is called as `kind(plant, settings)`.
+        integrity: The table `[integrity]`. With it the compiled Kalman filter screens readings for sensor
+            faults before it corrects, and a bank of filters bounds its errors. The other estimators ignore
+            it. None switches both off.
 
-    Raises `UserError` where no gain to be trusted exists for this plant.
+    Returns:
+        An estimator designed for this plant. Its gains and step matrices are cached, so one object serves
+        many runs.
+
+    Raises:
+        UserError: If no gain exists for the constant or the Luenberger gain. Also if a class from outside
+            cannot be called with plant and settings, or lacks `layout`, `initial` or `run`.
     """
     if settings.kind == "luenberger":
         from observer.estimators.fixed_gain import LuenbergerEstimator  # noqa: PLC0415

@@ -36,12 +36,25 @@ _LAW_STEPS, _LAW_SIGMA = 12.0, 4.0  # averaged over, and standard deviations of 
 
 
 class SensorAnswers(NamedTuple):
-    """How readings (s,) and predictions of them (w, s) have moved, both averaged, since predictions began.
+    """Movements of readings and of predictions since each prediction began.
 
-    Sensors that do not answer are marked in `silent` (s,), those that do in `answering` (s,), and those that
-    are surely at fault in `at_fault` (s,). The averaged laws are `law_W` (h,). When the predictions began,
-    the laws were `first_law_W` (w, h) and their heats had the standard deviations `first_sigma_W`. The array
-    `since` (2,) holds the time since a law last changed, s, and the number of steps.
+    With s sensors, h heats and w = `PREDICTIONS` predictions. Readings and predictions are averaged over six
+    steps of the bank. Methods change the arrays in place, NaN means unknown.
+
+    Attributes:
+        mean_degC: Averaged readings, °C, (s,).
+        predicted_degC: Averaged predictions, °C, (w, s).
+        first_degC: Averaged readings when each prediction began, °C, (w, s).
+        first_predicted_degC: Predictions at their beginning, °C, (w, s).
+        moved_K: Largest distance of each reading from its first value, K, (w, s).
+        predicted_moved_K: Largest distance of each prediction from its first value, K, (w, s).
+        silent: 1 for sensors that do not answer, (s,). The mark stays until the sensor answers.
+        at_fault: 1 for sensors that are surely at fault, (s,).
+        answering: 1 for sensors that answer, (s,).
+        law_W: Averaged heats by their laws, W, (h,).
+        first_law_W: Those laws when each prediction began, W, (w, h).
+        first_sigma_W: σ of the heats when each prediction began, W, (w, h).
+        since: Time since a law last changed, s, and the number of steps, (2,).
     """
 
     mean_degC: FloatArray
@@ -60,7 +73,16 @@ class SensorAnswers(NamedTuple):
 
     @classmethod
     def empty(cls, sensors: int, heats: int) -> Self:
-        """Return the answers before the first reading of so many sensors, to so many heats."""
+        """Return the answers before the first reading.
+
+        Args:
+            sensors: Number s of sensors.
+            heats: Number h of estimated heats.
+
+        Returns:
+            Arrays of NaN without marks. The time since a change of a law is infinite, so `judge` gives no
+            verdict.
+        """
         unknown, zeros = np.full((PREDICTIONS, sensors), np.nan), np.zeros(sensors)
         return cls(
             np.full(sensors, np.nan), unknown, unknown.copy(), unknown.copy(), unknown.copy(), unknown.copy(),
@@ -82,9 +104,15 @@ class SensorAnswers(NamedTuple):
             mark[:] = 0.0
 
     def note(self, read_degC: FloatArray, predicted_degC: FloatArray) -> int:
-        """Take in a step's readings (s,), NaN where none came, and predictions (w, s).
+        """Record the readings and predictions of one step of the bank.
 
-        Return which prediction is to begin again from the estimate, or -1. None counts before it has begun.
+        Args:
+            read_degC: Readings, °C, (s,), NaN without a new one.
+            predicted_degC: Predictions of them, °C, (w, s). Those that have not begun yet are ignored.
+
+        Returns:
+            The number of the prediction that the caller starts again from the estimate, or -1. One prediction
+            starts every twelve steps, a minute.
         """
         present = np.isfinite(read_degC)
         count = int(self.since[1])
@@ -113,9 +141,15 @@ class SensorAnswers(NamedTuple):
         return begun
 
     def note_laws(self, law_W: FloatArray, sigma_W: FloatArray, span_s: float) -> None:
-        """Take in the laws (h,) over the last `span_s`, and the standard deviations of their heats.
+        """Record the heats by their laws over the last step of the bank.
 
-        A law has changed since a prediction began where its mean has left what its heat may be.
+        A law has changed if its mean differs from that at a prediction's beginning by more than four σ of its
+        heat.
+
+        Args:
+            law_W: Heats by their laws, W, (h,).
+            sigma_W: σ of the estimated heats, W, (h,).
+            span_s: Length of the step, s.
         """
         mean_W = self.law_W + (law_W - self.law_W) / _LAW_STEPS
         self.law_W[:] = np.where(np.isfinite(mean_W), mean_W, law_W)
@@ -126,10 +160,16 @@ class SensorAnswers(NamedTuple):
         self.since[0] = 0.0 if changed else self.since[0] + span_s
 
     def judge(self, constant_K: FloatArray, threshold_K: FloatArray, response_K_W: FloatArray) -> None:
-        """Mark which sensors answer the laws.
+        """Mark the sensors that answer the laws, those that do not, and those that are surely at fault.
 
-        A reading within `constant_K` (s,) is constant; a prediction that moves beyond `asked_K` (s,) asks,
-        unless the heats it began with leave that open by their `response_K_W` (see `heat_response_K_W`).
+        No mark changes if no law has changed within half an hour. A sensor answers if it moves by half of the
+        way of its prediction.
+
+        Args:
+            constant_K: Movement within which a reading counts as constant, K, (s,).
+            threshold_K: Movement of a prediction beyond which its sensor must move too, K, (s,).
+            response_K_W: Responses of readings to heats, K/W, (t, s, h), from `heat_response_K_W`. Zeros if
+                heats are well known. Predictions within three of their σ require no answer.
         """
         if self.since[0] > _ASKED_AFTER_S:
             return
@@ -156,23 +196,47 @@ class SensorAnswers(NamedTuple):
         return np.asarray(np.sqrt(np.einsum("wsh,wh->ws", response_K_W[steps] ** 2, first_W**2)))
 
     def sensor_at_fault(self, taken: BoolArray) -> int:
-        """Return the only one of the sensors taken that does not answer while others do, or -1."""
+        """Return the sensor that alone does not answer while others do.
+
+        Args:
+            taken: True for sensors that the estimate uses, (s,).
+
+        Returns:
+            Its number. It is -1 if none or several sensors are silent, or if at most one other sensor
+            answers.
+        """
         sure = np.flatnonzero((self.at_fault > 0.0) & taken)
         is_unique = len(sure) == 1 and self.silent[taken].sum() == 1.0
         return int(sure[0]) if is_unique and self.answering[taken].sum() > 1.0 else -1
 
 
 def answers_of(noise_K: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return within what readings of such noise (s,) are constant, and beyond what predictions ask, in K."""
+    """Return the two limits of movement that `SensorAnswers.judge` takes.
+
+    Args:
+        noise_K: σ of each sensor's noise, K, (s,).
+
+    Returns:
+        The largest movement of a constant reading and the smallest movement that requires an answer, K, both
+        (s,). The first is 3.3 σ of the averaged noise. The second is eight times as large, at least 0.7 K.
+    """
     constant_K = _CONSTANT_SIGMA * _SMOOTH_NOISE * noise_K
     return constant_K, np.maximum(_ASKED_K, _ASKED_TIMES * constant_K)
 
 
 def heat_response_K_W(plant: Plant, step_s: float) -> FloatArray:
-    """Return by how much a sensor's prediction rises for each watt more of a heat at its beginning.
+    """Return the response of each sensor to 1 W more of a heat at the beginning of a prediction.
 
-    The shape is (t, s, m_e), after each of the t steps that a prediction lasts. A nut that moves is spread
-    over its stroke, and the heat returns to its law as the estimator has it.
+    A moving nut is spread over its stroke. The heat returns to its law at the rate `plant.heat_decay_1_s`.
+    The step is the 256th power of an implicit Euler step, accurate to 1e-4 for parts that settle within 20 s.
+
+    Args:
+        plant: The model; time-varying losses are left out.
+        step_s: Time between two steps of a prediction, s.
+
+    Returns:
+        Temperature rises after 0, 1, … steps, K/W, (t, s, m_e), with t the number of steps that a prediction
+        lasts.
     """
     A, B = generator(plant), plant.B[:, plant.estimated]
     n_x, m_e = B.shape

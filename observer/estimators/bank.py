@@ -51,7 +51,31 @@ _AFRESH = (
 
 
 class Gathered(NamedTuple):
-    """Inputs and readings summed between two steps of the bank (see `observer.kernels.bank.gather`)."""
+    """Inputs and readings summed between two steps of the bank (see `observer.kernels.bank.gather`).
+
+    With m sources, p known inputs, M moving nuts, s sensors, R output rows and w predictions. The kernel
+    resets the sums when the bank steps.
+
+    Attributes:
+        span: Length of the span, s, the length at which the bank is due, s, and the worst degradation of an
+            input, (3,).
+        law_J: Energy by each law over the span, J, (m,).
+        jump_W2: Sum of the squared jumps of each law, W², (m,).
+        z_first: Known inputs at the beginning of the span, (p,).
+        z_last: Known inputs at its end, (p,).
+        moving: Source of each moving nut, (M,).
+        weight: Energy of each moving nut, J, by which its columns are averaged, (M,).
+        B: Input columns of nuts times their energy, (M, n_x).
+        plain_B: Input columns of nuts times time, used while a nut makes no heat, (M, n_x).
+        C: Last output columns of nuts, (M, R).
+        y_degC: Last usable readings, °C, or µm of a displacement, (s,).
+        fresh: True for sensors with a reading within the span, (s,).
+        free: True for sensors with a reading that the estimate does not doubt, (s,).
+        loss: The rate of a uniform loss summed over time, 1, its sum weighted by the temperature it draws to,
+            °C, and the last such temperature, °C, (3,).
+        ahead: States of the predictions that run on without readings, (w, n).
+        ahead_degC: Readings that they predict, °C, (w, s).
+    """
 
     span: FloatArray
     law_J: FloatArray
@@ -72,11 +96,22 @@ class Gathered(NamedTuple):
 
 
 class BankBounds(NamedTuple):
-    """The last bounds of the heats and of the reported rows, with the limits `limit` of the rows.
+    """The last bounds of heats and reported rows, with the limits of the rows.
 
-    Drifts add the variances `heat_drift_W2` and `field_drift2`, changed laws add `law_change_W2` to heats.
-    Field and error count as known below the standard deviations `known_sigma` (2,). The field has `grid`
-    rows. These sensors give a bound if `published` is true. A bound is at least `sigmas` standard deviations.
+    With m_e heats and r reported rows. Rows are the g rows of the field, K, then those of the thermal error,
+    µm.
+
+    Attributes:
+        heat_W: Bounds of the heats, W, (m_e,), NaN before the bank's first step.
+        field: Bounds of the reported rows, (r,), NaN before the bank's first step.
+        heat_drift_W2: Variance of heats by drifting offsets, W², (m_e,).
+        field_drift2: Variance of the rows by drifting offsets, K² or µm², (r,).
+        law_change_W2: Variance of heats by changed laws, W², (m_e,).
+        limit: Largest bounds of a good estimate, (r,), infinite without a limit.
+        known_sigma: σ below which field, K, and error, µm, count as known, (2,).
+        grid: Number g of rows of the field.
+        published: 1 if these sensors give a useful bound, 0 where heats rest on their laws.
+        sigmas: Standard deviations that a bound has at least.
     """
 
     heat_W: FloatArray
@@ -96,6 +131,17 @@ class BankFilters(NamedTuple):
 
     `uses` (F, s) marks the sensors of each filter. `kernels.bank.run_bank` fills `misfit` (F, s) and `S`
     (s, s).
+
+    Attributes:
+        gathered: Record of `Gathered`, the inputs of the step.
+        drifting: Number of the filter whose offsets drift.
+        filters: Records of the states of the F filters.
+        results: Records of their results of one step.
+        uses: 1 where a filter uses a sensor, (F, s).
+        work: Scratch memory that all filters share (`packing.Work`).
+        misfit: Distance of each reading from the prediction of a filter that does not use it, in σ, (F, s).
+            It is 0 where the filter uses the sensor.
+        S: Covariance of the innovations of the filter with all sensors, K², (s, s).
     """
 
     gathered: Any
@@ -110,13 +156,17 @@ class BankFilters(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """The composition of a bank: `uses` (F, s) marks the sensors of each filter.
+    """The composition of a bank of F filters over s sensors.
 
-    In filter `drifting` offsets drift; the last filter uses no sensor. Filters without one sensor are
-    `without_one` (s,), and those without two are `without_two` (s, s), -1 where the bank has no such filter.
-    A bound without a fault has a half-width of `sigmas` standard deviations. Bounds cover the faults that
-    leave the filters `clean` (c,) unaffected, with half-widths `fault_sigmas` (c, 1). The variance of a
-    drifting offset grows by `walk_K2_s`, K²/s.
+    Attributes:
+        uses: 1 where a filter uses a sensor, (F, s). Filter 0 uses all, the last one none.
+        drifting: Number of the filter in which offsets and their common part drift.
+        without_one: Filter without each sensor, (s,).
+        without_two: Filter without each pair, (s, s), -1 where the bank has no such filter.
+        sigmas: Half-width of a bound without a fault, in σ.
+        clean: Filters that a fault in `[integrity]` leaves unaffected, (c,).
+        fault_sigmas: Half-widths of the bounds about them, in σ, (c, 1).
+        walk_K2_s: Growth of the variance of a drifting offset, K²/s.
     """
 
     uses: NDArray[np.uint8]
@@ -130,10 +180,16 @@ class Design:
 
     @classmethod
     def of(cls, thermal: BoolArray, settings: Integrity) -> Design:
-        """Return the bank of the sensors (s,); `thermal` marks thermocouples.
+        """Return the composition for the sensors of a plant.
 
-        Every filter but the last uses the other sensors. A probing cycle checks itself, so the bounds do not
-        cover its faults.
+        Every filter but the last uses the sensors of displacement. A probing cycle checks itself, so the
+        bounds do not cover its faults. Beyond eight sensors the bank has no filters without pairs. A second
+        fault is then found once the first sensor is excluded.
+
+        Args:
+            thermal: True for thermocouples, (s,).
+            settings: The table `[integrity]`. The half-width for one sensor leaves half of `RISK_PER_H` to
+                its fault. A common fault is covered if its rate is above `RISK_PER_H`.
         """
         sensors = len(thermal)
         pairs = list(combinations(range(sensors), 2)) if sensors * (sensors - 1) // 2 <= _MOST_PAIRS else []
@@ -164,10 +220,26 @@ def _sigmas(fault_per_hour: float) -> float:
 
 
 class Bank:
-    """The filters on memory of their own; `gathered` and `held` are what the kernels fill and read."""
+    """The filters of a bank on their own memory, which kernels read and change.
+
+    Attributes:
+        design: The composition of the bank.
+        gathered: Inputs since the last step. The kernel of the estimate adds to them.
+        gathered_record: The same as a record.
+        bounds: The last bounds, which the kernel adds to the estimate.
+        bounds_record: The same as a record.
+    """
 
     def __init__(self, plant: Plant, settings: Integrity, plant_record: Any, steps: StepCache) -> None:
-        """Allocate it for a plant."""
+        """Allocate the filters before their first reading.
+
+        Args:
+            plant: The model. With uncertain parameters, faults are searched and drifts enlarge σ; without
+                them, only bounds are computed.
+            settings: The table `[integrity]`.
+            plant_record: The same plant as a record for kernels.
+            steps: Cache of step matrices with a last table of its own.
+        """
         self._steps = steps
         s, wide = plant.rows.sensors, len(plant.rows.C) - plant.rows.sensors
         self.design, self._thermal = Design.of(plant.thermal, settings), plant.thermal
@@ -216,23 +288,33 @@ class Bank:
 
     @property
     def is_due(self) -> bool:
-        """Whether the filters must step."""
+        """Whether the gathered inputs cover `DUE_S`, so that `step` must be called."""
         return bool(self.gathered.span[SPAN_S] >= self.gathered.span[DUE])
 
     @property
     def octets(self) -> NDArray[np.uint8]:
-        """The state of the bank as bytes."""
+        """The state of the bank as bytes, a copy: sums, bounds and search, then the filters."""
         return np.concatenate([self._own.octets, self._filters.octets])
 
     def take(self, octets: NDArray[np.uint8]) -> None:
-        """Restore the state of a bank from its bytes; ignore bytes of another size."""
+        """Restore the state of a bank from `octets`.
+
+        Bytes of another size are ignored and the state stays. They come from another model or from an
+        estimator without a bank.
+        """
         own_size = len(self._own.octets)
         self._octets = None
         if len(octets) == own_size + len(self._filters.octets):
             self._own.octets[:], self._filters.octets[:] = octets[:own_size], octets[own_size:]
 
     def begin_at(self, x: FloatArray, P: FloatArray, linearisation_point: FloatArray) -> None:
-        """Set every filter to the same state."""
+        """Set every filter to the same state, and start all predictions again.
+
+        Args:
+            x: State of field, heats and parameters, (n,).
+            P: Its covariance, (n, n).
+            linearisation_point: As in `EstimatorState.around`.
+        """
         self._octets = None
         self._answers.begin_again()
         for state in self._runnings:
@@ -240,13 +322,17 @@ class Bank:
             state.x[:], state.P[:, : len(P)], state.around[:] = x, P, linearisation_point
 
     def keep(self) -> tuple[bytes, bytes]:
-        """Return the state to be put back; the filters are copied only after a step."""
+        """Return the state for `put_back`.
+
+        The bytes of the filters are cached between two steps of the bank, so calling this at every step is
+        cheap.
+        """
         if self._octets is None:
             self._octets = self._filters.octets.tobytes()
         return self._own.octets.tobytes(), self._octets
 
     def put_back(self, saved: tuple[bytes, bytes]) -> None:
-        """Restore a state that `keep` returned."""
+        """Restore a state that `keep` returned; filters that have not stepped meanwhile are not copied."""
         self._own.put_back(saved[0])
         if self._octets is not saved[1]:
             self._filters.put_back(saved[1])
@@ -257,7 +343,15 @@ class Bank:
     ) -> None:
         """Step every filter over the gathered inputs, update the bounds, and exclude a sensor at fault.
 
-        `main` is the estimate's state after its step k, and `results` are its results.
+        An excluded sensor is marked in `main.guard`. The estimate then continues from the filter that does
+        not use that sensor.
+
+        Args:
+            main: State of the estimate after its step k, changed in place.
+            main_record: The same as a record.
+            results: Results of the estimate. Heats and rows of step k are compared with those of the filters.
+            k: The step, an index into `results`.
+            time_s: Time of the step, s.
         """
         self._octets = None
         pour(self.gathered_record, main_record, self._batch.inputs)

@@ -30,8 +30,12 @@ An example is the shape of the field near a source of heat.
 class Carried(NamedTuple):
     """An estimate that does not depend on its model: field, heats and lagged heats.
 
-    The field is at `position_m` (g,); `heats` and `lags` are the names of sources. `value` (r,), °C and W,
-    and `covariance` (r, r) have this order.
+    Attributes:
+        position_m: Places of the field on the screw, m, (g,).
+        heats: Names of the estimated sources.
+        lags: Names of all sources, whose lags carry the part of the field beyond the modes.
+        value: Field, °C, then heats, W, then lagged heats, W, (r,).
+        covariance: Their covariance in the same order, (r, r).
     """
 
     position_m: FloatArray
@@ -44,7 +48,19 @@ class Carried(NamedTuple):
 def carry_from(
     plant: Plant, state: EstimatorState, inputs: Inputs, estimate: EstimateBlock
 ) -> Carried | None:
-    """Return the estimate after a step with these inputs; None before the start or where it is not finite."""
+    """Return the estimate after a step as field, heats and lagged heats.
+
+    Variances that a bank adds to the published σ are added to the covariance.
+
+    Args:
+        plant: The model of the estimate.
+        state: State of its estimator after the step.
+        inputs: Inputs of the step; only the last one is used.
+        estimate: Estimates of the step; only the last one is used.
+
+    Returns:
+        The estimate, or None before the start or where it is not finite.
+    """
     heats, lags = plant.layout.sources, plant.source_names
     value = np.concatenate(
         [estimate.field_degC[-1], estimate.heat_W[-1], plant.lag_rows @ state.x_hat[: len(plant.decay_1_s)]]
@@ -64,8 +80,19 @@ def carry_into(
 ) -> EstimatorState | None:
     """Return the state of another model's estimator with the same field and heats.
 
-    `inputs` are those of one step. None if the places of the field differ, no heat has the same name, or no
-    sensor has a value.
+    The new estimator takes one step of zero length with the finite readings. The result then has the mean and
+    covariance of `carried` in field, common heats and common lags. Parameters that are considered keep their
+    values.
+
+    Args:
+        plant: The other model.
+        estimator: Its estimator.
+        carried: The old estimate.
+        inputs: Inputs of one step of the other model.
+
+    Returns:
+        The state, or None if the places of the field differ, no heat has the same name, or no sensor has a
+        value.
     """
     sources = plant.layout.sources
     heats = tuple(name for name in sources if name in carried.heats)

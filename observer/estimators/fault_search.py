@@ -33,10 +33,16 @@ _ENOUGH = 3  # sensors, of which one can be identified as wrong
 class BankObservation(NamedTuple):
     """Results of a step of the bank for s sensors.
 
-    All inputs have been known for `age_s`. The masks (s,) `used`, `departed` and `thermal` mark sensors in
-    use, excluded sensors and thermocouples. The `misfit` (s,) is a reading's distance from the expectation of
-    all others, in standard deviations. In `misfit_of_pair` (s, s) it is that of the second of two sensors
-    without both. The innovations `innovation_K` (s,) and their covariance (s, s) are of all sensors.
+    Attributes:
+        age_s: Time for which all inputs have been known, s.
+        used: True for sensors that the estimate uses, (s,).
+        departed: True for sensors excluded by this search, (s,).
+        thermal: True for thermocouples, (s,).
+        misfit: Distance of a reading from the expectation of all others, in σ, (s,).
+        misfit_of_pair: The same of the second sensor of a pair without both, (s, s). NaN where the bank has
+            no such filter.
+        innovation_K: Innovations of the filter with all sensors, K, (s,), NaN without a reading.
+        covariance_K2: Their covariance, K², (s, s).
     """
 
     age_s: float
@@ -50,10 +56,12 @@ class BankObservation(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """The common part of recent innovations, and the state of the search.
+    """The common part of recent innovations, and the state of the search; changed in place.
 
-    `shared` (120,) is a ring of the common part in standard deviations, and `steps` (1,) counts its steps.
-    `waited_s` (1,) is the time for which the fault has been ambiguous.
+    Attributes:
+        shared: Ring of the common part over ten minutes, in σ, (120,).
+        steps: Number of steps recorded, (1,). It returns to 0 while inputs are unsettled.
+        waited_s: Time for which the fault has been ambiguous, s, (1,).
     """
 
     shared: FloatArray
@@ -67,7 +75,14 @@ class Trace(NamedTuple):
 
 
 class SearchResult(NamedTuple):
-    """Result of the search: `doubted` readings, the `sensor` at fault or -1, and the code to `latch` or 0."""
+    """The decision of a search.
+
+    Attributes:
+        doubted: Whether the estimate must not be called good at this step.
+        sensor: Number of the sensor to exclude, or -1.
+        latch: Code of `kernels.codes` for a lasting fault that no exclusion resolves, or 0. It is `DRIFTING`
+            or `AMBIGUOUS`.
+    """
 
     doubted: bool
     sensor: int
@@ -75,7 +90,21 @@ class SearchResult(NamedTuple):
 
 
 def search(observation: BankObservation, trace: Trace, answers: SensorAnswers, span_s: float) -> SearchResult:
-    """Record the observation of the last `span_s`, and return the sensor at fault."""
+    """Record an observation of the bank, and decide whether a sensor is at fault.
+
+    The search needs inputs that have been known for `YOUNG_S`. A common drift is decided first. A sensor is
+    excluded only if its removal explains the misfits clearly better than any other removal, and if no sensor
+    is excluded already. A fault that stays ambiguous for ten minutes is latched.
+
+    Args:
+        observation: The last step of the bank.
+        trace: Memory of the search, changed in place.
+        answers: The test whether readings answer the heats.
+        span_s: Length of the step, s.
+
+    Returns:
+        The decision.
+    """
     _note(observation, trace)
     if observation.age_s < YOUNG_S:
         trace.waited_s[0] = 0.0

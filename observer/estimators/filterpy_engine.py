@@ -21,10 +21,15 @@ from observer.kernels import step as steps
 
 
 class FilterpyEstimator(BlockEstimator):
-    """Kalman filter by `filterpy.kalman.KalmanFilter`: joint corrections, Joseph form, the same rules."""
+    """Kalman filter by `filterpy.kalman.KalmanFilter`: joint corrections in Joseph's form, with the same
+    rules.
+
+    It neither screens readings nor gives bounds. A step costs dense products of n by n matrices in Python.
+    Use it to check results of `KalmanEstimator`.
+    """
 
     def take(self, chunk: Chunk, _inputs: Any, scratch: Scratch, out: Results, _results: Any) -> None:
-        """Take a chunk's steps by filterpy."""
+        """Take a chunk's steps by filterpy; arguments as in `BlockEstimator.take`."""
         n = len(scratch.running.x)
         kf = KalmanFilter(dim_x=n, dim_z=max(self._plant.rows.sensors, 1))
         for k in range(len(chunk.step)):

@@ -44,8 +44,14 @@ Design = Callable[[StepMatrices, BoolArray], FloatArray | Refusal]
 class GainBank:
     """Gains by sensors and step length, each designed at its first use; their order does not matter.
 
-    Where `design(step, present)` refuses, the observer predicts only, and its σ grow. A gain (n, s) has rows
-    of zeros for considered parameters.
+    A gain (n, s) has rows of zeros for considered parameters. It is zero where no gain exists: the observer
+    then predicts only, and its σ grow.
+
+    Args:
+        plant: The model, its nuisance parameters considered.
+        period_s: Configured step, s. Gains are designed for steps of `period_s` · 2^(l/4). So each step is
+            within 9 % of the one that its gain was designed for.
+        design: Returns a gain for a step and the present sensors, or a `Refusal`.
     """
 
     def __init__(self, plant: Plant, period_s: float, design: Design) -> None:
@@ -69,7 +75,11 @@ class GainBank:
         return self._table
 
     def bins(self, lengths_s: list[float]) -> IntArray:
-        """Return the bin of each step length; the first frame's step of 0 counts as a period."""
+        """Return the bin l + 8 of each step length, 0 to 127, (D,).
+
+        Args:
+            lengths_s: Step lengths, s. The first frame's step of 0 counts as a period.
+        """
         dt_s = np.array(lengths_s)
         octaves = np.log2(np.where(dt_s > 0, dt_s, self._period_s) / self._period_s)
         bins: IntArray = np.clip(np.rint(octaves * _BINS_PER_OCTAVE) + _PERIOD_BIN, 0, _LAST_BIN).astype(
@@ -78,7 +88,11 @@ class GainBank:
         return bins
 
     def add(self, key: int) -> None:
-        """Design the gain of a key: bin · 2^s + sensors as bits."""
+        """Design the gain of a key, and discard the cached table.
+
+        Args:
+            key: bin · 2^s + sensors as bits, sensor 0 the lowest.
+        """
         s = self._plant.rows.sensors
         present = np.array([bool(key >> i & 1) for i in range(s)])
         octaves = ((key >> s) - _PERIOD_BIN) / _BINS_PER_OCTAVE
@@ -96,16 +110,22 @@ class FixedGainEstimator(BlockEstimator):
     """An observer with a designed gain for every set of sensors and length of step.
 
     The gain is designed for field and heats alone. Nuisance parameters of the plant are considered (Schmidt
-    1966): they keep their values, and every σ contains their covariance. The error has the text `refused` if
-    no gain for all sensors exists. An observer that `settles` takes the current Kalman gain until the error
-    of the start has faded.
+    1966): they keep their values, and every σ contains their covariance.
+
+    Attributes:
+        settles: Whether the observer takes the current Kalman gain until the error of the start has faded.
+        refused: Text of the error if no gain for all sensors exists, with places for `sensors` and `reason`.
     """
 
     settles: ClassVar[bool]
     refused: ClassVar[str]
 
     def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
-        """Design the gain for all sensors at the period. Raises `UserError` if none exists."""
+        """Design the gain for all sensors at the configured period.
+
+        Raises:
+            UserError: If no gain exists for all sensors together.
+        """
         self._settings, self._design_plant = settings, replace(plant, learning=None)
         super().__init__(considering_all(plant), settings)
         step = step_matrices(self._design_plant, settings.period_s)
@@ -117,14 +137,25 @@ class FixedGainEstimator(BlockEstimator):
 
     @abstractmethod
     def gain(self, step: StepMatrices, present: BoolArray) -> FloatArray | Refusal:
-        """Return the gain K (n, s) for a step and the sensors `present` (s,)."""
+        """Return the gain K (n, s), without rows for parameters.
+
+        Args:
+            step: Matrices of the step for which the gain is designed.
+            present: True for the sensors that have values, (s,). Others have zero columns.
+
+        Returns:
+            The gain, or the reason why none exists.
+        """
 
     def scratch(self) -> FixedGainScratch:
         """Return the memory that kernels change."""
         return FixedGainScratch(self._arrays, self.initial(), self._settling_s)
 
     def take(self, chunk: Chunk, inputs: Any, scratch: FixedGainScratch, _out: Results, results: Any) -> None:
-        """Run the kernel, and design the gains that it requests."""
+        """Run the kernel, and design the gains that it requests; arguments as in `BlockEstimator.take`.
+
+        The kernel stops at a step without a gain. It continues there once the gain is in the table.
+        """
         work, at = scratch.gain_work, scratch.at
         work.bins, batch = self._bank.bins(chunk.lengths_s), self.batch(chunk, inputs)
         at[:] = 0
@@ -143,7 +174,10 @@ def _settling_s(plant: Plant, step: StepMatrices, K: FloatArray) -> float:
 
 
 def considering_all(plant: Plant) -> Plant:
-    """Return the plant with all nuisance parameters considered, none of them learnt."""
+    """Return the plant with all nuisance parameters considered, none of them learnt.
+
+    The result has no learnt columns in its layout. A plant without parameters is returned unchanged.
+    """
     if plant.learning is None:
         return plant
     arrays, empty = plant.learning.arrays, np.zeros(0)
@@ -155,8 +189,11 @@ def considering_all(plant: Plant) -> Plant:
 
 
 class GainTable(NamedTuple):
-    """Gains known so far: `key` (G,) = bin 2^s + sensors as bits, `K` (G, n, s), zero columns for absent
-    sensors.
+    """Gains designed so far, for the kernel.
+
+    Attributes:
+        key: bin · 2^s + sensors as bits, (G,).
+        K: The gains, (G, n, s), with zero columns for absent sensors.
     """
 
     key: IntArray
@@ -164,9 +201,15 @@ class GainTable(NamedTuple):
 
 
 class FixedGainWork(NamedTuple):
-    """Data of a run with designed gains: `settling_s` and `at` (3,) as in `kernels.fixed_gain.observe`.
+    """Data of a run with designed gains.
 
-    `work` is a record. Each run sets `bins` (D,), those of a table's step lengths, and the record `gains`.
+    Attributes:
+        settling_s: Time for which the current Kalman gain replaces the designed one after a start, s.
+        at: Next step, key of the requested gain, and how that step was begun, (3,). See
+            `kernels.fixed_gain.observe`.
+        work: Record of the scratch memory.
+        bins: Bin of each step length of the chunk's table, (D,), set for each chunk.
+        gains: Record of `GainTable`, renewed after each design.
     """
 
     settling_s: float
@@ -177,7 +220,12 @@ class FixedGainWork(NamedTuple):
 
 
 class FixedGainScratch(Scratch):
-    """The memory that kernels change, and their request for a gain: `at` (3,)."""
+    """The memory that kernels change, and their request for a gain.
+
+    Attributes:
+        at: As in `FixedGainWork`, (3,).
+        gain_work: Record of a `FixedGainWork`.
+    """
 
     def __init__(self, arrays: PlantArrays, initial: EstimatorState, settling_s: float) -> None:
         """Allocate it."""
@@ -200,13 +248,19 @@ class ConstantGainEstimator(FixedGainEstimator):
     )
 
     def gain(self, step: StepMatrices, present: BoolArray) -> FloatArray | Refusal:
-        """Return the steady Kalman gain, or a more cautious one."""
+        """Return the steady Kalman gain, or one designed for noisier sensors if errors would grow while a nut
+        stands.
+        """
         gain = gain_for(self._design_plant, step, present, self._settings)
         return gain.K if isinstance(gain, LuenbergerGain) else gain
 
 
 class LuenbergerEstimator(FixedGainEstimator):
-    """x⁺ = x_pred + K (y - C x_pred), K placed by the bandwidth rule or Kim's; σ propagated with that K."""
+    """x⁺ = x_pred + K (y - C x_pred), K placed by the bandwidth rule or Kim's; σ propagated with that K.
+
+    The rule is `[estimator] pole_rule`, the bandwidth `bandwidth_1_s` or the best one found. Nuisance
+    parameters are considered.
+    """
 
     settles = False
     refused = (
@@ -215,11 +269,15 @@ class LuenbergerEstimator(FixedGainEstimator):
     )
 
     def __init__(self, plant: Plant, settings: EstimatorSettings) -> None:
-        """Compute the bandwidth and the gain for all sensors; raises `UserError` if none exists."""
+        """Compute the bandwidth and the gain for all sensors.
+
+        Raises:
+            UserError: If no bandwidth gives reachable poles, or no gain exists for all sensors.
+        """
         self._bandwidth_1_s = bandwidth(plant, settings)
         super().__init__(plant, settings)
 
     def gain(self, step: StepMatrices, present: BoolArray) -> FloatArray | Refusal:
-        """Return the gain that places the poles."""
+        """Return the gain that places the poles; a slower one if errors would grow while a nut stands."""
         gain = gain_for(self._design_plant, step, present, self._settings, self._bandwidth_1_s)
         return gain.K if isinstance(gain, LuenbergerGain) else gain

@@ -30,12 +30,18 @@ class KalmanEstimator(BlockEstimator):
     """
 
     def __init__(self, plant: Plant, settings: EstimatorSettings, integrity: Integrity | None = None) -> None:
-        """Bring the plant into the kernels' form, once."""
+        """Bring the plant into the kernels' form, once.
+
+        Args:
+            plant: The model. Its parameters are learnt or considered.
+            settings: The table `[estimator]`, of which the gate is read.
+            integrity: The table `[integrity]`; None takes readings without screening and gives no bounds.
+        """
         super().__init__(plant, settings)
         self._integrity = integrity
 
     def initial(self) -> EstimatorState:
-        """Return the state before the first measurement."""
+        """Return the state before the first measurement, with the bytes of a new bank if there is one."""
         state = packing.initial_state(self._plant, screens=self._integrity is not None)
         return state if self._integrity is None else replace(state, bank=self._begin)
 
@@ -47,7 +53,10 @@ class KalmanEstimator(BlockEstimator):
     def at(
         self, state: EstimatorState, x_hat: FloatArray, P: FloatArray, linearisation_point: FloatArray
     ) -> EstimatorState:
-        """Return a state with field, heats and learnt parameters replaced, also in the bank."""
+        """Return a state with field, heats and learnt parameters replaced, in every filter of the bank too.
+
+        Arguments as in `BlockEstimator.at`. The memory of the search for faults starts anew.
+        """
         replaced = super().at(state, x_hat, P, linearisation_point)
         if self._integrity is None:
             return replaced
@@ -56,7 +65,7 @@ class KalmanEstimator(BlockEstimator):
         return replace(replaced, bank=bank.octets)
 
     def scratch(self) -> Scratch:
-        """Allocate the memory that kernels change; each thread has its own."""
+        """Allocate the memory that kernels change, with a bank if `[integrity]` is given."""
         bank = None if self._integrity is None else self._bank()
         scratch = Scratch(self._arrays, self.initial(), bank)
         scratch.running.flags[2] = bank is not None and bool(np.isfinite(bank.bounds.limit).any())
@@ -67,7 +76,11 @@ class KalmanEstimator(BlockEstimator):
         return Bank(self._plant, self._integrity, self.plant_record, self._steps.with_own_table())
 
     def take(self, chunk: Chunk, inputs: Any, scratch: Scratch, out: Results, results: Any) -> None:
-        """Take a chunk's steps by the compiled filter."""
+        """Take a chunk's steps by the compiled filter; arguments as in `BlockEstimator.take`.
+
+        With a bank, the kernel pauses when the bank is due, every `DUE_S`. The new bounds are written into
+        that step.
+        """
         bank, batch, k = scratch.bank, self.batch(chunk, inputs), 0
         if bank is None:
             run_kalman(batch, scratch.running_record, results, scratch.work_record)

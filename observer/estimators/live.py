@@ -20,13 +20,22 @@ from observer.kernels.layout import Bundle
 
 
 class LiveEstimator:
-    """Takes steps by the same kernels as `BlockEstimator.run`; `results` are those of the last step.
+    """Takes one step after the other by the same kernels as `BlockEstimator.run`, on memory allocated once.
 
-    `record` is what `kernels.step_frame` takes.
+    Attributes:
+        results: Results of the last step, overwritten by the next.
+        fields: Names, types and places of the estimate's columns in the bytes of a step.
+        record: The estimator as `kernels.step_frame` takes it.
     """
 
     def __init__(self, estimator: BlockEstimator, inputs: Inputs, inputs_record: Any) -> None:
-        """Allocate the memory; each step's inputs are written into `inputs`."""
+        """Allocate the memory.
+
+        Args:
+            estimator: The estimator whose kernels take the steps.
+            inputs: One step; the caller writes each step's inputs into its arrays.
+            inputs_record: `inputs` as a record.
+        """
         self._estimator, self._inputs, self._inputs_record = estimator, inputs, inputs_record
         self._scratch, plant = estimator.scratch(), estimator.plant
         allocated = packing.empty_results(plant, 1)
@@ -85,7 +94,7 @@ class LiveEstimator:
                 self._block[name][...] = getattr(named, name)
 
     def keep(self) -> tuple[Any, float]:
-        """Return the state to be put back."""
+        """Return the state and its time for `put_back`, so that a step can be repeated."""
         return self._scratch.keep(), self._block["time_s"][0]
 
     def put_back(self, saved: tuple[Any, float]) -> None:
@@ -95,20 +104,32 @@ class LiveEstimator:
 
     @property
     def state(self) -> EstimatorState:
-        """The current state."""
+        """The current state, a copy, valid at the time of the last step."""
         return self._scratch.state(float(self._block["time_s"][0]))
 
     def take(self, state: EstimatorState) -> None:
-        """Set the state."""
+        """Set the state and its time, as after a restart from a checkpoint."""
         self._scratch.take(state)
         self._block["time_s"][0] = state.time_s
 
 
 class EstimatorTick(NamedTuple):
-    """The data of one step for the kernel.
+    """The data of one step for `kernels.step_frame`.
 
-    `other` takes the step of an estimator that is not the Kalman filter, and `finish` ends the step.
-    `step_bank` steps the bank of filters when it is due.
+    Attributes:
+        batch: Plant, inputs and table of the step.
+        length_s: Length for which the table was made, s, NaN before the first step.
+        table_of: Returns the table for another length, s.
+        running: Record of the state.
+        results: Record of the results.
+        work: Record of the scratch memory.
+        other: Takes the step of an estimator that is not the Kalman filter, else None.
+        finish: Fills in columns that are not copies of results, else None.
+        time_s: Time of the step, s, (1,).
+        octets: The published columns as bytes.
+        gathered: Record of the bank's inputs, or None.
+        bounds: Record of the bank's bounds, or None.
+        step_bank: Steps the bank when it is due, or None.
     """
 
     batch: packing.Batch
@@ -149,7 +170,17 @@ def _columns(block: EstimateBlock) -> dict[str, Any]:
 
 
 class TestTick(NamedTuple):
-    """The data of one self-test for the kernel."""
+    """The data of one self-test for `kernels.step_frame`.
+
+    Attributes:
+        paths: Records of the samples of each nut's position.
+        travel_m: Lowest and highest position of each nut, m, (M, 2).
+        state: Memory of the tests, changed in place.
+        inputs: Record of the step's inputs.
+        tested: The step's estimates and the motion of the nuts.
+        trust: Record of `Trust`.
+        scores: Scratch, (3,).
+    """
 
     paths: tuple[Any, ...]
     travel_m: FloatArray
@@ -166,7 +197,15 @@ class LiveSelfTest:
     def __init__(
         self, test: SelfTest, paths: dict[str, Any], inputs: Inputs, inputs_record: Any, results: Results
     ) -> None:
-        """Allocate it for the steps of a memory; `paths` are records of the positions' samples."""
+        """Allocate it for the steps of a memory.
+
+        Args:
+            test: The self-test of the plant.
+            paths: Records of the positions' samples, by channel.
+            inputs: The step that the loop overwrites.
+            inputs_record: `inputs` as a record.
+            results: Results that the estimator overwrites.
+        """
         self._bundle = Bundle.of(test.initial()._asdict())
         self._state = SelfTestState._make(self._bundle[name] for name in SelfTestState._fields)
         tested = Tested(
@@ -192,7 +231,7 @@ class LiveSelfTest:
 
     @property
     def state(self) -> SelfTestState:
-        """The current state."""
+        """The current state, a copy; its type is that of `SelfTest.run`."""
         return SelfTestState._make(array.copy() for array in self._state)
 
     def take(self, state: SelfTestState) -> None:

@@ -24,10 +24,14 @@ _SENSORS_AT_ONCE = 4  # sensors that the kernels take at a time
 
 
 class Batch(NamedTuple):
-    """K steps as records of the kernels: a plant, their inputs, and the table of their lengths.
+    """K steps as records of the kernels.
 
-    The index of each length in the table is `step` (K,). A reading farther off than `gate_sigma` standard
-    deviations is rejected.
+    Attributes:
+        plant: Record of `PlantArrays`.
+        table: Record of `steps.StepTable`; None until the first step's length is known.
+        inputs: Record of `Inputs`, packed.
+        step: Row of each step's length in the table, (K,).
+        gate_sigma: Distance in σ beyond which a reading is rejected.
     """
 
     plant: Any
@@ -78,10 +82,20 @@ class PlantArrays(NamedTuple):
 
 
 class Running(NamedTuple):
-    """The state during a run, changed in place; `P` is (n, padded width).
+    """The state during a run, changed in place; names and shapes are those of `EstimatorState`.
 
-    The `flags` are [started, silent, limited, gain_sensors]. If `limited` is set, bounds have limits, which
-    decide whether a missing sensor is needed.
+    Attributes:
+        x: Estimate, (n,).
+        P: Covariance, (n, padded width); the columns beyond n are zero.
+        suspect: Steps for which a sensor has been rejected in a row, (s,).
+        refused_s: Time for which it has been rejected, s, (s,).
+        opened_K: Its innovation when the covariance was last opened for it, K, (s,).
+        lost_s: Time for which the position of a nut has been unknown, s, (1,).
+        flags: Started, silent, limited and gain_sensors, (4,). If `limited` is set, bounds have limits, which
+            decide whether a missing sensor is needed.
+        around: Linearisation point of the parameters.
+        guard: Memory of the screening by sensor, (s,).
+        verdict: Memory of the screening of all sensors, (1,).
     """
 
     x: FloatArray
@@ -155,7 +169,28 @@ class Work(NamedTuple):
 
 
 class Results(NamedTuple):
-    """Where the kernels write; `field` holds the field's rows and then the error's."""
+    """Where the kernels write K steps; bounds are NaN until a bank writes them.
+
+    With m_e heats, l parameters, s sensors, and r padded rows. Rows are those of the field, °C, then those of
+    the error, µm.
+
+    Attributes:
+        heat: Heats, W, (K, m_e).
+        heat_sigma: Their σ, W, (K, m_e).
+        field: Rows of field and error, (K, r).
+        field_sigma: Their σ, K or µm, (K, r).
+        innovation: Innovations, K or µm, (K, s), NaN without a reading.
+        sensor_quality: Codes of `frames.Quality`, (K, s).
+        quality: Codes of `frames.EstimateQuality`, (K,).
+        part_quality: The same for heats, field and error, (K, 3).
+        log_likelihood: Log-likelihood of the accepted readings, (K,).
+        innovation_sigma: σ of the innovations, K or µm, (K, s).
+        law: Heats by their laws, W, (K, m_e).
+        learned: Parameters in their internal units, (K, l).
+        learned_sigma: Their σ, (K, l).
+        heat_bound: Bounds of the heats, W, (K, m_e).
+        field_bound: Bounds of the rows, K or µm, (K, r).
+    """
 
     heat: FloatArray
     heat_sigma: FloatArray
@@ -175,7 +210,10 @@ class Results(NamedTuple):
 
 
 def padded_width(columns: int) -> int:
-    """Return the width of an array's rows in memory that the inner loops run over."""
+    """Return the width in memory of rows with `columns` numbers, which the inner loops run over.
+
+    It is the next multiple of a vector register, except where rows would share few places of the cache.
+    """
     width = layout.padded_width(columns, _REGISTER)
     if width % _CROWDED == 0:
         half = layout.padded_width(columns, _REGISTER // 2)
@@ -184,7 +222,12 @@ def padded_width(columns: int) -> int:
 
 
 def pack_plant(plant: Plant) -> PlantArrays:
-    """Bring a plant into the kernels' form."""
+    """Bring a plant into the kernels' form.
+
+    Arrays are contiguous copies. Input columns become rows, reported rows become padded columns, and
+    `prior_P` is made symmetric. Source numbers refer to all sources of the plant, heat numbers to the
+    estimated ones.
+    """
     source = np.flatnonzero(plant.estimated)
     s = plant.rows.sensors
     reported = padded_width(len(plant.rows.C) - s)
@@ -220,7 +263,12 @@ def states_of(plant: Plant) -> int:
 
 
 def initial_state(plant: Plant, *, screens: bool = False) -> EstimatorState:
-    """Return the state before the first usable measurement; `screens`, where readings are screened."""
+    """Return the state before the first usable measurement: zeros, not started, time NaN.
+
+    Args:
+        plant: The model, which gives the sizes.
+        screens: Whether readings are screened. Otherwise the memory of the sensors' screening is empty.
+    """
     n, never = states_of(plant), np.zeros(plant.rows.sensors)
     linearisation_point = np.zeros(0)
     if plant.learning is not None:
@@ -232,7 +280,7 @@ def initial_state(plant: Plant, *, screens: bool = False) -> EstimatorState:
 
 
 def thaw(state: EstimatorState) -> Running:
-    """Copy a state into arrays that may change."""
+    """Return a copy of a state as arrays that may change, with `P` padded for the kernels."""
     flags = np.array([int(state.started), state.silent, 0, state.gain_sensors], dtype=np.int64)
     return Running(
         np.array(state.x_hat, order="C"),
@@ -249,7 +297,10 @@ def thaw(state: EstimatorState) -> Running:
 
 
 def thaw_into(running: Running, state: EstimatorState) -> None:
-    """Copy a state into arrays that may change, of the same sizes."""
+    """Copy a state into arrays that may change, of the same sizes.
+
+    The memory of the screening starts anew where the state has none or `running` has no place for it.
+    """
     running.x[:] = state.x_hat
     running.P[:, : len(state.P)] = state.P
     running.suspect[:] = state.suspect
@@ -264,7 +315,7 @@ def thaw_into(running: Running, state: EstimatorState) -> None:
 
 
 def scratch(arrays: PlantArrays) -> Work:
-    """Allocate the kernels' scratch."""
+    """Return the kernels' scratch for a plant; its contents mean nothing between two steps."""
     (m, n_x), m_e, s = arrays.B.shape, len(arrays.source), len(arrays.R_K2)
     n, learn = n_x + m_e + len(arrays.learn.kind), arrays.learn
     width, columns = padded_width(n), max(m_e + learn.machine, 1)
@@ -295,7 +346,7 @@ def scratch(arrays: PlantArrays) -> Work:
 
 
 def freeze(running: Running, time_s: float) -> EstimatorState:
-    """Copy the arrays into a state."""
+    """Return a copy of the arrays as a state, valid at `time_s`, without the bytes of a bank."""
     return EstimatorState(
         running.x.copy(),
         running.P[:, : len(running.x)].copy(),
@@ -314,7 +365,7 @@ def freeze(running: Running, time_s: float) -> EstimatorState:
 
 
 def empty_results(plant: Plant, steps: int) -> Results:
-    """Allocate results for this number of steps; bounds are NaN until a kernel writes them.
+    """Return results for this number of steps; bounds are NaN, all other numbers are undefined.
 
     The numbers are one piece of memory: the system provides a large one in large pages, at a fifth of the
     cost.
@@ -344,12 +395,21 @@ def empty_results(plant: Plant, steps: int) -> Results:
 
 
 def cut(results: Results, part: slice) -> Results:
-    """Return the part of the results that belongs to some steps, as views."""
+    """Return the results of the steps in `part`, as views into the same memory."""
     return Results._make(array[part] for array in results)
 
 
 def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBlock:
-    """Return the results as a block of estimates."""
+    """Return the results as a block of estimates.
+
+    Rows behind the field become error and axial force. Where a support has a clearance they are nonlinear in
+    the rows (`supports.fold`).
+
+    Args:
+        plant: The model of the results.
+        time_s: Time of each step, s, (K,).
+        results: What the kernels have written; heats, field and qualities are shared, not copied.
+    """
     g = plant.rows.grid
     error_um, error_sigma_um = fold(plant.rows.restraint, results.field[:, g:], results.field_sigma[:, g:])
     learned, learned_sigma = learned_of(plant, results)
@@ -382,7 +442,16 @@ def to_block(plant: Plant, time_s: FloatArray, results: Results) -> EstimateBloc
 
 
 def learned_of(plant: Plant, results: Results) -> tuple[FloatArray, FloatArray]:
-    """Return the learnt parameters (K, l) and their σ, in the units of their names."""
+    """Return the learnt parameters in the units of their names.
+
+    Args:
+        plant: The model of the results.
+        results: What the kernels have written.
+
+    Returns:
+        Values and σ, both (K, l). A parameter is its configured value plus its state times its unit. Without
+        parameters both have no columns.
+    """
     learned, sigma, learning = results.learned, results.learned_sigma, plant.learning
     if learning is None:
         return learned, sigma

@@ -16,24 +16,28 @@ SENSOR_GUARD, SCREENING_VERDICT = state_type("SensorGuard"), state_type("Screeni
 
 @dataclass(frozen=True, slots=True)
 class EstimatorState:
-    """The state of an estimator after a step.
+    """The state of an estimator after a step, which `Estimator.run` takes and returns.
 
     The n = n_x + m_e + L states are the plant's, the estimated heats' deviations from their laws, and the
-    parameters. Their estimate is `x_hat` (n,), with the covariance `P` (n, n).
+    parameters. With s sensors.
 
-    | Field | Meaning |
-    |---|---|
-    | `started` | false until the first usable measurement |
-    | `suspect` (s,), `refused_s` (s,) | steps and time for which a sensor has been rejected in a row |
-    | `opened_K` (s,) | a sensor's innovation when the covariance was last opened for it |
-    | `silent` | steps in a row without a good sensor |
-    | `lost_s` | time for which the position of a nut has been unknown |
-    | `gain_sensors` | sensors, as bits, of the designed gain in use |
-    | `around` (n_x + m_e + 2 s,) | linearisation point of the parameters; empty if nothing is learnt |
-    | `guard` (s,), `verdict` (1,) | memory of the screening (`kernels/states.pxd`); `guard` may be empty |
-    | `bank` | bytes of the bank of filters (`observer.estimators.bank`), or empty |
-
-    The linearisation point ends with each sensor's reading there, without and with a lag.
+    Attributes:
+        x_hat: Estimate of the states, (n,).
+        P: Its covariance, (n, n).
+        started: False until the first usable measurement.
+        suspect: Steps for which a sensor has been rejected in a row, (s,).
+        refused_s: Time for which it has been rejected in a row, s, (s,).
+        opened_K: A sensor's innovation when the covariance was last opened for it, K, (s,).
+        time_s: Time of the step, s since the epoch; NaN before the first one.
+        silent: Steps in a row without a good sensor.
+        lost_s: Time for which the position of a nut has been unknown, s.
+        gain_sensors: Sensors, as bits, of the designed gain in use.
+        around: Linearisation point of the parameters, (n_x + m_e + 2 s,), empty if nothing is learnt. It ends
+            with each sensor's reading there, without and with a lag.
+        guard: Memory of the screening by sensor, (s,), as in `kernels/states.pxd`. It is empty without
+            screening.
+        verdict: Memory of the screening of all sensors, (1,).
+        bank: Bytes of the bank of filters (`observer.estimators.bank`), or empty.
     """
 
     x_hat: FloatArray
@@ -53,17 +57,28 @@ class EstimatorState:
 
 
 class Estimator(Protocol):
-    """Turns inputs into estimates; holds no state of its own."""
+    """Turns inputs into estimates; holds no state of its own.
+
+    A class of the user needs these three members, and `__init__(self, plant, settings)`.
+    """
 
     @property
     def layout(self) -> Layout:
-        """The columns of the estimates."""
+        """Names and places of the estimates' columns."""
 
     def initial(self) -> EstimatorState:
-        """Return the state before the first measurement."""
+        """Return the state before the first measurement, with `started` false."""
 
     def run(self, state: EstimatorState, inputs: Inputs) -> tuple[EstimatorState, EstimateBlock]:
-        """Take K steps; a run of K is, to the last bit, K runs of one."""
+        """Take K steps; a run of K is, to the last bit, K runs of one.
+
+        Args:
+            state: The state after the step before, which stays unchanged.
+            inputs: K steps of heats, known inputs and readings.
+
+        Returns:
+            The state after the last step, and K estimates with the columns of `layout`.
+        """
 
 
 @runtime_checkable
@@ -73,4 +88,11 @@ class CarriesOver(Estimator, Protocol):
     def at(
         self, state: EstimatorState, x_hat: FloatArray, P: FloatArray, linearisation_point: FloatArray
     ) -> EstimatorState:
-        """Return a state with field, heats and learnt parameters replaced."""
+        """Return a state with field, heats and learnt parameters replaced.
+
+        Args:
+            state: The state that gives everything else.
+            x_hat: New states, (n,).
+            P: Their covariance, (n, n).
+            linearisation_point: As in `EstimatorState.around`.
+        """

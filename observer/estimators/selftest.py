@@ -34,9 +34,10 @@ One in twenty machines within their tolerances would pass a limit of 2.
 
 
 class Fault(IntEnum):
-    """Failures: of a sensor (the first four), a heat (two), all heats, or a nut (two).
+    """Failures of the self-test and findings of the screening.
 
-    Then the results of screening: of a sensor (two), of all sensors, or of the air.
+    Self-test: of a sensor (0 to 3), of a heat (4, 5), of all heats (6), of a nut (7, 8). Screening: of a
+    sensor (9, 10), of all sensors (11 to 16), of the air (17).
     """
 
     BIASED = 0
@@ -61,13 +62,19 @@ class Fault(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A failed test: its fault, its sensor, source or nut, its start, and its size.
+    """A failed test or a finding of the screening.
 
-    The `value` of a sensor's fault is a mean in σ, a correlation, a ratio to the expected noise, an
-    innovation in K, or an excess in K. For other faults it is a heat in W, a ratio of travelled distances, or
-    a jump in m. The reference is `expected`: σ for an excess, the time in s between polls of the position for
-    a jump. The sensor was exchanged with `other`. Readings have the `unit` um for a displacement. An excluded
-    sensor that agrees again is used in `returns_s`, NaN while it does not agree.
+    Attributes:
+        fault: The kind of failure.
+        subject: Name of the sensor, the source or the nut's position channel; empty if it concerns all.
+        since_s: Time of its start, s since the epoch.
+        value: Size. For a sensor: a mean in σ, a correlation, a ratio to the expected noise, an innovation in
+            K, or an excess in K. Else a heat in W, a ratio of travelled distances, or a jump in m.
+        expected: The value that `value` is compared with: σ for an excess, the time in s between polls for a
+            jump.
+        other: The sensor that the subject was exchanged with, or empty.
+        unit: Unit of the subject's readings, `K`, or `um` for a displacement.
+        returns_s: Time until an excluded sensor that agrees again is used, s, NaN while it does not agree.
     """
 
     fault: Fault
@@ -81,16 +88,20 @@ class Finding:
 
 
 class SelfTestState(NamedTuple):
-    """The memory of the self-test.
+    """The memory of the self-test of s sensors, m_e heats, M nuts and T tests.
 
-    | Field | Meaning |
-    |---|---|
-    | `sensor` (s, 2), `last` (s,), `motion` (M,) | records of `kernels/states.pxd`, `sensor` per window |
-    | `heat` (m_e + 1, 2) | mean distance from the law per window; the last row is that of all heats |
-    | `peak_W` (m_e,) | largest heats |
-    | `since_s`, `value`, `expected` (T,) | the current failure of each test, NaN while it passes |
-    | `steps`, `first_s` (T,) | number of failed steps, and the time of the first |
-    | `refused` (1,) | whether a sensor was rejected at the last step |
+    Attributes:
+        sensor: Means of innovations by window, records of `kernels/states.pxd`, (s, 2).
+        last: Last innovation of each sensor, records, (s,).
+        heat: Mean distance from the law by window, (m_e + 1, 2); the last row is that of all heats.
+        peak_W: Largest heat by each law of the last hour, fading, W, (m_e,).
+        motion: Motion of each nut, records, (M,).
+        since_s: Time since which each test fails, s, (T,), NaN while it passes.
+        value: Size of the failure, (T,), as in `Finding.value`.
+        expected: Its reference, (T,), as in `Finding.expected`.
+        steps: Number of failed steps since the start, (T,).
+        first_s: Time of the first, s, (T,), NaN without one.
+        refused: 1 if a sensor was rejected at the last step, (1,).
     """
 
     sensor: Records
@@ -107,10 +118,13 @@ class SelfTestState(NamedTuple):
 
 
 class Trust(NamedTuple):
-    """References of the tests: σ of heats at the start, uncertainty of laws (NaN: no law), both (m_e,).
+    """References of the tests.
 
-    The `noise_K` (s,) of sensors is infinite where no tolerance is considered. With tolerances, the limits of
-    heats are `law_slack` times as wide.
+    Attributes:
+        initial_W: σ of each heat at the start, W, (m_e,).
+        law_uncertainty: Relative σ of each law, (m_e,), NaN for a source without a law.
+        noise_K: σ of the sensors' noise, K, (s,), infinite where no tolerance is considered.
+        law_slack: Factor on the limits of heats, 1 without tolerances.
     """
 
     initial_W: FloatArray
@@ -120,7 +134,15 @@ class Trust(NamedTuple):
 
 
 class Tested(NamedTuple):
-    """K steps as the kernel takes them; names and shapes as in `Inputs` and `EstimateBlock`."""
+    """K steps as the kernel takes them; names and shapes as in `Inputs` and `EstimateBlock`.
+
+    Attributes:
+        input_quality: Quality of each reading before the estimator, (K, s).
+        sensor_quality: Quality after it, (K, s).
+        nu: Innovations, K or µm, (K, s).
+        nu_sigma: Their predicted σ, K or µm, (K, s).
+        motion: Records of the nuts' motion in each step, (K, M).
+    """
 
     time_s: FloatArray
     dt_s: FloatArray
@@ -138,7 +160,14 @@ MOTION_STEP = state_type("MotionStep")
 
 
 def no_motion_yet(nuts: int = 1) -> Records:
-    """Return the memory (M,) of the motion of nuts before their first samples."""
+    """Return the memory of the motion of nuts before their first samples.
+
+    Args:
+        nuts: Number M of nuts.
+
+    Returns:
+        Records of `kernels/states.pxd`, (M,). Times, positions and speeds are NaN.
+    """
     memory = np.zeros(nuts, state_type("NutMotion"))
     for name in ("time_s", "place_m", "speed_m_s", "speed_age_s"):
         memory[name] = np.nan
@@ -147,15 +176,31 @@ def no_motion_yet(nuts: int = 1) -> Records:
 
 
 def smallest_jump_m(period_s: float) -> float:
-    """Return the smallest jump in m that is found of a nut at rest whose position is polled so often."""
+    """Return the smallest jump that is found of a nut at rest, m.
+
+    A smaller difference could be a motion between two polls, with at most 12 m/s² of acceleration.
+
+    Args:
+        period_s: Time between two polls of the position, s.
+    """
     return float(longest_way(0.0, 0.0, GREATEST_ACCELERATION_m_s2 * SKEW_S, period_s)) + ROUNDED_m
 
 
 class SelfTest:
-    """The self-test of one plant; holds no state of its own."""
+    """The self-test of one plant; holds no state of its own.
+
+    Attributes:
+        trust_record: Record of `Trust`.
+        travel_m: Lowest and highest position of each nut, m, by its position channel.
+    """
 
     def __init__(self, plant: Plant, with_law: Collection[str]) -> None:
-        """Fix what is tested; `with_law` are the sources that have a law."""
+        """Fix the tests and their references.
+
+        Args:
+            plant: The model. If it learns parameters, limits of heats are 1.4 times as wide.
+            with_law: Names of the sources that have a law. The heats of others are not compared with a law.
+        """
         has_law = np.array([name in with_law for name in plant.layout.sources], dtype=np.bool_)
         noise_K = np.sqrt(plant.noise_R_K2) if plant.learnt else np.full(plant.rows.sensors, np.inf)
         trust = Trust(
@@ -170,7 +215,7 @@ class SelfTest:
         self.travel_m = {s.channel: s.reach_m or (0.0, s.table.screw_m) for s in plant.moving}
 
     def initial(self) -> SelfTestState:
-        """Return the state before the first step."""
+        """Return the state before the first step, in which all tests pass."""
         s, m_e, M = len(self._sensors), len(self._sources), len(self.travel_m)
         tests = OF_SENSOR * s + OF_HEAT * m_e + 1 + 2 * M
         return SelfTestState(
@@ -192,8 +237,14 @@ class SelfTest:
     ) -> tuple[SelfTestState, FloatArray, Inputs]:
         """Compare each nut's travelled distance with its speed, before the estimator runs.
 
-        Return the state, the motion of the nuts in each step (K, M), and the inputs, degraded where the
-        position of a nut is lost.
+        Args:
+            state: Memory of the tests.
+            frames: K frames with the samples of the positions.
+            inputs: The same steps as inputs of the estimator.
+
+        Returns:
+            The state with the motion updated. The motion of the nuts in each step, records, (K, M). The
+            inputs, with `degraded` raised where the position of a nut is lost.
         """
         state = state._replace(motion=state.motion.copy())
         motion = np.empty((len(inputs), len(self.travel_m)), MOTION_STEP)
@@ -206,9 +257,16 @@ class SelfTest:
     def run(
         self, state: SelfTestState, motion: FloatArray, inputs: Inputs, block: EstimateBlock
     ) -> tuple[SelfTestState, EstimateBlock]:
-        """Return the state after K steps, and the estimates with the qualities that they have earned.
+        """Test K steps, and lower the qualities of estimates that fail.
 
-        `state` and `motion` are those that `watch` returned.
+        Args:
+            state: The state that `watch` returned.
+            motion: The motion that `watch` returned, (K, M).
+            inputs: The steps, with the `degraded` that `watch` returned.
+            block: Their estimates.
+
+        Returns:
+            The state after the steps, and the estimates with their final `quality` and `part_quality`.
         """
         quality, part_quality = block.quality.copy(), block.part_quality.copy()
         tested = Tested(
@@ -221,14 +279,19 @@ class SelfTest:
         return state, replace(block, quality=quality, part_quality=part_quality)
 
     def findings(self, state: SelfTestState) -> tuple[Finding, ...]:
-        """Return the current failures."""
+        """Return the current failures, in the order of the tests, each since its last start."""
         return tuple(
             self._finding(state, test, state.since_s)
             for test in np.flatnonzero(np.isfinite(state.since_s)).tolist()
         )
 
     def history(self, state: SelfTestState) -> tuple[tuple[Finding, int], ...]:
-        """Return all failures since the start: first time, last size, and number of steps."""
+        """Return all failures since the start of the state.
+
+        Returns:
+            Pairs of a finding and its number of failed steps. A finding has the time of its first failure and
+            the size of its last.
+        """
         return tuple(
             (self._finding(state, test, state.first_s), int(state.steps[test]))
             for test in np.flatnonzero(state.steps).tolist()
@@ -263,12 +326,20 @@ _LATCHED = {
 
 
 def screening_findings(layout: Layout, state: EstimatorState) -> tuple[Finding, ...]:
-    """Return the current findings of the screening."""
+    """Return the current findings of the screening.
+
+    Args:
+        layout: Names and units of the sensors.
+        state: State of the estimator. Without screening its `guard` is empty and no sensor is named.
+    """
     return tuple(finding for finding, _ in _of_all(layout, state, now=True))
 
 
 def screening_history(layout: Layout, state: EstimatorState) -> tuple[tuple[Finding, int], ...]:
-    """Return all findings of the screening since the start, with their numbers of steps."""
+    """Return all findings of the screening since the start, each with its number of steps.
+
+    Arguments as in `screening_findings`. A sensor that is used again has `returns_s` NaN.
+    """
     return tuple(_of_all(layout, state, now=False))
 
 

@@ -18,16 +18,26 @@ from observer.model.plant import Plant
 
 
 class Belief(NamedTuple):
-    """A Gaussian: mean `x` (n,) and covariance `P` (n, n)."""
+    """A Gaussian distribution of the states.
+
+    Attributes:
+        x: Mean, (n,).
+        P: Covariance, (n, n).
+    """
 
     x: FloatArray
     P: FloatArray
 
 
 class MeasurementUpdate(NamedTuple):
-    """Result of a correction by measurements (s,): the belief after it, and the gain `K` (n, s).
+    """Result of a correction by s measurements.
 
-    The `innovation` (s,) has the covariance `S` (s, s); `log_likelihood` is that of the measurements.
+    Attributes:
+        belief: The distribution after it.
+        innovation: y - H x, (s,).
+        S: Covariance of the innovation, H P Hᵀ + R, (s, s).
+        K: The gain, (n, s).
+        log_likelihood: log N(ν; 0, S) = -½ (νᵀ S⁻¹ ν + log det 2πS).
     """
 
     belief: Belief
@@ -38,7 +48,14 @@ class MeasurementUpdate(NamedTuple):
 
 
 def predict(belief: Belief, F: FloatArray, forced: FloatArray, Q: FloatArray) -> Belief:
-    """x⁻ = F x + f, P⁻ = F P Fᵀ + Q with F, Q (n, n), f (n,). Source: Kalman (1960)."""
+    """Predict a belief: x⁻ = F x + f, P⁻ = F P Fᵀ + Q. Source: Kalman (1960).
+
+    Args:
+        belief: The distribution before the step.
+        F: Transition, (n, n).
+        forced: Shift f of the states by heats and known inputs, (n,).
+        Q: Covariance of the process noise, (n, n).
+    """
     return Belief(F @ belief.x + forced, F @ belief.P @ F.T + Q)
 
 
@@ -52,8 +69,18 @@ def correct(
 ) -> MeasurementUpdate:
     """Correct a belief: ν = y - H x, S = H P Hᵀ + R, K = P Hᵀ S⁻¹, x⁺ = x + K ν.
 
-    The covariance is P⁺ = (I - K H) P (I - K H)ᵀ + K R Kᵀ. Shapes: H (s, n), y (s,), R (s, s). An observer's
-    gain K (n, s) replaces the Kalman gain; Joseph's form (Bucy and Joseph 1968) holds for any gain.
+    The covariance is P⁺ = (I - K H) P (I - K H)ᵀ + K R Kᵀ, Joseph's form (Bucy and Joseph 1968), which holds
+    for any gain.
+
+    Args:
+        belief: The distribution before the correction.
+        H: Rows of the measurements, (s, n).
+        y: Measurements less their known part, (s,).
+        R: Covariance of their noise, (s, s).
+        K: Gain of an observer, (n, s). None takes the Kalman gain.
+
+    Raises:
+        numpy.linalg.LinAlgError: If S is singular.
     """
     innovation, S = y - H @ belief.x, H @ belief.P @ H.T + R
     gain = K
@@ -69,8 +96,9 @@ def correct(
 class Columns(NamedTuple):
     """The columns of a plant over one step, with moving nuts in place.
 
-    Columns `B` (n_x, m) are those of the heats. Columns `G` (n_x, t) are the effects of a unit of each
-    parameter of the machine on the states over the step.
+    Attributes:
+        B: Columns of the heats, (n_x, m).
+        G: Effects of a unit of each parameter of the machine on the states over the step, (n_x, t).
     """
 
     B: FloatArray
@@ -78,8 +106,13 @@ class Columns(NamedTuple):
 
 
 class Transition(NamedTuple):
-    """x⁺ = F x + f with noise Q, all states; `law_W` (m,) are the heats by their laws at the state's
-    temperature.
+    """A step of all states: x⁺ = F x + f with noise Q.
+
+    Attributes:
+        F: Transition, (n, n).
+        forced: Shift f, (n,).
+        Q: Covariance of the process noise, (n, n).
+        law_W: Heats by their laws at the state's temperature, W, (m,).
     """
 
     F: FloatArray
@@ -89,7 +122,16 @@ class Transition(NamedTuple):
 
 
 def columns_in_place(plant: Plant, u: Inputs, k: int) -> tuple[FloatArray, FloatArray]:
-    """Return B (n_x, m) and all output rows C (R, n_x) with moving nuts where they are over step k."""
+    """Return the columns of a plant with moving nuts where they are over a step.
+
+    Args:
+        plant: The model.
+        u: Inputs, of which the nuts' columns are read.
+        k: The step, an index into `u`; -1 is the last one.
+
+    Returns:
+        B (n_x, m) and all output rows C (R, n_x), both copies.
+    """
     B, C = plant.B.copy(), plant.rows.C.copy()
     for i, source in enumerate(plant.moving):
         B[:, source.index] = u.moving_B[k, i]
@@ -98,9 +140,18 @@ def columns_in_place(plant: Plant, u: Inputs, k: int) -> tuple[FloatArray, Float
 
 
 def transition(plant: Plant, u: Inputs, k: int, x: FloatArray, columns: Columns) -> Transition:
-    """Return step k from the state x (n,): half of the couplings, a diagonal step, the other half.
+    """Return step k: half of the couplings, an exact diagonal step with laws and known inputs, the other
+    half.
 
-    The diagonal step is exact and includes laws and known inputs (Strang 1968). Couplings are linear at x.
+    Source: Strang (1968). Couplings are linearised at the current state. A jump of a law adds its variance to
+    that of the heat.
+
+    Args:
+        plant: The model.
+        u: Inputs.
+        k: The step, an index into `u`.
+        x: State before the step, (n,).
+        columns: The plant's columns over the step.
     """
     B, G = columns
     n_x, m_e, n, t = len(plant.decay_1_s), int(plant.estimated.sum()), len(x), G.shape[1]
@@ -134,7 +185,15 @@ def transition(plant: Plant, u: Inputs, k: int, x: FloatArray, columns: Columns)
 
 
 def laws(plant: Plant, u: Inputs, k: int, B: FloatArray, x: FloatArray) -> FloatArray:
-    """Return the heats (m,) by their laws over step k; fading laws depend on the state x (n_x,)."""
+    """Return the heats (m,) by their laws over step k, W.
+
+    Args:
+        plant: The model.
+        u: Inputs with the laws before they fade with the temperature.
+        k: The step, an index into `u`.
+        B: Columns of the heats, (n_x, m), which read the temperature at each source.
+        x: State of the plant, (n_x,), on which fading laws depend.
+    """
     law_W = u.law_W[k].copy()
     if plant.coupling.active:
         B = np.ascontiguousarray(B.T)
@@ -145,7 +204,20 @@ def laws(plant: Plant, u: Inputs, k: int, B: FloatArray, x: FloatArray) -> Float
 def half_step(
     plant: Plant, u: Inputs, k: int, z: FloatArray, B: FloatArray, x: FloatArray, n: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return half a step of the couplings at the state x: matrix T (n, n) and shift (n,)."""
+    """Return half a step of the couplings as an affine map x ↦ T x + shift.
+
+    Args:
+        plant: The model.
+        u: Inputs.
+        k: The step, an index into `u`; half of its length is taken.
+        z: Known inputs at that end of the step, (p,).
+        B: Columns of the heats, (n_x, m).
+        x: State at which couplings are linearised, (n,).
+        n: Number of all states.
+
+    Returns:
+        T (n, n) and the shift (n,). Heats and parameters stay as they are.
+    """
     T, shift, n_x = np.eye(n), np.zeros(n), len(plant.decay_1_s)
     if plant.coupling.active:
         c, no_inputs = plant.coupling, np.zeros((len(z) + 1, n_x))

@@ -20,10 +20,12 @@ _ALL, _FIRST = slice(0, 1), np.zeros(1, dtype=np.int64)
 
 
 class StepTable(NamedTuple):
-    """Step matrices of D different step lengths, stacked and padded.
+    """Step matrices of D different lengths, stacked, rows padded; other names as in `StepMatrices`.
 
-    The `decay` (D, width) is that of the plant's states, the heats and the parameters. The `noise`
-    (D, n, width) excludes the effect of moving heats' walks on the plant's states.
+    Attributes:
+        decay: Decay factors of the plant's states, the heats and the parameters, (D, width).
+        noise: Covariance of the process noise, (D, n, width). It excludes the effect of moving heats' walks
+            on the plant's states, which depends on the nut's place.
     """
 
     decay: FloatArray
@@ -37,7 +39,7 @@ class StepTable(NamedTuple):
 
 
 class StepCache:
-    """Cache of step matrices by length; the matrices depend on the length only."""
+    """Cache of step matrices by length, at most 512 lengths; the matrices depend on plant and length only."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
@@ -49,17 +51,24 @@ class StepCache:
         self._last: tuple[list[float], Any] | None = None
 
     def with_own_table(self) -> StepCache:
-        """Return a cache with the same steps and a separate last table."""
+        """Return a cache that shares the steps but has its own last table.
+
+        Two users with different lengths, such as estimate and bank, then do not replace each other's table.
+        """
         cache = StepCache(self._plant)
         cache._steps_by_length = self._steps_by_length
         return cache
 
     def matrices(self, dt_s: float) -> StepMatrices:
-        """Compute the step of this length."""
+        """Compute the step of this length, s, without the cache.
+
+        Raises:
+            ValueError: If the length is negative or not finite.
+        """
         return step_matrices(self._plant, dt_s)
 
     def get(self, dt_s: float) -> tuple[StepMatrices, FloatArray]:
-        """Return the step of this length, and its noise without moving heats."""
+        """Return the step of this length, s, and its noise (n, n) without moving heats."""
         if dt_s not in self._steps_by_length:
             if len(self._steps_by_length) >= _STEPS_REMEMBERED:
                 self._steps_by_length.clear()
@@ -68,7 +77,7 @@ class StepCache:
         return self._steps_by_length[dt_s]
 
     def table(self, lengths_s: list[float]) -> Any:
-        """Stack the steps of these lengths, a `StepTable` for kernels.
+        """Return the steps of these lengths, s, stacked as a record of `StepTable`.
 
         The last table is cached, because the live service repeats one length.
         """
@@ -77,7 +86,7 @@ class StepCache:
         return self._last[1]
 
     def single(self, inputs: Inputs, length_s: float) -> Chunk:
-        """Return a single packed step as a chunk."""
+        """Return one step, already packed for kernels, as a chunk."""
         lengths_s = [length_s]
         return Chunk(_ALL, lengths_s, self.table(lengths_s), inputs, _FIRST)
 
@@ -124,7 +133,15 @@ def _fade(plant: Plant, dt_s: float) -> FloatArray:
 
 
 class Chunk(NamedTuple):
-    """Steps that share a table of few step lengths: their part of the block, lengths and inputs."""
+    """Steps that share a table of at most 64 step lengths.
+
+    Attributes:
+        part: Their place in the block.
+        lengths_s: Lengths in the table, s.
+        table: Record of `StepTable`.
+        inputs: Their inputs, packed.
+        step: Row of each step's length in the table, (K,).
+    """
 
     part: slice
     lengths_s: list[float]
@@ -134,7 +151,12 @@ class Chunk(NamedTuple):
 
 
 def chunks(cache: StepCache, inputs: Inputs) -> Iterator[Chunk]:
-    """Cut a block into chunks; `step` (K,) is where each step's length is in its table."""
+    """Yield the chunks of a block in order.
+
+    Args:
+        cache: Step matrices of the plant.
+        inputs: The block. Lengths are rounded to microseconds, so that equal steps share a matrix.
+    """
     inputs = inputs.packed()
     if len(inputs) == 1:
         yield cache.single(inputs, float(quantise(inputs.dt_s[0])))

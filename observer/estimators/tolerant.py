@@ -50,7 +50,13 @@ _SURE = 3.0
 
 
 class TolerantState(NamedTuple):
-    """State of the prediction: `x` (n_x,), `theta` (t,), and their joint covariance `P` (n, n)."""
+    """State of the prediction.
+
+    Attributes:
+        x: States of the plant, (n_x,).
+        theta: Parameters, relative or in their units, 0 as configured, (t,).
+        P: Joint covariance of [x | θ], (n, n).
+    """
 
     x: FloatArray
     theta: FloatArray
@@ -58,9 +64,12 @@ class TolerantState(NamedTuple):
 
 
 class ModelGap(NamedTuple):
-    """The open-loop residual of a step: measured minus predicted `gap_K` (s,), NaN without a reading.
+    """The open-loop residual of a step, by sensor; NaN for displacements and without a reading.
 
-    Its standard deviation within tolerances is `allowed_K` (s,). The prediction is `rise_K` above the air.
+    Attributes:
+        gap_K: Measured minus predicted mean over the step, K, (s,).
+        allowed_K: Its σ within tolerances, noise and the model's own error, K, (s,).
+        rise_K: Predicted rise of each thermocouple above the air, K, (s,).
     """
 
     gap_K: FloatArray
@@ -85,7 +94,11 @@ def _parameters(plant: Plant) -> LearningArrays:
 
 
 class Tolerant:
-    """The prediction of a plant that was built with its tolerances; stateless."""
+    """The prediction of a plant by its laws within its tolerances; stateless.
+
+    Args:
+        plant: The model with its parameters (`build_plant` with `learns`). Lags of sensors are omitted.
+    """
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
@@ -96,20 +109,32 @@ class Tolerant:
         self._slack = np.eye(len(plant.decay_1_s)) if plant.coupling.active else None
 
     def parameters(self, kind: Nuisance) -> NDArray[np.int64]:
-        """Return which entries of θ are of a kind."""
+        """Return the indices in θ of the parameters of a kind."""
         return self._at[kind]
 
     def initial(self) -> TolerantState:
-        """Return the state before the first reading."""
+        """Return the state before the first reading: θ = 0 with its configured σ.
+
+        The field is 0 °C without uncertainty until `begin` sets it.
+        """
         n_x, sigma = len(self._plant.decay_1_s), self._theta.sigma
         P = np.zeros((n_x + len(sigma), n_x + len(sigma)))
         P[n_x:, n_x:] = np.diag(sigma**2)
         return TolerantState(np.zeros(n_x), np.zeros(len(sigma)), P)
 
     def begin(self, state: TolerantState, u: Inputs) -> TolerantState:
-        """Start from the readings at the end of a step `u`, with the current parameters.
+        """Start the field from the readings at the end of a step, with the current parameters.
 
-        A machine at rest that agrees with the air's temperature starts with a uniform temperature.
+        A machine at rest that agrees with the air's temperature starts with a uniform temperature, σ
+        `REST_K`. Otherwise the field starts at the mean of the readings, with the prior enlarged to their
+        range.
+
+        Args:
+            state: Its parameters and their covariance stay; field and cross-covariances are replaced.
+            u: One step.
+
+        Returns:
+            The state, corrected by the readings.
         """
         plant, n_x, s = self._plant, len(state.x), self._plant.rows.sensors
         used = u.usable[0] & np.isfinite(u.y_degC[0]) & plant.thermal
@@ -159,9 +184,18 @@ class Tolerant:
         return int(agree[used].sum()) >= max(1, len(used) - (len(used) > 2))
 
     def ahead(self, state: TolerantState, u: Inputs, *, learn: bool = True) -> tuple[TolerantState, ModelGap]:
-        """Take one step with the mean inputs `u`; return the state and the open-loop residual.
+        """Take one step by the laws.
 
-        Without `learn`, readings do not change the state.
+        A reading weighs as one per `SAME_S`, because the model's error stays for hours. Parameters are
+        limited to 3.5 σ.
+
+        Args:
+            state: The state before the step.
+            u: One step with mean inputs and readings (`gathered`).
+            learn: Whether the readings correct the state; without, it is an open loop.
+
+        Returns:
+            The state after the step, and the residual before the correction.
         """
         plant, theta = self._plant, self._theta
         dt_s, n_x = float(u.dt_s[0]), len(state.x)
@@ -234,9 +268,13 @@ class Tolerant:
 
 
 def gathered(blocks: list[Inputs]) -> Inputs:
-    """Return consecutive steps as one step with their means, without unusable readings.
+    """Return consecutive steps as one step with their means.
 
-    Columns of moving sources are averaged over time.
+    Readings are means of the usable ones. Laws and columns of moving sources are averaged over time. Known
+    inputs keep the first and the last value. `degraded` is 1 if more than a tenth of the steps are degraded.
+
+    Args:
+        blocks: Inputs of the same plant, in order.
     """
     u = Inputs.joined(blocks)
     dt = np.maximum(u.dt_s, 1e-9)

@@ -24,11 +24,19 @@ _LONGEST = 16.0  # a step in the plant's shortest time, beyond which its exponen
 
 
 class Along(NamedTuple):
-    """A step along a shift: the `plant` with standing nuts in place, the `stage`, and the states `x` (n_x,).
+    """A step along a shift.
 
-    The transition `F` (n, n) is that of [x | δ | θ], and the noise `Q` that of [x | δ]. The laws of estimated
-    heats jumped by `jump_W` (m_e,) just before the step. Rows `H` (s, n) give the mean readings. Rows
-    `passing` (f, s, n) give their ripple as nuts pass, one phase of zeros without sweeps.
+    With n states [x | δ | θ] of an estimator, s sensors, m_e estimated heats and f phases of a sweep.
+
+    Attributes:
+        plant: The model with standing nuts in place.
+        stage: The stage of the shift.
+        x: States of the plant after the step, (n_x,).
+        F: Transition of [x | δ | θ], (n, n); the iterator overwrites it at the next step.
+        Q: Noise of [x | δ], (n_x + m_e, n_x + m_e).
+        jump_W: Jump of the laws of estimated heats just before the step, W, (m_e,).
+        H: Rows of the mean readings, (s, n), overwritten at the next step.
+        passing: Ripple of the rows as nuts pass, (f, s, n), one phase of zeros without sweeps.
     """
 
     plant: Plant
@@ -57,7 +65,15 @@ class _StageStep(NamedTuple):
 def along(
     plant: Plant, a: LearningArrays, shift: Sequence[Stage], dt_s: float, *, sweeps: bool
 ) -> Iterator[Along]:
-    """Yield the steps `dt_s` of a shift; with `sweeps`, including the ripple of readings as nuts pass."""
+    """Yield the steps of a shift.
+
+    Args:
+        plant: The model with its tolerances.
+        a: Its parameters, or a selection of them.
+        shift: Stages of constant heats; their lengths are rounded to whole steps.
+        dt_s: Length of a step, s; longer than an estimator's.
+        sweeps: Whether readings ripple as nuts pass; without, nuts are spread over their strokes.
+    """
     n_x, s = len(plant.decay_1_s), plant.rows.sensors
     first = n_x + int(plant.estimated.sum())
     x, law_W = _settled(plant, shift[0]), None

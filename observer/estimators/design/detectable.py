@@ -28,9 +28,12 @@ JUMP_STEP_S, SLOW_STEP_S = 10.0, 30.0
 
 
 class Noticed(NamedTuple):
-    """Smallest noticed faults of each sensor (s,): a jump, K, and a slow fault, K, NaN without a test for it.
+    """Smallest noticed faults of each of s sensors.
 
-    A jump is noticed `within_s`.
+    Attributes:
+        jump_K: A jump that is noticed, K, (s,).
+        within_s: Longest time until it is noticed, s, (s,).
+        slow_K: A slow fault that is noticed, K, (s,), NaN without a test for it.
     """
 
     jump_K: FloatArray
@@ -39,10 +42,19 @@ class Noticed(NamedTuple):
 
 
 def noticed(plant: Plant, shift: Sequence[Stage], sample_s: FloatArray) -> Noticed | None:
-    """Return the smallest noticed faults of sensors with a sample every `sample_s` (s,).
+    """Return the smallest faults of each sensor that are noticed in 95 % of the cases.
 
-    The plant includes its tolerances (`build_plant` with `learns`). Slow faults need a model with tolerances;
-    without them they are NaN. Returns None if the computation would take long.
+    σ are means over the shift. A jump must exceed the screening's limit by 1.64 σ, a slow fault `MISFIT` by
+    as much.
+
+    Args:
+        plant: The model with its tolerances (`build_plant` with `learns`). Without tolerances slow faults are
+            NaN.
+        shift: Stages of a day of work.
+        sample_s: Time between samples of each sensor, s, (s,).
+
+    Returns:
+        The faults, or None if the computation would take long (`spread.MOST_WORK`).
     """
     s = plant.rows.sensors
     sigma_K = _of_readings(plant, shift, np.ones((1, s)), sample_s, JUMP_STEP_S)
@@ -60,7 +72,17 @@ def noticed(plant: Plant, shift: Sequence[Stage], sample_s: FloatArray) -> Notic
 
 
 def slow_fault_K(plant: Plant, shift: Sequence[Stage], sample_s: FloatArray, sensor: int) -> float | None:
-    """Return the smallest noticed slow fault of one sensor, K; None if the computation would take long."""
+    """Return the smallest slow fault of one sensor that is noticed in 95 % of the cases, K.
+
+    Args:
+        plant: The model with its tolerances.
+        shift: Stages of a day of work.
+        sample_s: Time between samples of each sensor, s, (s,).
+        sensor: Its number. The filter it is compared with uses all others.
+
+    Returns:
+        The fault, or None if the computation would take long.
+    """
     others = np.ones((1, plant.rows.sensors))
     others[0, sensor] = 0.0
     sigma_K = _of_readings(plant, shift, others, np.maximum(sample_s, DUE_S), SLOW_STEP_S)

@@ -29,7 +29,15 @@ _REAL = 1e-30
 
 
 def exact_poles(plant: Plant, step: StepMatrices, K: FloatArray) -> ComplexArray:
-    """Return log(eig (I - K C) Ad)/dt in 1/s, the slowest first, for the stored gain K (n, s)."""
+    """Return log(eig (I - K C) Ad)/dt of the closed loop, 1/s, the slowest first.
+
+    Poles at z = 0 are left out. Use it up to `MOST_STATES`: the time grows steeply with the states.
+
+    Args:
+        plant: The model.
+        step: Matrices of the step dt.
+        K: Stored gain, (n, s), taken as exact.
+    """
     Ad, _ = design_step(plant, step)
     with mpmath.workdps(max(_LEAST_DIGITS, _DIGITS_A_STATE * len(Ad))):
         A, C, gain = (mpmath.matrix(array.tolist()) for array in (Ad, sensor_rows(plant), K))

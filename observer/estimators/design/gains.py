@@ -41,9 +41,15 @@ _ITERATIONS = 10
 class SlowPair(NamedTuple):
     """The part of the augmented pair that is moved, its fast part decoupled.
 
-    The moved modes are `slow`, and the other states `fast`. Matrices `A` (n_s, n_s) and `C` (s, n_s) are
-    those of [slow modes | δ]. A unit of δ displaces the fast states by `V` (n_f, m_e). Each state has the
-    prior σ `scale` (n_s,).
+    With n_s slow states [slow modes | δ] and n_f fast ones.
+
+    Attributes:
+        slow: Modes that are moved.
+        fast: Other states of the plant, (n_f,).
+        A: Transition of the slow states, (n_s, n_s).
+        C: Rows of the sensors, (s, n_s).
+        V: Displacement of the fast states by a unit of δ, (n_f, m_e).
+        scale: Prior σ of each slow state, (n_s,).
     """
 
     slow: NDArray[np.int64]
@@ -55,10 +61,14 @@ class SlowPair(NamedTuple):
 
 
 class LuenbergerGain(NamedTuple):
-    """A gain `K` (n, s), with zero columns for absent sensors, with its poles and its noise gain.
+    """A gain with its poles and its noise gain.
 
-    Poles in 1/s, of the whole closed loop; `noise_gain_W_K` (m_e,) is a heat's σ under white noise of 1 K on
-    each sensor.
+    Attributes:
+        K: The gain, (n, s), with zero columns for absent sensors.
+        poles_requested_1_s: Requested poles of the whole closed loop, 1/s, the slowest first. Modes that
+            vanish within one step are left out.
+        poles_reached_1_s: Poles that the gain reaches, 1/s, as many.
+        noise_gain_W_K: σ of each heat under white noise of 1 K on each sensor, W/K, (m_e,).
     """
 
     K: FloatArray
@@ -68,19 +78,24 @@ class LuenbergerGain(NamedTuple):
 
     @property
     def pole_error(self) -> float:
-        """Largest relative distance between requested and reached poles."""
+        """Largest distance between requested and reached poles, relative to the requested one."""
         return pole_error(self.poles_requested_1_s, self.poles_reached_1_s)
 
 
 class Refusal(NamedTuple):
-    """The reason why a set of sensors has no gain; `sensors` are the present ones."""
+    """The reason why a set of sensors has no gain.
+
+    Attributes:
+        sensors: Names of the sensors that are present.
+        reason: A clause without a full stop, for messages.
+    """
 
     sensors: tuple[str, ...]
     reason: str
 
 
 def refusal(plant: Plant, present: BoolArray, reason: str) -> Refusal:
-    """Return the refusal for the sensors that are `present` (s,)."""
+    """Return the refusal for the sensors that are `present` (s,), with its `reason`."""
     return Refusal(tuple(itertools.compress(plant.layout.sensors, present)), reason)
 
 
@@ -90,7 +105,13 @@ def everything(plant: Plant) -> BoolArray:
 
 
 def slow_pair(plant: Plant, step: StepMatrices, bandwidth_1_s: float) -> SlowPair:
-    """Split off the modes slower than the bandwidth, with the heats; the sources' lags always stay."""
+    """Split off the modes slower than the bandwidth, with the heats; the sources' lags always stay.
+
+    Args:
+        plant: The model.
+        step: Matrices of the step.
+        bandwidth_1_s: Decay rate below which a mode is moved, 1/s. Infinite moves all modes.
+    """
     Ad, _ = design_step(plant, step)
     n_x = len(plant.decay_1_s)
     heats = np.arange(n_x, len(Ad))
@@ -113,7 +134,16 @@ def slow_pair(plant: Plant, step: StepMatrices, bandwidth_1_s: float) -> SlowPai
 
 
 def lift(pair: SlowPair, K_slow: FloatArray, present: BoolArray) -> FloatArray:
-    """Return K (n, s) in the plant's own states from the gain of the slow pair (n_s, present sensors)."""
+    """Return the gain in the plant's own states: K_fast = V K_heat, so the fast poles stay.
+
+    Args:
+        pair: The slow pair.
+        K_slow: Its gain, (n_s, number of present sensors).
+        present: True for the sensors that are present, (s,).
+
+    Returns:
+        K (n, s), with zero columns for absent sensors.
+    """
     heats = len(pair.V[0])
     n = len(pair.slow) + len(pair.fast) + heats
     K = np.zeros((n, len(present)))
@@ -125,7 +155,13 @@ def lift(pair: SlowPair, K_slow: FloatArray, present: BoolArray) -> FloatArray:
 
 
 def bandwidth_poles(count: int, bandwidth_1_s: float, dt_s: float) -> FloatArray:
-    """Return distinct poles around -ω, 1/s: -ω (1, 1.15, 1.3, …), ω at most 2/dt so that none is at z = 0."""
+    """Return distinct poles around -ω, 1/s: -ω (1, 1.15, 1.3, …).
+
+    Args:
+        count: Number of poles.
+        bandwidth_1_s: The rate ω, 1/s; at most 2/dt is used, so that no pole lies at z = 0.
+        dt_s: Length of the step, s; 0 sets no limit.
+    """
     omega = bandwidth_1_s if dt_s == 0 else min(bandwidth_1_s, _FASTEST_PER_STEP / dt_s)
     return np.asarray(-omega * (1.0 + _SPREAD * np.arange(count)))
 
@@ -136,6 +172,16 @@ def design_bandwidth(
     """Place the slow part of the pair around the bandwidth, on the rows of the sensors that are present.
 
     Source: Kautsky, Nichols and Van Dooren (1985); Tits and Yang (1996), as `scipy.signal.place_poles`.
+
+    Args:
+        plant: The model. Constant couplings are treated in its own modes.
+        step: Matrices of the step.
+        present: True for the sensors that are present, (s,).
+        bandwidth_1_s: Rate of the placed poles, 1/s.
+
+    Returns:
+        The gain. A refusal if the heats are not determinable, if no gain places the poles, or if they are
+        missed by more than `POLE_TOLERANCE`.
     """
     n_x, V = len(plant.decay_1_s), None
     if len(plant.coupling.links.source):
@@ -158,10 +204,14 @@ def design_bandwidth(
 
 
 def determinable(pair: SlowPair, present: BoolArray) -> bool:
-    """Whether rank [[A - I, B], [C, 0]] is full: constant heats leave a trace in the sensors that are
-    present.
+    """Return whether constant heats leave a trace in the sensors that are present.
 
-    Source: Davison and Smith (1971); the rows are scaled to the priors so that the rank has a meaning.
+    The test is that [[A - I], [C]] of the slow pair has full rank. Source: Davison and Smith (1971). Rows are
+    scaled to the priors so that the rank has a meaning.
+
+    Args:
+        pair: The slow pair.
+        present: True for the sensors that are present, (s,).
     """
     matrix = np.vstack([pair.A - np.eye(len(pair.A)), pair.C[present]]) * pair.scale
     norms = np.linalg.norm(matrix, axis=1, keepdims=True)
@@ -170,9 +220,18 @@ def determinable(pair: SlowPair, present: BoolArray) -> bool:
 
 
 def noise_gain(M: FloatArray, K: FloatArray, heats: int) -> FloatArray:
-    """Return each heat's steady σ, W, under white noise of 1 K per sensor: Σ = M Σ Mᵀ + K Kᵀ with M = (I -
-    K C) Ad. Infinite where the loop is unstable. Where it is so ill-conditioned that double precision
-    cannot give, a lower bound: what one sample alone moves the heat, the norm of its row of K.
+    """Return each heat's steady σ under white noise of 1 K on each sensor, W/K.
+
+    The covariance solves Σ = M Σ Mᵀ + K Kᵀ with M = (I - K C) Ad.
+
+    Args:
+        M: Closed loop, (n, n); its last states are the heats.
+        K: Gain, (n, s).
+        heats: Number m_e of heats.
+
+    Returns:
+        σ (m_e,), infinite where the loop is unstable. Where double precision cannot give Σ, a lower bound:
+        the norm of each heat's row of K.
     """
     if not is_stable(M):
         return np.full(heats, np.inf)
@@ -187,6 +246,14 @@ def accumulated(M: FloatArray, Q: FloatArray) -> FloatArray | None:
 
     Each doubling sums twice as many steps: Σ ← Σ + M Σ Mᵀ, M ← M². No equation is solved, so no variance
     turns negative by an ill-conditioned matrix. Source: Smith (1968), SIAM J. Appl. Math. 16, 198-201.
+
+    Args:
+        M: Transition, (n, n), with all eigenvalues inside the unit circle.
+        Q: Covariance that each step adds, (n, n).
+
+    Returns:
+        Σ (n, n), symmetric. None after an overflow, with a negative variance, or with a relative residual
+        above 1e-6.
     """
     Sigma, power = Q, M
     try:
@@ -210,20 +277,28 @@ def is_stable(M: FloatArray) -> bool:
 
 
 def closed_loop(plant: Plant, step: StepMatrices, K: FloatArray) -> FloatArray:
-    """Return (I - K C) Ad (n, n)."""
+    """Return (I - K C) Ad (n, n).
+
+    It is the transition of the estimate's error over a step, e⁺ = (I - K C) Ad e, for a gain K (n, s).
+    """
     Ad, _ = design_step(plant, step)
     C = sensor_rows(plant)
     return Ad - K @ (C @ Ad)
 
 
 def sensor_rows(plant: Plant) -> FloatArray:
-    """Rows (s, n) of the sensors on the augmented state."""
+    """Return the rows (s, n) of the sensors on the augmented state [x | δ]; those of the heats are zero."""
     C = plant.rows.C[plant.rows.sensor_slice]
     return np.hstack([C, np.zeros((len(C), int(plant.estimated.sum())))])
 
 
 def poles_of(M: FloatArray, dt_s: float) -> ComplexArray:
-    """Return log(eig M)/dt, 1/s, slowest first; real where they are real."""
+    """Return the continuous poles log(eig M)/dt, 1/s, the slowest first; real where they are real.
+
+    Args:
+        M: Transition over a step, (n, n). An eigenvalue of 0 counts as the smallest positive number.
+        dt_s: Length of the step, s.
+    """
     z = eigvals(M).astype(np.complex128)
     z = np.where(z == 0, np.finfo(float).tiny, z)
     p = np.log(z) / dt_s
@@ -231,7 +306,16 @@ def poles_of(M: FloatArray, dt_s: float) -> ComplexArray:
 
 
 def pole_error(requested_1_s: FloatArray, reached_1_s: ComplexArray) -> float:
-    """Largest relative distance between requested and reached poles, matched one to one."""
+    """Return the largest relative distance between requested and reached poles.
+
+    Args:
+        requested_1_s: Requested poles, 1/s, (k,).
+        reached_1_s: Reached poles, 1/s, at least k. They are matched one to one with the smallest sum of
+            distances.
+
+    Returns:
+        The distance relative to the requested pole; infinite if a distance is not finite.
+    """
     cost = np.abs(requested_1_s[:, None] - reached_1_s[None, :]) / np.abs(requested_1_s)[:, None]
     if not np.isfinite(cost).all():
         return float("inf")
@@ -266,9 +350,18 @@ def finish(
     present: BoolArray,
     poles: FloatArray,
 ) -> LuenbergerGain | Refusal:
-    """Return the slow pair's gain K_slow (n_s, present sensors) as a gain of the plant's states.
+    """Return a gain of the slow pair as a gain of the plant's states, with its poles and noise gain.
 
-    The result includes requested and reached poles.
+    Args:
+        plant: The model.
+        step: Matrices of the step.
+        pair: The slow pair.
+        K_slow: Its gain, (n_s, number of present sensors).
+        present: True for the sensors that are present, (s,).
+        poles: Poles requested of the slow pair, 1/s, (n_s,).
+
+    Returns:
+        The gain, or a refusal if `K_slow` is not finite.
     """
     if not np.isfinite(K_slow).all():
         return refusal(plant, present, "a mode of the model has a node at the sensor")
@@ -286,7 +379,17 @@ def finish(
 
 
 def design_kim(plant: Plant, step: StepMatrices, present: BoolArray) -> LuenbergerGain | Refusal:
-    """Place all modes and the heat by Kim's rule (27), for one sensor and one heat; lags stay."""
+    """Place all modes and the heat by Kim's rule (27), for one sensor and one heat; lags stay.
+
+    Args:
+        plant: A screw alone, without constant couplings.
+        step: Matrices of the step.
+        present: True if the sensor is present, (1,).
+
+    Returns:
+        The gain. A refusal for other sensors, heats or plants, or if a mode has a node at the sensor or
+        decays within one step.
+    """
     if len(present) != 1 or plant.estimated.sum() != 1:
         return refusal(plant, present, "Kim's rule is for one sensor and one estimated heat")
     if not present[0]:
@@ -308,8 +411,12 @@ def design_kim(plant: Plant, step: StepMatrices, present: BoolArray) -> Luenberg
 def kim_poles(decay_1_s: FloatArray, diffusion_rate_1_s: float) -> FloatArray:
     """Return the N + 1 poles of rule (27), 1/s: -(3 Λ_N + i) for i = 0 … N, in dimensionless time τ = α t/L².
 
-    `decay_1_s` (N,) are the modes' Λ and `diffusion_rate_1_s` is α/L². The rule adds steps of 1 to a rate, so
-    it only means something where rates have no unit. Source: Kim, equation (27).
+    The rule adds steps of 1 to a rate, so it only means something where rates have no unit. Source: Kim,
+    equation (27).
+
+    Args:
+        decay_1_s: Decay rates Λ of the modes, 1/s, (N,).
+        diffusion_rate_1_s: α/L², 1/s.
     """
     fastest = 3.0 * float(np.max(decay_1_s)) / diffusion_rate_1_s
     return np.asarray(-(fastest + np.arange(len(decay_1_s) + 1)) * diffusion_rate_1_s)
@@ -338,10 +445,18 @@ def _single_output(pair: SlowPair, z: FloatArray) -> FloatArray:
 
 
 def gains_on_eigenvectors(eigenvalues: FloatArray, c: FloatArray, poles: FloatArray) -> FloatArray:
-    """Return the gains g (n,) for which diag(λ) - g c has the requested poles.
+    """Return the gains g for which diag(λ) - g c has the requested poles.
 
-    g_i = Π_j (λ_i - p_j) / (c_i Π_{j≠i} (λ_i - λ_j)), for distinct λ and c_i ≠ 0. Factors are multiplied in
-    pairs, so that nothing overflows on the way.
+    g_i = Π_j (λ_i - p_j) / (c_i Π_{j≠i} (λ_i - λ_j)). Factors are multiplied in pairs, so that nothing
+    overflows on the way.
+
+    Args:
+        eigenvalues: Distinct eigenvalues λ, (n,).
+        c: Row of the output, (n,), without zeros.
+        poles: Requested poles p, (n,).
+
+    Returns:
+        g (n,). It is infinite or NaN, with a numpy warning, where eigenvalues coincide or c is 0.
     """
     g = np.empty(len(eigenvalues))
     for i, eigenvalue in enumerate(eigenvalues):
@@ -356,10 +471,19 @@ def gains_on_chain(
 ) -> tuple[FloatArray, float]:
     """Return the gains of modes and heat where the heat's eigenvalue is also that of the first mode.
 
-    An insulated screw without surface loss only warms, so its first mode and the heat form a chain
-    [[λ_1, coupling], [0, λ_1]]: a double pole. With h(z) = Π(z - p_j)/Π_{i>1}(z - λ_i) the residues at λ_1
-    are h and h'. The modes have `eigenvalues` (N,) and `c` (N,). The heat has `c_heat` after the other modes
-    are decoupled from it.
+    An insulated screw without surface loss only warms, so its first mode and the heat form a chain [[λ_1,
+    coupling], [0, λ_1]]: a double pole. With h(z) = Π(z - p_j)/Π_{i>1}(z - λ_i) the residues at λ_1 are h and
+    h'.
+
+    Args:
+        eigenvalues: Eigenvalues of the modes, (N,), the shared one first.
+        c: Row of the output on the modes, (N,).
+        coupling: Effect of the heat on the first mode over a step.
+        c_heat: Output of the heat after the other modes are decoupled from it.
+        poles: Requested poles, (N + 1,).
+
+    Returns:
+        Gains of the modes, (N,), and of the heat.
     """
     first_eigenvalue, others = eigenvalues[0], eigenvalues[1:]
     residue = float(

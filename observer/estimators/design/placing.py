@@ -27,9 +27,12 @@ Score = Callable[[Sequence[SensorSet]], FloatArray]
 
 
 class Front(NamedTuple):
-    """The sets on the front of cost and score, the cheapest first.
+    """The sets on the front of cost and score.
 
-    `exhaustive` is true if all sets were tried, and `tried` counts them.
+    Attributes:
+        sets: Sets that no other tried set beats in both, the cheapest first.
+        exhaustive: Whether all permitted sets were tried.
+        tried: Number of sets tried.
     """
 
     sets: tuple[SensorSet, ...]
@@ -38,10 +41,15 @@ class Front(NamedTuple):
 
 
 class SetLimits(NamedTuple):
-    """Limits of a set: the `costs` (n,) of all sensors and those that are `free` to be chosen.
+    """Limits of a set of sensors, each given by its number 0 … n-1.
 
-    Every set contains the `required` sensors and at least one of `one_of`. At most `most` sensors may be
-    added, for at most the `budget`.
+    Attributes:
+        costs: Costs of all sensors, (n,), in any unit.
+        free: Sensors that may be chosen.
+        most: Largest number of added sensors.
+        budget: Largest cost of added sensors, in the unit of `costs`.
+        required: Sensors that every set contains, at no cost.
+        one_of: Sensors of which every set contains at least one.
     """
 
     costs: FloatArray
@@ -61,12 +69,23 @@ class SetLimits(NamedTuple):
         return fits and self.affords(sensors)
 
     def affords(self, sensors: SensorSet) -> bool:
-        """Return whether a set is within the budget."""
+        """Return whether a set is within the budget; a relative excess of 1e-9 is rounding."""
         return self.cost(sensors) <= self.budget * (1 + 1e-9)
 
 
 def best_sets(score: Score, limits: SetLimits) -> Front:
-    """Return the front of sets within limits."""
+    """Return the front of sets within limits.
+
+    Scores that agree to six digits of their logarithm count as equal, and the cheaper or smaller set wins.
+
+    Args:
+        score: Returns the scores (v,) of v sets, positive, the smaller the better. It is called with many
+            sets at once.
+        limits: The permitted sets.
+
+    Returns:
+        The front. It is not exhaustive where more than `MOST_SETS` sets are possible.
+    """
     tried: dict[SensorSet, float] = {}
 
     def attempt(sets: Iterator[SensorSet]) -> None:

@@ -12,19 +12,30 @@ from observer.model.plant import Plant
 
 
 class ProbingWorth(NamedTuple):
-    """The σ of the thermal error (g,), µm, before and after one reading of a displacement."""
+    """Effect of one reading of a displacement.
+
+    Attributes:
+        before_um: σ of the thermal error before it, µm, (g,).
+        after_um: σ after it, µm, (g,).
+    """
 
     before_um: FloatArray
     after_um: FloatArray
 
 
 def probing_worth(plant: Plant, P: FloatArray, sensor: int) -> ProbingWorth:
-    """Return the σ of the thermal error before and after one reading of sensor number `sensor`.
-
-    P (n, n) is the covariance of an estimator's states: the plant's, the heats' and the learnt parameters.
+    """Return the σ of the thermal error before and after one reading of a displacement.
 
     σ² − (c P h)²/(h P hᵀ + R) with h the row of the reading, its zero included, and c those of the error
-    (Kalman 1960). Raises `ValueError` where play makes the error no linear function of the state.
+    (Kalman 1960).
+
+    Args:
+        plant: The model with the thermal error as output.
+        P: Covariance of an estimator's states: the plant's, the heats' and the learnt parameters, (n, n).
+        sensor: Number of the displacement sensor.
+
+    Raises:
+        ValueError: If play in a support makes the error a nonlinear function of the state.
     """
     rows = plant.rows
     if rows.restraint is not None and not rows.restraint.linear:

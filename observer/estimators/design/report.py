@@ -24,14 +24,24 @@ _ABSURD_NOISE = 1.0
 
 
 class DesignReport(NamedTuple):
-    """The design of a plant's estimator.
+    """The design of a plant's estimator; some fields are the keys of `observer check --json`.
 
-    The plant with its heats has the poles `eigenvalues_1_s` (n,), 1/s. Requested poles are empty for a Kalman
-    filter. Reached poles are recomputed from the closed loop, with many digits where double precision misses
-    the requested ones. The `noise_gain_W_K` is each estimated heat's σ under white noise of 1 K on every
-    sensor. Sensor `weakest_mode_sensor` sees the share `weakest_mode_share` of the mode `weakest_mode`, more
-    than the others. If `placed` is true, a gain exists and its poles are the requested ones. Without one of
-    the sets `undetermined` of sensors, the heats are not determined.
+    Attributes:
+        kind: `kalman` or `luenberger`.
+        bandwidth_1_s: Bandwidth in use, 1/s; None for a Kalman filter and under Kim's rule.
+        eigenvalues_1_s: Poles of the plant with its heats, 1/s, (n,), the slowest first.
+        poles_requested_1_s: Requested poles, 1/s; empty for a Kalman filter.
+        poles_reached_1_s: Poles of the closed loop, 1/s. They are recomputed with many digits where double
+            precision misses the requested ones.
+        noise_gain_W_K: σ of each estimated heat under white noise of 1 K on every sensor, W/K, by source. NaN
+            without a gain.
+        weakest_mode: Number of the mode that the sensors see worst, from 1.
+        weakest_mode_sensor: Name of the sensor that sees it best.
+        weakest_mode_share: The mode's shape at that sensor relative to its largest value on the grid.
+        undetermined: Smallest sets of sensors without which the heats are not determined. Empty beyond eight
+            sensors.
+        placed: Whether a gain exists and its poles are the requested ones.
+        warnings: Sentences with a remedy, for the user.
     """
 
     kind: str
@@ -49,9 +59,19 @@ class DesignReport(NamedTuple):
 
 
 def design_report(plant: Plant, settings: EstimatorSettings, *, on_screw: bool = True) -> DesignReport:
-    """Design the estimator of the settings and report on it; `on_screw` says whether a sensor sits there.
+    """Design the estimator of the settings and report on it.
 
-    Raises `UserError` if no bandwidth serves. A refused design is reported without reached poles.
+    A refused design is reported without reached poles. The work on sets of lost sensors is limited, so with
+    many states fewer sets are tried.
+
+    Args:
+        plant: The model.
+        settings: The table `[estimator]`.
+        on_screw: Whether a sensor sits on the screw. Without one, warnings about weakly seen modes are
+            omitted.
+
+    Raises:
+        UserError: If a Luenberger observer has no useful bandwidth.
     """
     step = step_matrices(plant, settings.period_s)
     omega = bandwidth(plant, settings) if settings.kind == "luenberger" else np.inf

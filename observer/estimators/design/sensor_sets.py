@@ -33,9 +33,12 @@ SensorSet = tuple[int, ...]
 
 
 class SetSigmas(NamedTuple):
-    """Mean σ over a shift with each of v sets: each estimated heat (v, m_e), W, and the field (v, g), K.
+    """Mean σ over a shift with each of v sets.
 
-    The thermal error (v, g), µm, is (v, 0) without an expansion coefficient.
+    Attributes:
+        heat_W: σ of each estimated heat, W, (v, m_e).
+        field_K: σ of the field, K, (v, g).
+        error_um: σ of the thermal error, µm, (v, g), or (v, 0) without an expansion coefficient.
     """
 
     heat_W: FloatArray
@@ -76,9 +79,17 @@ class _SetArrays(NamedTuple):
 def set_sigmas(
     plant: Plant, shift: Sequence[Stage], sets: Sequence[SensorSet], every_s: FloatArray, dt_s: float
 ) -> SetSigmas:
-    """Return the σ of a Kalman filter over a shift, in steps `dt_s`, with each of the sets of sensors.
+    """Return the mean σ of a Kalman filter over a shift with each of many sets of sensors.
 
-    The plant includes its tolerances (`build_plant` with `learns`). Sensors are read `every_s` (s,).
+    The means exclude the first ten minutes. A set whose sensors have no offset starts from the general prior
+    instead of a screw at rest.
+
+    Args:
+        plant: The model with all candidate sensors and its tolerances (`build_plant` with `learns`).
+        shift: Stages of constant heats.
+        sets: The v sets, each with numbers of sensors in increasing order.
+        every_s: Time between readings of each sensor, s, (s,).
+        dt_s: Length of a step, s.
     """
     a = plant.parameters
     n_x = len(plant.decay_1_s)

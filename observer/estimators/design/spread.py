@@ -38,10 +38,13 @@ _TOO_MUCH_WORK = 4.0 * MOST_WORK
 
 
 class Spread(NamedTuple):
-    """Mean σ of v cases over a shift: each estimated heat (v, m_e), W, field (v,), K, and error (v,), µm.
+    """Mean σ of v cases over a shift.
 
-    Those of the field and of the thermal error are means over the places. The latter is None without an
-    expansion coefficient.
+    Attributes:
+        heat_W: σ of each estimated heat, W, (v, m_e).
+        field_K: σ of the field, mean over its places, K, (v,).
+        error_um: σ of the thermal error, mean over its places, µm, (v,). None without an expansion
+            coefficient.
     """
 
     heat_W: FloatArray
@@ -50,16 +53,20 @@ class Spread(NamedTuple):
 
 
 class NotDefined(NamedTuple):
-    """The reason why σ over a shift do not exist."""
+    """The reason why σ over a shift do not exist, as a clause for a message."""
 
     reason: str
 
 
 class Moment(NamedTuple):
-    """A moment of a shift: the `plant` with standing nuts in place, the `stage`, and the states `x` (n_x,).
+    """A moment of a shift that enters the means.
 
-    Rows `H` (f, s, n) give the readings by phases of a sweep. Covariances `P` (v, n, n) are means over the
-    step.
+    Attributes:
+        plant: The model with standing nuts in place.
+        stage: The stage of the shift.
+        x: States of the plant, (n_x,).
+        H: Rows of the readings by phases of a sweep, (f, s, n).
+        P: Covariances of v cases, mean over the step, (v, n, n).
     """
 
     plant: Plant
@@ -72,10 +79,18 @@ class Moment(NamedTuple):
 def spread(
     plant: Plant, settings: EstimatorSettings, shift: Sequence[Stage], cases: FloatArray
 ) -> Spread | NotDefined:
-    """Return the σ over a shift for cases (v, L) of the remaining share of each tolerance.
+    """Return the mean σ of an estimator over a shift.
 
-    The plant includes its tolerances (`build_plant` with `learns`). Returns `NotDefined` if the settings have
-    no gain, if the gain is unstable in these steps, or if the states are too many.
+    Args:
+        plant: The model with its tolerances (`build_plant` with `learns`).
+        settings: The table `[estimator]`. A constant or Luenberger gain is designed anew for the longer
+            steps.
+        shift: Stages of constant heats.
+        cases: Share of each tolerance that remains, (v, L): 1 as configured, 0 exact.
+
+    Returns:
+        The σ. `NotDefined` if the settings have no gain, if the gain is unstable in these steps, or if the
+        states are too many.
     """
     a = plant.parameters
     dt_s = _step_s(plant, sum(stage.duration_s for stage in shift), len(cases))
@@ -135,10 +150,17 @@ def moments(
     dt_s: float,
     weight_1_K: FloatArray | None = None,
 ) -> Iterator[Moment]:
-    """Yield moments of a shift from `FROM_S` on, each `EVERY` steps `dt_s`, with tolerances `sigma` (v, L).
+    """Yield moments of a shift from `FROM_S` on, one in `STEPS_PER_MOMENT` steps.
 
-    The gain is `K`, or the Kalman filter's. `weight_1_K` (v, s) is one over each reading's own σ in
-    each case, 0 for a reading that is not used.
+    Args:
+        plant: The model with its tolerances.
+        a: Its parameters.
+        shift: Stages of constant heats.
+        sigma: σ of the L parameters in v cases, (v, L).
+        K: Constant gain of [x | δ], or None for the Kalman filter.
+        dt_s: Length of a step, s.
+        weight_1_K: One over the σ of each reading's mean over a step, 1/K, (v, s), 0 for a reading that is
+            not used. None takes the plant's noise in every case.
     """
     n_x, L = len(plant.decay_1_s), len(a.kind)
     first = n_x + int(plant.estimated.sum())
@@ -161,7 +183,7 @@ def moments(
 
 
 def is_counted(step: int, dt_s: float) -> bool:
-    """Return whether a step enters the means; steps count from 1."""
+    """Return whether a step enters the means; steps count from 1 and are `dt_s` long."""
     return step * dt_s >= FROM_S and step % STEPS_PER_MOMENT == 0
 
 
@@ -174,9 +196,15 @@ def between(before: FloatArray, after: FloatArray) -> FloatArray:
 
 
 def wandering(sigma: FloatArray, first: int, dt_s: float) -> FloatArray:
-    """Return the noise (v, n, n) of a step by which the parameters wander about zero.
+    """Return the noise of a step by which the parameters wander about zero with constant σ.
 
-    Parameters follow the `first` states. Their standard deviations stay `sigma` (v, L).
+    Args:
+        sigma: σ of the parameters, (v, L).
+        first: Number of states before the parameters.
+        dt_s: Length of the step, s; the time constant is `learning.WANDER_S`.
+
+    Returns:
+        Q (v, n, n) with σ² (1 - exp(-2 dt/τ)) on the parameters' diagonal, else 0.
     """
     n = first + sigma.shape[1]
     Q = np.zeros((len(sigma), n, n))
@@ -187,7 +215,13 @@ def wandering(sigma: FloatArray, first: int, dt_s: float) -> FloatArray:
 def start(plant: Plant, a: LearningArrays, stage: Stage, sigma: FloatArray, *, at_rest: bool) -> FloatArray:
     """Return the covariances (v, n, n) before the first correction.
 
-    With `at_rest`, a shift that begins without heats begins from a screw at the air's temperature.
+    Args:
+        plant: The model with its tolerances.
+        a: Its parameters.
+        stage: The first stage of the shift.
+        sigma: σ of the parameters, (v, L).
+        at_rest: Whether a shift that begins without heats begins from a screw at the air's temperature. It
+            needs uncertain offsets and an uncertain ambient.
     """
     n_x, m_e = len(plant.decay_1_s), int(plant.estimated.sum())
     first = n_x + m_e
@@ -218,10 +252,15 @@ def corrected(
     considered: NDArray[np.int64],
     first: int,
 ) -> FloatArray:
-    """Return the covariances after a correction by all sensors, with the gain K or with the Kalman gain.
+    """Return the covariances after a correction by all sensors.
 
-    K corrects the `first` states only. The Kalman gain leaves the `considered` parameters unchanged (Schmidt
-    1966). H is (r, n), or (v, r, n) with rows for each case.
+    Args:
+        P: Covariances before it, (v, n, n).
+        H: Rows of the readings, (r, n), or (v, r, n) with rows for each case.
+        R_K2: Variances of the readings, (r,).
+        K: Constant gain of the `first` states; P is then in Joseph's form. None takes the Kalman gain.
+        considered: Parameters that the Kalman gain leaves unchanged (Schmidt 1966).
+        first: Number of states before the parameters.
     """
     if K is not None:
         left = np.eye(P.shape[1])
@@ -238,7 +277,15 @@ def corrected(
 
 
 def sigmas(now: Moment, a: LearningArrays) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return σ of heats (v, m_e), field (v, g) and thermal error (v, g or 0)."""
+    """Return the σ at a moment.
+
+    Args:
+        now: The moment, with v cases.
+        a: Parameters of the model; the scale of a law adds to its heat.
+
+    Returns:
+        σ of heats, W, (v, m_e), of the field, K, (v, g), and of the thermal error, µm, (v, g or 0).
+    """
     plant, stage, x, P = now.plant, now.stage, now.x, now.P
     n_x, estimated, g = len(x), np.flatnonzero(plant.estimated), plant.rows.grid
     heats = np.eye(len(estimated), P.shape[1], n_x)

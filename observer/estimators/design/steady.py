@@ -52,7 +52,19 @@ _RESIDUAL = 1e-6
 def design(
     plant: Plant, step: StepMatrices, present: BoolArray, rule: str, bandwidth_1_s: float
 ) -> LuenbergerGain | Refusal:
-    """Design by the configured rule; under the bandwidth rule a gain that only makes noise is refused."""
+    """Design a Luenberger gain by the configured rule.
+
+    Args:
+        plant: The model.
+        step: Matrices of the step.
+        present: True for the sensors that are present, (s,).
+        rule: `kim` or `bandwidth`.
+        bandwidth_1_s: Rate of the placed poles, 1/s; ignored under Kim's rule.
+
+    Returns:
+        The gain or a refusal. Under the bandwidth rule a gain is refused if noise alone moves a heat by its
+        initial σ.
+    """
     if rule == "kim":
         return design_kim(plant, step, present)
     gain = gains.design_bandwidth(plant, step, present, bandwidth_1_s)
@@ -73,9 +85,24 @@ def gain_for(
 ) -> LuenbergerGain | FloatArray | Refusal:
     """Return the gain of the configured estimator; a Kalman filter's is the steady one.
 
-    The default of `bandwidth_1_s` is that of the settings. Gains are designed for nuts spread over their
-    strokes. A constant gain must not let errors grow faster than `growth_at_most_1_s` while a nut stands.
-    More cautious designs are tried in turn, and the gain is refused if all of them fail.
+    Gains are designed for nuts spread over their strokes. Designs for 1, 10, … 10⁴ times the noise variance
+    are tried in turn until errors grow slowly enough while a nut stands. A Luenberger observer becomes slower
+    by the square root of that factor.
+
+    Args:
+        plant: The model.
+        step: Matrices of the step.
+        present: True for the sensors that are present, (s,).
+        settings: The table `[estimator]`.
+        bandwidth_1_s: Rate of a Luenberger observer, 1/s. None takes that of the settings.
+        growth_at_most_1_s: Permitted growth of an error while a nut stands, 1/s. It does not apply to the
+            time-varying Kalman filter.
+
+    Returns:
+        A `LuenbergerGain`, the Kalman gain K (n, s), or a refusal if all designs fail.
+
+    Raises:
+        UserError: If no bandwidth is given and none is useful.
     """
     is_placed = settings.kind == "luenberger"
     omega = bandwidth(plant, settings) if is_placed and bandwidth_1_s is None else bandwidth_1_s
@@ -98,17 +125,30 @@ def gain_for(
 
 
 def noise_share(plant: Plant, gain: LuenbergerGain, present: BoolArray) -> float:
-    """Return the heat σ caused by noise of the present sensors, relative to the heats' initial σ."""
+    """Return the largest σ of a heat by the noise of the present sensors, relative to its initial σ.
+
+    The noisiest of the present sensors counts for all of them.
+    """
     noise_K = float(np.sqrt(plant.noise_R_K2[present].max()))
     return float(np.max(gain.noise_gain_W_K * noise_K / plant.initial_sigma_W))
 
 
 def bandwidth(plant: Plant, settings: EstimatorSettings) -> float:
-    """Return the configured bandwidth, 1/s, or the default; under Kim's rule none holds, and it is infinite.
+    """Return the bandwidth of a Luenberger observer, 1/s.
 
     The default minimises the heats' steady σ relative to their initial_sigma_W. This σ contains random walk,
-    sensor noise and the observer's lag. Four values per decade are tried, up to a half per period. Raises
-    `UserError` if none serves.
+    sensor noise and the observer's lag. Four values per decade are tried, from 1e-5 1/s to half of one over
+    the period.
+
+    Args:
+        plant: The model with all its sensors.
+        settings: The table `[estimator]`.
+
+    Returns:
+        The configured or the default bandwidth; infinite under Kim's rule, which has none.
+
+    Raises:
+        UserError: If no bandwidth gives reachable poles and heats above the sensors' noise.
     """
     if settings.pole_rule == "kim":
         return float("inf")
@@ -144,8 +184,11 @@ def _steady_heat_sigma(plant: Plant, step: StepMatrices, K: FloatArray) -> float
 
 
 def standing(plant: Plant, places_m: Mapping[int, float]) -> Plant:
-    """Return the plant with the columns of nuts, by their source's number, that stand at places; the others
-    stay spread over their strokes.
+    """Return the plant with nuts that stand; the others stay spread over their strokes.
+
+    Args:
+        plant: The model.
+        places_m: Position of each standing nut on the screw, m, by its source's number.
     """
     B, C = plant.B.copy(), plant.rows.C.copy()
     for nut in (m for m in plant.moving if m.index in places_m):
@@ -154,11 +197,18 @@ def standing(plant: Plant, places_m: Mapping[int, float]) -> Plant:
 
 
 def standing_growth_1_s(plant: Plant, step: StepMatrices, K: FloatArray) -> float:
-    """Return the fastest growth, 1/s, of the estimate's error with one nut standing at any position.
+    """Return the fastest growth of the estimate's error while one nut stands at any position, 1/s.
 
-    Positions cover the screw, or the nut's stroke if there are several nuts. The others are spread over their
-    strokes. The error follows e⁺ = (I - K C) Ad e, with the model's C and Ad at the position. The result is
-    negative where the error decays everywhere, and -inf without nuts.
+    The error follows e⁺ = (I - K C) Ad e, with the model's C and Ad at the position. Thirteen positions cover
+    the nut's stroke, or the whole screw. Other nuts are spread over their strokes.
+
+    Args:
+        plant: The model.
+        step: Matrices of the step.
+        K: Constant gain, (n, s), designed for nuts spread over their strokes.
+
+    Returns:
+        The rate; negative where the error decays everywhere, -inf without nuts.
     """
     fastest = 0.0
     for nut in plant.moving:
@@ -171,7 +221,12 @@ def standing_growth_1_s(plant: Plant, step: StepMatrices, K: FloatArray) -> floa
 
 
 class Steady(NamedTuple):
-    """Covariances (n, n) under a constant gain: before (`P_pred`) and after (`P`) each correction."""
+    """Steady covariances under a constant gain.
+
+    Attributes:
+        P_pred: Covariance before each correction, (n, n).
+        P: Covariance after it, (n, n).
+    """
 
     P_pred: FloatArray
     P: FloatArray
@@ -182,6 +237,15 @@ def steady_kalman(plant: Plant, step: StepMatrices, present: BoolArray) -> Float
 
     P = Ad (P - P Cᵀ S⁻¹ C P) Adᵀ + Qd, S = C P Cᵀ + R, K = P Cᵀ S⁻¹. Works in states scaled to their priors.
     Source: Arnold and Laub (1984), as `scipy.linalg.solve_discrete_are`.
+
+    Args:
+        plant: The model.
+        step: Matrices of the step, with Ad and Qd of [x | δ].
+        present: True for the sensors that are present, (s,).
+
+    Returns:
+        K, or a refusal. It is refused without a sensor, where the equation has no accurate solution, and
+        where the closed loop is unstable.
     """
     if not present.any():
         return refusal(plant, present, "without a sensor there is nothing to correct by")
@@ -212,11 +276,17 @@ def steady_kalman(plant: Plant, step: StepMatrices, present: BoolArray) -> Float
 
 
 def steady_covariance(plant: Plant, step: StepMatrices, K: FloatArray) -> Steady | None:
-    """Return the covariances under a constant gain K (n, s).
+    """Return the covariances under a constant gain: P = M P Mᵀ + (I - K C) Qd (I - K C)ᵀ + K R Kᵀ.
 
-    None if the loop is unstable or too ill-conditioned for double precision.
+    Here M = (I - K C) Ad is the closed loop.
 
-    P = M P Mᵀ + (I - K C) Qd (I - K C)ᵀ + K R Kᵀ, with M = (I - K C) Ad.
+    Args:
+        plant: The model.
+        step: Matrices of the step, with Ad and Qd of [x | δ].
+        K: Constant gain, (n, s).
+
+    Returns:
+        The covariances. None if the loop is unstable or too ill-conditioned for double precision.
     """
     Ad, Qd = design_step(plant, step)
     scale = _scale(plant)
