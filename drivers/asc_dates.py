@@ -30,12 +30,22 @@ _ISO = re.compile(r"(?P<y>\d{4})-(?P<m>\d{1,2})-(?P<d>\d{1,2})")
 
 
 def is_dated(line: str) -> bool:
-    """Whether a line of an `.asc` begins a recording or one of its blocks with a date."""
+    """Whether a line of an `.asc` begins a recording or one of its blocks with a date.
+
+    Such a line begins with `date` or `begin triggerblock`, in any case of letters.
+    """
     return _DATED.match(line) is not None
 
 
 def in_english(line: str) -> str | None:
-    """Return the line with its date in the form that python-can reads; None if the date is not understood."""
+    """Return the line with its date in the form that python-can reads.
+
+    Months are understood in eleven languages, and numbers as year-month-day or with dots. A date such as
+    3/4/2026 is not understood, because the order of day and month is uncertain.
+
+    Returns:
+        A line with its end; None if the line has no date or the date is not understood.
+    """
     if (dated := _DATED.match(line)) is None:
         return None
     moment = _moment(dated["date"])

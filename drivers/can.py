@@ -39,8 +39,13 @@ class CanSettings(CanTable):
         return self
 
     def signals(self, name: str) -> Signals:
-        """Return the channels with the signal of each; an input number of a ready device map becomes its
-        signal.
+        """Return the channels with the signal of each.
+
+        An input number of a ready device map becomes the signal of its DBC file, which comes with the
+        drivers.
+
+        Args:
+            name: The driver's name, for messages about the file.
         """
         dbc = DBC_OF[self.device] if self.device else dbc_file(self.dbc or Path())
         channels = {
@@ -50,9 +55,11 @@ class CanSettings(CanTable):
         return Signals(name, dbc, channels)
 
     def open(self, name: str) -> Driver:
-        """Make the driver that decodes frames by the DBC file.
+        """Make the driver that decodes frames by the DBC file. The bus is not opened before `run`.
 
-        Raises `UserError` if the file cannot be used or lacks a message or signal.
+        Raises:
+            UserError: If the DBC file cannot be read, or lacks a message or signal; it names the file and
+                channel.
         """
         from drivers.can_bus import BusDriver  # noqa: PLC0415  (the bus library is imported only when it is used)
         from drivers.dbc import load_decoder  # noqa: PLC0415
@@ -60,13 +67,28 @@ class CanSettings(CanTable):
         return BusDriver(name, self, load_decoder(self.signals(name)))
 
     def file_problems(self, name: str) -> list[str]:
-        """Return the problems of the DBC file, each as “dbc: a sentence”."""
+        """Return the problems of the DBC file, each as “dbc: a sentence”.
+
+        The list is empty if every channel finds its message and signal in the file.
+        """
         from drivers.dbc import dbc_problems  # noqa: PLC0415
 
         return [f"dbc: {problem}" for problem in dbc_problems(self.signals(name))]
 
     def decodes(self, recording: Path, name: str) -> Iterable[Reading]:
-        """Return the readings in a recording of the bus, decoded as on the live bus."""
+        """Return the readings in a recording of the bus, decoded as on the live bus.
+
+        Args:
+            recording: A file of one of python-can's formats, also with `.gz`.
+            name: The driver's name, for messages about the DBC file.
+
+        Returns:
+            An iterable of readings with the recording's own times in s. Iterating it raises `LogError` if the
+            file is not a recording.
+
+        Raises:
+            UserError: If the DBC file cannot be read, or lacks a message or signal.
+        """
         from drivers.dbc import load_decoder  # noqa: PLC0415
         from drivers.recording import CanRecording  # noqa: PLC0415
 

@@ -49,6 +49,15 @@ def stamps_of(wire: CanTable) -> Stamps:
     """Return a function from a frame's stamp and arrival to its time, all in s.
 
     It keeps the state of the adapter's clock, so a new one is made each time the bus is opened.
+
+    Interfaces of `WALL_CLOCKED` stamp with this computer's clock. Any other stamps with the clock of its
+    device, whose offset is estimated from the frames.
+
+    Args:
+        wire: The table of the bus; its interface and the option `preserve_timestamps` decide.
+
+    Returns:
+        A function whose result is never later than the arrival.
     """
     sender_stamped = bool(wire.options.get("preserve_timestamps"))  # of `virtual`: they are of whoever sent
     if wire.interface in WALL_CLOCKED and not sender_stamped:
@@ -57,7 +66,14 @@ def stamps_of(wire: CanTable) -> Stamps:
 
 
 def receive(reader: BusReader, stop: threading.Event) -> None:
-    """Take every frame off the bus, without ever sending one, until `stop` is set."""
+    """Take every frame off the bus, without ever sending one, until `stop` is set.
+
+    It raises what `BusReader.read` raises. Setting `stop` ends it within `RECEIVE_TIMEOUT_S`.
+
+    Args:
+        reader: The open bus.
+        stop: Set by the event loop's thread when the driver is to end.
+    """
     while not stop.is_set():
         reader.read(RECEIVE_TIMEOUT_S)
 
@@ -68,6 +84,15 @@ class BusDriver:
     python-can blocks. So a thread receives the frames, determines their times, and hands them to the event
     loop. The function `decode` turns a frame into values and faults, and `pump` moves frames from the bus.
     Each period, a channel that is overdue gets a faulty reading.
+
+    A lost or silent bus is opened again: after `RETRY_S` at first, after up to `MOST_RETRY_S` while that
+    fails. More than `MAX_PENDING` frames that wait for the event loop are dropped and counted.
+
+    Args:
+        name: The driver's name in the configuration, and part of its thread's name.
+        wire: The table of the bus.
+        decode: Called on the event loop's thread; None for a frame without a channel.
+        pump: Called in the driver's thread with the open bus; it returns when its event is set.
     """
 
     def __init__(self, name: str, wire: CanTable, decode: Decode, pump: Pump = receive) -> None:
@@ -86,6 +111,12 @@ class BusDriver:
     async def run(self, deliver: Deliver, now: Clock) -> None:
         """Deliver a reading for every frame that holds a channel, and a fault for every overdue channel,
         until cancelled.
+
+        The fault of an overdue channel is `silent` while the bus is open, else `disconnected`. After
+        cancellation the thread has 0.25 s to close the bus; a hanging interface is left to its daemon thread.
+
+        Raises:
+            RuntimeError: If the driver's thread ended by a defect.
         """
         loop = asyncio.get_running_loop()
         stop, ended = threading.Event(), asyncio.Event()
@@ -196,7 +227,16 @@ class BusDriver:
 
 
 def open_bus(wire: CanTable) -> can.BusABC:
-    """Open the bus, in listen-only mode where the interface has one. Raises whatever the interface raises."""
+    """Open the bus, in listen-only mode where the interface has one.
+
+    The options of the table override those chosen here.
+
+    Returns:
+        The open bus of python-can; the caller closes it, best by `with`.
+
+    Raises:
+        Exception: Whatever the interface raises if its device or server is missing.
+    """
     options: dict[str, Any] = {}
     if wire.interface == "slcan":
         # No two seconds of sleep, whose frames would then pass for new, and a read that waits, not spins.
@@ -234,8 +274,17 @@ class StampedSlcanBus(slcanBus):
 
 
 def stamp_of(line: str, message: can.Message) -> float:
-    """Return the stamp at the end of a frame's line, in s of the adapter's minute; NaN if the line has no
-    stamp.
+    """Return the stamp at the end of a frame's line, in s of the adapter's minute.
+
+    The Lawicel protocol appends the milliseconds of the minute as four hexadecimal digits if its time stamps
+    are switched on.
+
+    Args:
+        line: The adapter's line, with or without its carriage return.
+        message: The frame of that line; its length gives the place of the stamp.
+
+    Returns:
+        Seconds from 0 to less than 60; NaN if the line has no valid stamp.
     """
     data = 0 if message.is_remote_frame else 2 * message.dlc
     digits = line.rstrip("\r")[(10 if message.is_extended_id else 5) + data :]

@@ -36,6 +36,12 @@ class BusReader:
     """Takes frames off an open bus, which may be silent for at most `silence_s`.
 
     `take` receives each frame, or None for bytes that are not a frame.
+
+    It is used in one thread. Each opened bus needs a new reader.
+
+    Attributes:
+        bus: The open bus; a pump may send on it.
+        has_read: Whether a frame other than an error frame has come.
     """
 
     def __init__(self, bus: can.BusABC, take: Take, silence_s: float) -> None:
@@ -49,7 +55,12 @@ class BusReader:
     def read(self, timeout_s: float) -> None:
         """Wait at most `timeout_s` for a frame and hand it to `take`.
 
-        Raises `EndedBusError`, `SilentBusError`, or whatever the interface raises.
+        Error frames are handed on too, but they do not end a silence.
+
+        Raises:
+            EndedBusError: If the interface has returned at once without a frame a hundred times in a row.
+            SilentBusError: If no frame has come for longer than the allowed silence.
+            Exception: Whatever the interface raises when its device or server has gone.
         """
         begin_s = time.monotonic()
         frame = self._received(timeout_s)
@@ -80,8 +91,16 @@ class BusReader:
 
 
 def bus_error(frame: can.Message, interface: str) -> BusError | None:
-    """Return the state that an error frame reports; None if the controller reports that it takes part
-    again.
+    """Return the state that an error frame reports.
+
+    The bits are those of Linux (`linux/can/error.h`). Interfaces that do not use them give `error frames`.
+
+    Args:
+        frame: An error frame.
+        interface: The interface's name in python-can.
+
+    Returns:
+        The state; None if the controller reports that it takes part again.
     """
     if interface not in _LINUX_ERRORS:
         return "error frames"

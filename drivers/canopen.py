@@ -60,16 +60,23 @@ class CanopenSettings(CanTable):
 
     @property
     def delivered(self) -> tuple[str, ...]:
-        """The channel of the position."""
+        """The one channel of the driver: the nut's position in m."""
         return (self.position_channel,)
 
     @property
     def listens(self) -> bool:
-        """Whether the driver only listens and never sends."""
+        """Whether the driver only listens and never sends.
+
+        With `mode = "sdo"` it sends one upload request each period, so the interface cannot be listen-only.
+        """
         return self.mode == "tpdo"
 
     def open(self, name: str) -> Driver:
-        """Make the driver of the drive's position."""
+        """Make the driver of the drive's position.
+
+        With `mode = "tpdo"` it only receives. With `mode = "sdo"` its thread also sends the requests. The bus
+        is not opened before `run`.
+        """
         from drivers.can_bus import BusDriver  # noqa: PLC0415  (the bus library is imported only when it is used)
 
         if self.mode == "tpdo":
@@ -78,14 +85,18 @@ class CanopenSettings(CanTable):
 
 
 def position_m(counts: int, settings: CanopenSettings) -> float:
-    """Return the position in m from drive units."""
+    """Return the position in m from drive units: counts / counts_per_m + offset_m."""
     return counts / settings.counts_per_m + settings.offset_m
 
 
 def tpdo_decoder(settings: CanopenSettings) -> Decode:
     """Return a decoder of the process data message that carries the position.
 
-    It gives the fault `short_frame` for a message that ends before the position.
+    The position is a signed 32-bit integer, least significant byte first, from byte `position_byte` on.
+
+    Returns:
+        A function of a frame. It gives None for other frames, and NaN with the fault `short_frame` for a
+        message that ends before the position.
     """
     identifier = settings.cob_id if settings.cob_id is not None else TPDO_1 + settings.node_id
     first = settings.position_byte
@@ -102,9 +113,11 @@ def tpdo_decoder(settings: CanopenSettings) -> Decode:
 
 
 def sdo_decoder(settings: CanopenSettings) -> Decode:
-    """Return a decoder of the drive's replies to SDO uploads.
+    """Return a decoder of the drive's replies to SDO uploads (CiA 301, 7.2.4.3.6).
 
-    Its faults are `short_frame`, `bad_reply`, and `sdo_abort_…` with the drive's abort code.
+    Returns:
+        A function of a frame. It gives None for frames of other nodes or objects. Its faults are
+        `short_frame`, `bad_reply`, and `sdo_abort_…` with the drive's abort code.
     """
 
     def decode(frame: can.Message) -> Decoded | None:
@@ -125,7 +138,12 @@ def sdo_decoder(settings: CanopenSettings) -> Decode:
 
 
 def sdo_pump(settings: CanopenSettings) -> Pump:
-    """Return a pump that requests the position each period and hands on every frame in between."""
+    """Return a pump that requests the position each period and hands on every frame in between.
+
+    Returns:
+        A function for the driver's thread. It sends one upload request each `period_s`, and returns when its
+        event is set. It raises whatever the interface raises when sending fails.
+    """
     import can  # noqa: PLC0415
 
     from drivers.can_bus import RECEIVE_TIMEOUT_S  # noqa: PLC0415

@@ -29,9 +29,17 @@ _SENTENCES = {
 
 
 def why_not_opened(error: BaseException, place: str) -> str:
-    """Return why a connection to `place`, a host with its port or a serial port, was not opened.
+    """Return why a connection was not opened, with the remedy.
 
-    An error without an entry in the table is quoted in its own words.
+    The system's error number is looked up in the error, in its text and in its causes, since a library may
+    wrap the socket's error. An error without an entry in the table is quoted in its own words.
+
+    Args:
+        error: The exception of the attempt.
+        place: A host with its port, or a serial port.
+
+    Returns:
+        One sentence that names the place.
     """
     at: BaseException | None = error
     while at is not None:  # a library may wrap the socket's error

@@ -24,6 +24,14 @@ class AxisCorrection:
 
     It holds both forms, and a control uses one of them. The line is error(x) = offset + slope · (x −
     reference). The table has equidistant places from `first_um` to `last_um`.
+
+    Attributes:
+        reference_um: The place of the line's `offset_nm`, in µm.
+        offset_nm: The error at the reference, in nm.
+        slope_nm_m: The error's growth along the axis, in nm per m.
+        first_um: The first place of the table, in µm.
+        last_um: The last place of the table, in µm.
+        error_nm: The error at each place, in nm; at least two.
     """
 
     reference_um: int
@@ -38,6 +46,11 @@ class AxisCorrection:
 class ReadBack:
     """The correction that the control holds, whether the control follows it, and if not, the reason as a
     sentence.
+
+    Attributes:
+        correction: As decoded from the control, to compare with the written one.
+        following: Whether the control applies the correction now.
+        reason: A sentence; None if the control gives no reason.
     """
 
     correction: AxisCorrection
@@ -50,16 +63,46 @@ class ControlLink(Protocol):
 
     Each function waits for an answer for a limited time and raises `ControlError`. After a
     `ControlUnreachableError` the next function connects again, without switching the control off.
+
+    All functions block and belong to one thread.
     """
 
     def open(self) -> None:
-        """Connect, and switch the control off, whatever its state was."""
+        """Connect, and switch the control off, whatever its state was.
+
+        A control whose dead-man has let go accepts writes again only after this.
+
+        Raises:
+            ControlUnreachableError: If the control does not answer.
+            ControlError: If it rejects the request.
+        """
 
     def write(self, correction: AxisCorrection, valid_s: float) -> None:
-        """Make the control follow a correction for `valid_s`, and advance the sign of life."""
+        """Make the control follow a correction, and advance the sign of life.
+
+        Args:
+            correction: The whole correction; a control never sees half of one.
+            valid_s: The time, in s, after which the control ramps to zero without a further write.
+
+        Raises:
+            ControlUnreachableError: If the control does not answer.
+            ControlError: If it rejects the correction, or its registers cannot hold a value.
+        """
 
     def read_back(self) -> ReadBack:
-        """Return the control's state after the last write."""
+        """Return the control's state after the last write.
+
+        Raises:
+            ControlUnreachableError: If the control does not answer.
+            ControlError: If its registers have another layout or length.
+        """
 
     def release(self) -> None:
-        """Make the control go to zero by its own ramp, and disconnect."""
+        """Make the control go to zero by its own ramp, and disconnect.
+
+        The connection is closed even if the control does not obey.
+
+        Raises:
+            ControlUnreachableError: If the control does not answer; its dead-man then ends the correction.
+            ControlError: If it rejects the request.
+        """

@@ -35,6 +35,15 @@ class ModbusControlLink:
     """A control over Modbus TCP; to be used from one thread only.
 
     `first_register` is where the control's block of registers begins.
+
+    Nothing is connected before `open`. Each request has one attempt, which waits at most `timeout_s`.
+
+    Args:
+        host: Name or address of the control.
+        port: Its TCP port.
+        unit_id: The unit that the requests address, 0 to 255.
+        first_register: The transmitted register, counted from 0.
+        timeout_s: The longest wait for an answer, in s.
     """
 
     def __init__(self, host: str, port: int, unit_id: int, first_register: int, timeout_s: float) -> None:
@@ -46,12 +55,26 @@ class ModbusControlLink:
         self._words = 0
 
     def open(self) -> None:
-        """Connect, and switch the control off, whatever its state was. Raises `ControlError`."""
+        """Connect anew, and switch the control off, whatever its state was.
+
+        Raises:
+            ControlUnreachableError: If the control cannot be reached or does not answer.
+            ControlError: If it answers with a Modbus exception.
+        """
         self._client.close()  # type: ignore[no-untyped-call]
         self._write([LAYOUT, OFF])
 
     def write(self, correction: AxisCorrection, valid_s: float) -> None:
-        """Make the control follow a correction for `valid_s`. Raises `ControlError`."""
+        """Make the control follow a correction, in one request, with the next number of the sign of life.
+
+        Args:
+            correction: The line and the table, both written.
+            valid_s: The time, in s, that the control follows without a further write; whole milliseconds.
+
+        Raises:
+            ControlUnreachableError: If the control cannot be reached or does not answer.
+            ControlError: If it answers with a Modbus exception, or a value does not fit into its registers.
+        """
         self._beat = (self._beat + 1) & 0xFFFF
         count = len(correction.error_nm)
         line = (correction.reference_um, correction.offset_nm, correction.slope_nm_m)
@@ -66,7 +89,16 @@ class ModbusControlLink:
         self._write(words)
 
     def read_back(self) -> ReadBack:
-        """Return the control's state after the last write. Raises `ControlError`."""
+        """Return the control's state after the last write, in two requests.
+
+        Returns:
+            What the control holds. It is not following if its state, command or number of places differs from
+            what was written. A sign of life that does not advance gives a reason.
+
+        Raises:
+            ControlUnreachableError: If the control cannot be reached or does not answer.
+            ControlError: If it rejects reading, or its registers have another layout or number.
+        """
         words = self._read(0, self._words)
         layout, state, reason, beat = self._read(_STATE_AT, _STATE_WORDS)
         if layout != LAYOUT:
@@ -83,7 +115,14 @@ class ModbusControlLink:
         return ReadBack(correction, is_following, text)
 
     def release(self) -> None:
-        """Make the control go to zero by its own ramp, and disconnect. Raises `ControlError`."""
+        """Make the control go to zero by its own ramp, and disconnect in any case.
+
+        Without a connection it connects once more to switch the control off.
+
+        Raises:
+            ControlUnreachableError: If the control cannot be reached or does not answer.
+            ControlError: If it answers with a Modbus exception.
+        """
         try:
             if self._client.connected:
                 self._write([LAYOUT, OFF])

@@ -40,15 +40,22 @@ _NO_VALUE = (CantoolsError, ValueError, LookupError, TypeError, ArithmeticError)
 
 @dataclass(frozen=True, slots=True)
 class DbcDecoder:
-    """The channels of each message, by CAN identifier and whether the identifier is extended."""
+    """The channels of each message, by CAN identifier and whether the identifier is extended.
+
+    Attributes:
+        messages: For each message its description by cantools, and the names and signals of its channels.
+    """
 
     messages: dict[tuple[int, bool], tuple[Any, tuple[tuple[str, CanChannel], ...]]]
 
     def __call__(self, frame: can.Message) -> Decoded | None:
-        """Return values and faults of the channels in a frame; None if it holds no channel.
+        """Return values and faults of the channels in a frame.
 
         The faults are `short_frame`, `bad_frame`, `not_a_number`, `out_of_range`, or those of the status
-        signal.
+        signal. A channel of another branch of a multiplexed message is missing, not faulty.
+
+        Returns:
+            Values by channel, NaN where there is a fault, and the faults; None if the frame holds no channel.
         """
         if frame.is_error_frame or frame.is_remote_frame:
             return None
@@ -100,9 +107,13 @@ def _judge(raw: dict[str, float], channel: CanChannel, signal: Any) -> tuple[flo
 
 
 def load_decoder(signals: Signals) -> DbcDecoder:
-    """Read a DBC file and look up every channel in it.
+    """Return the decoder of a driver's signals.
 
-    Raises `UserError` if the file cannot be used or lacks a message or signal.
+    A file with errors in messages that are not used is accepted: only the lines of the used ones are parsed.
+
+    Raises:
+        UserError: If the DBC file cannot be read, a line of a used message is invalid, or a message or signal
+            is missing or ambiguous. One sentence for each problem, with file and channel.
     """
     file = _load(signals)
     if problems := _missing(file, signals):
@@ -118,7 +129,10 @@ def load_decoder(signals: Signals) -> DbcDecoder:
 
 
 def dbc_problems(signals: Signals) -> list[str]:
-    """Return a sentence for each problem that prevents a driver from decoding by its DBC file."""
+    """Return a sentence for each problem that prevents a driver from decoding by its DBC file.
+
+    It checks as `load_decoder` does and raises nothing; the list is empty if the file can be used.
+    """
     try:
         return _missing(_load(signals), signals)
     except UserError as error:

@@ -24,14 +24,25 @@ _DECODING_ATTRIBUTES = ("VFrameFormat", "SystemMessageLongSymbol", "SystemSignal
 
 
 def message_names(text: str) -> list[str]:
-    """Return the names of the messages in a DBC file; a long name replaces the short one."""
+    """Return the names of the messages in a DBC file; a long name replaces the short one.
+
+    The order is that of the file, and a name that the file gives twice appears twice.
+    """
     long_names = {m["id"]: m["name"] for m in map(_LONG_NAME.match, text.splitlines()) if m}
     messages = [m for m in map(_MESSAGE.match, text.splitlines()) if m]
     return [long_names.get(m["id"], m["name"]) for m in messages]
 
 
 def lines_of_messages(text: str, names: Collection[str]) -> str:
-    """Return the text of the file with only the lines that decode these messages; all others are empty."""
+    """Return the text of the file with only the lines that decode these messages.
+
+    Args:
+        text: The whole DBC file.
+        names: Short or long names of the messages.
+
+    Returns:
+        As many lines as the file has; all others are empty, and `VERSION ""` precedes the first.
+    """
     lines = text.splitlines()
     used = {
         match["id"]
@@ -68,11 +79,16 @@ def _retained_lines(lines: list[str], used: set[str], attributes: set[str]) -> I
 
 
 def faulty_line(text: str, problem_of: Callable[[str], str | None]) -> tuple[int, str] | None:
-    """Return the number of the first line that makes the file unreadable, and the problem; None if it can be
-    read.
+    """Return the first line that makes the file unreadable.
 
-    `problem_of` returns why a text cannot be read. A signal is tried together with its message. So the
-    message alone is read if the signal is at fault.
+    A signal is tried together with its message. So the message alone is read if the signal is at fault.
+
+    Args:
+        text: The file, as `lines_of_messages` returns it.
+        problem_of: Returns why a text cannot be read, or None.
+
+    Returns:
+        The number of the line, from 1, and the problem; None if the file can be read.
     """
     lines = text.splitlines()
     tried = [""] * len(lines)

@@ -27,7 +27,13 @@ MAX_REGISTERS = 125  # of one read request (Modbus Application Protocol 1.1b3, 6
 
 @dataclass(frozen=True, slots=True)
 class RegisterBlock:
-    """Contiguous registers that one request reads."""
+    """Contiguous registers that one request reads.
+
+    Attributes:
+        function: `"holding"` or `"input"`.
+        first: The first register, counted from 0 as transmitted.
+        count: How many registers.
+    """
 
     function: str
     first: int
@@ -35,7 +41,12 @@ class RegisterBlock:
 
 
 def bytes_of(words: Sequence[int], order: ByteOrder = "ABCD") -> bytes:
-    """Return the bytes of one value's words, the most significant byte first."""
+    """Return the bytes of one value's words, the most significant byte first.
+
+    Args:
+        words: One, two or four unsigned 16-bit integers in the order of their addresses.
+        order: The device's order of bytes, the most significant being A.
+    """
     ordered = words if order in ("ABCD", "BADC") else words[::-1]
     return struct.pack(f"{'>' if order in ('ABCD', 'CDAB') else '<'}{len(words)}H", *ordered)
 
@@ -43,7 +54,14 @@ def bytes_of(words: Sequence[int], order: ByteOrder = "ABCD") -> bytes:
 def words_of(raw: float, kind: str, order: ByteOrder) -> list[int]:
     """Return the words of a number by its type and order: the inverse of `bytes_of` and `raw_of`.
 
-    Raises `struct.error` or `OverflowError` if the type cannot hold the number.
+    Args:
+        raw: The number before scaling; integer types round it.
+        kind: A type of `places.WORDS`, such as `"int16"`.
+        order: The device's order of bytes.
+
+    Raises:
+        struct.error: If the integer type cannot hold the number.
+        OverflowError: If the floating-point type cannot hold it.
     """
     number = raw if kind.startswith("float") else round(raw)
     data = struct.pack(_FORMAT[kind], number)
@@ -52,7 +70,12 @@ def words_of(raw: float, kind: str, order: ByteOrder) -> list[int]:
 
 
 def raw_of(data: bytes, kind: str) -> float:
-    """Return the number encoded in the bytes of a value, before scaling."""
+    """Return the number encoded in the bytes of a value, before scaling.
+
+    Args:
+        data: The bytes of `bytes_of`, as many as the type has.
+        kind: A type of `places.WORDS`, such as `"float32"`.
+    """
     number: float = struct.unpack(_FORMAT[kind], data)[0]
     return number
 
@@ -66,6 +89,14 @@ def decode(
     its range to one that looks right. Fault codes come next, then the limits. A denormal number, or a
     temperature closer to 0 than any sensor resolves, belongs to another byte order and gives the fault
     `tiny_number`.
+
+    Args:
+        words: Unsigned 16-bit integers by register; those of `spans(channel)` must be present.
+        channel: The place of the value, its type, limits and fault codes.
+        is_temperature: Whether the value is in °C.
+
+    Returns:
+        The value in the channel's unit and None, or NaN and the name of the fault.
     """
     if channel.status_register is not None:
         status = words[channel.status_register]
@@ -90,8 +121,16 @@ def decode(
 
 
 def order_hint(words: Mapping[int, int], channel: ModbusChannel, is_temperature: bool) -> str | None:
-    """Return which other byte orders would give an everyday value where this one does not; None if it
-    does.
+    """Return which other byte orders would give an everyday value where this one does not.
+
+    Args:
+        words: Unsigned 16-bit integers by register.
+        channel: The place of the value; only floating-point types are judged.
+        is_temperature: Whether the value is in °C; everyday is then −60 to 300 °C.
+
+    Returns:
+        The end of a sentence that begins with the channel; None if the value is sensible, or if none of the
+        other orders makes it so.
     """
     channel_words = _words_of(words, channel)
     raw = raw_of(bytes_of(channel_words, channel.order), channel.type)
@@ -133,7 +172,11 @@ def _is_everyday(value: float, is_temperature: bool) -> bool:
 
 
 def spans(channel: ModbusChannel) -> list[RegisterBlock]:
-    """Return the registers that a channel needs. One request reads each of them, so that no value is torn."""
+    """Return the registers that a channel needs. One request reads each of them, so that no value is torn.
+
+    Returns:
+        The block of the value and, if there is one, the block of its status register.
+    """
     blocks = [RegisterBlock(channel.function, channel.register_, WORDS[channel.type])]
     if channel.status_register is not None:
         blocks.append(RegisterBlock(channel.function, channel.status_register, 1))
@@ -143,7 +186,14 @@ def spans(channel: ModbusChannel) -> list[RegisterBlock]:
 def read_plan(
     channels: Sequence[ModbusChannel], max_registers: int = MAX_REGISTERS
 ) -> tuple[RegisterBlock, ...]:
-    """Return the fewest requests that read these channels without reading a register between them."""
+    """Return the fewest requests that read these channels without reading a register between them.
+
+    A device may reject a request for a register that it does not have.
+
+    Args:
+        channels: The places of the values.
+        max_registers: The most registers in one request; at least as many as the longest value has.
+    """
     return plan_of({span for channel in channels for span in spans(channel)}, max_registers)
 
 
@@ -152,7 +202,12 @@ def plan_of(
 ) -> tuple[RegisterBlock, ...]:
     """Return the fewest requests that read these blocks, none of which is torn.
 
-    `max_registers` limits one request.
+    Args:
+        blocks: The registers that belong together; they may overlap.
+        max_registers: The most registers in one request. A longer block becomes a request of its own.
+
+    Returns:
+        Requests in the order of function and register.
     """
     plan: list[RegisterBlock] = []
     for span in sorted(blocks, key=lambda b: (b.function, b.first, b.count)):

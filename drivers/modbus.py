@@ -19,7 +19,14 @@ from observer.tables.quantities import Count, Number, checked_host
 
 @dataclass(frozen=True, slots=True)
 class ModbusAddress:
-    """Where a connection leads: a TCP host and port, or a serial port with its speed and frame."""
+    """Where a connection leads: a TCP host and port, or a serial port with its speed and frame.
+
+    Attributes:
+        transport: How frames travel; `rtu-over-tcp` is RTU frames over a TCP connection.
+        host: The TCP host, or the serial port's path or name.
+        port: The TCP port; 0 for a serial port.
+        line: The serial port's `baudrate`, `parity` and `stopbits`; empty for TCP.
+    """
 
     transport: Literal["tcp", "rtu-over-tcp", "serial"]
     host: str  # or the serial port
@@ -28,7 +35,11 @@ class ModbusAddress:
 
     @property
     def place(self) -> tuple[object, ...]:
-        """The key of the physical connection: the real path of the serial port, or host and port."""
+        """The key of the physical connection: the real path of the serial port, or host and port.
+
+        Two names of one serial port, such as a link in `/dev/serial/by-id`, have the same key. Host names are
+        compared as text, without a look-up.
+        """
         if self.transport == "serial":
             return "serial", os.path.realpath(self.host) if os.path.exists(self.host) else self.host
         return "tcp", self.host.lower(), self.port
@@ -67,10 +78,16 @@ class ModbusTable(PolledTable):
     @property
     @abstractmethod
     def address(self) -> ModbusAddress:
-        """Where the connection leads."""
+        """Where the connection leads.
+
+        Drivers with the same `place` share one connection and take turns.
+        """
 
     def wire(self) -> SharedWire:
-        """Return the connection, which several drivers may share if they agree on its settings."""
+        """Return the connection, which several drivers may share if they agree on its settings.
+
+        On a serial port they have to agree on speed and frame, and on TCP on the kind of frames.
+        """
         address = self.address
         if address.transport == "serial":
             settings = ", ".join(f"{key} = {value!r}" for key, value in address.line.items())
@@ -80,8 +97,9 @@ class ModbusTable(PolledTable):
         )
 
     def map(self) -> dict[str, ModbusChannel]:
-        """Return the register of every channel; an input number of a ready device map becomes its
-        register.
+        """Return the register of every channel.
+
+        An input number of a ready device map becomes its register, shifted by `first_register`.
         """
         return {
             name: modbus_input(self.device or "", place, self.first_register)
@@ -91,7 +109,10 @@ class ModbusTable(PolledTable):
         }
 
     def occupied(self) -> dict[str, frozenset[tuple[object, ...]]]:
-        """Return the addresses that each channel reads: connection, unit, function and register."""
+        """Return the addresses that each channel reads: connection, unit, function and register.
+
+        Status registers are not included, because several channels may share one.
+        """
         addresses: dict[str, frozenset[tuple[object, ...]]] = {}
         device = *self.address.place, self.unit_id
         for channel, place in self.map().items():
@@ -101,8 +122,9 @@ class ModbusTable(PolledTable):
         return addresses
 
     def steps(self) -> dict[str, float]:
-        """Return the step between two neighbouring values of each channel that is transmitted as an
-        integer.
+        """Return the step between two neighbouring values of each channel that is transmitted as an integer.
+
+        The step is |scale|, in the unit of the channel's name. Floating-point channels are missing.
         """
         return {c: abs(place.scale) for c, place in self.map().items() if not place.is_float}
 

@@ -25,7 +25,14 @@ class NotModbusError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A request to read `count` registers of a unit from `first` on."""
+    """A request to read `count` registers of a unit from `first` on.
+
+    Attributes:
+        unit: The unit's number, 0 to 255.
+        function: The code of the function: 3 for holding, 4 for input registers.
+        first: The first register, counted from 0 as transmitted.
+        count: How many registers, 1 to 125.
+    """
 
     unit: int
     function: int
@@ -44,7 +51,15 @@ class Request:
 
 
 class ModbusFrame(NamedTuple):
-    """A reply: `transaction` is 0 in an RTU frame; `data` are the bytes after the function."""
+    """A reply, or an exception reply, of a device.
+
+    Attributes:
+        transaction: The number of its request; 0 in an RTU frame.
+        unit: The unit that answers.
+        function: The code of the function; `EXCEPTION_BIT` is set in an exception reply.
+        data: The bytes after the function, without the checksum: a count of bytes and the registers, or the
+            exception's code.
+    """
 
     transaction: int
     unit: int
@@ -62,7 +77,15 @@ class ModbusFrame(NamedTuple):
         return self.function, self.data[0] // 2 if self.data else 0
 
     def answers(self, request: Request, transaction: int) -> bool:
-        """Whether this is a reply, or an exception reply, to a request."""
+        """Whether this is a reply, or an exception reply, to a request.
+
+        A reply must have the transaction, unit, function and length of the request. Unit 0 accepts a reply of
+        any unit.
+
+        Args:
+            request: The request that waits.
+            transaction: Its number; 0 on RTU.
+        """
         if self.transaction != transaction or (request.unit and self.unit != request.unit):
             return False
         if self.exception is not None:
@@ -70,12 +93,18 @@ class ModbusFrame(NamedTuple):
         return self.shape == request.shape and len(self.data) == 1 + 2 * request.count
 
     def words(self) -> list[int]:
-        """Return the registers in a reply that is not an exception."""
+        """Return the registers in a reply that is not an exception.
+
+        Each is an unsigned 16-bit integer, in the order of the addresses.
+        """
         return list(struct.unpack(f">{(len(self.data) - 1) // 2}H", self.data[1:]))
 
 
 class RtuFrames:
-    """Extracts RTU replies from a stream of bytes that may contain other bytes too."""
+    """Extracts RTU replies from a stream of bytes that may contain other bytes too.
+
+    A frame counts only if its checksum is right. Other bytes, such as echoes and noise, are skipped.
+    """
 
     numbered = False
 
@@ -84,7 +113,7 @@ class RtuFrames:
         self._buffer = bytearray()
 
     def encode(self, request: Request, _transaction: int) -> bytes:
-        """Return the bytes of a request."""
+        """Return the bytes of a request, with its checksum. RTU frames have no place for the transaction."""
         return self._framer.encode(_body(request), request.unit, 0)
 
     def reset(self) -> None:
@@ -92,7 +121,10 @@ class RtuFrames:
         self._buffer.clear()
 
     def feed(self, data: bytes) -> list[ModbusFrame]:
-        """Return the frames that are complete with these bytes."""
+        """Return the frames that are complete with these bytes.
+
+        Bytes of an incomplete frame stay for the next call, at most as many as the longest frame has.
+        """
         self._buffer += data
         frames, start = [], 0
         while start < len(self._buffer):
@@ -134,14 +166,20 @@ class TcpFrames:
         self._buffer = bytearray()
 
     def encode(self, request: Request, transaction: int) -> bytes:
-        """Return the bytes of a request."""
+        """Return the bytes of a request, with its transaction, 1 to 65535, in the header."""
         return self._framer.encode(_body(request), request.unit, transaction)
 
     def reset(self) -> None:
         """Do nothing: the bytes so far begin a frame that its transaction identifies."""
 
     def feed(self, data: bytes) -> list[ModbusFrame]:
-        """Return the frames that are complete with these bytes. Raises `NotModbusError`."""
+        """Return the frames that are complete with these bytes.
+
+        Bytes of an incomplete frame stay for the next call.
+
+        Raises:
+            NotModbusError: If the bytes have another header. The text is `RTU_FRAMES` if they are RTU frames.
+        """
         self._buffer += data
         frames = []
         while len(self._buffer) >= _HEADER.size + 1:

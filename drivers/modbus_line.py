@@ -43,7 +43,11 @@ _LINES: dict[tuple[object, ...], Line] = {}
 
 
 class DeviceExceptionError(Exception):
-    """The device answered with a Modbus exception code."""
+    """The device answered with a Modbus exception code.
+
+    Attributes:
+        code: The exception's code in the Modbus protocol; 2 is a register that the device does not have.
+    """
 
     def __init__(self, code: int) -> None:
         super().__init__(f"Modbus exception {code}")
@@ -51,7 +55,12 @@ class DeviceExceptionError(Exception):
 
 
 class ModbusReply(NamedTuple):
-    """The registers of a reply, and when its last bytes came."""
+    """The registers of a reply, and when its last bytes came.
+
+    Attributes:
+        words: Unsigned 16-bit integers in the order of the addresses.
+        heard_s: The arrival in s of the service's clock.
+    """
 
     words: list[int]
     heard_s: float
@@ -122,13 +131,29 @@ class _Wire(asyncio.Protocol):
 
 
 def shared_line(address: ModbusAddress, now: Clock) -> Line:
-    """Return the line of an address in the running event loop; `Line.leave` ends its use."""
+    """Return the line of an address in the running event loop.
+
+    The first caller makes it and others get the same one. `Line.join` begins its use, and `Line.leave` ends
+    it.
+
+    Args:
+        address: Where the connection leads; its `place` is the key.
+        now: The service's clock in s, which stamps replies.
+    """
     key = asyncio.get_running_loop(), address.place
     return _LINES.setdefault(key, Line(address, now, key))
 
 
 class Line:
-    """A connection to one address, opened when it is needed."""
+    """A connection to one address, opened when it is needed.
+
+    It belongs to one event loop. Drivers await their turn, so the device gets one request at a time.
+
+    Attributes:
+        unexpected: A sentence about a reply that does not answer a request of this line; None if there was
+            not one. The reader of the sentence sets it back to None.
+        has_numbers: Whether each reply carries the number of its request, as on Modbus TCP.
+    """
 
     def __init__(self, address: ModbusAddress, now: Clock, key: tuple[object, ...]) -> None:
         self.unexpected: str | None = None  # a reply that no request of ours explains
@@ -153,11 +178,11 @@ class Line:
         self._silent = 0  # requests in a row without a single byte
 
     def join(self, unit: int) -> None:
-        """Begin to read a unit here."""
+        """Begin to read a unit here; each call needs one call of `leave`."""
         self._users[unit] += 1
 
     def leave(self, unit: int) -> None:
-        """End the use of a unit; the last user's closes the connection."""
+        """End the use of a unit; the last user's end closes the connection."""
         self._users = +(self._users - Counter([unit]))
         if not self._users:
             self.drop("closed")
@@ -171,8 +196,15 @@ class Line:
     def reserve(self, request: Request, limit: int) -> Request:
         """Return the request, made longer where another of the unit has the same length.
 
-        So each reply identifies its request. `limit` limits the number of registers. On Modbus TCP, and where
-        no length is free, the request is unchanged.
+        So each reply identifies its request. On Modbus TCP, and where every other length is taken, the
+        request is unchanged.
+
+        Args:
+            request: The registers that are needed.
+            limit: The most registers in one request.
+
+        Returns:
+            A request from the same register on. `release` gives its length back.
         """
         counts = range(request.count, min(limit, 0x10000 - request.first) + 1)
         used_counts = {c for c in counts if self._shapes[request.unit, (request.function, c)]}
@@ -188,15 +220,32 @@ class Line:
         self._shapes[request.unit, request.shape] -= 1
 
     async def open(self) -> None:
-        """Connect, once. Raises `LostError` with the reason when that fails."""
+        """Connect once, unless the connection is open.
+
+        Raises:
+            LostError: If that fails, with the reason; again without an attempt for `RETRY_S`.
+        """
         async with self._turn:
             await self._open()
 
     async def read(self, request: Request, timeout_s: float, quiet_s: float) -> ModbusReply:
-        """Read registers. Raises `LostError` or `DeviceExceptionError`.
+        """Read registers in this caller's turn.
 
-        Requests wait for their turn. After a missing RTU reply no request goes to the unit for `quiet_s`, or
-        for as long as its latest reply has taken.
+        After a missing RTU reply no request goes to the unit for `quiet_s`, or for as long as its latest
+        reply has taken. A silent TCP connection is closed, and the next call opens it again.
+
+        Args:
+            request: The registers; on RTU a request that `reserve` returned.
+            timeout_s: The longest wait for the reply, in s, from sending on.
+            quiet_s: The shortest silence, in s, after a missing RTU reply.
+
+        Returns:
+            The registers of the reply, with its arrival.
+
+        Raises:
+            LostError: If there is no connection or no reply that fits. Its fault is `disconnected`,
+                `timeout`, `bad_reply` or `rtu_frames`.
+            DeviceExceptionError: If the device rejects the request.
         """
         unit = self._units.setdefault(request.unit, _Unit())
         if not self.has_numbers:
@@ -208,7 +257,14 @@ class Line:
             return await self._exchange(request, unit, timeout_s)
 
     async def last_replies(self, requests: Iterable[Request], period_s: float) -> None:
-        """Wait until a reply for which another was taken would have come. Modbus TCP has no such replies."""
+        """Wait until a reply for which another was taken would have come.
+
+        Modbus TCP has no such replies, so the call returns at once.
+
+        Args:
+            requests: The requests of the poll.
+            period_s: The period of the polls in s; on a quiet line the wait is at most a tenth of it.
+        """
         if self.has_numbers:
             return
         if self._is_disturbed() or any(self._has_twin(request) for request in requests):
@@ -221,6 +277,10 @@ class Line:
 
         This is so if other replies that fit have come and differ, or if two requests look alike and
         unrequested replies have come.
+
+        Args:
+            request: The request whose reply was taken.
+            since_s: The start of the poll in s of the event loop's clock.
         """
         if self._has_twin(request) and self._is_disturbed():
             return True
@@ -241,7 +301,10 @@ class Line:
         return self._heard_at_s - self._disturbed_s < _DISTURBED_S
 
     def received(self, data: bytes) -> None:
-        """Take bytes that have arrived."""
+        """Take bytes that have arrived, and give each complete frame to the request that waits for it.
+
+        Bytes that are not Modbus end the connection.
+        """
         self._heard_s = self._now()
         self._heard_at_s = asyncio.get_running_loop().time()
         self._silent = 0
@@ -254,7 +317,12 @@ class Line:
             self._take(frame)
 
     def drop(self, why: str, fault: str = "disconnected") -> None:
-        """End the connection; a request that waits for its reply fails."""
+        """End the connection; a request that waits for its reply fails with `LostError`.
+
+        Args:
+            why: The sentence of that error.
+            fault: The fault of the channels.
+        """
         wire, transport = self._wire, self._transport
         self._wire = self._transport = None
         if wire is not None:

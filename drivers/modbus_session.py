@@ -71,7 +71,18 @@ class _Poll:
 
 
 async def connect(table: ModbusTable, now: Clock) -> ModbusSession:
-    """Connect, once. Raises `LostError`."""
+    """Connect once to the table's address.
+
+    Args:
+        table: The device and its channels.
+        now: The service's clock in s.
+
+    Returns:
+        An open session. Drivers of the same address share its connection.
+
+    Raises:
+        LostError: If the connection cannot be opened; the text gives the remedy.
+    """
     session = ModbusSession(table, now)
     try:
         await session.open()
@@ -82,7 +93,12 @@ async def connect(table: ModbusTable, now: Clock) -> ModbusSession:
 
 
 class ModbusSession:
-    """The registers of one unit, read over the line of its address."""
+    """The registers of one unit, read over the line of its address.
+
+    Attributes:
+        problem: A sentence about the last poll, such as a rejected register or a doubtful byte order; None if
+            all is well.
+    """
 
     def __init__(self, table: ModbusTable, now: Clock) -> None:
         self.problem: str | None = None
@@ -130,12 +146,16 @@ class ModbusSession:
                 self._line.release(block.request)
 
     async def open(self) -> None:
-        """Connect, once. Raises `LostError` with the reason when that fails."""
+        """Connect once, unless another driver has opened the connection.
+
+        Raises:
+            LostError: If the connection cannot be opened.
+        """
         if self._line is not None:
             await self._line.open()
 
     async def close(self) -> None:
-        """End the use of the line."""
+        """End the use of the line; the last driver's end closes the connection. A second call has no effect."""
         if self._line is not None:
             self._release(self._blocks)
             self._line.leave(self._table.unit_id)
@@ -149,7 +169,12 @@ class ModbusSession:
         between request and reply is nearer by milliseconds only. That middle may also lie before a fault
         already delivered for this period.
 
-        Raises `LostError`, with a reading unless the connection is gone.
+        After two time-outs in a poll, or more time-outs than replies, the remaining requests wait for the
+        next poll.
+
+        Raises:
+            LostError: If nothing has answered. It has a faulty reading and `lasts`, unless the connection is
+                gone.
         """
         poll = _Poll()
         now_s = asyncio.get_running_loop().time()

@@ -34,5 +34,8 @@ class MtConnectSettings(PolledTable):
 
     @property
     def address(self) -> str:
-        """The URL below which the agent's documents are, with the device if one is given."""
+        """The URL below which the agent's documents are, with the device if one is given.
+
+        It has no slash at its end; `/probe` and `/current` are appended.
+        """
         return self.url.rstrip("/") + ("" if self.device is None else f"/{self.device}")

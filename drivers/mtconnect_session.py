@@ -51,7 +51,17 @@ class _Item:
 
 
 async def connect(agent: MtConnectSettings, now: Clock) -> MtConnectSession:
-    """Connect, and read the agent's list of data items once. Raises `LostError`."""
+    """Connect, and read the agent's list of data items once.
+
+    Proxies of the environment are ignored, and redirections are not followed.
+
+    Args:
+        agent: The agent and its channels.
+        now: The service's clock in s.
+
+    Raises:
+        LostError: If the agent cannot be reached, or its answer is not a list of data items.
+    """
     client = httpx.AsyncClient(
         timeout=agent.timeout_s,
         follow_redirects=False,
@@ -68,7 +78,12 @@ async def connect(agent: MtConnectSettings, now: Clock) -> MtConnectSession:
 
 
 class MtConnectSession:
-    """A connection to an agent, with the description of its data items."""
+    """A connection to an agent, with the description of its data items.
+
+    Attributes:
+        problem: A sentence about the first channel whose data item is missing, ambiguous, or not a number in
+            a known unit; None if all are usable. Such a channel has the fault `unknown_item`.
+    """
 
     def __init__(self, client: httpx.AsyncClient, agent: MtConnectSettings, now: Clock) -> None:
         self.problem: str | None = None
@@ -83,7 +98,11 @@ class MtConnectSession:
         self._fresh_s = 0.0
 
     async def probe(self) -> None:
-        """Look up the data item of every channel. Raises `LostError`."""
+        """Look up the data item of every channel, and set `problem`.
+
+        Raises:
+            LostError: If the agent does not answer, or its answer is not a list of data items.
+        """
         root = await self._get("probe", "Devices")
         self._instance = _header(root).get("instanceId")
         elements_by_id: dict[str, list[Element]] = {}
@@ -97,7 +116,15 @@ class MtConnectSession:
         self.problem = problems[0] if problems else None
 
     async def ask(self) -> list[Reading]:
-        """Return the current value of every channel, one reading for each source time. Raises `LostError`."""
+        """Return the current value of every channel, one reading for each source time, oldest first.
+
+        Values are in SI units or °C by the unit of the data item. Faults are `unknown_item`, `missing`,
+        `ambiguous`, `unavailable`, `wrong_type` and `not_finite`.
+
+        Raises:
+            LostError: If the agent does not answer in time, has restarted, or sends an old or invalid
+                document. The fault is `timeout`, `disconnected`, `restarted`, `stale` or `bad_reply`.
+        """
         root = await self._get("current", "Streams")
         header = _header(root)
         if header.get("instanceId") != self._instance:
@@ -164,7 +191,19 @@ class MtConnectSession:
 
 
 def document(data: bytes, kind: str, url: str) -> Element:
-    """Return the root of a document of a kind. Raises `LostError` for anything else."""
+    """Return the root of a document of a kind.
+
+    Document types and entities are rejected, because an answer may come from anywhere.
+
+    Args:
+        data: The body of the answer.
+        kind: `"Devices"` or `"Streams"`.
+        url: The address, for messages.
+
+    Raises:
+        LostError: If it is not XML, or not such a document of version 1 or 2. If the agent reports an error,
+            its text is quoted.
+    """
     try:
         root: Element = fromstring(data, forbid_dtd=True)
     except (ParseError, DefusedXmlException, ValueError, LookupError) as error:

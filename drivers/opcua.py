@@ -47,12 +47,18 @@ class OpcUaSettings(PolledTable):
 
     @property
     def files(self) -> dict[str, Path]:
-        """The files that the table names, by key."""
+        """The files that the table names, by key.
+
+        Keys without a file are missing.
+        """
         keys = ("certificate", "private_key", "server_certificate", "password_file")
         return {key: file for key in keys if (file := getattr(self, key)) is not None}
 
     def file_problems(self, _name: str) -> list[str]:
-        """Return a sentence for each named file that does not exist."""
+        """Return a sentence for each named file that does not exist.
+
+        Each begins with the key. The content of the files is read only when the driver connects.
+        """
         return [
             f"{key}: {file} is not a file; fix the path"
             for key, file in self.files.items()

@@ -55,7 +55,19 @@ _NEVER = datetime(1980, 1, 1, tzinfo=UTC)  # servers without a clock give 1601, 
 
 
 async def connect(server: OpcUaSettings, now: Clock) -> OpcUaSession:
-    """Connect once. Raises `LostError`."""
+    """Connect once, encrypted if the table names a certificate.
+
+    Args:
+        server: The server and its channels.
+        now: The service's clock in s.
+
+    Returns:
+        An open session.
+
+    Raises:
+        LostError: If the server does not answer within `timeout_s`, rejects user or certificate, or a file
+            cannot be used. The text names the key to correct.
+    """
     client = Client(server.url, timeout=server.timeout_s, watchdog_intervall=3600.0)
     try:
         async with asyncio.timeout(server.timeout_s):
@@ -140,7 +152,12 @@ def _name_in(certificate: x509.Certificate) -> str | None:
 
 
 class OpcUaSession:
-    """An open session with the server."""
+    """An open session with the server.
+
+    Attributes:
+        problem: A sentence about a channel whose node is missing or is not a number; None if the last poll
+            had none such.
+    """
 
     def __init__(self, client: Client, server: OpcUaSettings, now: Clock) -> None:
         self.problem: str | None = None
@@ -151,7 +168,15 @@ class OpcUaSession:
         self._nodes = [client.get_node(place.node) for place in server.channels.values()]
 
     async def ask(self) -> list[Reading]:
-        """Read every node in one request; return one reading for each source time. Raises `LostError`."""
+        """Read every node in one request; return one reading for each source time, oldest first.
+
+        A value counts only if its status is plainly good. Other statuses give a fault of their name, such as
+        `bad_sensor_failure`, or `under_range` and `over_range` at a limit.
+
+        Raises:
+            LostError: If the server does not answer within `timeout_s`, the session has ended, or the number
+                of values is wrong.
+        """
         url = self._server.url
         try:
             async with asyncio.timeout(self._server.timeout_s):
@@ -170,7 +195,7 @@ class OpcUaSession:
         return self._times.readings(answers, self._now())
 
     async def close(self) -> None:
-        """End the session."""
+        """End the session; a server that is gone holds this up for 0.2 s at most."""
         await _end(self._client)
 
     def _answer(self, channel: str, place: OpcUaChannel, data: ua.DataValue) -> PolledValue:

@@ -44,10 +44,15 @@ class Place(Settings):
     @property
     @abstractmethod
     def identity(self) -> object:
-        """A key of the source; two channels of a driver must not have the same one."""
+        """A key of the source; two channels of a driver must not have the same one.
+
+        It compares only what is transmitted, so another scale does not make another source.
+        """
 
     def value(self, number: float) -> float:
-        """Return the value for a transmitted number."""
+        """Return the value for a transmitted number: scale · number + offset, in the unit of the channel's
+        name.
+        """
         return self.scale * number + self.offset
 
 
@@ -97,7 +102,10 @@ class ModbusChannel(Place):
 
     @property
     def order(self) -> ByteOrder:
-        """The order of the bytes of a value, from either key."""
+        """The order of the bytes of a value, from either key.
+
+        The word order `"little"` is `"CDAB"`, and `"big"` is `"ABCD"`.
+        """
         return "CDAB" if self.word_order == "little" else self.byte_order
 
     @property
@@ -158,7 +166,13 @@ def check_channels(
 ) -> None:
     """Reject input numbers that a ready map does not have, and two channels with the same source.
 
-    `inputs` is the number of inputs of each map. Raises `ValueError` with all problems.
+    Args:
+        channels: For each channel the number of an input, or a place that is written out.
+        device: The ready map; None if the table names none.
+        inputs: The number of inputs of each ready map; None if this kind of driver has no maps.
+
+    Raises:
+        ValueError: With all problems of one kind; each names its channels and the remedy.
     """
     problems = []
     for channel, place in channels.items():
@@ -186,7 +200,13 @@ def check_channels(
 
 @dataclass(frozen=True, slots=True)
 class Signals:
-    """The signals that a driver takes, by channel, and the DBC file that describes their messages."""
+    """The signals that a driver takes, by channel, and the DBC file that describes their messages.
+
+    Attributes:
+        driver: The name in `[drivers.<name>]`, for messages.
+        dbc: The path of the DBC file.
+        channels: The signal of each channel.
+    """
 
     driver: str
     dbc: Path
@@ -209,12 +229,19 @@ class CanTable(DriverTable):
 
     @property
     def longest_silence_s(self) -> float:
-        """The silence, in s, after which the bus is opened again: `reopen_s`, or a default."""
+        """The silence, in s, after which the bus is opened again: `reopen_s`, or a default.
+
+        The default is 5 s, or five times `silence_s` if that is longer.
+        """
         return max(SILENCE_S, 5.0 * self.silence_s) if self.reopen_s is None else self.reopen_s
 
     @property
     def listens(self) -> bool:
-        """Whether the driver only listens and never sends."""
+        """Whether the driver only listens and never sends.
+
+        An interface with a listen-only mode is then opened in it, so that it does not even acknowledge
+        frames.
+        """
         return True
 
     @property
@@ -234,18 +261,33 @@ DBC_OF = {
 
 
 def modbus_input(device: str, number: int, first_register: int = 0) -> ModbusChannel:
-    """Return the register of an input of a ready map; `first_register` is where the module's block begins."""
+    """Return the register of an input of a ready map.
+
+    Args:
+        device: A key of `MODBUS_INPUTS`.
+        number: The input, from 0 on; `check_channels` has checked it.
+        first_register: Where the module's block begins, counted from 0.
+    """
     return _MODBUS[device](number, first_register)
 
 
 def dbc_file(path: Path) -> Path:
-    """Return the path of a DBC file; a path that does not exist may name one that comes with the drivers."""
+    """Return the path of a DBC file.
+
+    A path that does not exist may name a file that comes with the drivers, such as `drivers/maps/….dbc`. A
+    path that names neither is returned unchanged, and reading it fails later.
+    """
     bundled = Path(__file__).parent.parent / path
     return bundled if not os.path.exists(path) and os.path.exists(bundled) else path
 
 
 def can_input(device: str, number: int) -> CanChannel:
-    """Return the signal of an input in the device's DBC file."""
+    """Return the signal of an input in the device's DBC file.
+
+    Args:
+        device: A key of `CAN_INPUTS`.
+        number: The input, from 0 on; `check_channels` has checked it.
+    """
     return {"css_canmod_temp": _canmod_temp, "peak_mu_thermocouple1": _mu_thermocouple1}[device](number)
 
 

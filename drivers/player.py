@@ -37,13 +37,18 @@ class PlayerSettings(DriverTable):
         return self
 
     def open(self, name: str) -> Driver:
-        """Read the log and make its player. Raises `LogError` if the log cannot be read or lacks a
-        channel.
+        """Read the log and make its player.
+
+        Raises:
+            LogError: If the log cannot be read or lacks a channel.
         """
         return Player(name, self)
 
     def file_problems(self, _name: str) -> list[str]:
-        """Return the problem that prevents the log from being read, as a list of at most one sentence."""
+        """Return the problem that prevents the log from being read, as a list of at most one sentence.
+
+        The whole log is read, so an error in any of its lines is found.
+        """
         try:
             read_log(self.path, self.channels or ())
         except LogError as error:
@@ -55,6 +60,11 @@ class Player:
     """Plays the rows of a log at the intervals of their times; after the last row every channel is faulty.
 
     Rows are due by the injected clock, and get the times at which they were due.
+
+    An empty cell is NaN with the fault `missing`. After the end the fault is `end_of_log`, each `period_s`.
+
+    Attributes:
+        period_s: The median interval of the log's rows, in s, at least 5 ms; 1 s for a single row.
     """
 
     def __init__(self, name: str, settings: PlayerSettings) -> None:
@@ -72,7 +82,10 @@ class Player:
         self.status = DriverStatus()
 
     async def run(self, deliver: Deliver, now: Clock) -> None:
-        """Deliver each row when it is due, then faults each period, until cancelled."""
+        """Deliver each row when it is due, then faults each period, until cancelled.
+
+        Rows that are overdue come at once, one after the other, so that other tasks run between them.
+        """
         start_s = now()
         self.status = dataclasses.replace(self.status, connected=True)
         for due_s, row in zip(self._due_s.tolist(), self._values.tolist(), strict=True):

@@ -23,10 +23,16 @@ _AFTER_S = 1e-6
 
 
 class LostError(Exception):
-    """A failed poll; `fault` is the fault of the channels until the next poll.
+    """A failed poll.
 
-    `readings` are those obtained before the failure. The connection can be used again only if `lasts` is
-    true.
+    Attributes:
+        fault: The fault of the channels until the next poll, such as `timeout`.
+        readings: Those obtained before the failure; empty if there were none.
+        lasts: Whether the connection can be used again.
+
+    Args:
+        fault: The fault.
+        text: A sentence with the device and the remedy, for the driver's status.
     """
 
     def __init__(self, fault: str, text: str) -> None:
@@ -38,7 +44,13 @@ class LostError(Exception):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class PolledValue:
-    """A server's answer for a channel: a value or a fault, and the source's own time where given."""
+    """A server's answer for a channel: a value or a fault, and the source's own time where given.
+
+    Attributes:
+        value: In the unit of the channel's name; NaN if there is a fault.
+        fault: The name of the fault; None if the value counts.
+        stamp_s: The source's own time in s since 1970; NaN if it gives none.
+    """
 
     value: float = nan
     fault: str | None = None
@@ -46,15 +58,24 @@ class PolledValue:
 
 
 class Session(Protocol):
-    """One connection to a server; `problem` is a sentence if a channel is not available as configured."""
+    """One connection to a server; `problem` is a sentence if a channel is not available as configured.
+
+    It is used by one task, which closes it after a `LostError` whose `lasts` is false.
+    """
 
     problem: str | None
 
     async def ask(self) -> list[Reading]:
-        """Request every channel and return a reading for each time, oldest first. Raises `LostError`."""
+        """Request every channel and return a reading for each time, oldest first.
+
+        The call may take longer than a period. The channels are faulty until it returns.
+
+        Raises:
+            LostError: If the server has not answered; it may carry readings.
+        """
 
     async def close(self) -> None:
-        """End the connection."""
+        """End the connection. It must not raise, and not wait long for a peer that is gone."""
 
 
 class SourceTimes:
@@ -71,7 +92,15 @@ class SourceTimes:
         self._before_s = nan
 
     def readings(self, answers: Mapping[str, PolledValue], arrival_s: float) -> list[Reading]:
-        """Return the answers as readings, one for each time, oldest first."""
+        """Return the answers as readings, one for each time, oldest first.
+
+        Args:
+            answers: The answer of each channel.
+            arrival_s: When they came, in s of the service's clock.
+
+        Returns:
+            Readings with times in s of the service's clock, none later than the arrival.
+        """
         at: dict[float, dict[str, PolledValue]] = {}
         for channel, answer in answers.items():
             at.setdefault(self._time_s(channel, answer.stamp_s, arrival_s), {})[channel] = answer
@@ -99,18 +128,31 @@ class PolledTable(DriverTable):
 
     `session` is the module whose `connect(table, now)` makes a session. `open` imports it, and with it the
     bus library.
+
+    Attributes:
+        session: The full name of that module.
     """
 
     session: ClassVar[str]
 
     def open(self, name: str) -> Polled:
-        """Make the driver that polls; its bus library is imported here."""
+        """Make the driver that polls; its bus library is imported here. Nothing is connected before `run`."""
         connect = import_module(self.session).connect
         return Polled(name, self.delivered or (), self.sample_s or 1.0, lambda now: connect(self, now))
 
 
 class Polled:
-    """A device or server that is polled each period; `connect` makes a session or raises `LostError`."""
+    """A device or server that is polled each period.
+
+    A peer that returns is found within `RETRY_S`. While a poll goes on beyond its period, each further period
+    delivers the fault `timeout`, or `slow_poll` if the last answered poll took that long too.
+
+    Args:
+        name: The driver's name in the configuration.
+        channels: All channels of the driver.
+        period_s: The interval of the polls in s.
+        connect: Makes a session from the service's clock, or raises `LostError`.
+    """
 
     def __init__(
         self,
@@ -130,7 +172,11 @@ class Polled:
         self._unfinished = "timeout"  # the fault of channels while a poll goes on beyond its period
 
     async def run(self, deliver: Deliver, now: Clock) -> None:
-        """Deliver the current value or fault of each channel once a period, until cancelled."""
+        """Deliver the current value or fault of each channel once a period, until cancelled.
+
+        Periods that a busy computer has missed are left out, not made up. Cancellation ends the poll and
+        closes the session.
+        """
         loop = asyncio.get_running_loop()
         poll: asyncio.Task[list[Reading]] | None = None
         next_s = loop.time()

@@ -47,6 +47,16 @@ class CanRecording:
 
     Iterating yields readings and raises `LogError` if the file cannot be read at all. `doubts` are sentences
     about lost frames and uncertain times. They are complete after the last reading.
+
+    The suffix names the format, also before `.gz`: `.asc`, `.log`, `.csv`, `.trc`, `.blf`, `.mf4` or another
+    of python-can's formats.
+
+    Args:
+        path: The file; it is opened by iterating.
+        decode: Turns a frame into values and faults; frames for which it returns None are skipped.
+
+    Attributes:
+        doubts: Sentences with line or frame; empty if the file is whole.
     """
 
     def __init__(self, path: Path, decode: Decode) -> None:

@@ -22,8 +22,21 @@ _IDENTIFIER = 0x1FFFFFFF
 
 
 class SocketcandBus(can.BusABC):
-    """The raw frames of one bus of a server; raises `OSError` or `CanError` after the connection has
-    ended.
+    """The raw frames of one bus of a server.
+
+    It connects when it is made, and waits 3 s at most for each answer of the server.
+
+    Args:
+        channel: The bus on the server, such as `can0`.
+        host: The server's name or address.
+        port: Its TCP port.
+        tcp_tune: Whether to switch off Nagle's algorithm.
+        options: Passed to python-can.
+
+    Raises:
+        OSError: If the server cannot be reached.
+        CanInitializationError: If it does not answer as a socketcand server does.
+        CanOperationError: While reading, after the connection has ended.
     """
 
     def __init__(self, channel: str, host: str, port: int, tcp_tune: bool = False, **options: Any) -> None:
@@ -91,11 +104,15 @@ class SocketcandBus(can.BusABC):
         )
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a frame."""
+        """Send a frame, waiting at most `timeout` s; None waits without a limit.
+
+        Raises:
+            OSError: If the connection has ended or the time is over.
+        """
         self._socket.settimeout(timeout)
         self._socket.sendall(convert_can_message_to_ascii_message(msg).encode())
 
     def shutdown(self) -> None:
-        """Close the connection."""
+        """Close the connection. A second call has no effect."""
         super().shutdown()
         self._socket.close()

@@ -20,10 +20,18 @@ _SHIFT_S = 0.05  # if every frame of a block is later by this much, it is not a 
 
 
 def wall_time(stamp_s: float, arrival_s: float, wall_s: float) -> float:
-    """Return the time of a stamp of this computer's clock, which now shows `wall_s`; the arrival for any
-    other.
+    """Return the time of a stamp of this computer's clock.
 
     The computer's clock may be set at any time, so only its difference to a recent stamp is used.
+
+    Args:
+        stamp_s: The stamp, in s since 1970.
+        arrival_s: When the frame arrived, in s of the service's clock.
+        wall_s: What this computer's clock shows now, in s since 1970.
+
+    Returns:
+        The time in s of the service's clock. It is the arrival if the stamp is in the future or older than
+        `FURTHEST_S`.
     """
     delay_s = wall_s - stamp_s
     return arrival_s - delay_s if 0.0 <= delay_s <= FURTHEST_S else arrival_s
@@ -44,11 +52,14 @@ class _Block:
 
 
 class DeviceClock:
-    """Maps the stamps of one adapter, from its opening on; `wrap_s` is where its counter starts again.
+    """Maps the stamps of one adapter to the service's clock, from the adapter's opening on.
 
     time = stamp + min (arrival − stamp) over the last 30 s, where each block of 5 s contributes its second
     smallest value. If a stamp did not advance, or while the clocks shift, the stamp is ignored and the
     arrival is used.
+
+    Args:
+        wrap_s: The period of the adapter's counter in s; None if it does not start again.
     """
 
     def __init__(self, wrap_s: float | None = None) -> None:
@@ -59,7 +70,17 @@ class DeviceClock:
         self._trusted = True
 
     def time_s(self, stamp_s: float, arrival_s: float) -> float:
-        """Return the time, in s, of a frame with this stamp and arrival; never later than the arrival."""
+        """Return the time of a frame, never later than the arrival.
+
+        Call it for the frames in the order of their arrival.
+
+        Args:
+            stamp_s: The adapter's stamp in s; NaN if there is none.
+            arrival_s: The arrival in s of the service's clock.
+
+        Returns:
+            Seconds of the service's clock.
+        """
         if not abs(stamp_s) < _LARGEST_S:  # nor NaN
             return arrival_s
         stamp_s = self._unwrapped(stamp_s, arrival_s)

@@ -57,7 +57,15 @@ def arguments() -> argparse.Namespace:
 
 
 class MachineProcess:
-    """The machine and its wires."""
+    """The machine and its wires.
+
+    It prints one JSON line with `modbus_port`, `can_device` and `pid` once its wires are there. Then it obeys
+    JSON lines on standard input, each as `faults.MachineCommand` describes.
+
+    Args:
+        args: The command line, as `arguments` returns it. The machine runs for `--warm-minutes` before it
+            starts.
+    """
 
     def __init__(self, args: argparse.Namespace) -> None:
         self._machine = HousedMachine(args.seed) if args.housings else SimulatedMachine(args.seed)
@@ -74,7 +82,10 @@ class MachineProcess:
             self._machine.advance(WARM_STEP_S)
 
     async def run(self) -> None:
-        """Run until SIGTERM, SIGINT or the end of standard input."""
+        """Run until SIGTERM, SIGINT or the end of standard input.
+
+        At its end the wires are closed. A defect while it runs is raised here.
+        """
         loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self._commands.put_nowait, None)
@@ -167,7 +178,7 @@ class MachineProcess:
 
 
 def main() -> None:
-    """Start the machine."""
+    """Start the machine and return when it has ended."""
     logging.basicConfig(level=logging.CRITICAL)
     asyncio.run(MachineProcess(arguments()).run())
 

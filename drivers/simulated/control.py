@@ -32,13 +32,33 @@ WRITES = (6, 16)
 
 
 def signed(high: int, low: int) -> int:
-    """Return the signed number in two registers."""
+    """Return the signed 32-bit number in two registers.
+
+    Args:
+        high: The word at the lower address.
+        low: The word after it.
+    """
     number = high << 16 | low
     return number - (1 << 32) if number >> 31 else number
 
 
 class RateLimitedTable:
-    """The table in force and its target, µm."""
+    """The table in force and its target, in µm, as a control's own program would hold them.
+
+    Args:
+        rate_um_s: The largest change of each place, in µm/s.
+        limit_um: The largest error that it accepts, in µm.
+        longest_s: The longest validity of a sign of life, in s.
+
+    Attributes:
+        state: `OFF`, `FOLLOWING` or `TO_ZERO`.
+        reason: Why it does not follow; `NO_REASON` if it may.
+        beat: The last number of the sign of life.
+        writes: Requests so far, rejected ones included.
+        now_um: The error that it takes out at each place.
+        target_um: The commanded error at each place.
+        fastest_um_s: The largest rate so far.
+    """
 
     def __init__(self, rate_um_s: float, limit_um: float, longest_s: float) -> None:
         self.rate_um_s, self.limit_um, self.longest_s = rate_um_s, limit_um, longest_s
@@ -49,7 +69,15 @@ class RateLimitedTable:
         self._left_s = 0.0
 
     def write(self, words: list[int]) -> ExcCodes | None:
-        """Process a write from the first register on; return None if it is accepted."""
+        """Process a write from the first register on.
+
+        Args:
+            words: Layout, command and, to follow, the rest of docs/how-to/compensate-registers.md.
+
+        Returns:
+            None if it is accepted. `ILLEGAL_VALUE` if the request is malformed or beyond the limit,
+            `DEVICE_BUSY` if the control must be switched off first.
+        """
         self.writes += 1
         if len(words) >= 2 and words[:2] == [1, 0]:
             self.stop(NO_REASON)
@@ -71,12 +99,15 @@ class RateLimitedTable:
         return None
 
     def stop(self, reason: int) -> None:
-        """Go to zero."""
+        """Ramp to zero, and accept no table until it has been switched off, unless `reason` is `NO_REASON`."""
         self.state, self.reason = TO_ZERO, reason
         self.target_um = [0.0] * len(self.now_um)
 
     def advance(self, elapsed_s: float) -> None:
-        """Move towards the target for `elapsed_s`, and ramp to zero if the sign of life has stopped."""
+        """Move towards the target for `elapsed_s`, and ramp to zero if the sign of life has stopped.
+
+        The state becomes `OFF` when a ramp to zero has ended.
+        """
         self._left_s -= elapsed_s
         if self.state == FOLLOWING and self._left_s < 0.0:
             self.stop(DEAD_MAN)
@@ -98,7 +129,13 @@ class RateLimitedTable:
 
 
 class ControlProcess:
-    """The control and its wire."""
+    """The control and its wire.
+
+    With a scan time it reads what was written only once a scan, as a PLC does. Otherwise it reacts at once.
+
+    Args:
+        args: The parsed command line of `main`.
+    """
 
     def __init__(self, args: argparse.Namespace) -> None:
         self._compensation = RateLimitedTable(args.rate_um_s, args.limit_um, args.dead_man_s)
@@ -108,7 +145,7 @@ class ControlProcess:
         self._status: list[int] = self._state_registers()
 
     async def run(self) -> None:
-        """Serve until standard input is closed."""
+        """Serve on loopback until standard input is closed. It prints `{"port": …}` once it listens."""
         loop = asyncio.get_running_loop()
         ended = asyncio.Event()
         block = SimData(0, values=[0] * REGISTERS, datatype=DataType.REGISTERS)
@@ -190,7 +227,7 @@ class ControlProcess:
 
 
 def main() -> None:
-    """Start the control."""
+    """Start the control from the command line and return when it has ended."""
     parser = argparse.ArgumentParser(prog="python -m drivers.simulated.control", description="A control.")
     parser.add_argument("--port", type=int, default=0, help="Modbus TCP port on loopback; 0 takes a free one")
     parser.add_argument("--rate-um-s", type=float, default=5.0, help="how fast it compensates at most")

@@ -27,6 +27,14 @@ class Faults(BaseModel):
     `hold_can_s` and then delivered at once. This happens now, or at random, on average every
     `hold_can_every_s`. `drop_can`, `double_can` and `swap_can` are the fractions of frames that are lost,
     doubled or swapped.
+
+    Attributes:
+        open: Thermocouples with a broken wire.
+        over_range: Thermocouples beyond the module's range.
+        stuck: Thermocouples that repeat their last value.
+        exception: The Modbus exception code of every answer; None for answers.
+        drop_modbus: Whether the Modbus server is down.
+        silence_can: Whether the axis sends nothing.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -50,6 +58,10 @@ class Faults(BaseModel):
         """Return the readings of the thermocouples in °C, from the true and the last ones.
 
         Plugs are exchanged first, then offsets added; a stuck thermocouple repeats its last value.
+
+        Args:
+            true_degC: The readings without faults, by name.
+            last_degC: The previous return value.
         """
         shown = dict(true_degC)
         if self.exchanged is not None and shown.keys() >= set(self.exchanged):
@@ -66,6 +78,12 @@ class MachineCommand(BaseModel):
     """One line on standard input: `{"fault": {"open": "t3_degC"}}`; `{"fault": {}}` clears everything.
 
     `{"probe_m": 0.9}` has the machine probe how far its screw has grown there.
+
+    A line that does not match it is refused on standard error, and the machine goes on.
+
+    Attributes:
+        fault: The faults that replace all active ones; None clears them too.
+        probe_m: The place of a probing cycle, in m from the left end; the faults are then unchanged.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -78,6 +96,10 @@ class Mishaps:
     """Hands lines on to `write`, or holds them up, drops, doubles or swaps them, according to the faults.
 
     Needs a running event loop, which delivers held-up lines.
+
+    Args:
+        write: Puts bytes on the wire.
+        seed: Of the random numbers, so that a run can be repeated.
     """
 
     def __init__(self, write: Callable[[bytes], None], seed: int) -> None:
@@ -94,7 +116,9 @@ class Mishaps:
             self._hold_up(faults.hold_can_s)
 
     def send(self, line: bytes, period_s: float) -> None:
-        """Send one of the lines that come each `period_s`."""
+        """Send one of the lines that come each `period_s` (in s), or let one of the active faults happen to
+        it.
+        """
         faults = self._faults
         every_s = faults.hold_can_every_s
         if faults.hold_can_s and every_s and self._random.random() < period_s / every_s:

@@ -19,7 +19,13 @@ SHARE_OF_BODY = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Bodies:
-    """Nut, left and right housing: what they store, pass to the screw and lose to the air, (3,) each."""
+    """Nut, left and right housing: what they store, pass to the screw and lose to the air, (3,) each.
+
+    Attributes:
+        capacity_J_K: Heat capacities in J/K.
+        seat_W_K: Conductances to the screw in W/K.
+        air_W_K: Conductances to the air in W/K.
+    """
 
     capacity_J_K: tuple[float, ...] = (600.0, 1500.0, 1500.0)
     seat_W_K: tuple[float, ...] = (9.2, 8.6, 11.3)
@@ -27,7 +33,10 @@ class Bodies:
 
 
 class HousedMachine(SimulatedMachine):
-    """The axis with three bodies beside its screw, and no thermocouple on it."""
+    """The axis with three bodies beside its screw, and no thermocouple on it.
+
+    The bodies advance by explicit Euler steps, which is stable for steps far below C / (G + G_air).
+    """
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)

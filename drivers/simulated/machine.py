@@ -35,7 +35,18 @@ NOMINAL_BEARING_W_RPM = 0.006
 
 @dataclass(frozen=True, slots=True)
 class ScrewData:
-    """Geometry, material and surroundings of the screw."""
+    """Geometry, material and surroundings of the screw.
+
+    Attributes:
+        length_m: Length in m.
+        diameter_m: Effective diameter in m, from which cross-section and surface follow.
+        conductivity_W_mK: Thermal conductivity in W/(m K).
+        density_kg_m3: Density in kg/m³.
+        specific_heat_J_kgK: Specific heat in J/(kg K).
+        film_W_m2K: Film coefficient of the whole surface in W/(m² K).
+        ambient_degC: Temperature of the air, and of the screw at the start, in °C.
+        cells: How many finite volumes of equal length.
+    """
 
     length_m: float = 1.0
     diameter_m: float = 0.036
@@ -48,7 +59,12 @@ class ScrewData:
 
 
 class FiniteVolumeScrew:
-    """The temperature of every cell (cells,) in °C, advanced in steps."""
+    """The temperature of every cell (cells,) in °C, advanced in steps.
+
+    Attributes:
+        rod: The data that it was made from.
+        temperature_degC: The present temperature at the centre of each cell, from the left end on.
+    """
 
     def __init__(self, rod: ScrewData) -> None:
         self.rod = rod
@@ -66,31 +82,59 @@ class FiniteVolumeScrew:
         self.temperature_degC = np.full(rod.cells, rod.ambient_degC)
 
     def step(self, dt_s: float, heat_W: FloatArray) -> None:
-        """Advance by one implicit step of `dt_s` under the heat of each cell (cells,) in W."""
+        """Advance by one implicit step.
+
+        Backward Euler (Patankar 1980, chapter 4) is stable for any step; the tridiagonal system is solved by
+        LAPACK's `dptsv`.
+
+        Args:
+            dt_s: Length of the step in s, above 0.
+            heat_W: Heat into each cell (cells,) in W, constant over the step.
+        """
         stored_W_K = self._capacity_J_K / dt_s
         right = stored_W_K * self.temperature_degC + self._film_W_K * self.rod.ambient_degC + heat_W
         _, _, self.temperature_degC, _ = lapack.dptsv(stored_W_K + self._steady_W_K, self._off_W_K, right)
 
     def spread(self, from_m: float, to_m: float) -> FloatArray:
-        """Return the share of each cell (cells,) in a heat that is uniform over a stretch; it sums to 1."""
+        """Return the share of each cell (cells,) in a heat that is uniform over a stretch.
+
+        Args:
+            from_m: Start of the stretch in m from the left end.
+            to_m: Its end, beyond `from_m`.
+
+        Returns:
+            Shares that sum to 1 if the stretch lies on the screw.
+        """
         overlap_m = np.minimum(self._edges_m[1:], to_m) - np.maximum(self._edges_m[:-1], from_m)
         share: FloatArray = np.clip(overlap_m, 0.0, None) / (to_m - from_m)
         return share
 
     def at(self, position_m: FloatArray) -> FloatArray:
-        """Return temperatures in °C at positions (k,) in m, interpolated between cell centres."""
+        """Return temperatures (k,) in °C at positions (k,) in m from the left end.
+
+        They are interpolated between cell centres, and constant within half a cell of each end.
+        """
         temperature_degC: FloatArray = np.interp(position_m, self._centres_m, self.temperature_degC)
         return temperature_degC
 
     def rise_K_m(self, to_m: float) -> float:
-        """Return the integral of the temperature above ambient from 0 to `to_m`, in K m."""
+        """Return the integral of the temperature above ambient from 0 to `to_m`, in K m.
+
+        Times the expansion coefficient it is the screw's growth up to there, in m.
+        """
         inside_m = np.clip(to_m - self._edges_m[:-1], 0.0, self._dx_m)
         return float(inside_m @ (self.temperature_degC - self.rod.ambient_degC))
 
 
 @dataclass(frozen=True, slots=True)
 class TrueHeats:
-    """The true heats entering the screw."""
+    """The true heats entering the screw.
+
+    Attributes:
+        nut_W: Friction of the nut, in W; with housings, the part into its body included.
+        left_bearing_W: Friction of the left bearing, in W.
+        right_bearing_W: Friction of the right bearing, in W.
+    """
 
     nut_W: float
     left_bearing_W: float
@@ -98,7 +142,11 @@ class TrueHeats:
 
 
 def speed_rpm(time_s: float) -> float:
-    """Return the speed that the programme, repeated for ever, commands."""
+    """Return the speed that the programme, repeated for ever, commands.
+
+    Args:
+        time_s: The machine's time in s; 0 is the start of the programme.
+    """
     remaining_s = time_s % sum(duration_s for duration_s, _ in PROGRAMME)
     for duration_s, speed in PROGRAMME:
         if remaining_s < duration_s:
@@ -108,8 +156,10 @@ def speed_rpm(time_s: float) -> float:
 
 
 def heats(time_s: float) -> TrueHeats:
-    """Return the true heats: torque · share · ω in the nut, W per rpm in the bearings, each off its
-    nominal.
+    """Return the true heats at a time in s of the machine.
+
+    They are torque · share · ω in the nut and W per rpm in the bearings. Each deviates from its nominal
+    value: the nut by 10 ± 4 % with a period of 900 s, the bearings by 12 and −10 %.
     """
     speed = speed_rpm(time_s)
     torque_Nm = NOMINAL_TORQUE_NM * (1.10 + 0.04 * math.sin(2 * math.pi * time_s / 900.0))
@@ -121,7 +171,16 @@ def heats(time_s: float) -> TrueHeats:
 
 
 class SimulatedMachine:
-    """The axis in its own time, which starts at 0 with a cold screw."""
+    """The axis in its own time, which starts at 0 with a cold screw.
+
+    It has no clock: `advance` moves it, faster or slower than real time.
+
+    Args:
+        seed: Of the sensors' noise, so that a run can be repeated.
+
+    Attributes:
+        time_s: The machine's time in s.
+    """
 
     def __init__(self, seed: int) -> None:
         self.time_s = 0.0
@@ -131,7 +190,10 @@ class SimulatedMachine:
         self._positions_m = np.array(list(SENSORS.values()))
 
     def heats(self) -> TrueHeats:
-        """Return the present true heats."""
+        """Return the present true heats.
+
+        In the demo it is published as `truth/heat`, beside the estimates.
+        """
         return heats(self.time_s)
 
     def advance(self, dt_s: float) -> None:
@@ -146,8 +208,11 @@ class SimulatedMachine:
         self.time_s += dt_s
 
     def nut_position_m(self, ahead_s: float = 0.0) -> float:
-        """Return the position of the nut's centre in m, now or `ahead_s` later; it goes back and forth over
-        the stroke.
+        """Return the position of the nut's centre in m from the left end; it goes back and forth over the
+        stroke.
+
+        Args:
+            ahead_s: How long after the machine's present time, in s, at the present speed.
         """
         low_m = STROKE_M[0] + NUT_LENGTH_M / 2
         reach_m = STROKE_M[1] - STROKE_M[0] - NUT_LENGTH_M
@@ -156,13 +221,20 @@ class SimulatedMachine:
         return low_m + (phase_m if phase_m <= reach_m else 2 * reach_m - phase_m)
 
     def thermocouples_degC(self) -> dict[str, float]:
-        """Return the present readings of the thermocouples in °C, each with its own noise."""
+        """Return the present readings of the thermocouples in °C by name.
+
+        Each call draws new noise, with a standard deviation of 0.05 K for each of them.
+        """
         noisy = self._screw.at(self._positions_m) + NOISE_K * self._random.standard_normal(len(SENSORS))
         return dict(zip(SENSORS, noisy.tolist(), strict=True))
 
     def probed_um(self, position_m: float) -> float:
-        """Return a probe's reading of the screw's growth at a position in µm, relative to a screw as warm as
-        the air.
+        """Return a probe's reading of the screw's growth at a position in µm.
+
+        It is relative to a screw as warm as the air, and has a noise of 0.3 µm.
+
+        Args:
+            position_m: The place in m from the left end, which is fixed.
         """
         grown_um = 1e6 * EXPANSION_1_K * self._screw.rise_K_m(position_m)
         return grown_um + PROBE_NOISE_UM * float(self._random.standard_normal())

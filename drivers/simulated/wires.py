@@ -28,7 +28,12 @@ WAGO_OPEN, WAGO_OVER = 0x60, 0x42
 
 
 def wago_750_458(temperature_degC: Mapping[str, float], faults: Faults) -> list[int]:
-    """Return the module's registers: for each input a status word, then tenths of a degree."""
+    """Return the registers of a WAGO 750-458: for each input a status word, then tenths of a degree.
+
+    Args:
+        temperature_degC: The readings in °C, by name, in the order of the inputs.
+        faults: Thermocouples in `open` and `over_range` get the module's status and clamped value.
+    """
     registers: list[int] = []
     for name, value in temperature_degC.items():
         status, tenths = 0, round(10 * value)
@@ -41,7 +46,14 @@ def wago_750_458(temperature_degC: Mapping[str, float], faults: Faults) -> list[
 
 
 def icpdas_m7018(temperature_degC: Mapping[str, float], faults: Faults) -> list[int]:
-    """Return the module's registers: tenths of a degree; a broken wire is the only fault it reports."""
+    """Return the registers of an ICP DAS M-7018: tenths of a degree.
+
+    A broken wire is the only fault it reports, as 0x7FFF.
+
+    Args:
+        temperature_degC: The readings in °C, by name, in the order of the inputs.
+        faults: Thermocouples in `open` get that code.
+    """
     return [
         0x7FFF if name in faults.open else round(10 * value) & 0xFFFF
         for name, value in temperature_degC.items()
@@ -49,7 +61,13 @@ def icpdas_m7018(temperature_degC: Mapping[str, float], faults: Faults) -> list[
 
 
 class ThermocoupleServer:
-    """A Modbus TCP server on loopback; it keeps the `port` it got when it is dropped and restored."""
+    """A Modbus TCP server on loopback; it keeps the `port` it got when it is dropped and restored.
+
+    Attributes:
+        port: The TCP port; 0 until `start` has taken a free one.
+        registers: The present values, unsigned 16-bit; replace them at any time on the event loop's thread.
+        exception: The Modbus exception code of every answer; None for answers.
+    """
 
     def __init__(self, port: int, registers: list[int]) -> None:
         self.port = port
@@ -58,7 +76,11 @@ class ThermocoupleServer:
         self._server: ModbusTcpServer | None = None
 
     async def start(self) -> None:
-        """Begin to listen."""
+        """Begin to listen in the running event loop, as unit 1.
+
+        Raises:
+            OSError: If another program has the port.
+        """
         block = SimData(0, values=list(self.registers), datatype=DataType.REGISTERS)
         device = SimDevice(id=1, simdata=[block], action=self._answer)
         self._server = ModbusTcpServer(device, address=("127.0.0.1", self.port))
@@ -66,7 +88,7 @@ class ThermocoupleServer:
         self.port = self._server.transport.sockets[0].getsockname()[1]  # type: ignore[attr-defined]
 
     async def stop(self) -> None:
-        """Close the port and every connection."""
+        """Close the port and every connection. A second call has no effect."""
         if self._server is not None:
             await self._server.shutdown()  # type: ignore[no-untyped-call]
             self._server = None
@@ -106,6 +128,10 @@ class AxisBus:
 
     With `stamps`, each line ends with the adapter's milliseconds. While no process has the device open, lines
     are dropped, as on a wire. So a process that opens it later receives no old frames.
+
+    Attributes:
+        device: The path of the pseudo-terminal that a driver opens as a serial adapter.
+        mishaps: What happens to status frames on their way.
     """
 
     def __init__(self, stamps: bool, seed: int) -> None:
@@ -122,7 +148,13 @@ class AxisBus:
         self.mishaps = Mishaps(self._write, seed)
 
     def send(self, nut_position_m: float, screw_speed_rpm: float, period_s: float) -> None:
-        """Send one status frame, the next of which comes a period later."""
+        """Send one status frame, the next of which comes a period later.
+
+        Args:
+            nut_position_m: Position of the nut in m.
+            screw_speed_rpm: Speed of the screw in rpm; 0 sends the axis state 1, standing.
+            period_s: The interval of the frames in s, for faults that happen at random.
+        """
         self._alive = (self._alive + 1) % 256
         signals = {
             "NutPosition": nut_position_m,
@@ -133,7 +165,9 @@ class AxisBus:
         self.mishaps.send(self._line(self._message, signals), period_s)
 
     def send_probed(self, growth_um: float) -> None:
-        """Send the frame that follows a probing cycle."""
+        """Send the frame that follows a probing cycle, with the screw's growth in µm. Faults do not affect
+        it.
+        """
         self._write(self._line(self._probed, {"ScrewGrowth": growth_um}))
 
     def _line(self, message: Any, signals: Mapping[str, float]) -> bytes:
@@ -158,6 +192,10 @@ class TruthPublisher:
 
     Everything that can block runs in a daemon thread. So the machine never waits for a router, nor for the
     end of a session with a router that no longer answers.
+
+    Args:
+        endpoint: The router's Zenoh endpoint, such as `tcp/127.0.0.1:7447`.
+        key: The key of the messages.
     """
 
     def __init__(self, endpoint: str, key: str) -> None:
@@ -170,7 +208,13 @@ class TruthPublisher:
         self._thread.start()
 
     def publish(self, true: TrueHeats, sequence: int) -> None:
-        """Publish these heats with the present time."""
+        """Publish these heats with the present time, as JSON of the form of the key `heat`. It returns at
+        once.
+
+        Args:
+            true: The heats.
+            sequence: The number of the message.
+        """
         self._next = json.dumps(
             {
                 "time_s": time.time(),
@@ -185,7 +229,7 @@ class TruthPublisher:
         self._wake.set()
 
     def close(self) -> None:
-        """End the session, without waiting long for it."""
+        """End the session, waiting 1 s for it at most."""
         self._stop.set()
         self._wake.set()
         self._thread.join(timeout=1.0)
