@@ -67,13 +67,15 @@ def has_extra(name: str) -> bool:
     return all(importlib.util.find_spec(module) is not None for module in EXTRAS[name])
 
 
+def extra_remedy(extra: str) -> str:
+    """Return how to install the packages of an extra: from the wheel, as no package index has the program."""
+    return f'install the wheel again as "<wheel>[{extra}]"'
+
+
 def install_remedy(command: str, error: ModuleNotFoundError) -> str | None:
     """How to install a missing package; None if no extra contains it, which is a defect."""
     missing = (error.name or "").partition(".")[0]
     for extra, modules in EXTRAS.items():
         if missing in modules:
-            return (
-                f"{command} needs the packages of {extra} ({missing} is missing): "
-                f'pip install "ballscrew-observer[{extra}]"'
-            )
+            return f"{command} needs the packages of {extra} ({missing} is missing): {extra_remedy(extra)}"
     return None

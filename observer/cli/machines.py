@@ -205,7 +205,7 @@ def check(
     wires: Annotated[
         bool,
         typer.Option(
-            "--wires", help="Read every device once instead; exit code 0 if every channel delivered a value."
+            "--wires", help="Try the devices for some seconds; exit code 0 if every channel is usable."
         ),
     ] = False,
     as_json: JsonOption = False,

@@ -396,7 +396,7 @@ def _server(answers: Answers) -> str:
 {_offset(answers, "offset", ", in m")}"""
     speed = f"{key} = {_toml(answers.speed_signal)}" if answers.speed_signal else ""
     return f"""
-[drivers.axis] ## the control's own server, only read; needs the packages of ballscrew-observer[plant]
+[drivers.axis] ## the control's own server, only read; needs the extra `plant`
 kind = {_toml(answers.control)}
 url = {_toml(url_of(answers))}
 period_s = {period_s}

@@ -1,5 +1,4 @@
-"""Reads every device once, for `observer check --wires`: drivers run for a few seconds, and their readings
-are noted.
+"""Runs every driver for a few seconds, for `observer check --wires`, and notes the readings.
 
 A driver is run as the service runs it, so nothing is sent that a normal run would not send.
 """

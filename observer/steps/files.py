@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.errors import LogError
+from observer.errors import LogError, extra_remedy
 from observer.files.folders import OWNER_ONLY, make_folder
 from observer.record.retention import STEPS_SUFFIX, is_being_written
 from observer.steps.columns import FIELDS, StepRows, StepSource
@@ -133,9 +133,7 @@ def _in_words(file: StepFile) -> Iterator[None]:
     except (ValueError, KeyError, TypeError) as error:  # pyarrow's own are ValueErrors
         raise LogError(f"{file.path.name} is damaged ({error})") from None
     except ModuleNotFoundError:
-        raise LogError(
-            f'{file.path.name} needs pyarrow; install it: pip install "ballscrew-observer[page]"'
-        ) from None
+        raise LogError(f"{file.path.name} needs pyarrow: {extra_remedy('page')}") from None
 
 
 def _plain(path: Path) -> StepRows:

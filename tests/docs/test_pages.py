@@ -13,6 +13,7 @@ from pydantic import BaseModel, TypeAdapter
 from drivers import DriverSettings
 from observer import installation
 from observer.effects.catalogue import Effect
+from observer.installation.examine import examine
 from observer.installation.variants import variants_of
 from observer.tables import sections, sensors
 from observer.tables.candidates import SensorCandidate
@@ -135,3 +136,8 @@ def test_a_program_that_a_page_shows_is_the_one_beside_it() -> None:
     shown = {body for page in PAGES for _, language, body in blocks(page) if language == "c"}
     for example in (DOCS / "examples").glob("*.c"):
         assert example.read_text(encoding="utf-8").rstrip("\n") in shown
+
+
+@pytest.mark.parametrize("path", sorted((DOCS / "examples").glob("*.toml")), ids=lambda p: p.name)
+def test_an_example_configuration_is_usable_with_its_files(path: Path) -> None:
+    assert examine(path).sensor

@@ -69,7 +69,7 @@ def test_what_needs_an_extra_says_so(arguments, tmp_path):
     said = done.stderr.strip().splitlines()
     assert said[-1] == (
         f"observer: {arguments[0]} needs the packages of analysis (pyarrow is missing): "
-        'pip install "ballscrew-observer[analysis]"'
+        'install the wheel again as "<wheel>[analysis]"'
     )
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()

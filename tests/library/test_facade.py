@@ -99,7 +99,7 @@ def test_the_import_alone_loads_nothing():
     assert done.stdout.split() == ["observer"], done.stderr
 
 
-ANALYSIS = 'pip install "ballscrew-observer[analysis]"'
+ANALYSIS = 'install the wheel again as "<wheel>[analysis]"'
 MISSING = [
     (
         "pyarrow",
