@@ -19,7 +19,13 @@ _NUMBER = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 def numbers_of(column: RawColumn, decimal: str) -> tuple[FloatArray, Words]:
     """Return the values (n,) of a column, NaN where a cell is not a number, and the words in such cells.
 
-    `decimal` is the decimal separator. Empty cells are NaN and not counted as words.
+    Args:
+        column: Numbers or text; infinite numbers count as words.
+        decimal: Decimal separator of text, `.` or `,`; the other one may group thousands.
+
+    Returns:
+        The values in the column's own unit, and how many cells hold words, the most frequent first. Empty
+            cells are NaN and not counted.
     """
     if not column.is_text:
         values = column.values.astype(np.float64)
@@ -47,9 +53,11 @@ def numbers_of(column: RawColumn, decimal: str) -> tuple[FloatArray, Words]:
 
 
 def without_units(column: RawColumn) -> RawColumn:
-    """Return the column with a unit that its cells repeat, such as `21.5 °C`, moved to the column's `unit`.
+    """Return the column with a unit that its cells repeat, such as `21.5 °C`, moved to the column's
+    `unit`.
 
-    Cells in another unit stay unchanged, so that they are counted as words.
+    More than half of the filled cells must have that unit. Cells in another unit stay unchanged, so that they
+    are counted as words. A unit in the column's name or in a row of its own takes precedence.
     """
     if not column.is_text:
         return column
@@ -71,6 +79,10 @@ def without_units(column: RawColumn) -> RawColumn:
 def plain_numbers(cells: Any, decimal: str) -> Any:
     """Return cells whose numbers have a decimal point, without thousands separators, plus and percent
     signs.
+
+    Args:
+        cells: A pyarrow array of strings (n,); cells that are not numbers may change too.
+        decimal: Decimal separator in the cells, `.` or `,`.
     """
     import pyarrow.compute as pc  # noqa: PLC0415
 

@@ -62,13 +62,13 @@ class SheetClock:
     """The times of a sheet's rows, and where they come from.
 
     Attributes:
-        time_s: (n,) s, NaN where a row has no time
-        since_1970: whether the times count from 1970
-        on_wall: whether they are wall-clock times without a zone
-        columns: names of the columns that hold them
-        unit: unit of a number
-        sure: whether the file states that unit
-        doubts: sentences
+        time_s: Times (n,) in s, NaN where a row has no time.
+        since_1970: Whether the times count from 1970; if not, from the file's own beginning.
+        on_wall: Whether they are wall-clock times without a zone.
+        columns: Names of the columns that hold them; empty for a clock of the format itself.
+        unit: Unit or epoch of a number, such as `ms` or `excel`; empty for dates.
+        sure: Whether the file or `[log]` states that unit.
+        doubts: Sentences about an ambiguous date, zone or change of the clock.
     """
 
     time_s: FloatArray
@@ -81,12 +81,20 @@ class SheetClock:
 
 
 def clock_of(sheet: Sheet, options: Logs) -> SheetClock | None:
-    """Return the clock of a sheet, as `[log]` names it or as its columns show it; None if no column is a
-    clock.
+    """Return the clock of a sheet, as `[log]` names it or as its columns show it.
 
-    Wall-clock times are converted to UTC where `[log] timezone` or the column's name gives their zone. Raises
-    `LogError` if `[log]` names a clock that the sheet does not have, or if a time may count from 1904 or
-    1601.
+    Wall-clock times are converted to UTC where `[log] timezone` or the column's name gives their zone.
+
+    Args:
+        sheet: A table of raw columns.
+        options: The `[log]` table: `time`, `time_format`, `timezone` and `every_s` replace guesses.
+
+    Returns:
+        The clock; None if no column is a clock, or the one named by `[log]` does not parse.
+
+    Raises:
+        LogError: A large number may count from 1904 or 1601, or is no date from 1995 to 2060; `[log]
+            time_format` decides.
     """
     if options.every_s is not None:
         return SheetClock(options.every_s * _row_numbers(sheet), since_1970=False, on_wall=False, unit="s")
@@ -117,7 +125,10 @@ def _row_numbers(sheet: Sheet) -> FloatArray:
 
 
 def is_called_time(name: str) -> bool:
-    """Whether a column's name is that of a clock: `Uhrzeit`, `t [ms]`, `Elapsed Time`."""
+    """Return whether a column's name is that of a clock: `Uhrzeit`, `t [ms]`, `Elapsed Time`.
+
+    Names of durations, such as `cycle time` or `Laufzeit`, are not.
+    """
     stem, unit = split_name(name)
     if _NOT.search(stem):
         return False

@@ -14,20 +14,35 @@ _FEWEST_NUMBERS, _LONGEST = 4, 64
 
 
 def moment_of(text: str) -> float | None:
-    """Return the date and time in a text, in s since 1970 as if in UTC; None if it is not a date."""
+    """Return the date and time in a text, in s since 1970 as if in UTC; None if it is not a date.
+
+    Of two numbers that may both be the day, the first is.
+    """
     moment = parsed(text, day_first=True)
     return None if moment is None else ns_of(moment) / 1e9
 
 
 def ns_of(moment: datetime.datetime) -> int:
-    """Return a moment in ns since 1970; one without a zone as if it were in UTC."""
+    """Return a moment in ns since 1970; one without a zone as if it were in UTC.
+
+    Integers keep the microseconds, which a float of seconds since 1970 would round.
+    """
     utc = moment if moment.tzinfo is not None else moment.replace(tzinfo=datetime.UTC)
     since = utc - datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
 def parsed(text: str, *, day_first: bool) -> datetime.datetime | None:
-    """Return a complete date with a time of day in a text, by dateutil; None if a part is missing."""
+    """Return a complete date with a time of day in a text, by dateutil, with names in six languages.
+
+    Args:
+        text: At most 64 characters with four numbers at least.
+        day_first: Whether the day comes before the month where both are numbers.
+
+    Returns:
+        The moment, with a zone if the text has one that is understood. None if the date or the time is
+            incomplete: dateutil would then fill in the parts of a default.
+    """
     if len(re.findall(r"\d+", text)) < _FEWEST_NUMBERS or len(text) > _LONGEST:
         return None
     parser = _parser()

@@ -25,9 +25,18 @@ _MOST_BINARY = 512
 
 
 def extract_of(paths: Sequence[Path], options: Logs) -> str:
-    """Return the extract of files, as text of less than 20 kB: first and last lines, and how they were read.
+    """Return the extract of files, as text of less than 20 kB: first and last lines, and how they were
+    read.
 
-    Paths are reduced to a file's name. Raises `LogError` for a file that cannot be opened.
+    Paths are reduced to a file's name. A file that cannot be understood is part of the extract, with its
+    error.
+
+    Args:
+        paths: Files, which share the size equally.
+        options: The `[log]` table by which they are read.
+
+    Raises:
+        LogError: A file cannot be opened.
     """
     share = MOST_BYTES // len(paths)
     return "\n".join(_shortened("\n".join(_extract(path, options)), share) for path in paths) + "\n"

@@ -46,7 +46,13 @@ _WORDS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ColumnValues:
-    """A column of numbers that may be a channel's."""
+    """A column of numbers that may be a channel's.
+
+    Attributes:
+        name: Its name with the unit that the file has.
+        column: The raw column.
+        values: Its numbers (n,) in its own unit, NaN where a cell is not a number.
+    """
 
     name: str
     column: RawColumn
@@ -55,7 +61,14 @@ class ColumnValues:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """A guessed `[log.columns]`, the doubts by channel, the channels without a column, and errors."""
+    """A guessed assignment of columns to channels.
+
+    Attributes:
+        columns: The guessed `[log.columns]`, those configured included.
+        doubts: A question by channel, for a match that is not sure.
+        missing: The channels without a column.
+        problems: Errors, a sentence each.
+    """
 
     columns: dict[str, LogColumn]
     doubts: dict[str, str]
@@ -66,7 +79,16 @@ class Guess:
 def guessed(sources: Sources, config: Config, options: Logs) -> Guess:
     """Return the column of each channel, also of those neither configured nor obvious.
 
-    Errors are returned in `problems`; none is raised.
+    Each pair of channel and spare column gets a score by name, unit and plausible values. The assignment with
+    the largest sum of scores wins (Hungarian algorithm, `scipy.optimize.linear_sum_assignment`).
+
+    Args:
+        sources: The sheets with their clocks.
+        config: The machine whose channels are needed.
+        options: The `[log]` table; its columns are taken as they are.
+
+    Returns:
+        The assignment. Errors are in `problems`; none is raised.
     """
     problems = list[str]()
     placed, missing = placed_columns(sources, config, options, problems)
@@ -106,7 +128,7 @@ def guessed(sources: Sources, config: Config, options: Logs) -> Guess:
 
 
 def columns_of_numbers(source: TimedSheet) -> list[ColumnValues]:
-    """Return the columns of numbers of a sheet, without those of its clock."""
+    """Return the columns of numbers of a sheet, without those of its clock and those with mostly words."""
     columns = []
     for column in source.sheet.columns:
         name = full_name(column)

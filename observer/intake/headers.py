@@ -20,8 +20,14 @@ def repeated_headers(
 ) -> tuple[list[int], list[int]]:
     """Return the rows that repeat a table's header or units, and the rows that are another header.
 
-    `candidates` are the rows without a number in any of the columns `numeric`, with their cells. `headers`
-    are the rows above the table.
+    Args:
+        candidates: Number and cells of the rows without a number in any of the columns `numeric`. At most
+            10,000 are looked at.
+        headers: The rows above the table.
+        numeric: Indices of the columns that hold numbers.
+
+    Returns:
+        Row numbers to leave out, and row numbers at which a second table begins.
     """
     known_headers = [[cell.strip() for cell in row] for row in headers if row]
     repeated, other = list[int](), list[int]()
@@ -34,7 +40,15 @@ def repeated_headers(
 
 
 def rows_of_text(columns: Sequence[Any], numeric: Sequence[int]) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of Arrow columns in which no cell of the columns `numeric` begins as a number does."""
+    """Yield the rows of Arrow columns in which no cell of the columns `numeric` begins as a number does.
+
+    Args:
+        columns: Columns of strings, all of one length.
+        numeric: Indices of the columns that hold numbers.
+
+    Yields:
+        The row's number from 0, and its cells without blanks around them.
+    """
     import pyarrow.compute as pc  # noqa: PLC0415 - slow to import, and the daemon reads no log
 
     texts = np.ones(len(columns[0]), bool)
@@ -50,7 +64,7 @@ def _is_name(cell: str) -> bool:
 
 
 def headers_left_out(lines: Sequence[int]) -> list[str]:
-    """Return the sentence about lines that repeat the header, as a list of at most one."""
+    """Return the doubt about lines that repeat the header, as a list of at most one sentence."""
     if not lines:
         return []
     shown = ", ".join(map(str, lines[:MOST_LISTED])) + (", …" if len(lines) > MOST_LISTED else "")
@@ -59,12 +73,12 @@ def headers_left_out(lines: Sequence[int]) -> list[str]:
 
 
 def another_header(line: int) -> str:
-    """Return the sentence about a second table below the first one."""
+    """Return the error about a second table below the first one, which begins in `line`."""
     return f"line {line} names other columns than the header; split the file there and give each part alone"
 
 
 def above_the_table(lines: Sequence[int]) -> list[str]:
-    """Return the sentence about lines of values above the header, as a list of at most one."""
+    """Return the doubt about lines of values above the header, as a list of at most one sentence."""
     if not lines:
         return []
     return [

@@ -30,10 +30,16 @@ MOST_APART_S = 20.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImportedLog:
-    """A log of files from other recorders; `table` is the `[log]` that reads such files directly.
+    """A log of files from other recorders.
 
-    `asked` are doubts about guesses: sentences by the key of `[log]` that settles them. Compare `log` with
-    `shown` before you use it while there are any.
+    Compare `log` with `shown` before you use it while `asked` has any doubts.
+
+    Attributes:
+        log: The log with the configuration's channels, in their units.
+        options: The `[log]` table with guessed keys, which reads such files directly.
+        asked: Doubts about guesses: sentences by the key of `[log]` that settles them.
+        shown: Rows to display: name, column, unit and first cells of each clock and channel.
+        zoneless: Whether times are wall-clock times without a zone.
     """
 
     log: Log
@@ -46,6 +52,8 @@ class ImportedLog:
     def doubts(self) -> tuple[str, ...]:
         """The doubts to report to every reader of the log: about the files, missing values, and confirmed
         guesses.
+
+        They are written into the log, so that a later replay repeats them.
         """
         confirmed = (f"{key}: {doubt}; confirmed at the import" for key, doubt in self.asked.items())
         words = (words.text for words in self.log.words)
@@ -53,13 +61,18 @@ class ImportedLog:
 
     @property
     def table(self) -> str:
-        """The `[log]` table that reads such files, as TOML."""
+        """The `[log]` table that reads such files, as TOML, to be put into the configuration."""
         return table_of(self.options)
 
     def write(self, path: str | Path, *, agreed: bool = False) -> None:
         """Write the log as CSV or Parquet, by the suffix.
 
-        Raises `LogError` if it cannot be written, or if something is doubtful and not `agreed`.
+        Args:
+            path: The file; an existing one is replaced.
+            agreed: Write in spite of doubts in `asked`, which the log then states.
+
+        Raises:
+            LogError: Something is doubtful and not `agreed`, or the file cannot be written.
         """
         if self.asked and not agreed:
             doubts = [f"  {key}: {doubt}" for key, doubt in self.asked.items()]
@@ -70,7 +83,17 @@ class ImportedLog:
 
 
 def proposed(paths: Sequence[Path], config: Config, options: Logs) -> ImportedLog:
-    """Read files by configured and guessed keys. Raises `LogError` with all that cannot be guessed."""
+    """Read files by configured and guessed keys.
+
+    Args:
+        paths: Files of one run.
+        config: The machine whose channels are needed.
+        options: Its `[log]` table, or one with options of a command.
+
+    Raises:
+        LogError: A file cannot be read, or clock, columns or units cannot be guessed; all problems in one
+            error.
+    """
     sources = sources_of(paths, options)
     name = " + ".join(map(str, paths))
     if not sources.timed:
@@ -104,7 +127,12 @@ def _missing_column(channel: str, sources: Sources, guess: Guess, options: Logs)
 def read_whole(path: Path, *, accept_truncated: bool = False) -> Log:
     """Read a file from another recorder: every column of numbers, with its name and unit in the file.
 
-    Raises `LogError` with all problems, among them doubts about the clock.
+    Args:
+        path: The file.
+        accept_truncated: Drop a last row that was cut off, instead of refusing the file.
+
+    Raises:
+        LogError: All problems in one error, among them doubts about the clock, which only a `[log]` settles.
     """
     options = Logs()
     sources = sources_of([path], options, accept_truncated=accept_truncated)
@@ -167,7 +195,7 @@ def _rows(sources: Sources, config: Config, options: Logs) -> list[tuple[str, ..
 
 
 def table_of(options: Logs) -> str:
-    """Return a `[log]` table as TOML, without unset keys."""
+    """Return a `[log]` table as TOML, with `[log.columns]` below it and without unset keys."""
     set_keys: dict[str, Any] = options.model_dump(exclude_unset=True, exclude_none=True, exclude={"columns"})
     lines = ["[log]", *(f"{key} = {_toml(value)}" for key, value in set_keys.items())]
     if options.columns:
@@ -177,7 +205,7 @@ def table_of(options: Logs) -> str:
 
 
 def column_of(entry: LogColumn) -> str:
-    """Return an entry of `[log.columns]` as TOML."""
+    """Return an entry of `[log.columns]` as TOML: a name, or a table with the name and its unit."""
     if entry.unit is None:
         return _toml(entry.column)
     return f"{{ column = {_toml(entry.column)}, unit = {_toml(entry.unit)} }}"

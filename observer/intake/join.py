@@ -15,7 +15,14 @@ SAME_S = 2e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelSamples:
-    """The values (n,) of a channel at increasing times (n,); `is_held`: each holds until the next one."""
+    """The samples of a channel.
+
+    Attributes:
+        channel: Its name.
+        time_s: Increasing times (n,).
+        values: Values (n,) in the channel's unit.
+        is_held: Whether each value holds until the next one; if not, rows between them have no value.
+    """
 
     channel: str
     time_s: FloatArray
@@ -24,10 +31,16 @@ class ChannelSamples:
 
 
 def joined(parts: Sequence[ChannelSamples]) -> tuple[FloatArray, FloatArray, bool]:
-    """Return the rows (n,) at which any channel has a sample, the values (n, c), and whether the clocks
-    differ.
+    """Return the rows at which any channel has a sample.
 
-    A value is NaN where a channel has no sample in the row.
+    Times that differ by less than 2 µs share a row.
+
+    Args:
+        parts: Channels; those with one clock share the array of times.
+
+    Returns:
+        The times (n,), the values (n, c), and whether the clocks differ. A value is NaN where a channel has
+            no sample in the row and does not hold its last one.
     """
     clocks = {id(part.time_s): part.time_s for part in parts}
     if len(clocks) == 1:
@@ -45,10 +58,16 @@ def joined(parts: Sequence[ChannelSamples]) -> tuple[FloatArray, FloatArray, boo
 
 
 def with_steps(time_s: FloatArray, values: FloatArray, inputs: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return rows with one inserted just before each change of an input, in which the inputs keep their
-    values.
+    """Return rows with one inserted just before each change of an input, so that the inputs change in
+    steps.
 
-    `inputs` (c,) are the channels that hold their value until the next row; the others are NaN in such a row.
+    Args:
+        time_s: Increasing times (n,).
+        values: Values (n, c).
+        inputs: True for the channels that hold their value until the next row, (c,).
+
+    Returns:
+        The times and values of all rows. In an inserted row the inputs keep their values, the others are NaN.
     """
     if len(time_s) < 2 or not inputs.any():
         return time_s, values

@@ -32,7 +32,7 @@ _FORMAT = re.compile(r"[ymdhsfn/:.\- ]{4,}$", re.I)
 
 
 def is_value(cell: str) -> bool:
-    """Whether a cell is a number or a time."""
+    """Return whether a cell is a number, a time, or a number with a known unit."""
     cell = cell.strip()
     if not cell or not any(c.isdigit() for c in cell):
         return False
@@ -47,11 +47,11 @@ class TableLayout:
     """Rows of a table, by number from 0.
 
     Attributes:
-        header: its header, −1 for none
-        units: its row of units, −1 for none
-        data: the first row of its data
-        width: number of columns
-        above: rows above the header that look like data
+        header: Its header, −1 for none.
+        units: Its row of units, −1 for none.
+        data: The first row of its data.
+        width: Number of columns.
+        above: Rows above the header that look like data.
     """
 
     header: int
@@ -62,14 +62,14 @@ class TableLayout:
 
 
 def split_lines(lines: Sequence[str], separator: str) -> list[list[str]]:
-    """Return the cells of lines; a separator of one blank matches any number of them."""
+    """Return the cells of lines; a separator of one blank matches any number of blanks and tabs."""
     if separator == " ":
         return [line.split() for line in lines]
     return list(csv.reader(lines, delimiter=separator)) if lines else []
 
 
 def separator_of(lines: Sequence[str]) -> str:
-    """Return the separator with which most cells in most lines are values."""
+    """Return the separator with which most cells in most lines are values: `;`, tab, `,`, `|` or a blank."""
     return max(_SEPARATORS, key=lambda mark: (_score(split_lines(lines, mark)), -_SEPARATORS.index(mark)))
 
 
@@ -85,9 +85,13 @@ def _score(rows: Sequence[Sequence[str]]) -> float:
 
 
 def data_block(rows: Sequence[Sequence[str]]) -> tuple[int, int, int]:
-    """Return the longest run of rows of one width with values in them: its begin, its end, its width.
+    """Return the longest run of rows of one width with values in them.
 
-    Text of the same width ends a run. Blank rows and rows of another width between two runs do not.
+    Text of the same width ends a run. Blank rows and rows of another width between two runs do not. Runs of
+    one column count only if no other run is wider.
+
+    Returns:
+        Its first row, the row after its last, and its width; zeros if no row has a value.
     """
     filled = [(i, row) for i, row in enumerate(rows) if any(cell.strip() for cell in row)]
     runs: list[tuple[int, int, int]] = []  # begin, end, width
@@ -136,25 +140,30 @@ def _start_of_data(rows: Sequence[Sequence[str]]) -> tuple[int, int]:
 
 
 def numeric_columns(rows: Sequence[Sequence[str]], width: int) -> list[int]:
-    """Return the columns in which most cells of some rows are values."""
+    """Return the indices of the columns in which most cells of some rows are values.
+
+    Only rows of exactly `width` cells count.
+    """
     rows = [row for row in rows if len(row) == width]
     return [i for i in range(width) if 2 * sum(is_value(row[i]) for row in rows) > len(rows)]
 
 
 def has_value_in(row: Sequence[str], columns: Sequence[int]) -> bool:
-    """Whether a row has a value in one of some columns, and only words for missing values in the others."""
+    """Return whether a row has a value in one of some columns, and only words for missing values in the
+    others.
+    """
     return any(is_value(row[k]) for k in columns) and all(
         is_value(row[k]) or is_missing(row[k]) for k in columns
     )
 
 
 def is_missing(cell: str) -> bool:
-    """Whether a cell is empty or a word for a missing value."""
+    """Return whether a cell is empty or a recorder's word for a missing value, such as `n/a`."""
     return not cell.strip() or cell.strip().casefold() in MISSING
 
 
 def is_header(row: Sequence[str]) -> bool:
-    """Whether a row may name columns: most of its cells are filled with different words."""
+    """Return whether a row may name columns: most of its cells are filled with different words."""
     filled = [cell.strip() for cell in row if cell.strip()]
     return 2 * len(filled) > len(row) and not any(map(is_value, filled)) and len(set(filled)) > len(row) // 2
 
@@ -162,7 +171,13 @@ def is_header(row: Sequence[str]) -> bool:
 def layout_of(
     rows: Sequence[Sequence[str]], skip_rows: int | None = None, units_row: bool | None = None
 ) -> TableLayout:
-    """Return the layout of the first rows of a table; `skip_rows` and `units_row` override what is found."""
+    """Return the layout of the first rows of a table.
+
+    Args:
+        rows: Cells of the first lines of a file, 400 at most.
+        skip_rows: Number of lines above the header; None to find the header.
+        units_row: Whether a row of units follows the header; None to find out.
+    """
     begin, width = _start_of_data(rows)
     if skip_rows is not None:
         header = skip_rows
@@ -196,8 +211,16 @@ def _is_units(row: Sequence[str]) -> bool:
 
 
 def names_of(header: Sequence[str], units: Sequence[str], width: int) -> list[tuple[str, str]]:
-    """Return a name and a unit for each column: the unit as written, empty for none; unnamed columns are
-    numbered.
+    """Return a name and a unit for each column.
+
+    Args:
+        header: Cells of the header; may be shorter than the table.
+        units: Cells of the row of units; empty for none.
+        width: Number of columns.
+
+    Returns:
+        `width` pairs of a unique name and the unit as written. The unit is empty if the name has one or the
+            file has none. Unnamed and repeated columns are numbered.
     """
     names: list[tuple[str, str]] = []
     for i in range(width):
@@ -212,7 +235,9 @@ def names_of(header: Sequence[str], units: Sequence[str], width: int) -> list[tu
 
 
 def decimal_of(rows: Sequence[Sequence[str]]) -> str:
-    """Return the decimal separator of the numbers in some rows."""
+    """Return the decimal separator of the numbers in some rows: `,` if more cells have a decimal comma,
+    else `.`.
+    """
     cells = [cell.strip() for row in rows for cell in row]
     commas, points = (sum(bool(pattern.match(cell)) for cell in cells) for pattern in (_COMMA, _POINT))
     return "," if commas > points else "."

@@ -40,8 +40,14 @@ MOST_WORDS = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """A channel's column in a sheet, its unit in the sheet and the channel's, both as `resolved` gives
-    them.
+    """A channel's column in a sheet.
+
+    Attributes:
+        channel: Name of the channel.
+        source: The sheet with its clock.
+        column: The column in it.
+        unit: Its unit, as `resolved` gives it; empty if unknown.
+        to: The channel's unit, as `resolved` gives it; empty for a channel without one.
     """
 
     channel: str
@@ -54,9 +60,17 @@ class Placed:
 def read_foreign(
     paths: Sequence[Path], config: Config, *, spare: Collection[str] = (), accept_truncated: bool = False
 ) -> Log:
-    """Read files from other recorders, by `[log]` and obvious names; channels in `spare` may be missing.
+    """Read files from other recorders, by `[log]` and obvious names.
 
-    Raises `LogError` with all problems.
+    Args:
+        paths: Files of one run.
+        config: The machine with its channels and `[log]`.
+        spare: Channels that may be missing.
+        accept_truncated: Drop a last row that was cut off, instead of refusing the file.
+
+    Raises:
+        LogError: All problems in one error: unreadable files, missing columns, units, cells that are not
+            numbers.
     """
     options = config.log
     return mapped(
@@ -67,7 +81,18 @@ def read_foreign(
 def mapped(
     sources: Sources, paths: Sequence[Path], config: Config, options: Logs, spare: Collection[str] = ()
 ) -> Log:
-    """Return the log of the sheets by the columns of `options`. Raises `LogError` with all problems."""
+    """Return the log of the sheets by the columns of `options`.
+
+    Args:
+        sources: The sheets with their clocks, and the problems found so far.
+        paths: The files they come from, named in errors.
+        config: The machine with its channels.
+        options: The `[log]` table.
+        spare: Channels that may be missing.
+
+    Raises:
+        LogError: All problems in one error, those of `sources` included.
+    """
     name = " + ".join(map(str, paths))
     problems, doubts = list(sources.problems), list(sources.doubts)
     if not sources.timed:
@@ -86,9 +111,21 @@ def logged(
     problems: list[str],
     doubts: list[str],
 ) -> Log:
-    """Return the log of placed columns; a channel that `kinds` lacks has an unknown meaning.
+    """Return the log of placed columns.
 
-    Raises `LogError` with all problems, also those passed in.
+    Args:
+        paths: The files, named in errors.
+        placed: The columns of each channel; several are joined one after another.
+        options: The `[log]` table; with `hold`, inputs keep their value until the next row.
+        kinds: The kind of each channel; one that is missing has an unknown meaning.
+        problems: Errors so far; it is extended.
+        doubts: Doubts so far; it is extended.
+
+    Returns:
+        Values (K, c) in the channels' units, with NaN for sentinels and words, which are counted in `words`.
+
+    Raises:
+        LogError: All problems in one error, also those passed in.
     """
     name = " + ".join(map(str, paths))
     sources = [p.source for parts in placed.values() for p in parts]
@@ -132,15 +169,19 @@ def logged(
 
 
 def keeps_its_value(kind: ChannelKind) -> bool:
-    """Whether a channel of this kind may keep its value until the next row.
+    """Return whether a channel of this kind may keep its value until the next row.
 
-    Commanded values may; temperatures of screw and nodes, and positions, may not.
+    Commanded values may. Temperatures of screw and nodes, and positions, may not: they change between rows.
     """
     return kind not in (ChannelKind.SCREW, ChannelKind.NODE, ChannelKind.POSITION)
 
 
 def no_clock(sources: Sources, options: Logs) -> str:
-    """Return the sentence for files without a known clock: the candidates, and the remedy."""
+    """Return the sentence for files without a known clock: the candidates, and the remedy.
+
+    It distinguishes a wrong `[log] time`, a `time_format` that fits no cell, cells in an unknown form, and no
+    candidate at all.
+    """
     columns = [c for sheet in sources.without for c in sheet.columns]
     names = ", ".join(f'"{full_name(c)}"' for c in columns[:12])
     if options.time is not None or options.time_format is not None:
@@ -178,7 +219,7 @@ def no_clock(sources: Sources, options: Logs) -> str:
 
 
 def rising_columns(sheet: Sheet) -> list[RawColumn]:
-    """Return the columns of numbers that only increase."""
+    """Return the columns of numbers that only increase, as candidates for a clock."""
     rising = []
     for column in sheet.columns:
         if column.is_moments:
@@ -197,8 +238,17 @@ def _first_cell(column: RawColumn) -> str:
 def placed_columns(
     sources: Sources, config: Config, options: Logs, problems: list[str]
 ) -> tuple[dict[str, list[Placed]], list[str]]:
-    """Return the columns of each channel, and the channels without any; problems are appended to
-    `problems`.
+    """Return the columns of each channel, and the channels without any.
+
+    Args:
+        sources: The sheets with their clocks.
+        config: The machine; derived channels need no column.
+        options: The `[log]` table.
+        problems: A sentence is appended for each unit that is unknown or does not fit its channel.
+
+    Returns:
+        Columns by channel, several if it continues from file to file; and the missing channels. One whose
+            configured column is missing is given as `channel = column`.
     """
     kinds, placed, missing = kinds_of(config), dict[str, list[Placed]](), list[str]()
     derived = config.derived_channels
@@ -230,7 +280,8 @@ def placed_columns(
 def unit_of_column(column: RawColumn, to: str) -> str:
     """Return the unit of a column by its file; the channel's unit `to` if the file gives none.
 
-    Raises `LogError` for a unit that is not understood.
+    Raises:
+        LogError: The unit is not understood; the sentence shows how to give it in `[log.columns]`.
     """
     written = column.unit or split_name(column.name)[1]
     if not written:
@@ -245,7 +296,7 @@ def unit_of_column(column: RawColumn, to: str) -> str:
 
 
 def misunderstood(columns: Iterable[RawColumn]) -> list[str]:
-    """Return a sentence for each column whose unit is not understood."""
+    """Return a sentence for each column whose unit is not understood; its values stay as they are."""
     doubts = []
     for column in columns:
         try:
@@ -282,7 +333,7 @@ def last_part(name: str) -> str:
 
 
 def plain_name(name: str) -> str:
-    """Return a name in canonical form: letters and digits in lower case."""
+    """Return a name in canonical form: letters and digits in lower case, for comparison."""
     return "".join(c for c in name.casefold() if c.isalnum())
 
 
@@ -304,7 +355,9 @@ def _without(missing: Sequence[str], sources: Sources) -> str:
 
 
 def unlike_clocks(sources: Sequence[TimedSheet]) -> Iterator[str]:
-    """Yield why clocks cannot be joined."""
+    """Yield the reason why clocks cannot be joined: some count from 1970 and others from their own
+    beginning.
+    """
     since = {s.clock.since_1970 for s in sources}
     if len(since) > 1:
         sheet = next(s.sheet for s in sources if not s.clock.since_1970)

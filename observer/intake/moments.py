@@ -43,9 +43,13 @@ _MONTHS = {
 
 
 class Moments(NamedTuple):
-    """Times (n,) in ns, `NO_TIME` for a cell without one: since 1970, or of one day where `dated` is false.
+    """Times in cells of text.
 
-    `utc`: the cells name their zone. `doubt` is a sentence about an ambiguous form.
+    Attributes:
+        ns: Times (n,) in ns, since 1970 or since midnight of the first day; `NO_TIME` for a cell without one.
+        dated: Whether the cells have dates.
+        utc: Whether the cells name their zone, so that `ns` is in UTC.
+        doubt: A sentence about an ambiguous form, with the `[log]` key that settles it; None for none.
     """
 
     ns: Nanoseconds
@@ -55,7 +59,18 @@ class Moments(NamedTuple):
 
 
 def moments_of(cells: Any, time_format: str | None) -> Moments | None:
-    """Return the times in cells of text (n,), a pyarrow array; None if most cells are not times."""
+    """Return the times in cells of text.
+
+    Forms are tried in this order: dates that are not ambiguous, dates with slashes, times of day, and other
+    forms by dateutil. Dates with slashes are read with the day first unless the cells show otherwise.
+
+    Args:
+        cells: A pyarrow array of strings (n,).
+        time_format: A `strptime` format; None to find the form.
+
+    Returns:
+        The times; None if at most half of the filled cells are times.
+    """
     import pyarrow.compute as pc  # noqa: PLC0415 - slow to import, and the daemon reads no log
 
     cells = pc.utf8_trim_whitespace(cells)

@@ -29,10 +29,17 @@ def read_channels(
     spare: Collection[str] = (),
     **accept: bool,
 ) -> Log:
-    """Read the channels of a configuration from a log.
+    """Read the channels of a configuration from a log, in the program's own form or in another recorder's.
 
-    Channels in `spare` may be missing in it; `accept` are the options of `read_log`. Raises `LogError`, and
-    `ModuleNotFoundError` if a format's package is not installed.
+    Args:
+        path: The log.
+        config: The machine with its channels and `[log]`.
+        spare: Channels that may be missing.
+        accept: `accept_truncated` and `accept_damaged`, as of `read_log`.
+
+    Raises:
+        LogError: The file cannot be read, or a channel is missing.
+        ModuleNotFoundError: The package for the file's format is not installed.
     """
     options = config.log
     header = own_header(path, options)
@@ -49,7 +56,10 @@ def read_channels(
 
 
 def with_held_inputs(log: Log, config: Config) -> Log:
-    """Return a log whose inputs keep their value until the next row: rows are inserted where they change."""
+    """Return a log whose inputs keep their value until the next row: rows are inserted where they change.
+
+    Temperatures of the screw and its nodes, and positions, have no value in the inserted rows.
+    """
     kinds = kinds_of(config)
     keeping = np.array([keeps_its_value(kinds.get(name, ChannelKind.SCREW)) for name in log.channels])
     time_s, values = with_steps(log.time_s, log.values, keeping)
@@ -57,9 +67,13 @@ def with_held_inputs(log: Log, config: Config) -> Log:
 
 
 def own_header(path: Path, options: Logs) -> list[str] | None:
-    """Return the columns of a log in the program's own form; None for any other, or if `[log]` names columns.
+    """Return the columns of a log in the program's own form.
 
-    A file that cannot be read counts as one of the own form, so that reading it reports the reason.
+    Only the head of the file is read. A file that cannot be read counts as one of the own form, so that
+    reading it reports the reason.
+
+    Returns:
+        The names, `time_s` first; None for any other form, or if `[log.columns]` names columns of the file.
     """
     suffix = next((ending for ending in SUFFIXES if path.name.endswith(ending)), None)
     if suffix is None:

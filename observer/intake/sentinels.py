@@ -25,9 +25,16 @@ _LEAST_STEP_K, _OF_USUAL = 5.0, 20.0
 def without_sentinels(
     values: FloatArray, name: str, unit: str, missing: Sequence[str] = ()
 ) -> tuple[FloatArray, list[Words]]:
-    """Return values (n,) with NaN for each sentinel, and how many of each there were.
+    """Return values with NaN for each sentinel, and how many of each there were.
 
-    `unit` is the unit of the values, as `known_unit` gives it; `missing` are texts of `[log] missing`.
+    Sentinels are overloads of meters, temperatures below absolute zero, and the 85 °C and −127 °C of a
+    DS18B20. The latter two count only where they stand apart from the values beside them.
+
+    Args:
+        values: Values (n,) as recorded.
+        name: The channel, for the counts.
+        unit: Unit of the values, as `known_unit` gives it.
+        missing: Texts of `[log] missing`; those that are numbers are sentinels too.
     """
     is_sentinel = np.abs(values) >= OVERLOAD
     for number in _numbers(missing):
@@ -74,7 +81,10 @@ def _stands_apart(degC: FloatArray, code_degC: float) -> BoolArray:
 
 
 def cleaned(log: Log, options: Logs) -> Log:
-    """Return a log in the program's own form without sentinels; a recording is returned unchanged."""
+    """Return a log in the program's own form without sentinels; a recording is returned unchanged.
+
+    A recording of the service has passed its drivers, which mark missing values.
+    """
     if log.step is not None:
         return log
     values, words = log.values.copy(), list(log.words)

@@ -18,10 +18,11 @@ class RawColumn:
     """A column with the contents of its file.
 
     Attributes:
-        values: (n,) float64 with NaN, `datetime64[ns]` with NaT, or a pyarrow array of strings with nulls
-        unit: the one in the file, empty for none
-        utc: whether times are in UTC, not wall-clock times
-        dropped: words in cells of rows that were left out
+        name: Its name in the file.
+        values: (n,) float64 with NaN, `datetime64[ns]` with NaT, or a pyarrow array of strings with nulls.
+        unit: The unit that the file has in a row or field of its own; empty for none.
+        utc: Whether times are in UTC, not wall-clock times.
+        dropped: Words in cells of rows that were left out.
     """
 
     name: str
@@ -49,16 +50,18 @@ class Sheet:
     """A table of a file: columns of one length, and their clock if the file itself defines it.
 
     Attributes:
-        name: of the group or sheet in its file, empty for the only one
-        time_s: (n,) s, where the format has its own clock
-        since_1970: whether these count from 1970
-        on_wall: whether they are wall-clock times without a zone
-        decimal: decimal separator of text
-        first_line: line number of the first row where lines are consecutive
-        lines: (n,) line numbers of the rows
-        left_out: lines of rows that did not fit
-        doubts: sentences about rows that were left out
-        preamble: lines above the header
+        path: Its file.
+        name: Name of the group or sheet in its file; empty for the only one.
+        columns: Its columns, in the file's order.
+        time_s: Times (n,) in s, where the format has its own clock; None if a column holds them.
+        since_1970: Whether these count from 1970.
+        on_wall: Whether they are wall-clock times without a zone.
+        decimal: Decimal separator of text.
+        first_line: Line number of the first row where lines are consecutive; None if they are not lines.
+        lines: Line numbers of the rows, (n,); None if they are consecutive.
+        left_out: Lines of rows that did not fit.
+        doubts: Sentences about rows that were left out.
+        preamble: Lines above the header.
     """
 
     path: Path
@@ -75,16 +78,19 @@ class Sheet:
     preamble: tuple[str, ...] = ()
 
     def place(self, row: int) -> str:
-        """Return the position of a row in its file, as its reader counts."""
+        """Return the position of a row, counted from 0, in its file, for a message: `line 12`, or `row 3`
+        of a sheet.
+        """
         sheet = f'"{self.name}", ' if self.name else ""
         if self.lines is not None:
             return f"{sheet}line {self.lines[row]}"
         return f"{sheet}row {row + 1}" if self.first_line is None else f"{sheet}line {self.first_line + row}"
 
     def named(self, name: str) -> RawColumn | None:
-        """Return the column of a name, with or without the sheet's name before it; None if no column has it.
+        """Return the column of a name; None if no column has it.
 
-        Its unit may be left out if no other column has that name.
+        The sheet's name may stand before it, as in `group/name`. Its unit may be left out if no other column
+        has that name.
         """
         plain = name.removeprefix(f"{self.name}/")
         if (column := next((c for c in self.columns if plain in (c.name, full_name(c))), None)) is not None:

@@ -36,7 +36,13 @@ _TWICE = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimedSheet:
-    """A sheet whose rows have increasing times; `is_held`: it is one signal of a file in long form."""
+    """A sheet whose rows have increasing times.
+
+    Attributes:
+        sheet: The sheet, without rows that lack a time.
+        clock: Its clock, with a time (n,) for each row.
+        is_held: Whether it is one signal of a file in long form, whose values hold until the next.
+    """
 
     sheet: Sheet
     clock: SheetClock
@@ -45,9 +51,14 @@ class TimedSheet:
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """All sheets of some files; with several files, `problems` are sentences that begin with a file's name.
+    """All sheets of some files.
 
-    `without` are the sheets without a clock, `long` the columns of name and value of files in long form.
+    Attributes:
+        timed: The sheets with a clock.
+        problems: Errors; with several files, sentences that begin with a file's name.
+        doubts: Sentences about rows left out and clocks.
+        without: The sheets without a clock.
+        long: The columns of name and value of files in long form; None without one.
     """
 
     timed: tuple[TimedSheet, ...]
@@ -58,7 +69,19 @@ class Sources:
 
 
 def sources_of(paths: Sequence[Path], options: Logs, *, accept_truncated: bool = False) -> Sources:
-    """Read files and find the clock of each of their sheets. Raises `LogError` if one cannot be read."""
+    """Read files and find the clock of each of their sheets.
+
+    A sheet in long form, with a column of names and one of values, becomes a sheet for each signal.
+
+    Args:
+        paths: Files of one run.
+        options: The `[log]` table.
+        accept_truncated: Drop a last row that was cut off, instead of refusing the file.
+
+    Raises:
+        LogError: The only file cannot be read. Of several files, such an error is one of the `problems`.
+        ModuleNotFoundError: The package for a file's format is not installed.
+    """
     timed, problems, doubts, without, long = list[TimedSheet](), list[str](), list[str](), list[Sheet](), None
     for path in paths:
         before = f"{path.name}: " if len(paths) > 1 else ""
@@ -155,6 +178,9 @@ def _in_order(sheet: Sheet, clock: SheetClock, doubts: list[str]) -> TimedSheet:
 def by_clock(sheet: Sheet, options: Logs) -> list[Sheet]:
     """Return the parts of a sheet in which each group of columns has its own clock; usually the whole
     sheet.
+
+    A group begins with a column of times, as in exports with a time for each signal. Groups whose times agree
+    within 1 µs stay together.
     """
     if options.time is not None or options.every_s is not None or sheet.time_s is not None:
         return [sheet]

@@ -25,23 +25,31 @@ _LONGEST_UNIT = 24
 
 
 def known_unit(written: str) -> str:
-    """Return the unit of which a text is a usual spelling; empty if it is not one."""
+    """Return the unit of which a text is a usual spelling, such as `degC` for `°C`; empty if it is not
+    one.
+    """
     unit = spelled(written)
     return "" if unit is None else unit.name
 
 
 def says_no_unit(written: str) -> bool:
-    """Whether a text is a recorder's mark for a missing unit, such as `-` or `(None)`."""
+    """Return whether a text is a recorder's mark for a missing unit, such as `-` or `(None)`."""
     return written.strip().casefold() in _NO_UNIT
 
 
 def shown_unit(unit: str) -> str:
-    """Return a unit as people write it."""
+    """Return a unit as people write it, such as `°C` for `degC`; one that is not in the table stays as it
+    is.
+    """
     return BY_NAME[unit].shown if unit in BY_NAME else unit
 
 
 def split_name(name: str) -> tuple[str, str]:
-    """Return a column's name without the unit at its end, and that unit as written; empty for none."""
+    """Return a column's name without the unit at its end, and that unit as written.
+
+    Units are found in brackets, after a suffix `_degC`, after a slash, a comma or `in`, and in names such as
+    `TempC`. The unit is empty where the name has none.
+    """
     match = _IN_BRACKETS.match(name)
     if match and known_unit(match["unit"]):
         return match["name"].strip(), match["unit"].strip()
@@ -85,7 +93,13 @@ def _registry() -> Any:
 
 @cache
 def resolved(written: str) -> str:
-    """Return the unit that a text means, for pint; empty for none. Raises `LogError` for an unknown one."""
+    """Return the unit that a text means, for pint; empty for a mark of no unit.
+
+    Results are cached. pint is imported only for a text that is not a usual spelling.
+
+    Raises:
+        LogError: The unit is unknown.
+    """
     if says_no_unit(written):
         return ""
     if unit := known_unit(written):
@@ -99,15 +113,19 @@ def resolved(written: str) -> str:
 
 
 def fits(unit: str, to: str) -> bool:
-    """Whether values in one unit, both as `resolved` gives them, can be converted to the other."""
+    """Return whether values in one unit, both as `resolved` gives them, can be converted to the other.
+
+    An empty unit fits every other, since its values are taken as they are.
+    """
     if unit == to or not unit or not to:
         return True
     return bool(_registry().Unit(unit).is_compatible_with(_registry().Unit(to)))
 
 
 def converted(values: FloatArray, unit: str, to: str) -> FloatArray:
-    """Return values (n,) converted from one unit to another, both as `resolved` gives them; unknown ones
-    stay.
+    """Return values (n,) converted from one unit to another, both as `resolved` gives them.
+
+    Values stay as they are if either unit is empty. Temperatures are converted with their offsets.
     """
     if unit == to or not unit or not to:
         return values
@@ -115,5 +133,5 @@ def converted(values: FloatArray, unit: str, to: str) -> FloatArray:
 
 
 def factor(unit: str, to: str) -> float:
-    """Return the factor from one unit to the other."""
+    """Return the factor from one unit to the other, both without an offset, such as 60 from `min` to `s`."""
     return float(converted(np.ones(1), unit, to)[0])

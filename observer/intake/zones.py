@@ -19,7 +19,12 @@ _HEADER_ZONE = re.compile(r"(?:UTC|GMT)\s*[+-]\s*\d{1,2}(?::?\d{2})?|[A-Z]{3,4}|
 
 
 def offset_ns(zone: str) -> int | None:
-    """Return how far a zone is ahead of UTC, in ns: `GMT-05:00`, `+0100`, `CEST`; None if not understood."""
+    """Return how far a zone is ahead of UTC, in ns: `GMT-05:00`, `+0100`, `CEST`.
+
+    Returns:
+        The offset, 0 for an empty text; None if it is not understood, as an abbreviation with several
+            meanings.
+    """
     written = zone.replace(" ", "").upper()
     if written in ABBREVIATIONS_H or not written:
         return ABBREVIATIONS_H.get(written, 0) * 3_600_000_000_000
@@ -39,9 +44,13 @@ def zone_in(name: str) -> str:
 
 
 def localised(wall_s: FloatArray, zone: str) -> FloatArray:
-    """Return wall-clock times (n,), in s since 1970 as if in UTC, converted from their zone to UTC.
+    """Return wall-clock times converted from their zone to UTC.
 
     The repeated hour in autumn is taken as the first one until the clock goes back.
+
+    Args:
+        wall_s: Times (n,), in s since 1970 as if in UTC; NaN stays NaN.
+        zone: An IANA name.
     """
     place, is_finite = ZoneInfo(zone), np.isfinite(wall_s)
     quarters = np.where(is_finite, np.floor(np.where(is_finite, wall_s, 0.0) / 900.0), 0).astype(np.int64)
@@ -56,7 +65,12 @@ def localised(wall_s: FloatArray, zone: str) -> FloatArray:
 
 
 def in_repeated_hour(wall_s: FloatArray, zone: str) -> BoolArray:
-    """Return which wall-clock times (n,) the zone's clock shows twice, when summer time ends."""
+    """Return which wall-clock times (n,) the zone's clock shows twice, when summer time ends.
+
+    Args:
+        wall_s: Finite times (n,), in s since 1970 as if in UTC.
+        zone: An IANA name.
+    """
     place, quarters = ZoneInfo(zone), np.floor(wall_s / 900.0).astype(np.int64)
     unique, back = np.unique(quarters, return_inverse=True)
     offsets = [[_offset_s(int(quarter) * 900, place, fold) for fold in (0, 1)] for quarter in unique]

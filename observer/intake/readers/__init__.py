@@ -1,4 +1,8 @@
-"""One reader per format; each returns the sheets of a file."""
+"""One reader per format; each returns the sheets of a file.
+
+Readers convert nothing: cells stay numbers, moments or text. Each format's package is imported by its reader
+only, since it is an extra.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +24,11 @@ SUFFIXES = (*TEXTS, *WORKBOOKS, *ARROW, ".mf4", ".mdf", ".tdms")
 
 
 def holds_signals(path: Path) -> bool:
-    """Whether a path names an MDF file of signals, and not of the frames of a bus."""
+    """Return whether a path names an MDF file of signals, and not of the frames of a bus.
+
+    Raises:
+        LogError: The file begins as MDF and is damaged.
+    """
     if kind_of(path) not in MEASUREMENTS or not path.is_file() or not _begins(path, b"MDF "):
         return False
     from observer.intake.readers.mdf import has_signals  # noqa: PLC0415 - each format has its own package
@@ -29,7 +37,11 @@ def holds_signals(path: Path) -> bool:
 
 
 def is_text_log(path: Path) -> bool:
-    """Whether a `.log` holds a table or statistics, and not the frames of a bus, as `(time) can0 …`."""
+    """Return whether a `.log` holds a table or statistics, and not the frames of a bus, as `(time) can0
+    …`.
+
+    A file that cannot be opened is not one.
+    """
     if kind_of(path) != ".log":
         return False
     try:
@@ -41,15 +53,26 @@ def is_text_log(path: Path) -> bool:
 
 
 def kind_of(path: Path) -> str:
-    """Return the suffix of a file without that of its compression, in lower case."""
+    """Return the suffix of a file without that of its compression, in lower case: `.csv` of `A.CSV.gz`."""
     name = path.name.lower().removesuffix(".gz")
     return Path(name).suffix
 
 
 def read_sheets(path: Path, options: Logs, accept_truncated: bool = False) -> list[Sheet]:
-    """Read every table of a file; with `accept_truncated`, without a last row that was cut off.
+    """Read every table of a file.
 
-    Raises `LogError`, or `ModuleNotFoundError` for a format's package.
+    Args:
+        path: The file; its suffix and its first bytes choose the reader.
+        options: The `[log]` table, which concerns text and workbooks.
+        accept_truncated: Drop a last row that was cut off, instead of refusing the file.
+
+    Returns:
+        At least one sheet, each with at least one row.
+
+    Raises:
+        LogError: The format is unknown, or the file is missing, unreadable, too large, damaged or without
+            values.
+        ModuleNotFoundError: The format's package is not installed.
     """
     kind = kind_of(path)
     if kind not in SUFFIXES:

@@ -13,7 +13,18 @@ from observer.intake.sheets import RawColumn, Sheet
 
 
 def read_arrow(path: Path, kind: str) -> list[Sheet]:
-    """Read the table of such a file. Raises `LogError` for a large one, pyarrow's errors for damage."""
+    """Read the table of a Parquet, Arrow or Feather file.
+
+    Columns that are neither numbers, moments nor text are left out. The field's metadata `unit` is its unit.
+
+    Args:
+        path: The file.
+        kind: Its suffix: `.parquet`, or any of the others.
+
+    Raises:
+        LogError: The table would be too large for the memory.
+        pyarrow.ArrowException: The file is damaged.
+    """
     table = _parquet_table(path) if kind == ".parquet" else _ipc_table(path)
     columns = [_column(field, table.column(i)) for i, field in enumerate(table.schema)]
     return [Sheet(path, "", tuple(column for column in columns if column is not None))]

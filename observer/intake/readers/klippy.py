@@ -18,7 +18,7 @@ _OF_ALL = frozenset({"gcodein", "sysload", "cputime", "memavail", "print_time", 
 
 
 def recognises(text: str) -> bool:
-    """Whether a text is such a log."""
+    """Return whether a text is such a log, by its first words or its lines of statistics."""
     return text.startswith(("Starting Klippy", "Stats ", "Start printer at ")) or (
         "\nStats " in text and "sysload=" in text
     )
@@ -28,6 +28,7 @@ def read(path: Path, text: str) -> list[Sheet]:
     """Read the statistics of a log: `chamber.temp`, `heater_bed.target` and so on.
 
     Times count from 1970 if the log has the start of the printer, else from the computer's start.
+    Temperatures have the unit degC, the others none.
     """
     rows, lines, times = list[dict[str, float]](), list[int](), list[float]()
     since_1970_s = None

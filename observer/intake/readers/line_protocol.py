@@ -18,16 +18,21 @@ _CHECKED = 20
 
 
 def recognises(text: str) -> bool:
-    """Whether a text is line protocol with a time in each line; lines that begin with `#` are comments."""
+    """Return whether a text is line protocol with a time in each line; lines that begin with `#` are
+    comments.
+
+    The first 20 lines decide.
+    """
     lines = [line for line in text[:20_000].split("\n") if line.strip() and not line.startswith("#")]
     lines = lines[:_CHECKED]
     return bool(lines) and all(_LINE.match(line) and "=" in line for line in lines[:-1] or lines)
 
 
 def read(path: Path, text: str) -> list[Sheet]:
-    """Read a text as one sheet with one value in a row.
+    """Read a text as one sheet with one value in a row: `time`, `name`, `value`.
 
-    Measurement, tags and field form the name of the signal.
+    Measurement, tags and field form the name of the signal, joined by points. Lines without a time are left
+    out, which is a doubt.
     """
     times, names, values, lines, unread_lines = [], [], [], [], []
     for number, line in enumerate(text.split("\n"), 1):

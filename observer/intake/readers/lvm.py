@@ -22,7 +22,14 @@ _END = "***End_of_Header***"
 def read_lvm(path: Path, text: str) -> list[Sheet]:
     """Read the segments of a LabVIEW measurement, those of the same channels as one sheet.
 
-    Raises `LogError`.
+    Times count from 1970 if the file has a date. They are wall-clock times unless the file has absolute ones.
+
+    Args:
+        path: The file, named in errors.
+        text: Its text.
+
+    Raises:
+        LogError: The end of the header is missing.
     """
     lines = text.splitlines()
     mark = "," if "Separator\tComma" in text or "Separator,Comma" in text else "\t"

@@ -16,7 +16,11 @@ from observer.process.memory import import_mf4
 
 
 def has_signals(path: Path) -> bool:
-    """Whether an MDF file holds signals, and not the frames of a bus."""
+    """Return whether an MDF file holds signals, and not the frames of a bus.
+
+    Raises:
+        LogError: The file is damaged.
+    """
     mdf = _opened(path)
     try:
         return not any(getattr(mdf, "bus_logging_map", {}).values())
@@ -25,7 +29,13 @@ def has_signals(path: Path) -> bool:
 
 
 def read_mdf(path: Path) -> list[Sheet]:
-    """Read the signals of an MDF file. Raises `LogError`."""
+    """Read the signals of an MDF file: a sheet for each group, its times in s since 1970.
+
+    Samples marked as invalid are missing. Signals that are arrays are left out.
+
+    Raises:
+        LogError: The file is damaged.
+    """
     mdf = _opened(path)
     try:
         start_s = mdf.header.start_time.timestamp()

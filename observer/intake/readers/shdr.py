@@ -17,13 +17,20 @@ _CONDITION_CELLS = 6
 
 
 def recognises(text: str) -> bool:
-    """Whether a text is the output of an adapter; lines that begin with `*` are commands."""
+    """Return whether a text is the output of an adapter; lines that begin with `*` are commands.
+
+    The first 20 lines decide.
+    """
     lines = [line for line in text[:20_000].split("\n") if line and not line.startswith("*")][:20]
     return bool(lines) and all(_LINE.match(line) for line in lines[:-1] or lines)
 
 
 def read(path: Path, text: str) -> list[Sheet]:
-    """Read the output of an adapter as one sheet with one value in a row; conditions are left out."""
+    """Read the output of an adapter as one sheet with one value in a row: `time`, `name`, `value`.
+
+    Conditions, and lines that are not SHDR, are left out, which is a doubt. A name's device before `:` is
+    dropped.
+    """
     times, names, values, lines = list[str](), list[str](), list[str](), list[int]()
     conditions, unread_lines = 0, list[int]()
     for number, line in enumerate(text.split("\n"), 1):
@@ -54,7 +61,7 @@ def read(path: Path, text: str) -> list[Sheet]:
 
 
 def is_condition(cells: list[str]) -> bool:
-    """Whether the cells after a time are those of one condition: name, level, and four more."""
+    """Return whether the cells after a time are those of one condition: name, level, and four more."""
     return (
         len(cells) == _CONDITION_CELLS
         and cells[1].upper() in _LEVELS

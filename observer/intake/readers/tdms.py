@@ -13,7 +13,14 @@ from observer.intake.sheets import RawColumn, Sheet
 
 
 def read_tdms(path: Path) -> list[Sheet]:
-    """Read the channels of a TDMS file, those of one clock in a sheet. Raises nptdms's errors for damage."""
+    """Read the channels of a TDMS file, those of one clock in a sheet.
+
+    Channels share a clock if they have the same length, start and step. Their times count from 1970 if the
+    waveform has a start; without a step a column must hold them.
+
+    Raises:
+        ValueError: The file is damaged; nptdms raises other errors too.
+    """
     from nptdms import TdmsFile  # noqa: PLC0415 - of an extra
     from nptdms.log import log_manager  # noqa: PLC0415
 

@@ -56,7 +56,17 @@ _OTHERS = ["cp1250", "cp1251", "cp932", "gb18030", "cp949", "big5"]
 
 
 def read_text(path: Path, options: Logs, accept_truncated: bool = False) -> list[Sheet]:
-    """Read a text file as one sheet, or a LabVIEW measurement. Raises `LogError` with all that is wrong."""
+    """Read a text file as one sheet, or as the sheets of a format that the text shows itself to be in.
+
+    Args:
+        path: The file, compressed or not.
+        options: The `[log]` table; `encoding`, `separator`, `decimal`, `skip_rows` and `units_row` replace
+            guesses.
+        accept_truncated: Drop a last row that was cut off, instead of refusing the file.
+
+    Raises:
+        LogError: The text is not in its encoding, is cut off, or holds no table; all that is wrong at once.
+    """
     data, cut = bytes_of(path)
     encoding = options.encoding or encoding_of(data)
     if (code_width := _WIDTHS.get(encoding.replace("_", "-").lower()[:6], 1)) > 1:
@@ -82,7 +92,11 @@ def read_text(path: Path, options: Logs, accept_truncated: bool = False) -> list
 
 
 def decoded(path: Path, data: bytes, encoding: str) -> str:
-    """Return the text of a file in an encoding. Raises `LogError`."""
+    """Return the text of a file in an encoding, without a byte order mark.
+
+    Raises:
+        LogError: The bytes are not text in this encoding.
+    """
     try:
         return data.decode(encoding).removeprefix("\ufeff")
     except UnicodeError:
@@ -90,7 +104,11 @@ def decoded(path: Path, data: bytes, encoding: str) -> str:
 
 
 def encoding_of(data: bytes) -> str:
-    """Return the likely encoding of bytes of text."""
+    """Return the likely encoding of bytes of text.
+
+    A byte order mark decides, then zero bytes (UTF-16), then valid UTF-8. The rest is cp1252 if its letters
+    are Western, else what charset_normalizer finds.
+    """
     for mark, name in _BOMS:
         if data.startswith(mark):
             return name
@@ -120,9 +138,18 @@ class _Misfits:
 
 
 def sheet_of(path: Path, text: str, options: Logs, header: int | None = None) -> Sheet:
-    """Return the table in a text; `header` is the number of its header row, None to find it.
+    r"""Return the table in a text.
 
-    `path` is named in errors (`LogError`).
+    Rows with another number of cells are left out, up to 5 % of the rows, and reported as doubts.
+
+    Args:
+        path: The file, named in errors.
+        text: Its text, lines ended by `\n`.
+        options: The `[log]` table.
+        header: Number of its header row from 0, followed by units and kinds as in TOA5; None to find it.
+
+    Raises:
+        LogError: The text holds no table, a second table, an open quote, or too many rows that do not fit.
     """
     lines = text.split("\n", SAMPLE_LINES)[:SAMPLE_LINES]
     separator = options.separator or separator_of(lines)

@@ -22,13 +22,19 @@ _NAME, _UNIT, _DATA_TYPE = "Name", "Unit", "Data-Type"
 
 
 def recognises(text: str) -> bool:
-    """Whether a text is such an export: it has a start time and the type of each signal."""
+    """Return whether a text is such an export: it has a start time and the type of each signal."""
     head = text[:20_000]
     return "Starttime" in head and "SampleTime[ms]" in head
 
 
 def read(path: Path, text: str) -> list[Sheet]:
-    """Read each signal as a sheet with its own times. Raises `LogError` for a file without signals."""
+    """Read each signal as a sheet with its own times.
+
+    Times count from 1970 if the start is understood. A start in words is a wall clock's.
+
+    Raises:
+        LogError: The file has no rows below the names of its signals.
+    """
     mark = next((m for m in ("\t", ";", ",") if f"{m}" in text.split("\n", 1)[0]), "\t")
     rows = [line.split(mark) for line in text.split("\n")]
     type_row = next((i for i, row in enumerate(rows) if row[0] == _DATA_TYPE), None)

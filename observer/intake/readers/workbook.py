@@ -29,10 +29,21 @@ MEMORY_BYTES = 4 << 30
 
 
 def read_workbook(path: Path, options: Logs) -> list[Sheet]:
-    """Read the tables of a workbook, in a process of its own with bounded memory. Raises `LogError`.
+    """Read the tables of a workbook, in a process of its own with at most 4 GiB of memory.
 
     A single cell far from the others makes the reader of workbooks allocate the whole grid between them. This
     would end the process without an exception.
+
+    Args:
+        path: The workbook.
+        options: The `[log]` table; `skip_rows` and `units_row` replace guesses.
+
+    Returns:
+        A sheet for each one that holds a table; the only one has no name.
+
+    Raises:
+        LogError: The workbook is damaged, exceeds the memory, or a sheet holds two tables.
+        ModuleNotFoundError: python_calamine is not installed.
     """
     import python_calamine  # noqa: F401, PLC0415 - of an extra, whose absence is reported from here
 
@@ -109,7 +120,7 @@ def _sheet(path: Path, name: str, grid: Sequence[Sequence[Any]], options: Logs) 
 
 
 def shown(cell: Any) -> str:
-    """Return a cell as text."""
+    """Return a cell as text: dates in ISO 8601, whole numbers without a decimal point, empty for None."""
     if isinstance(cell, datetime.datetime):
         return cell.isoformat(" ")
     if isinstance(cell, float) and cell.is_integer():
@@ -118,7 +129,15 @@ def shown(cell: Any) -> str:
 
 
 def cells_of(cells: Sequence[Any]) -> Any:
-    """Return the cells of a column as numbers, moments or text, whichever all of them are."""
+    """Return the cells of a column as numbers, moments or text, whichever all of them are.
+
+    Args:
+        cells: Cells (n,) as the reader of workbooks gives them.
+
+    Returns:
+        float64 with NaN (durations in s), `datetime64[ns]` with NaT, or a pyarrow array of strings with
+            nulls.
+    """
     filled = [cell for cell in cells if cell not in ("", None)]
     if all(isinstance(cell, int | float) for cell in filled):
         return np.array([np.nan if cell in ("", None) else float(cell) for cell in cells])
