@@ -19,13 +19,25 @@ _WHOLE = "screw.growth"
 
 
 class Bend(NamedTuple):
-    """The displacement sensors (d,), and the supports that restrain the screw at their positions."""
+    """Supports with play, applied to the predictions of a free screw.
+
+    Attributes:
+        moved: Numbers of the displacement sensors, (d,).
+        restraint: The supports, with the part of the growth that they hold back at the sensors' positions.
+    """
 
     moved: tuple[int, ...]
     restraint: Restraint
 
     def of(self, values: Means) -> Means:
-        """Return the rows (T, s) from those of a free screw (T, s + 1), the last its whole growth."""
+        """Return the rows of the sensors between supports.
+
+        Args:
+            values: Rows of a free screw, (T, s + 1), the last one its whole growth, µm.
+
+        Returns:
+            Rows (T, s), of which displacements are reduced by the held-back growth, µm.
+        """
         ends = self._restrained(values.ends)
         way = ends - self._restrained(values.ends - values.way)
         return Means(ends, self._restrained(values.means), way, values.passed_W)
@@ -37,8 +49,14 @@ class Bend(NamedTuple):
 
 
 def unbent(config: Config) -> tuple[Config, Bend | None]:
-    """Return the configuration of a free screw with a sensor of its growth, and what bends that; as it is,
-    and None, where no displacement sensor or no play is.
+    """Return the configuration of a free screw with one more sensor, and the supports to apply afterwards.
+
+    Args:
+        config: The machine.
+
+    Returns:
+        The configuration without supports and with a sensor of the whole growth, and the `Bend`. The
+        configuration unchanged and None if it has no displacement sensor or no play.
     """
     moved = tuple(i for i, s in enumerate(config.sensor) if s.kind == "displacement")
     if not moved or config.supports is None or config.supports.gap_m == 0.0:

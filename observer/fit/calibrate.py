@@ -40,7 +40,13 @@ APART = 0.01
 
 
 class Obstacle(NamedTuple):
-    """A free parameter that is not identifiable from the logs: why, and the remedy."""
+    """A free parameter that is not identifiable from the logs, or poorly determined.
+
+    Attributes:
+        key: Its key in the configuration, such as `source.nut.torque_Nm`.
+        reason: Clause that says why.
+        remedy: Clause that says what to do.
+    """
 
     key: str
     reason: str
@@ -48,18 +54,26 @@ class Obstacle(NamedTuple):
 
 
 def describe(obstacle: Obstacle) -> str:
-    """Return an obstacle as a sentence."""
+    """Return an obstacle as a sentence: key, reason, remedy."""
     return f"{obstacle.key}: {obstacle.reason}; {obstacle.remedy}."
 
 
 def distinguishable(
     config: Config, keys: tuple[str, ...], jacobian: FloatArray, runs: Sequence[Run]
 ) -> tuple[tuple[str, ...], tuple[Obstacle, ...]]:
-    """Split the free parameters into those identifiable from the logs and obstacles to the others.
+    """Split the free parameters into identifiable ones and others.
 
-    `jacobian` (n, p) is in standard deviations per natural scale. A parameter is identifiable if its effect
-    is visible and not a linear combination of the effects of those before it in the configuration, by the
-    angle to these, so that a parameter's size does not matter.
+    A parameter is identifiable if its effect is visible and not a linear combination of those before it. The
+    latter is judged by the angle, so that a parameter's size does not matter.
+
+    Args:
+        config: The machine.
+        keys: The p free parameters, in the order in which they take precedence.
+        jacobian: Whitened derivatives of the prediction, in σ per natural scale, (n, p).
+        runs: The logs, which give the reasons.
+
+    Returns:
+        Keys of the identifiable parameters, and an obstacle for each of the others.
     """
     identified: list[str] = []
     obstacles: list[Obstacle] = []
@@ -122,8 +136,12 @@ Progress = Callable[[int, float], None]
 
 @dataclass(frozen=True, slots=True)
 class ErrorRms:
-    """Root mean square of measurement minus open-loop prediction, 30 s means, in K, and in µm of a
-    displacement sensor.
+    """Root mean square of measurement minus open-loop prediction, 30 s means.
+
+    Attributes:
+        before_rms_K: With the configured values, in `unit`.
+        after_rms_K: With the fitted values, in `unit`.
+        unit: `K`, or `um` for a displacement sensor.
     """
 
     before_rms_K: float
@@ -135,7 +153,10 @@ class ErrorRms:
 class HeldBack:
     """The open-loop error on the held-back part of the logs, before and after a fit to the other part.
 
-    `seconds` is the length of that part, `per_sensor` the error by sensor.
+    Attributes:
+        seconds: Length of that part, s; 0 for an error over the whole logs.
+        error: Error over all thermocouples.
+        per_sensor: Error by sensor name, without sensors that have no value there.
     """
 
     seconds: float
@@ -147,11 +168,16 @@ class HeldBack:
 class Calibration:
     """The result of a calibration.
 
-    `config` has the fitted values, or the configured ones where `kept` says in a sentence why no fitted value
-    is better. `left` are the remaining tolerances of the fitted ones, and how heats run in, by the
-    configuration's keys. `obstacles` names the free parameters that are not identifiable from these logs
-    (they keep their values) or poorly determined, and why. `error` is over all sensors and the whole logs,
-    `per_sensor` by name.
+    Attributes:
+        config: The configuration with the fitted values, or the configured one if `kept` is not None.
+        fitted: The fitted parameters with 95 % intervals, also if the configured values are kept.
+        left: Remaining tolerances and the running-in of heats, by the configuration's keys.
+        obstacles: Free parameters that keep their values because the logs do not identify them. Also fitted
+            ones that are poorly determined.
+        error: Error over all thermocouples and the whole logs.
+        per_sensor: The same by sensor name.
+        held_back: Error on the held-back part after the fit to the other part.
+        kept: Sentence that says why the configured values are kept; None if the fitted ones are better.
     """
 
     config: Config
@@ -180,12 +206,22 @@ def calibrate(
     """Fit the free parameters of a configuration to one or more runs, each with its own initial state.
 
     The last of several runs, or the end of a single one, is held back at first. If a fit to the other part
-    predicts the held-back part worse than the configured values do, the fit is repeated without losses at
-    the ends and friction that settles: short logs cannot tell these from heat. If that is worse too, the
+    predicts the held-back part worse than the configured values do, the fit is repeated without losses at the
+    ends and friction that settles. Short logs cannot distinguish these from heat. If that is worse too, the
     configured values are kept. Otherwise the fit is continued on all runs.
 
-    `progress(evaluations, rms_K)` is called after each prediction. Raises `ConfigError` where a free key
-    does not exist, `LogError` where the logs are too short, or no parameter is identifiable.
+    Args:
+        config: The machine, with `[calibrate] free`. Heats without a law count as 0 W.
+        runs: Frames of each log, in order of time.
+        progress: Called after each prediction with the number of predictions and the current rms error in K.
+
+    Returns:
+        The fitted configuration with intervals, errors and obstacles.
+
+    Raises:
+        ConfigError: If a free key does not exist, or nothing is free.
+        LogError: If all logs are shorter than five minutes, if an input has no value, or if no parameter is
+            identifiable.
     """
     keys = free_keys(config)
     prepared = prepare_all(config, runs)

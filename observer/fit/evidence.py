@@ -38,11 +38,17 @@ of them.
 
 @dataclass(frozen=True)
 class Evidence:
-    """The means of all runs, one row per mean and sensor that was measured.
+    """The means of all runs, one row per mean and sensor that was measured; n rows.
 
-    `run`, `mean`, `sensor` (n,) say which; `measured_degC` (n,) and its white noise `noise_K` (n,); `fold`
-    (n,): PROOF, UNUSED, or a fold from 0; `time_s` (n,) the end of the mean since the start of its run.
-    `groups` lists rows of one run, sensor and role, in time, with the matrix that whitens them.
+    Attributes:
+        run: Number of the run, (n,).
+        mean: Number of the mean within the run, (n,).
+        sensor: Number of the sensor, (n,).
+        measured_degC: Measured mean, °C, or µm of a displacement, (n,).
+        noise_K: σ of its white noise, K or µm, (n,).
+        time_s: End of the mean since the start of its run, s, (n,).
+        fold: `PROOF`, `UNUSED`, or the number of a fold from 0, (n,).
+        groups: Rows of one run, sensor and role in order of time, each with the matrix L⁻¹ that whitens them.
     """
 
     run: NDArray[np.int64]
@@ -55,7 +61,11 @@ class Evidence:
     groups: tuple[tuple[NDArray[np.int64], FloatArray], ...]
 
     def rows(self, means: Sequence[FloatArray]) -> FloatArray:
-        """Pick the rows (n, …) out of means (b, s, …) of each run."""
+        """Return the rows (n, …) of values that are given mean by mean.
+
+        Args:
+            means: Values of each run, (b, s, …), for its b means and s sensors.
+        """
         out = np.empty((len(self.run), *means[0].shape[2:]))
         for i, values in enumerate(means):
             of_run = self.run == i
@@ -63,7 +73,11 @@ class Evidence:
         return out
 
     def whitened(self, columns: FloatArray) -> FloatArray:
-        """Return columns (n,) or (n, c) whitened: of variance 1 and uncorrelated in time."""
+        """Return columns whitened: errors of a correct model have variance 1 and are uncorrelated in time.
+
+        Args:
+            columns: Values of all rows, (n,) or (n, c), in K, or µm for displacements.
+        """
         out = (columns.T / self.noise_K).T  # rows outside all groups are white
         for index, matrix in self.groups:
             out[index] = matrix @ columns[index]
@@ -71,13 +85,13 @@ class Evidence:
 
     @cached_property
     def expected(self) -> float:
-        """The mean squared whitened error of a perfect model, from white noise alone."""
+        """Mean square of the whitened error of a perfect model, from white noise alone; below 1."""
         total = sum(float(np.sum((matrix * self.noise_K[index]) ** 2)) for index, matrix in self.groups)
         return total / max(len(self.run), 1)
 
     @cached_property
     def deviation_K(self) -> FloatArray:
-        """One standard deviation (n,) of every row: noise and model form error."""
+        """σ of every row, K or µm, (n,): white noise, slow form error and beat."""
         out = self.noise_K.copy()
         for index, matrix in self.groups:
             out[index] = np.linalg.norm(np.linalg.inv(matrix), axis=1)
@@ -85,22 +99,29 @@ class Evidence:
 
     @property
     def folds(self) -> int:
-        """How many folds there are."""
+        """Number of folds for cross-validation; the proof is not one of them."""
         return int(self.fold.max()) + 1
 
     @property
     def used(self) -> NDArray[np.bool_]:
-        """The rows that may be fitted and chosen on, (n,)."""
+        """True for the rows that may be fitted and chosen on, (n,)."""
         return np.asarray(self.fold >= 0)
 
     @property
     def proof(self) -> NDArray[np.bool_]:
-        """The rows that prove, (n,)."""
+        """True for the rows of the proof, (n,)."""
         return np.asarray(self.fold == PROOF)
 
 
 def even(runs: Sequence[SteppedRun], noise_K: FloatArray) -> Evidence:
-    """Return the evidence of runs that are all fitted, with each sensor's white noise as given, (s,)."""
+    """Return the evidence of runs that are all fitted, in one fold and with white noise only.
+
+    Means with few values are left out.
+
+    Args:
+        runs: The runs.
+        noise_K: σ of one sample of each sensor, K or µm, (s,). A mean has σ/√count.
+    """
     parts = []
     for i, run in enumerate(runs):
         mean, sensor = np.nonzero(_full(run.ticks.count))
@@ -118,10 +139,18 @@ def gather(
     proves: bool = True,
     slow_share: FloatArray | None = None,
 ) -> Evidence:
-    """Return the evidence of one or more runs; `noise_K` (s,) is each sensor's noise as configured.
+    """Return the evidence of one or more runs, with folds and correlated errors.
 
-    Without `proves`, all of it is one fold. `slow_share` (s,) is the slow form error of each sensor as a
-    share of its rise, `SLOW_SHARE` unless given.
+    The covariance of the rows of one group is white noise, slow form error and beat: diag(w) + a²
+    exp(−|Δt|/900 s) + b² exp(−|Δt|/90 s). The amplitudes a and b grow with the rise of the sensor. White
+    noise includes the resolution of the log.
+
+    Args:
+        runs: The runs.
+        noise_K: Configured σ of one sample of each sensor, K or µm, (s,); the logs correct it within a factor
+            of 3.
+        proves: Whether a part is held back as the proof. Without, all rows are one fold.
+        slow_share: Slow form error of each sensor as a share of its rise, (s,). None takes `SLOW_SHARE`.
     """
     slow_share = np.full(len(noise_K), SLOW_SHARE) if slow_share is None else slow_share
     noise_K = shown_noise(runs, noise_K)
@@ -143,9 +172,13 @@ def gather(
 
 
 def shown_noise(runs: Sequence[SteppedRun], noise_K: FloatArray) -> FloatArray:
-    """The noise (s,) that the logs show from sample to sample, within a factor `TRUSTED` of `noise_K`.
+    """Return the noise that the logs show from sample to sample, K or µm, (s,); the proof is not used.
 
-    The proof is not used.
+    σ² is half of the mean square of the differences, which are limited to six configured σ.
+
+    Args:
+        runs: The runs. A sensor with fewer than 200 differences keeps its configured noise.
+        noise_K: Configured σ, K or µm, (s,). The result is within a factor `TRUSTED` of it.
     """
     out = noise_K.copy()
     fitted = [r.run for r in (runs[:-1] if len(runs) > 1 else runs)]
@@ -161,7 +194,12 @@ def shown_noise(runs: Sequence[SteppedRun], noise_K: FloatArray) -> FloatArray:
 
 
 def resolution(runs: Sequence[SteppedRun], sensors: int) -> FloatArray:
-    """Return the sensors' resolution (s,) in the logs, K; 0 where none is visible."""
+    """Return the sensors' resolution in the logs, K or µm, (s,); 0 where none is visible.
+
+    Args:
+        runs: The runs, whose values count together.
+        sensors: Number s of sensors.
+    """
     out = np.zeros(sensors)
     for s in range(sensors):
         values = np.concatenate([r.run.values_degC[r.run.usable[:, s], s] for r in runs])

@@ -43,11 +43,19 @@ PREDICTS = {
 
 
 class Forward:
-    """Predicts the means (b, s) of each run; the number of modes is that of the initial configuration.
+    """Predicts the means of each run open loop; the number of modes is that of the initial configuration.
 
-    Results that depend only on the runs are computed once, those that depend on parameters are cached: a
-    prediction with other heats costs a simulation, one with another film the building of a plant as well. In
-    ticks of `tick_s` (see `steps`), row by row where that is 0; `watch` is called with every prediction.
+    Results that depend only on the runs are computed once, those that depend on parameters are cached. A
+    prediction with other heats costs a simulation. One with another film also costs the building of a plant.
+
+    Args:
+        config: The machine; it fixes the number of modes and the tables of moving nuts.
+        runs: The prepared logs.
+        watch: Called with every prediction. None calls nothing.
+        tick_s: Length of a tick, s (see `steps`); 0 predicts row by row.
+
+    Attributes:
+        runs: The runs in the steps of a prediction.
     """
 
     def __init__(
@@ -68,7 +76,12 @@ class Forward:
         self._plants, self._means = Cache[Plant](MOST_KEPT), Cache[list[FloatArray]](MOST_KEPT)
 
     def __call__(self, config: Config) -> list[FloatArray]:
-        """Return the prediction (b, s) of each run in °C."""
+        """Return the predicted means of each run, (b, s), °C, or µm of a displacement.
+
+        Args:
+            config: Any machine with the sensors of the initial one. An absurd one gives infinite values or
+                NaN without a warning.
+        """
         setting = self._setting(config)
         means = self._means.get((setting.key, setting.strength.tobytes()), lambda: self._predict_all(setting))
         if self._watch is not None:
@@ -76,7 +89,9 @@ class Forward:
         return means
 
     def heats_W(self, config: Config) -> list[FloatArray]:
-        """The heats by law (b, m) of each run, averaged over its means."""
+        """Return the heats by law of each run, averaged over its means, W, (b, m), with m sources of the
+        plant.
+        """
         setting, out = self._setting(config), []
         for run in self.runs:
             ticks, law_W = run.ticks, self._inputs(setting, run).law_W
@@ -103,10 +118,18 @@ class Forward:
             return [self._predict(setting, run) for run in self.runs]
 
     def by_outages(self, config: Config) -> list[list[FloatArray]]:
-        """The change (b, s) of each prediction with a heat in each outage of a log: of each source
-        throughout, and on each stretch of the screw throughout and at the end.
+        """Return the changes of the predictions by an unknown heat in each outage.
 
-        The inputs of an outage are unknown; a heat may have been off, or on, or elsewhere, or later.
+        Inputs of an outage are unknown: a heat may have been on, off, elsewhere or later. Each source counts
+        throughout the outage. A heat on each stretch of the screw counts throughout and at the end. At most
+        twelve outages of a log count, the longest.
+
+        Args:
+            config: The machine.
+
+        Returns:
+            For each such heat its change of all predictions, (b, s) by run, in K or µm; empty without an
+            outage.
         """
         if not any(len(outages_of(run)) for run in self.runs):
             return []
@@ -130,8 +153,15 @@ class Forward:
         return changes
 
     def fields(self, config: Config, positions_m: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-        """Return, for each run, the temperature (T, P) at positions of the screw at the ends of its steps,
-        and the ambient (T,), °C.
+        """Return the predicted temperature along the screw.
+
+        Args:
+            config: The machine.
+            positions_m: Positions on the screw, m, (P,).
+
+        Returns:
+            For each run the temperature at the ends of its T steps, (T, P), and the ambient, (T,), both in
+            °C.
         """
         like = config.sensor[0].model_copy(update={"position_m": 0.0, "on": None})
         places = [
@@ -149,8 +179,17 @@ class Forward:
         return [(values.ends[:, -len(places) :], inputs.z_end[:, ambient]) for inputs, values in rows]
 
     def by_coarse_rows(self, config: Config) -> list[list[FloatArray]]:
-        """The change (b, s) of each prediction with what rows far apart leave open, one standard deviation
-        each: when between two rows heats changed, and where on its path a nut left how much heat.
+        """Return the changes of the predictions that rows far apart leave undetermined.
+
+        Unknown are the time between two rows at which heats changed, and the part of the heat that a nut left
+        on each stretch of its path.
+
+        Args:
+            config: The machine.
+
+        Returns:
+            For each unknown one standard deviation of its change of all predictions, (b, s) by run. Empty if
+            no run has rows far apart.
         """
         if not any(run.coarse for run in self.runs):
             return []
@@ -177,7 +216,7 @@ class Forward:
         return change
 
     def airs(self, config: Config) -> list[FloatArray]:
-        """The air temperature of each run over every sensor's means, (b, s), °C."""
+        """Return the air temperature of each run over every sensor's means, (b, s), °C."""
         setting, out = self._setting(config), []
         for run in self.runs:
             air = self._inputs(setting, run).z_end[:, setting.plant.known.ambient]
@@ -241,7 +280,10 @@ class Forward:
 
 
 def outages_of(run: SteppedRun) -> NDArray[np.int64]:
-    """The ticks of a run that are outages: long, and longer than its rows usually are apart."""
+    """Return the ticks of a run that are outages.
+
+    They are longer than 30 s and than two and a half of the usual distances between rows.
+    """
     return np.flatnonzero(run.ticks.length_s > max(OUTAGE_S, OUTAGE_ROWS * run.row_s))
 
 
@@ -282,8 +324,15 @@ def _undetermined(
 
 
 class Setting(NamedTuple):
-    """A configuration ready for predictions: laws at strength 1, their strengths (m,), a key, the plant, the
-    key of what drives it, and how displacements bend.
+    """A configuration ready for predictions.
+
+    Attributes:
+        config: The configuration with laws of strength 1, without play in its supports.
+        key: Key of everything but the strengths, for caches.
+        strength: Factors on the laws, (m,).
+        plant: The model, reduced to the sensors' rows.
+        driving: Key of everything that determines the inputs.
+        bend: Play in the supports, or None.
     """
 
     config: Config
@@ -303,8 +352,14 @@ def _without_sweeps(plant: Plant) -> Plant:
 
 
 def lean_config(config: Config, modes: int) -> Config:
-    """The same screw with a minimum of output rows and, under the tail criterion, a fixed number of modes: a
-    mode more or less from one film value to the next would be a step in the misfit.
+    """Return the same screw with a minimum of output rows and a fixed number of modes.
+
+    With a varying number of modes, the misfit would jump from one film value to the next. Without
+    displacement sensors the thermal error is left out.
+
+    Args:
+        config: The machine.
+        modes: Number of modes under the tail criterion; a configured number or another criterion stays.
     """
     model = config.model
     if model.criterion == "tail" and model.modes is None:
@@ -329,8 +384,14 @@ def _stretches(config: Config) -> list[Source]:
 
 
 def unit_laws(config: Config) -> tuple[Config, FloatArray]:
-    """Return the configuration with heat laws of strength 1, none of which follows another, and the strengths
-    (m,) it had.
+    """Return the configuration with heat laws of strength 1, and their strengths.
+
+    Args:
+        config: The machine.
+
+    Returns:
+        The configuration, in which no law follows another. Factors (m,) with which each source's heat must be
+        multiplied.
     """
     config = untied(config)
     divided = {t.source for t in terms_of(config) if isinstance(t, Body) and t.heated > 0.0}

@@ -27,21 +27,32 @@ TRIALS = 8
 
 
 class Range(NamedTuple):
-    """Where parameters (p,) may go: between bounds, and no further than `reach` in one step."""
+    """Permitted values of p parameters.
+
+    Attributes:
+        low: Lower bounds, (p,).
+        high: Upper bounds, (p,).
+        reach: Largest change in one step, (p,), infinite without a limit.
+    """
 
     low: FloatArray
     high: FloatArray
     reach: FloatArray
 
     def step(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The smallest and the largest step (p,) from a point."""
+        """Return the smallest and the largest step from the point `theta` (p,), each (p,)."""
         return np.maximum(self.low - theta, -self.reach), np.minimum(self.high - theta, self.reach)
 
 
 class Stop(NamedTuple):
-    """When a fit ends: after so many steps, after one that lowers the sum of squares by less than `little` or
-    is `small` in standard deviations of every parameter, or when it would not reach a `rival`'s sum of
-    squares in the remaining steps at its current rate.
+    """When a fit ends.
+
+    Attributes:
+        steps: Largest number of steps.
+        little: A drop of the sum of squares by less than this ends it.
+        small: A step of less than so many σ of every parameter ends it.
+        rival: A sum of squares to compete with. The fit ends when the remaining steps would not reach it at
+            the current rate.
     """
 
     steps: int
@@ -51,7 +62,13 @@ class Stop(NamedTuple):
 
 
 class Minimum(NamedTuple):
-    """The end of a fit: parameters (p,), the residual (n,) there, and its derivatives (n, p) nearby."""
+    """The end of a fit.
+
+    Attributes:
+        theta: Parameters, (p,).
+        residual: Residual there, (n,).
+        jacobian: Its derivatives nearby, (n, p), from the last slope.
+    """
 
     theta: FloatArray
     residual: FloatArray
@@ -66,9 +83,19 @@ def minimise(
     allowed: Range,
     stop: Stop,
 ) -> Minimum:
-    """Return where the sum of squares of `weighed(residual)` is least.
+    """Return where the sum of squares of `weighed(residual)` is least, by damped Gauss-Newton steps.
 
-    `slope` returns the derivatives (n, p) of the prediction, that is of the residual with its sign changed.
+    A step that raises the sum is shortened up to eight times, then the fit ends. It also ends where values
+    are not finite.
+
+    Args:
+        residual: Returns measured minus predicted, (n,), at parameters (p,).
+        slope: Returns the derivatives of the prediction, (n, p), that is of the residual with its sign
+            changed.
+        weighed: Linear map of residuals and derivatives, such as a marginalisation.
+        start: First parameters, (p,), within the bounds.
+        allowed: Permitted parameters.
+        stop: When to end.
     """
     theta, current, damping = start, residual(start), 0.0
     J = slope(theta)
@@ -123,8 +150,15 @@ FORM_SHARE = 0.015
 
 @dataclass(frozen=True, slots=True)
 class EffectParameter:
-    """A parameter of an effect that is fitted: which effect and key, a natural scale, its bounds, and whether
-    it may stand at the upper one.
+    """A parameter of an effect that is fitted.
+
+    Attributes:
+        effect: Number of the effect in the configuration.
+        key: Key of the parameter in its table.
+        scale: Natural scale, in the parameter's unit.
+        low: Lower bound.
+        high: Upper bound.
+        open_above: Whether the value at the upper bound is a valid result.
     """
 
     effect: int
@@ -136,7 +170,15 @@ class EffectParameter:
 
 
 class FittedParameter(NamedTuple):
-    """A free parameter: its value before the fit, its fitted value, and the 95 % interval."""
+    """A free parameter after a fit.
+
+    Attributes:
+        key: Its key in the configuration.
+        unit: Unit of the numbers, `1` for a ratio.
+        before: Value before the fit.
+        value: Fitted value.
+        ci95: 95 % interval, within the bounds.
+    """
 
     key: str
     unit: str
@@ -149,9 +191,16 @@ class FittedParameter(NamedTuple):
 class Fit:
     """A fitted hypothesis.
 
-    `config` carries effects and free parameters; `values` (k,) those of the effects' parameters; `residual`
-    (n,) the whitened residual of every row, tolerances not taken off; `jacobian` (n, p) its derivatives by
-    free and effects' parameters, in units of their scales `scale` (p,).
+    With n rows of evidence, k parameters of effects, f free ones and p = f + k.
+
+    Attributes:
+        problem: Data, tolerances and free parameters.
+        config: The configuration with the fitted values.
+        parameters: Parameters of the effects, k of them.
+        values: Their fitted values, (k,).
+        residual: Whitened residual of every row, (n,); tolerances are not marginalised.
+        jacobian: Its derivatives by free and effects' parameters, in units of `scale`, (n, p).
+        scale: Scales of the parameters, (p,).
     """
 
     problem: Problem
@@ -163,14 +212,18 @@ class Fit:
     scale: FloatArray
 
     def marginal(self, rows: BoolArray) -> Marginal:
-        """The map that marginalises the nuisance parameters on some rows, except lags that the fit itself
-        models.
+        """Return the map that marginalises the nuisance parameters on some rows.
+
+        Lags of sensors that the fit itself models are not marginalised.
+
+        Args:
+            rows: True for the rows, (n,).
         """
         return self.problem.marginal(rows, modelled_lags(self.config))
 
     @cached_property
     def deviance(self) -> float:
-        """Twice the negative log likelihood of the usable rows, up to a constant."""
+        """Twice the negative log likelihood of the used rows, up to a constant: ‖(I + T Tᵀ)^{−1/2} r‖²."""
         return float(np.sum(self.remainder**2))
 
     @cached_property
@@ -180,14 +233,18 @@ class Fit:
 
     @cached_property
     def remainder(self) -> FloatArray:
-        """The used rows' whitened residual with the tolerances marginalised."""
+        """Whitened residual of the used rows with the tolerances marginalised."""
         used = self.problem.evidence.used
         return self.marginal(used)(self.residual[used])
 
     def within_tolerances_K(self, named: Config | None = None) -> FloatArray:
-        """The most probable contribution of the tolerances to every row, (n,), K, estimated from the used
-        rows; each within `MOST_SIGMA`, or `OWN_SIGMA` where an effect of `named` (the fit's own configuration
-        unless given) is about the same thing.
+        """Return the most probable contribution of the tolerances to every row, K or µm, (n,).
+
+        It is estimated from the used rows. Each tolerance is limited to `MOST_SIGMA`.
+
+        Args:
+            named: Configuration whose effects limit the tolerances about the same thing to `OWN_SIGMA`. None
+                takes the fit's own.
         """
         nuisance = self.problem.nuisance
         if nuisance is None or not nuisance.columns.shape[1]:
@@ -196,8 +253,10 @@ class Fit:
         return np.asarray(nuisance.changes_K[:, counted] @ taken)
 
     def stretch(self, named: Config | None = None) -> float:
-        """How many times its standard deviation the most stretched tolerance is, as in
-        `within_tolerances_K`.
+        """Return the most probable value of the most stretched tolerance, in σ; 0 without tolerances.
+
+        Args:
+            named: As in `within_tolerances_K`.
         """
         nuisance = self.problem.nuisance
         if nuisance is None or not nuisance.columns.shape[1]:
@@ -215,27 +274,36 @@ class Fit:
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """The covariance (p, p) of free and effects' parameters in their units."""
+        """Covariance of free and effects' parameters in their units, (p, p), priors and tolerances
+        included.
+        """
         prior_weight = np.zeros(len(self.scale))
         prior_weight[: len(self.problem.keys)] = self.problem.prior_weight
         covariance = self.linear(self.problem.evidence.used, prior_weight).covariance
         return np.asarray(covariance * np.multiply.outer(self.scale, self.scale))
 
     def linear(self, rows: BoolArray, prior_weight: FloatArray | float = 0.0) -> LinearFit:
-        """Return the fit on some rows (n,), linear about itself, tolerances marginalised: its `step` (p,) is
-        taken off the parameters, in their scales.
+        """Return the fit on some rows, linear about itself, with the tolerances marginalised.
+
+        Args:
+            rows: True for the rows, (n,).
+            prior_weight: One over the prior σ of each parameter in its scale, (p,) or one for all; 0 without
+                a prior.
+
+        Returns:
+            The linear fit. Its `step` (p,) is taken off the parameters, in their scales.
         """
         marginal = self.marginal(rows)
         return LinearFit.of(marginal(self.jacobian[rows]), marginal(self.residual[rows]), prior_weight)
 
     @property
     def half_width(self) -> FloatArray:
-        """Half of the 95 % intervals (k,) of the effects' parameters."""
+        """Half of the 95 % intervals of the effects' parameters, in their units, (k,)."""
         return self._half_widths[len(self.problem.keys) :]
 
     @property
     def half_width_free(self) -> FloatArray:
-        """Half of the 95 % intervals (f,) of the free parameters."""
+        """Half of the 95 % intervals of the free parameters, in their units, (f,)."""
         return self._half_widths[: len(self.problem.keys)]
 
     @property
@@ -252,7 +320,7 @@ class Fit:
 
     @property
     def relative_sigma(self) -> dict[str, float]:
-        """The relative standard deviation of each free parameter that is not 0, by its key."""
+        """σ of each free parameter relative to its value, by key, without parameters that are 0."""
         values = self.problem.free_values(self.config).tolist()
         columns = zip(self.problem.keys, values, (self.half_width_free / NORMAL_95).tolist(), strict=True)
         return {key: sigma / abs(value) for key, value, sigma in columns if value}
@@ -271,8 +339,13 @@ class Fit:
 
 
 def replaces(tolerance: Term | None, config: Config) -> bool:
-    """Whether an effect of a configuration is about the same thing as a tolerance: a constant offset of the
-    same sensor, or another film along a stretch.
+    """Return whether an effect of a configuration describes the same thing as a tolerance.
+
+    That is a constant offset of the same sensor, or another film along a stretch.
+
+    Args:
+        tolerance: Term that the tolerance adds; None if it changes values instead.
+        config: Configuration with the effects.
     """
     for term in (term for effect in config.effect for term in effect.terms(config)):
         match tolerance, term:
@@ -284,7 +357,14 @@ def replaces(tolerance: Term | None, config: Config) -> bool:
 
 
 def fit_null(problem: Problem, config: Config) -> Fit:
-    """Fit the free parameters alone; the fit's problem holds the derivatives that all hypotheses share."""
+    """Fit the free parameters alone; the fit's problem holds the derivatives that all hypotheses share.
+
+    Derivatives and tolerances are renewed up to four times, until no parameter moves by 0.5 % of its scale.
+
+    Args:
+        problem: Data and free parameters.
+        config: Configuration to start from.
+    """
     problem = problem.with_nuisance(config)
     for _ in range(NULL_ROUNDS):
         fit = fit_effects(problem.linearised_at(config), config, ())
@@ -296,10 +376,13 @@ def fit_null(problem: Problem, config: Config) -> Fit:
 
 
 def refitted(fit: Fit) -> Fit:
-    """Return a hypothesis fitted again with the tolerances taken at its own configuration.
+    """Return a hypothesis fitted again with the tolerances at its own configuration.
 
-    Those of the hypothesis without any effect are of heats that make up for it. Where tolerances move a
-    prediction by kelvins, as between rows a minute apart, that would bias what is fitted beside them.
+    Tolerances at the null hypothesis belong to heats that compensate for the missing effect. Where they move
+    a prediction by kelvins, as between rows a minute apart, that would bias the fit.
+
+    Args:
+        fit: The hypothesis, from which the fit starts.
     """
     for _ in range(REFITS):
         problem = fit.problem.linearised_at(fit.config).with_nuisance(fit.config)
@@ -310,10 +393,15 @@ def refitted(fit: Fit) -> Fit:
 def fit_effects(
     problem: Problem, config: Config, parameters: Sequence[EffectParameter], rival: float = np.inf
 ) -> Fit:
-    """Fit the free parameters and those of the effects in `config`, from where they stand.
+    """Fit the free parameters and those of the effects in a configuration.
 
-    `rival` is a deviance to compete with: a fit that would not reach it in the remaining steps at its current
-    rate is stopped.
+    Args:
+        problem: Data, tolerances, and the shared derivatives. Derivatives by free parameters are renewed
+            where these move far.
+        config: The configuration with the effects, from which the fit starts.
+        parameters: Parameters of the effects to fit.
+        rival: Deviance to compete with. A fit that would not reach it in the remaining steps at its current
+            rate is stopped.
     """
     scale = np.concatenate([problem.scale, [p.scale for p in parameters]])
     low = np.concatenate([problem.bounds[0], [p.low for p in parameters]]) / scale
@@ -351,7 +439,13 @@ def fit_effects(
 
 
 def with_effects(config: Config, parameters: Sequence[EffectParameter], values: FloatArray) -> Config:
-    """The configuration with other values of its effects' parameters."""
+    """Return the configuration with other values of its effects' parameters.
+
+    Args:
+        config: The configuration with the effects.
+        parameters: The parameters, k of them.
+        values: Their values, (k,), which are clipped to the bounds.
+    """
     effects = list(config.effect)
     for p, value in zip(parameters, values.tolist(), strict=True):
         inside = min(max(value, p.low), p.high)

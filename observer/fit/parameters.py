@@ -18,7 +18,14 @@ FILM = "surface.convection_W_m2K"
 
 
 class ParameterInfo(NamedTuple):
-    """Prior knowledge of a parameter: unit, a change that matters (`scale`), and bounds."""
+    """Prior knowledge of a kind of parameter.
+
+    Attributes:
+        unit: Unit of its values, `1` for a ratio.
+        scale: A change that matters, in that unit.
+        low: Lower bound.
+        high: Upper bound.
+    """
 
     unit: str
     scale: float
@@ -67,7 +74,11 @@ NAMED: dict[str, Callable[[Any], str]] = {
 
 
 def candidates(config: Config) -> tuple[str, ...]:
-    """Return every key of this configuration that may be free."""
+    """Return every key of this configuration that may be free, in the order of the tables.
+
+    A link with the same ends as another has no key. Displacement sensors add expansion and supports, and a
+    sensor with `shows` adds that.
+    """
     keys = ["surface.factor" if config.surface.law else FILM]
     for side in ("left", "right"):
         if getattr(config.boundary, side).kind == "convective":
@@ -92,8 +103,10 @@ def candidates(config: Config) -> tuple[str, ...]:
 
 
 def thermal_only(config: Config) -> Config:
-    """Return the configuration without its displacement sensors, and without free parameters that only these
-    show.
+    """Return the configuration without its displacement sensors.
+
+    Free parameters that only these show are removed. A configuration without such sensors is returned
+    unchanged.
     """
     thermal = tuple(sensor for sensor in config.sensor if sensor.kind == "temperature")
     if len(thermal) == len(config.sensor):
@@ -107,10 +120,13 @@ def thermal_only(config: Config) -> Config:
 
 
 def free_keys(config: Config) -> tuple[str, ...]:
-    """Return the keys that the configuration declares free.
+    """Return the keys that the configuration declares free, each once.
 
     Without `[calibrate] free` these are the base film coefficient, if there is one, and the scale of each
-    heat law. Raises `ConfigError` for a key that cannot be free and where nothing is left to fit.
+    heat law.
+
+    Raises:
+        ConfigError: If a key cannot be free, or nothing is left to fit.
     """
     if config.calibrate.free is None:
         surface = config.surface
@@ -125,8 +141,9 @@ def free_keys(config: Config) -> tuple[str, ...]:
 
 
 def lawless(config: Config) -> str | None:
-    """Return why heats that only an estimator knows are no part of a prediction; None where every one has a
-    law.
+    """Return a warning that names the heats without a law; None where every heat has one.
+
+    A prediction takes such heats as 0 W, because only an estimator could find them.
     """
     without = [s.name for s in config.source if s.law is None]
     if not without:
@@ -139,20 +156,25 @@ def lawless(config: Config) -> str | None:
 
 
 def free_problems(config: Config) -> list[str]:
-    """Return why keys that the configuration declares free cannot be, a sentence each."""
+    """Return why keys in `[calibrate] free` cannot be free, a sentence with a remedy for each."""
     return list(_unknown(config, dict.fromkeys(config.calibrate.free or ())))
 
 
 def info_of(key: str) -> ParameterInfo:
-    """Return the prior knowledge of a parameter."""
+    """Return the prior knowledge of a parameter by its key, such as `source.nut.scale`.
+
+    Raises:
+        KeyError: If no parameter of this kind may be free.
+    """
     parts = key.split(".")
     return PARAMETERS[parts[0]][parts[-1]]
 
 
 def get(config: Config, key: str) -> float:
-    """Return a parameter's value.
+    """Return a parameter's value, in the unit of its key.
 
-    Raises `ConfigError` for a key that cannot be free in this configuration.
+    Raises:
+        ConfigError: If the key cannot be free in this configuration.
     """
     _refuse_unknown(config, (key,))
     head, *middle, last = key.split(".")
@@ -167,7 +189,12 @@ def get(config: Config, key: str) -> float:
 def replaced(config: Config, values: Mapping[str, float]) -> Config:
     """Return the configuration with other values, validated again.
 
-    Raises `ConfigError` for a key that cannot be free and for a value out of its range.
+    Args:
+        config: The configuration.
+        values: New values by key, in the units of the keys.
+
+    Raises:
+        ConfigError: If a key cannot be free, or a value is out of its range.
     """
     _refuse_unknown(config, values)
     moved = with_values(config, {key: float(value) for key, value in values.items()})
@@ -175,7 +202,12 @@ def replaced(config: Config, values: Mapping[str, float]) -> Config:
 
 
 def with_values(config: Config, values: Mapping[str, float]) -> Config:
-    """Return the configuration with other values of parameters that may be free, without validation."""
+    """Return the configuration with other values, without validation: thousands are made in a fit.
+
+    Args:
+        config: The configuration.
+        values: New values by key. A name that does not exist changes nothing.
+    """
     for key, value in values.items():
         head, *middle, last = key.split(".")
         if head in NAMED:
@@ -194,14 +226,15 @@ def with_values(config: Config, values: Mapping[str, float]) -> Config:
 
 
 def bounds_of(config: Config, key: str) -> tuple[float, float]:
-    """Return the range of a parameter in a fit, which includes the configured value."""
+    """Return lower and upper bound of a parameter in a fit, widened to include the configured value."""
     kind, value = info_of(key), get(config, key)
     return min(kind.low, value), max(kind.high, value)
 
 
 def scale_of(config: Config, key: str) -> float:
-    """Return a change of a parameter that matters: its own magnitude, or a fifth of its kind's scale if
-    larger.
+    """Return the natural scale of a parameter, in its unit.
+
+    It is the value's magnitude, or a fifth of its kind's scale if that is larger.
     """
     return max(abs(get(config, key)), 0.2 * info_of(key).scale)
 
@@ -235,5 +268,5 @@ def _unknown(config: Config, keys: Iterable[str]) -> Iterator[str]:
 
 
 def rounded(value: float) -> float:
-    """Return a value with five significant digits."""
+    """Return a value with five significant digits, as it is written into a configuration."""
     return float(f"{value:.5g}")

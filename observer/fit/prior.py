@@ -27,8 +27,14 @@ FRICTION_TIMES = 5.0
 
 
 class PhysicalRange(NamedTuple):
-    """The range of a parameter in a calibration, and its source; `relative` to the configured value, or in
-    the parameter's unit.
+    """The physical range of a kind of parameter in a calibration.
+
+    Attributes:
+        low: Lower end.
+        high: Upper end.
+        source: Where the range comes from.
+        relative: Whether both ends are multiples of the configured value. Otherwise they have the parameter's
+            unit.
     """
 
     low: float
@@ -63,8 +69,12 @@ PHYSICAL: dict[str, PhysicalRange] = {
 
 
 class Prior(NamedTuple):
-    """Standard deviation (f,) of each free parameter before a fit, infinite where nothing is stated, and the
-    range (f,) in which it may be, in the parameters' units.
+    """Knowledge of f free parameters before a fit, in their units.
+
+    Attributes:
+        sigma: Standard deviation about the configured value, (f,), infinite where nothing is stated.
+        low: Lower end of the range, (f,).
+        high: Upper end, (f,).
     """
 
     sigma: FloatArray
@@ -73,7 +83,15 @@ class Prior(NamedTuple):
 
 
 def prior_of(config: Config, keys: Sequence[str]) -> Prior:
-    """Return what a configuration states of free parameters. The configured value is within the range."""
+    """Return what a configuration states of free parameters.
+
+    Args:
+        config: The configuration, whose values are the means of the prior.
+        keys: The free parameters, f of them.
+
+    Returns:
+        σ and ranges. The configured value is always within the range. A value of 0 has no σ.
+    """
     shares = relative_tolerances(config)
     values = [get(config, key) for key in keys]
     sigma = [shares.get(key, 0.0) * abs(value) or np.inf for key, value in zip(keys, values, strict=True)]
@@ -82,7 +100,11 @@ def prior_of(config: Config, keys: Sequence[str]) -> Prior:
 
 
 def relative_tolerances(config: Config) -> Mapping[str, float]:
-    """Return one relative standard deviation of each parameter with a tolerance, by its key."""
+    """Return the relative σ of each parameter with a tolerance, by its key.
+
+    Films, conductances and friction have at least `LEAST_SHARE`, friction five times the uncertainty of its
+    law.
+    """
     tolerance = config.tolerance
     changing = {key: share for key, _, share in tolerances_of_parts(config) if not key.startswith("node.")}
     changing |= dict.fromkeys(TOLERANCE_OF["convection"], tolerance.convection)
@@ -96,7 +118,10 @@ def relative_tolerances(config: Config) -> Mapping[str, float]:
 
 
 def range_of(config: Config, key: str) -> tuple[float, float]:
-    """Return the range of a parameter in a calibration."""
+    """Return lower and upper end of a parameter in a calibration, in its unit.
+
+    It is the part of the physical range within the bounds of a fit, widened to include the configured value.
+    """
     low, high = bounds_of(config, key)
     physical, value = physical_of(key), get(config, key)
     if physical is None:
@@ -108,6 +133,6 @@ def range_of(config: Config, key: str) -> tuple[float, float]:
 
 
 def physical_of(key: str) -> PhysicalRange | None:
-    """Return the physical range of a parameter, None where none is stated."""
+    """Return the physical range of a parameter by its key, or None where none is stated."""
     first, *_, last = key.split(".")
     return PHYSICAL.get(f"{first}.{last}")

@@ -30,8 +30,13 @@ FAR_APART_S = 2.0
 
 @dataclass(frozen=True)
 class NuisanceColumns:
-    """Nuisance parameters: changes (n, t) of the prediction with one standard deviation of each, whitened and
-    in K; `lag_of` names the sensor whose lag it is, if it is one; `terms` what each adds, if it is a term.
+    """Changes of the prediction by one standard deviation of each of t nuisance parameters.
+
+    Attributes:
+        columns: Whitened changes, (n, t).
+        changes_K: The same changes in K, or µm of a displacement, (n, t).
+        lag_of: Name of the sensor whose lag it is, None for other parameters, (t,).
+        terms: Term that the parameter adds, None if it changes a value, (t,).
     """
 
     columns: FloatArray
@@ -41,12 +46,17 @@ class NuisanceColumns:
     _maps: Cache[Marginal] = field(default_factory=lambda: Cache(MOST_KEPT), init=False, repr=False)
 
     def except_lags(self, modelled: frozenset[str]) -> BoolArray:
-        """Which parameters (t,) remain beside `modelled` lags of sensors."""
+        """Return which parameters (t,) remain if the lags of the sensors `modelled` are part of a
+        hypothesis.
+        """
         return np.array([name not in modelled for name in self.lag_of], np.bool_)
 
     def marginal(self, rows: BoolArray, modelled: frozenset[str]) -> Marginal:
-        """Return the map that marginalises the nuisance parameters on some rows, except `modelled` lags of
-        sensors.
+        """Return the map that marginalises the nuisance parameters on some rows; maps are cached.
+
+        Args:
+            rows: True for the rows, (n,).
+            modelled: Sensors whose lag is part of a hypothesis and is not marginalised.
         """
         remaining = self.except_lags(modelled)
         key = rows.tobytes(), remaining.tobytes()
@@ -55,8 +65,11 @@ class NuisanceColumns:
 
 @dataclass(frozen=True)
 class Derivatives:
-    """Derivatives (n, f) of the whitened prediction by the free parameters, and the values `at` (f,) at which
-    they were taken, both in units of their scales.
+    """Derivatives of the whitened prediction by f free parameters.
+
+    Attributes:
+        columns: Derivatives per scale, (n, f).
+        at: Values at which they were taken, in scales, (f,).
     """
 
     columns: FloatArray
@@ -65,9 +78,17 @@ class Derivatives:
 
 @dataclass(frozen=True)
 class Problem:
-    """The runs, their evidence and free parameters, with the derivatives by these and the nuisance parameters
-    where they have been taken. `tolerances_of` yields the nuisance parameters of a configuration and a number
-    of runs; `prior_of` gives the prior of the free parameters.
+    """The runs, their evidence and free parameters.
+
+    Attributes:
+        config: Configuration with the values before any fit.
+        keys: The f free parameters.
+        forward: Open-loop prediction of the runs.
+        evidence: Measured means with their errors and roles, n rows.
+        by_free: Derivatives by the free parameters, None before `linearised_at`.
+        nuisance: Nuisance parameters, None before `with_nuisance`.
+        tolerances_of: Yields the nuisance parameters of a configuration and a number of runs.
+        prior_of: Returns the prior of the free parameters; None gives none, only bounds.
     """
 
     config: Config
@@ -81,7 +102,13 @@ class Problem:
 
     @classmethod
     def of(cls, config: Config, keys: tuple[str, ...], runs: Sequence[Run]) -> Problem:
-        """Return the problem of runs that were prepared with a configuration, and its free parameters."""
+        """Return the problem of a search.
+
+        Args:
+            config: The configuration with which the runs were prepared.
+            keys: Its free parameters.
+            runs: The prepared logs; the last one, or the end of a single one, becomes the proof.
+        """
         forward = Forward(config, runs)
         noise_K = np.array([s.noise for s in config.sensor])
         share = np.array([GROWTH_SHARE if s.kind == "displacement" else SLOW_SHARE for s in config.sensor])
@@ -89,12 +116,12 @@ class Problem:
 
     @cached_property
     def scale(self) -> FloatArray:
-        """The free parameters' natural scales, (f,)."""
+        """Natural scales of the free parameters, in their units, (f,)."""
         return np.array([scale_of(self.config, key) for key in self.keys])
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper bounds of the free parameters, (f,) each."""
+        """Lower and upper bounds of the free parameters, in their units, (f,) each."""
         if self.prior is not None:
             return self.prior.low, self.prior.high
         low, high = np.array([bounds_of(self.config, key) for key in self.keys]).reshape(-1, 2).T
@@ -102,26 +129,30 @@ class Problem:
 
     @cached_property
     def prior(self) -> Prior | None:
-        """The prior of the free parameters."""
+        """The prior of the free parameters; None in a search, which has bounds only."""
         return None if self.prior_of is None else self.prior_of(self.config, self.keys)
 
     @cached_property
     def prior_weight(self) -> FloatArray:
-        """The scale of each free parameter in its standard deviations before the fit, (f,)."""
+        """Scale of each free parameter over its prior σ, (f,); 0 without a prior."""
         return np.zeros(len(self.keys)) if self.prior is None else self.scale / self.prior.sigma
 
     def from_prior(self, theta: FloatArray) -> FloatArray:
-        """The configured values minus other ones, (f,) in their scales, in standard deviations before the
-        fit: a prior acts as one more measurement of each free parameter.
+        """Return the distance of free parameters from the configured values, in prior σ, (f,).
+
+        A prior acts as one more measurement of each free parameter.
+
+        Args:
+            theta: Values in scales, (f,).
         """
         return np.asarray(self.prior_weight * (self.free_values(self.config) / self.scale - theta))
 
     def predicted(self, config: Config) -> FloatArray:
-        """The prediction of every row, (n,), °C."""
+        """Return the prediction of every row, °C, or µm of a displacement, (n,)."""
         return self.evidence.rows(self.forward(config))
 
     def error_K(self, config: Config) -> FloatArray:
-        """Measured minus predicted of every row, (n,), K."""
+        """Return measured minus predicted of every row, K or µm, (n,)."""
         return np.asarray(self.evidence.measured_degC - self.predicted(config))
 
     def residual(self, config: Config) -> FloatArray:
@@ -129,22 +160,34 @@ class Problem:
         return self.evidence.whitened(self.error_K(config))
 
     def free_values(self, config: Config) -> FloatArray:
-        """The free parameters of a configuration."""
+        """Return the free parameters of a configuration in their units, (f,)."""
         return np.array([get(config, key) for key in self.keys])
 
     def with_free(self, config: Config, values: FloatArray) -> Config:
-        """The configuration with other free parameters, kept within their bounds."""
+        """Return the configuration with other free parameters.
+
+        Args:
+            config: The configuration.
+            values: Values in their units, (f,), which are clipped to the bounds.
+        """
         if not self.keys:
             return config
         clipped = np.clip(values, *self.bounds).tolist()
         return with_values(config, dict(zip(self.keys, clipped, strict=True)))
 
     def linearised_at(self, config: Config) -> Problem:
-        """The same problem with the derivatives by the free parameters taken at a configuration."""
+        """Return the same problem with the derivatives by the free parameters taken at a configuration.
+
+        It costs one prediction per free parameter.
+        """
         return replace(self, by_free=self.derivatives(config))
 
     def with_nuisance(self, config: Config) -> Problem:
-        """The same problem with the nuisance parameters of a configuration."""
+        """Return the same problem with the nuisance parameters taken at a configuration.
+
+        They are the tolerances, gains of sensors, unknown heats in outages and between rows far apart, and
+        the timing of coarse rows. Each costs about one prediction.
+        """
         predicted, nuisances, lag_of = self.predicted(config), list[FloatArray](), list[str | None]()
         terms = list[Term | None]()
         for changed, scope in self.tolerances_of(config, len(self.forward.runs)):
@@ -166,7 +209,13 @@ class Problem:
         return replace(self, nuisance=NuisanceColumns(self._columns(nuisances), changes_K, lags, added_terms))
 
     def changes_K(self, config: Config, changed: Iterable[tuple[Config, Scope]]) -> list[FloatArray]:
-        """Return the changes (n,) of the prediction from a configuration to others, split by their scopes."""
+        """Return the changes of the prediction from a configuration to others, K or µm, (n,) each.
+
+        Args:
+            config: The configuration to compare with.
+            changed: The others with their scopes. A change with the scope of a run or a sensor is split into
+                one for each.
+        """
         before = self.predicted(config)
         return [
             part for other, scope in changed for part in self._by_scope(self.predicted(other) - before, scope)
@@ -178,14 +227,17 @@ class Problem:
         return self.by_run(change) if scope == "run" else self.by_sensor(change)
 
     def derivatives(self, config: Config) -> Derivatives:
-        """Take the derivatives by the free parameters, by differences that stay inside the bounds."""
+        """Return the derivatives by the free parameters, from one-sided differences that stay inside the
+        bounds.
+        """
         predicted = self.predicted(config)
         columns = [(self.predicted(moved) - predicted) * per for moved, per in self.differences(config)]
         return Derivatives(self._columns(columns), self.free_values(config) / self.scale)
 
     def differences(self, config: Config) -> Iterator[tuple[Config, float]]:
-        """Yield the configuration with each free parameter changed a little, and the factor that makes a
-        change of the prediction a derivative by the parameter in units of its scale.
+        """Yield the configuration with each free parameter changed by a thousandth of its scale.
+
+        Each comes with the factor that makes a change of the prediction a derivative per scale.
         """
         values = self.free_values(config)
         for i, scale in enumerate(self.scale):
@@ -203,8 +255,14 @@ class Problem:
         return [np.where(self.evidence.run == i, change, 0.0) for i in range(len(self.forward.runs))]
 
     def by_gain(self, config: Config, predicted: FloatArray) -> list[FloatArray]:
-        """The change (n,) for each sensor with its gain off towards the air by the common tolerance; `here`
-        (n,) is the prediction. What a sensor with a tolerance of its own shows is a parameter.
+        """Return the change (n,) for each thermocouple whose gain is off towards the air by the common
+        tolerance.
+
+        Sensors whose `shows` has its own tolerance or is fitted are left out.
+
+        Args:
+            config: The configuration with the tolerance.
+            predicted: Its prediction, °C, (n,).
         """
         gain = config.tolerance.gain
         if gain == 0.0:
@@ -219,8 +277,12 @@ class Problem:
         ]
 
     def by_timing(self, predicted: FloatArray) -> list[FloatArray]:
-        """The change (n,) of each coarsely sampled run with a delay of half a row: only the recorder knows
-        whether a value holds until the next row or ramps to it.
+        """Return the change (n,) of each coarsely sampled run by a delay of half a row.
+
+        Only the recorder knows whether a value holds until the next row or ramps to it.
+
+        Args:
+            predicted: The prediction, °C, (n,).
         """
         changes = []
         for i, run in enumerate(self.forward.runs):
@@ -235,8 +297,11 @@ class Problem:
         return changes
 
     def marginal(self, rows: BoolArray, modelled: frozenset[str]) -> Marginal:
-        """Return the map that marginalises the nuisance parameters on some rows, except `modelled` lags of
-        sensors.
+        """Return the map that marginalises the nuisance parameters on some rows; the identity without any.
+
+        Args:
+            rows: True for the rows, (n,).
+            modelled: Sensors whose lag is part of a hypothesis and is not marginalised.
         """
         nuisance = self.nuisance or NuisanceColumns(self._columns([]), self._columns([]), (), ())
         return nuisance.marginal(rows, modelled)
@@ -248,6 +313,11 @@ class Problem:
 
 
 def modelled_lags(config: Config, *additional: EffectTable) -> frozenset[str]:
-    """The sensors whose lag is modelled by an effect of a configuration, or by one more effect."""
+    """Return the names of the sensors whose lag is an effect of a configuration.
+
+    Args:
+        config: The configuration.
+        additional: Further effects that count too.
+    """
     terms = (term for effect in (*config.effect, *additional) for term in effect.terms(config))
     return frozenset(term.sensor for term in terms if isinstance(term, Lag))

@@ -44,14 +44,22 @@ def fit_noise(
     runs: Sequence[Sequence[FrameBlock]],
     progress: Callable[[int], None] = lambda _evaluations: None,
 ) -> dict[str, float]:
-    """Return the most likely `estimator.field_noise_K_sqrt_s` and `source.<name>.random_walk_W_sqrt_s`.
+    """Return the most likely process noise of the field and of each estimated heat.
 
-    The last of several runs, or the end of a single one, is held back. Nothing is returned if the configured
-    noise makes that part more likely, or if the log allows for any noise, up to its bound.
+    The last of several runs, or the end of a single one, is held back. First the field's noise is fitted,
+    then the heats', then the field's again.
 
-    Call it with the calibrated configuration. First the field's noise is fitted, then the heats', then the
-    field's again. `progress(evaluations)` is called after each run of the filter. Raises `LogError` as
-    `prepare` does.
+    Args:
+        config: The calibrated configuration; displacement sensors are left out.
+        runs: Frames of each log.
+        progress: Called after each run of the filter with the number of runs.
+
+    Returns:
+        Values by the keys `estimator.field_noise_K_sqrt_s` and `source.<name>.random_walk_W_sqrt_s`. Empty if
+        the configured noise makes the held-back part more likely, or if a noise ends near its upper bound.
+
+    Raises:
+        LogError: If an input or every sensor of a log has no value.
     """
     config = thermal_only(config)
     configured, unit_Q = build_plant(config), _unit_field_noise(config)
@@ -83,17 +91,27 @@ def fit_noise(
 
 
 class NoiseEvidence(NamedTuple):
-    """The rows of logs to which noise is fitted, run by run, and those that are held back."""
+    """The rows of logs for a fit of noise.
+
+    Attributes:
+        fitted: Rows that are fitted, run by run.
+        held_back: Rows that judge the fit.
+    """
 
     fitted: list[Inputs]
     held_back: Inputs
 
 
 def evidence_of_noise(config: Config, plant: Plant, runs: Sequence[Sequence[FrameBlock]]) -> NoiseEvidence:
-    """Return the evidence in some runs for the noise of a configuration without displacements.
+    """Return the evidence in some runs for the process noise.
 
-    Of rows closer than the estimator's period and `CLOSEST_S` only some are used, and of a long part only the
-    stretch around the largest change of heat.
+    Only some of the rows closer than the estimator's period or `CLOSEST_S` are used. Of a long part only the
+    stretch around the largest change of heat is used.
+
+    Args:
+        config: The configuration, without displacement sensors.
+        plant: Its model.
+        runs: Frames of each log.
     """
     drive = Drive(config, plant)
     close = [
@@ -110,7 +128,12 @@ def evidence_of_noise(config: Config, plant: Plant, runs: Sequence[Sequence[Fram
 
 
 def liveliest(inputs: Inputs, rows: int) -> Inputs:
-    """Return at most `rows` consecutive steps, the largest change of heat by law a third into them."""
+    """Return at most `rows` consecutive steps, the largest change of heat by law a third into them.
+
+    Args:
+        inputs: Steps of one log.
+        rows: Largest number of steps; a shorter log is returned whole.
+    """
     change = np.abs(inputs.law_jump_W).sum(axis=1)
     begin = int(np.clip(np.argmax(change) - rows // 3, 0, max(len(inputs) - rows, 0)))
     return inputs.part(begin, begin + rows)
@@ -123,9 +146,17 @@ def _unit_field_noise(config: Config) -> FloatArray:
 
 
 def fit_process_noise(plant: Plant, cost: Callable[[Plant], float]) -> FloatArray:
-    """Return the `random_walk_W_sqrt_s` (m_e,) of the estimated heats for which `cost(plant)` is least.
+    """Return the random walks of the estimated heats for which a cost is least.
 
-    First one factor common to all heats, then each heat in turn, twice; each by a bounded search over log10.
+    First one factor common to all heats is sought, then each heat in turn, twice. Each search is bounded and
+    over the logarithm.
+
+    Args:
+        plant: The model; its random walks are the start.
+        cost: Returns the negative log likelihood of a plant.
+
+    Returns:
+        `random_walk_W_sqrt_s` of each estimated heat, W/√s, (m_e,), within `HEAT_BOUNDS_W_SQRT_S`.
     """
 
     def cost_of(log10_walk: FloatArray) -> float:
@@ -145,7 +176,14 @@ def fit_process_noise(plant: Plant, cost: Callable[[Plant], float]) -> FloatArra
 def innovations_log_likelihood(plant: Plant, inputs: Inputs) -> float:
     """Return Σ log N(ν; 0, S) over all usable measurements, each predicted from those before it.
 
-    No gate; the frame that starts the filter does not count. Source: Schweppe (1965).
+    The filter has no gate and starts anew. The frame that starts it does not count. Source: Schweppe (1965).
+
+    Args:
+        plant: The model without uncertain parameters.
+        inputs: Steps of one log.
+
+    Returns:
+        The log likelihood; 0 if no step has a usable measurement.
     """
     bare = plant.sensors_only()
     results = packing.empty_results(bare, len(inputs))
@@ -160,7 +198,13 @@ def innovations_log_likelihood(plant: Plant, inputs: Inputs) -> float:
 
 
 def least(cost: Callable[[float], float], low: float, high: float) -> float:
-    """Return where a function of a logarithm to base 10 is least, to 0.05."""
+    """Return where a function of a logarithm to base 10 is least, to 0.05, by Brent's bounded search.
+
+    Args:
+        cost: The function, with one minimum in the range.
+        low: Lower end of the logarithm.
+        high: Upper end.
+    """
     from scipy.optimize import minimize_scalar  # noqa: PLC0415  (slow to import)
 
     minimum = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 0.05})

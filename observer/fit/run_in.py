@@ -37,14 +37,25 @@ COLD_K = 3.0
 
 
 class Settles(NamedTuple):
-    """The amplitudes (c,) of a heat's settling parts, in parts of its law, and their covariance (c, c)."""
+    """The settling parts of a heat, one for each of c time constants `SETTLING_S`.
+
+    Attributes:
+        part: Amplitudes relative to the law, (c,).
+        covariance: Their covariance, (c, c).
+    """
 
     part: FloatArray
     covariance: FloatArray
 
 
 class Fading(NamedTuple):
-    """The s of the s·exp(−t/`time_s`) nearest a curve, and one standard deviation of that."""
+    """The exponential s·exp(−t/τ) nearest a curve of settling friction.
+
+    Attributes:
+        share: s, relative to the law.
+        time_s: τ, s of running time.
+        sigma: σ of s.
+    """
 
     share: float
     time_s: float
@@ -52,7 +63,13 @@ class Fading(NamedTuple):
 
 
 def nearest(settles: Settles, times_s: Sequence[float] | FloatArray = TIMES_S) -> Fading:
-    """Return the exponential of one of some time constants that is nearest a heat's settling parts."""
+    """Return the exponential that is nearest a heat's settling parts over 90 minutes of running, by least
+    squares.
+
+    Args:
+        settles: The settling parts.
+        times_s: Time constants to choose from, s.
+    """
     parts = np.exp(-OVER_S[:, None] / np.array(SETTLING_S))
     curve = parts @ settles.part
     candidates = []
@@ -66,8 +83,18 @@ def nearest(settles: Settles, times_s: Sequence[float] | FloatArray = TIMES_S) -
 
 
 def running_in_of(fit: Fit, runs: Sequence[Run]) -> dict[str, float]:
-    """Return `run_in`, `run_in_s` and `run_in_tolerance` of the heats whose running in the logs show, by key;
-    of those logs that begin cold.
+    """Return the running-in of heats that the logs show.
+
+    Only logs that begin cold count. A heat is left out if none of its parameters was fitted, or if σ of its
+    running-in exceeds 5 % of its law.
+
+    Args:
+        fit: A fit with friction that settles among its tolerances.
+        runs: The logs of the fit.
+
+    Returns:
+        `run_in` and `run_in_tolerance`, relative to the law, and `run_in_s`, s, by full keys such as
+        `source.nut.run_in`.
     """
     written: dict[str, float] = {}
     for source in fit.config.source:
@@ -87,7 +114,15 @@ def running_in_of(fit: Fit, runs: Sequence[Run]) -> dict[str, float]:
 
 
 def spread(share: float, starts: Sequence[Fading]) -> float:
-    """One standard deviation of the running-in from one start to the next."""
+    """Return σ of the running-in from one start to the next, relative to the law.
+
+    It combines a general expectation, counted as two differences, with the scatter of the starts beyond their
+    own σ.
+
+    Args:
+        share: Running-in of all starts together.
+        starts: Running-in of each start; fewer than two give the expectation alone.
+    """
     before = math.hypot(PER_START * share, LEAST)
     if len(starts) < 2:
         return before
@@ -97,7 +132,16 @@ def spread(share: float, starts: Sequence[Fading]) -> float:
 
 
 def begins_cold(config: Config, source: Source, run: Run) -> bool:
-    """Whether a run begins with a source at rest, and that for so long that no sensor is far from the air."""
+    """Return whether a run begins with a source at rest and the screw near the air's temperature.
+
+    No thermocouple may be farther than `COLD_K` from the air. A source without a speed or power channel never
+    counts as cold.
+
+    Args:
+        config: The machine.
+        source: The source.
+        run: The prepared log.
+    """
     channels, air = law_channels(source, config.source), config.ambient
     first = dict(zip(run.frames.channels, run.frames.values[0].tolist(), strict=True))
     air_degC = first[air.channel] if air.channel is not None else air.temperature_degC or 0.0

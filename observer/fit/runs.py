@@ -39,10 +39,17 @@ LEAST_S = 300.0
 class Run:
     """One run of a machine, with nothing in it that depends on the parameters.
 
-    `frames` from the first row on which every known input has a value; `first` (b,) the first row of each
-    block of 30 s; `usable`, `values_degC` (K, s); `count` (b, s) how many values each mean has;
-    `measured_degC` (b, s), NaN without any; `start_degC`, `start_R_K2` (s,) the mean over the
-    first 10 s, and its variance.
+    With K rows, b blocks of 30 s and s sensors. Displacements are in µm instead of °C.
+
+    Attributes:
+        frames: Rows from the first on which every known input has a value.
+        first: First row of each block, (b,).
+        usable: True for readings that count, (K, s).
+        values_degC: Readings, °C, (K, s).
+        count: Number of usable readings of each mean, (b, s).
+        measured_degC: Mean of each block, °C, (b, s), NaN without a reading.
+        start_degC: Mean over the first 10 s, °C, (s,), NaN without a reading.
+        start_R_K2: Variance of that mean by noise, K², (s,), infinite without a reading.
     """
 
     frames: FrameBlock
@@ -56,30 +63,59 @@ class Run:
 
     @property
     def duration_s(self) -> float:
-        """How long the run lasts."""
+        """Time from the first to the last row, s."""
         return float(self.frames.time_s[-1] - self.frames.time_s[0])
 
     def means(self, rows: FloatArray) -> FloatArray:
-        """Average rows (K, s) over each block's usable samples, (b, s); 0 in a block without any."""
+        """Return the averages of values over each block's usable samples, (b, s); 0 in a block without any.
+
+        Args:
+            rows: Values of every row, (K, s).
+        """
         total = np.add.reduceat(np.where(self.usable, rows, 0.0), self.first, axis=0)
         return np.asarray(total / np.maximum(self.count, 1.0))
 
 
 def mean_over(rows: FloatArray, weight: FloatArray, first: NDArray[np.int64]) -> FloatArray:
-    """Return the weighted mean of rows (K,) or (K, c) over stretches that begin at `first` (T,)."""
+    """Return the weighted means of rows over stretches; 0 over a stretch without weight.
+
+    Args:
+        rows: Values, (K,) or (K, c).
+        weight: Weight of each row, (K,), such as its duration.
+        first: First row of each stretch, (T,), increasing from 0.
+
+    Returns:
+        Means, (T,) or (T, c).
+    """
     over, column = np.add.reduceat(weight, first), (-1, *[1] * (rows.ndim - 1))
     total = np.add.reduceat(rows * weight.reshape(column), first)
     return np.asarray(total / np.where(over > 0, over, 1.0).reshape(column))
 
 
 def prepare_all(config: Config, logs: Sequence[Sequence[FrameBlock]]) -> list[Run]:
-    """Return the runs of several logs, "log 1" and so on in errors; raises `LogError` as `prepare`."""
+    """Return the runs of several logs, which errors call "log 1" and so on.
+
+    Args:
+        config: The machine.
+        logs: Frames of each log.
+
+    Raises:
+        LogError: If an input of a law, an input of the plant, or every sensor has no value in a log.
+    """
     drive = _drive(config)
     return [_prepared(config, drive, blocks, f"log {i + 1}") for i, blocks in enumerate(logs)]
 
 
 def refuse_short(runs: Sequence[Run], purpose: str) -> None:
-    """Raise `LogError` where every run is shorter than `LEAST_S`; `purpose` is named in it."""
+    """Refuse logs that are all too short.
+
+    Args:
+        runs: The prepared logs.
+        purpose: What they are for, such as "a calibration", as the message names it.
+
+    Raises:
+        LogError: If every run is shorter than `LEAST_S`.
+    """
     longest_s = max((run.duration_s for run in runs), default=0.0)
     if longest_s < LEAST_S:
         raise LogError(
@@ -89,9 +125,18 @@ def refuse_short(runs: Sequence[Run], purpose: str) -> None:
 
 
 def prepare(config: Config, blocks: Sequence[FrameBlock], name: str) -> Run:
-    """Return a run from the frames of a log; `name` is named in errors.
+    """Return a run from the frames of a log.
 
-    Raises `LogError` where an input or every sensor is without a value throughout.
+    The run begins at the first row where every known input and some sensor has a value. Stretches of a stuck
+    sensor do not count.
+
+    Args:
+        config: The machine.
+        blocks: Consecutive frames of the log.
+        name: How errors call the log.
+
+    Raises:
+        LogError: If an input of a law, an input of the plant, or every sensor has no value throughout.
     """
     return _prepared(config, _drive(config), blocks, name)
 
@@ -136,13 +181,18 @@ def _prepared(config: Config, drive: Drive, blocks: Sequence[FrameBlock], name: 
 
 @dataclass(frozen=True, slots=True)
 class Ticks:
-    """How a run's rows fall into ticks and means.
+    """How a run's rows fall into T ticks and b means.
 
-    `first` (T,) the first row of each tick, `length_s` (T,) how long it lasts; `mean` (T,) the mean each
-    tick belongs to; `count`, `measured_degC` (b, s) the usable values of each mean and their average, NaN
-    without any; `time_s` (b,) when each mean ends, from the start of the run; `share` (T, s) the part of its
-    mean's values that fell into each tick, and `late` (T, s) how much later than evenly, as a share of the
-    tick; `at_end` (T,) ticks too long (outages) for the mean of their ends.
+    Attributes:
+        first: First row of each tick, (T,).
+        length_s: Duration of each tick, s, (T,).
+        mean: Mean that each tick belongs to, (T,).
+        count: Usable values of each mean, (b, s).
+        measured_degC: Average of each mean, °C or µm, (b, s), NaN without a value.
+        time_s: End of each mean since the start of the run, s, (b,).
+        share: Share of its mean's values that fell into each tick, (T, s).
+        late: Delay of the values against an even distribution, relative to the tick, (T, s).
+        at_end: True for ticks too long (outages) for the mean of their ends, (T,).
     """
 
     first: NDArray[np.int64]
@@ -157,13 +207,21 @@ class Ticks:
 
 
 def calibration_tick_s(runs: Sequence[Run]) -> float:
-    """Return the tick in s with which a calibration predicts runs; 0 is row by row."""
+    """Return the tick with which a calibration predicts runs, s; 0 is row by row.
+
+    Logs with a median distance of rows below 1 s take `FINE_TICK_S`.
+    """
     closest_s = min(float(np.median(run.frames.dt_s[1:])) if len(run.frames) > 1 else 0.0 for run in runs)
     return FINE_TICK_S if closest_s < FINE_TICK_S / 2 else 0.0
 
 
 def ticks_of(run: Run, tick_s: float = TICK_S) -> Ticks:
-    """Cut a run into ticks of `tick_s`, of which a whole number makes a mean of half a minute."""
+    """Return a run cut into ticks; a tick without a row does not exist.
+
+    Args:
+        run: The prepared log.
+        tick_s: Length of a tick, s, a whole part of 30 s.
+    """
     frames = run.frames
     since_s = frames.time_s - frames.time_s[0]
     number = np.maximum(np.ceil(since_s / tick_s - 1e-9).astype(np.int64) - 1, 0)
@@ -195,7 +253,13 @@ def ticks_of(run: Run, tick_s: float = TICK_S) -> Ticks:
 
 
 def means_of(ticks: Ticks, rows: Means, ripple_K: FloatArray) -> FloatArray:
-    """The means (b, s) of output rows (T, s); `ripple_K` (T, s) is what passing nuts add to them."""
+    """Return the predicted half-minute means, (b, s).
+
+    Args:
+        ticks: Ticks of the run.
+        rows: Output rows of the ticks, (T, s).
+        ripple_K: Contribution of passing nuts to them, K, (T, s).
+    """
     tick_means = rows.means + ticks.late * rows.way + ripple_K
     out = np.zeros_like(ticks.measured_degC)
     np.add.at(out, ticks.mean, np.where(ticks.at_end[:, None], rows.ends, tick_means) * ticks.share)
@@ -203,7 +267,7 @@ def means_of(ticks: Ticks, rows: Means, ripple_K: FloatArray) -> FloatArray:
 
 
 def rows_of(run: Run) -> Ticks:
-    """Return a run's rows as ticks, and its blocks as their means."""
+    """Return a run with each row as a tick, and its blocks as the means."""
     rows = np.arange(len(run.frames))
     mean = np.repeat(np.arange(len(run.first)), np.diff([*run.first, len(rows)]))
     number = np.floor((run.frames.time_s[run.first] - run.frames.time_s[0]) / BLOCK_S)
@@ -231,9 +295,13 @@ def _refuse_empty(config: Config, frames: FrameBlock, name: str) -> None:
 
 
 def frozen(y_degC: FloatArray, rejected: BoolArray) -> BoolArray:
-    """Which values (K, s) belong to a stretch of equal ones that was later rejected.
+    """Return which values belong to a stretch of equal ones that was later rejected, (K, s).
 
-    A stuck sensor is detected only after a while; in a log, the values before that can be rejected as well.
+    A stuck sensor is detected only after a while. In a log, the values before that can be rejected as well.
+
+    Args:
+        y_degC: Readings, °C, (K, s), NaN without one.
+        rejected: True for readings that a check has rejected, (K, s).
     """
     out = np.zeros_like(rejected)
     for s, column in enumerate(y_degC.T):
@@ -245,7 +313,7 @@ def frozen(y_degC: FloatArray, rejected: BoolArray) -> BoolArray:
 
 
 def joined(blocks: Sequence[FrameBlock]) -> FrameBlock:
-    """Return consecutive blocks of frames as one."""
+    """Return consecutive blocks of frames as one; they must have the same channels and nuts."""
     if len(blocks) == 1:
         return blocks[0]
     path = {}
@@ -265,15 +333,19 @@ def joined(blocks: Sequence[FrameBlock]) -> FrameBlock:
 
 
 def tail(frames: FrameBlock, begin: int) -> FrameBlock:
-    """Return the frames from row `begin` on; its first step has no length."""
+    """Return the frames from row `begin` on, with a first step of 0 s."""
     return frames if begin == 0 else part(frames, begin, len(frames))
 
 
 def thinned(frames: FrameBlock, every_s: float) -> FrameBlock:
-    """Return frames at least `every_s` apart, as a service with that period makes them of the same readings.
+    """Return frames at least some time apart, as a service with that period makes them of the same readings.
 
     The paths of nuts keep all their samples. A value is that of the last row, and fresh where one of the rows
     brought one.
+
+    Args:
+        frames: Frames of a log. Rows farther apart are returned unchanged.
+        every_s: Least time between two rows, s.
     """
     number = np.floor((frames.time_s - frames.time_s[0]) / every_s + 1e-6)
     last = np.flatnonzero(np.diff(number, append=np.inf))
@@ -289,7 +361,12 @@ def thinned(frames: FrameBlock, every_s: float) -> FrameBlock:
 
 
 def without_rows(frames: FrameBlock, doubtful: BoolArray) -> FrameBlock:
-    """Return the frames without some rows (K,), which then are an outage; nuts' paths lack their samples."""
+    """Return the frames without some rows; these become an outage, and nuts' paths lack their samples.
+
+    Args:
+        frames: Frames of a log.
+        doubtful: True for the rows to leave out, (K,).
+    """
     rows = np.flatnonzero(~doubtful)
     path = {}
     for name, p in frames.path.items():
@@ -304,7 +381,7 @@ def without_rows(frames: FrameBlock, doubtful: BoolArray) -> FrameBlock:
 
 
 def part(frames: FrameBlock, begin: int, end: int) -> FrameBlock:
-    """Return the frames from row `begin` up to `end`; the first step has no length."""
+    """Return the frames from row `begin` up to `end`, with a first step of 0 s, as copies."""
     path = {name: p._replace(offset=p.offset[begin : end + 1].copy()) for name, p in frames.path.items()}
     arrays = {key: getattr(frames, key)[begin:end].copy() for key in _ROWS}
     arrays["dt_s"][:1] = 0.0
@@ -333,7 +410,15 @@ end of the stroke comes more often.
 
 
 def filled(frames: FrameBlock, config: Config) -> FrameBlock:
-    """Return the frames of a log with the paths of nuts that its rows cannot show filled in."""
+    """Return the frames of a log with the paths of nuts that its rows cannot show filled in.
+
+    Logs with rows closer than `FAR_APART_S` are returned unchanged. So is a nut without a speed channel, or
+    with a known speed and lead.
+
+    Args:
+        frames: Frames of a whole log.
+        config: The machine, for the channels and the length of the screw.
+    """
     paths = dict(frames.path)
     if len(frames) < FEWEST or np.median(frames.dt_s[1:]) < FAR_APART_S:
         return frames
@@ -349,8 +434,10 @@ def filled(frames: FrameBlock, config: Config) -> FrameBlock:
 
 
 def driven(path: NutPath) -> bool:
-    """Whether a path is known between its samples: by the screw's speed and lead it is followed to the ends
-    of the stroke and back (see `kernels.path`).
+    """Return whether a path is known between its samples.
+
+    With the screw's speed and the lead it is followed to the ends of the stroke and back (see
+    `kernels.path`).
     """
     return bool(np.isfinite(path.driven_m_s).any())
 
@@ -387,11 +474,14 @@ def _to_and_fro(path: NutPath, dt_s: FloatArray, speed_rpm: FloatArray, length_m
 
 
 def shows_ends(place_m: FloatArray, whole_m: float) -> bool:
-    """Whether a nut's places (K,) at one speed, of rows far apart, reach about as far as the nut itself.
+    """Return whether a nut's places, of rows far apart, reach about as far as the nut itself.
 
-    `whole_m` is how far it comes in the whole log. As under a stroboscope, rows that meet it at the same
-    place of its way each time, or at two in turn, show a nut that seems to stand or to creep: it hardly ever
-    turns in every second row.
+    As under a stroboscope, rows may meet the nut at the same place each time, or at two in turn. The nut then
+    seems to stand or to creep and hardly ever turns in every second row.
+
+    Args:
+        place_m: Places at one speed, m, (K,).
+        whole_m: Range of the places in the whole log, m.
     """
     turns = 0
     for every_other_m in (place_m[::2], place_m[1::2]):
@@ -402,7 +492,11 @@ def shows_ends(place_m: FloatArray, whole_m: float) -> bool:
 
 
 def stretches_of_a_speed(speed_rpm: FloatArray) -> Iterator[NDArray[np.int64]]:
-    """Yield the rows of each stretch of a log in which a nut runs at one speed."""
+    """Yield the rows of each stretch of at least four rows in which a nut runs at one speed.
+
+    Args:
+        speed_rpm: Speed in each row, rpm, (K,), not negative.
+    """
     new = np.abs(np.diff(speed_rpm, prepend=speed_rpm[0])) > SAME_SPEED * speed_rpm.max()
     for part in np.split(np.arange(len(speed_rpm)), np.flatnonzero(new)):
         if len(part) >= FEWEST and speed_rpm[part].min() > 0.0:

@@ -44,11 +44,14 @@ PARTS, POINT_M = 32, 1e-6
 
 
 class Footprint(NamedTuple):
-    """A nut's path over the ticks of a run, for G tabulated wave numbers.
+    """A nut's path over the T ticks of a run, for G tabulated wave numbers.
 
-    `waves` (T, 2G): the mean over each tick, weighted by the nut's heat, of cos(μ(x − L/2)) and of its sine;
-    `early_s` (T, 2G): ∫ of them × (½ − t/τ) dt over each tick of length τ, how much earlier than uniformly
-    they came.
+    Attributes:
+        step_1_m: Distance of the wave numbers, 1/m.
+        waves: Means over each tick, weighted by the nut's heat, of cos(μ(x − L/2)) and then of its sine, (T,
+            2G).
+        early_s: ∫ of them × (½ − t/τ) dt over each tick of length τ, s, (T, 2G). It is positive where they
+            come early in the tick.
     """
 
     step_1_m: float
@@ -56,7 +59,14 @@ class Footprint(NamedTuple):
     early_s: FloatArray
 
     def of_modes(self, table: NutTable) -> tuple[FloatArray, FloatArray]:
-        """The means (T, N) of a table's N waves over the ticks, and how much earlier (T, N) they came."""
+        """Return the footprint on a plant's modes.
+
+        Args:
+            table: Table of the nut with N wave numbers and phases.
+
+        Returns:
+            The input columns over the ticks, (T, N), and their `early_s`, s, (T, N).
+        """
         G = self.waves.shape[1] // 2
         to_modes = interpolation(table.mu_1_m / self.step_1_m, G)
         turned = table.mu_1_m * table.screw_m / 2 - table.phase
@@ -66,9 +76,16 @@ class Footprint(NamedTuple):
 
 
 def swept(plant: Plant, table: NutTable, present: FloatArray, out: FloatArray) -> None:
-    """Fill `out` (T, PLACES, N) with shapes of which the squares add up to the covariance over a tick of the
-    column of a place under a nut, which spends the shares `present` (T, PLACES) of it at places from end to
-    end: each place under the nut exchanges by itself (Li 2022, eq. 45).
+    """Fill in shapes whose squares add up to the covariance, over a tick, of the column of a place under a
+    nut.
+
+    Each place under the nut exchanges heat with the place of the screw it covers (Li 2022, eq. 45).
+
+    Args:
+        plant: The model.
+        table: Table of the nut.
+        present: Share of each tick that the nut spends at places from end to end, (T, PLACES).
+        out: Result, (T, PLACES, N), overwritten.
     """
     places_m = np.linspace(0.0, table.screw_m, PLACES).tolist()
     one_place = replace(table, nut_m=POINT_M)
@@ -105,11 +122,16 @@ def footprint(
     *,
     at_ends: bool = False,
 ) -> Footprint:
-    """Follow a nut's path through the ticks that begin at the rows `first` (T,), for modes up to number
-    `highest`, counted from 1.
+    """Return a nut's path through the ticks of a run.
 
-    `stroke` is the stretch it is spread over while its position is unknown; `weight` (K,) the weight of each
-    row; `at_ends` places the nut at both ends of its actual stroke.
+    Args:
+        run: The prepared log.
+        first: First row of each tick, (T,).
+        nut: The moving source.
+        highest: Highest mode, counted from 1, that the result serves.
+        stroke: Stretch that the nut is spread over while its position is unknown.
+        weight: Weight of each row, (K,).
+        at_ends: Whether the nut is placed at both ends of its actual stroke, for heat at the reversals.
     """
     frames, step_1_m = run.frames, np.pi / (nut.table.screw_m * PER_MODE)
     waves, path = _wave_table(nut.table, highest, step_1_m, stroke), frames.path[nut.channel]
@@ -124,7 +146,15 @@ def footprint(
 
 
 def interpolation(place: FloatArray, size: int) -> FloatArray:
-    """Weights (size, N) that interpolate at `place` (N,), in units of the table's steps, by polynomials."""
+    """Return weights that interpolate a table by polynomials over eight neighbours.
+
+    Args:
+        place: Places to interpolate at, in steps of the table, (N,).
+        size: Number of entries of the table.
+
+    Returns:
+        Weights (size, N), which add up to 1 for each place.
+    """
     begin = np.clip(np.floor(place).astype(np.int64) - NEIGHBOURS // 2 + 1, 0, size - NEIGHBOURS)
     nodes = np.arange(NEIGHBOURS)
     apart = (place - begin)[:, None, None] - np.where(np.eye(NEIGHBOURS, dtype=bool), 0.0, nodes)
@@ -158,9 +188,16 @@ def _wave_table(table: NutTable, highest: int, step_1_m: float, stroke: Stretch)
 def presence(
     run: Run, first: NDArray[np.int64], table: NutTable, channel: str, stroke: Stretch
 ) -> FloatArray:
-    """Return the share (T, PLACES) of each tick that a nut spends at places from end to end.
+    """Return the share of each tick that a nut spends at places from end to end, (T, PLACES).
 
-    A position between two is shared linearly.
+    A position between two places is shared linearly.
+
+    Args:
+        run: The prepared log.
+        first: First row of each tick, (T,).
+        table: Table of the nut.
+        channel: Its position channel.
+        stroke: Stretch that the nut is spread over while its position is unknown.
     """
     share = np.eye(PLACES)
     anywhere = np.linspace(stroke.a_m, stroke.b_m, 4 * PLACES) / table.screw_m * (PLACES - 1)
@@ -175,13 +212,17 @@ Value = TypeVar("Value")
 
 
 class Cache(Generic[Value]):
-    """The most recent results of a pure function, by key."""
+    """The most recently used results of a pure function, by key.
+
+    Args:
+        most: Number of results that are stored; the one unused for longest goes first.
+    """
 
     def __init__(self, most: int) -> None:
         self._most, self._store = most, dict[Hashable, Value]()
 
     def get(self, key: Hashable, work_out: Callable[[], Value]) -> Value:
-        """Return the result for a key, computed if it is not stored."""
+        """Return the result for a key; `work_out` is called only if it is not stored."""
         value = self._store.pop(key) if key in self._store else work_out()
         self._store[key] = value
         if len(self._store) > self._most:
@@ -193,11 +234,20 @@ MOST_KEPT, MOST_ROWS_KEPT = 16, 2
 
 
 class SteppedRun:
-    """A run with its inputs for any configuration: in ticks of `tick_s`, or, where that is 0, row by row,
-    which is exact and, with close rows, some tens of times slower.
+    """A run with its inputs for any configuration, in ticks or row by row.
 
     For ticks the nuts' paths are followed once, each row weighted by the nut's heat in the initial
-    configuration.
+    configuration. Row by row is exact and, with close rows, some tens of times slower.
+
+    Args:
+        run: The prepared log.
+        config: The initial configuration.
+        plant: Its model.
+        tick_s: Length of a tick, s; 0 is row by row.
+
+    Attributes:
+        run: The prepared log.
+        ticks: Its steps and means.
     """
 
     def __init__(self, run: Run, config: Config, plant: Plant, *, tick_s: float = TICK_S) -> None:
@@ -216,17 +266,22 @@ class SteppedRun:
 
     @property
     def row_s(self) -> float:
-        """The median distance of its rows."""
+        """Median distance of its rows, s."""
         return float(np.median(self.run.frames.dt_s[1:])) if len(self.run.frames) > 1 else 0.0
 
     @property
     def coarse(self) -> bool:
-        """Whether its rows are further apart than ticks: the time of a change between them is unknown."""
+        """Whether its rows are farther apart than 15 s: the time of a change between them is unknown."""
         return self.row_s > 1.5 * TICK_S
 
     def inputs(self, config: Config, plant: Plant, key: str, driven_by: str) -> Inputs:
-        """Return the inputs of the steps, (T,); `key` identifies the configuration, and `driven_by` is the
-        key returned by `driving`.
+        """Return the inputs of the T steps; by ticks they have no readings.
+
+        Args:
+            config: The configuration.
+            plant: Its model.
+            key: Key of the configuration, for the cache of rows.
+            driven_by: Key returned by `driving`, for the cache of ticks.
         """
         if self._by_row:
             return self._rows_kept.get(key, lambda: self._rows(config, plant))
@@ -255,17 +310,26 @@ class SteppedRun:
         )
 
     def means(self, plant: Plant, inputs: Inputs, rows: Means) -> FloatArray:
-        """The means (b, s) of output rows (T, s)."""
+        """Return the predicted half-minute means, °C or µm, (b, s).
+
+        Args:
+            plant: The model.
+            inputs: Inputs of the steps.
+            rows: Output rows of the steps, (T, s).
+        """
         if self._by_row:
             return self.run.means(rows.ends)
         return means_of(self.ticks, rows, self.ripple_K(plant, inputs, rows.passed_W))
 
     def ripple_K(self, plant: Plant, inputs: Inputs, passed_W: FloatArray) -> FloatArray:
-        """What the passing nut adds to the mean of a tick beyond its mean heat and what its body passes on,
-        `passed_W` (T, M), (T, s), K.
+        """Return the contribution of passing nuts to the means of the ticks, K or µm, (T, s).
 
-        A pass early in a tick warms a sensor for longer than one late in it, less what decays within the
-        tick.
+        A pass early in a tick warms a sensor for longer than one late in it, less the decay within the tick.
+
+        Args:
+            plant: The model.
+            inputs: Inputs of the ticks.
+            passed_W: Heat that each nut's body passes on, W, (T, M).
         """
         length_s, index = np.unique(inputs.dt_s, return_inverse=True)
         decay = np.exp(-0.5 * length_s[:, None] * plant.decay_1_s)[index]
@@ -279,8 +343,14 @@ class SteppedRun:
         return out
 
     def sweep(self, plant: Plant) -> FloatArray | None:
-        """The shapes (T, M, e, N) of which the squares add up to the covariance of each nut's column over
-        the ticks; None where no nut has a body, and row by row, since a nut hardly moves within a row.
+        """Return shapes whose squares add up to the covariance of each nut's column over the ticks, (T, M, e,
+        N).
+
+        Args:
+            plant: The model.
+
+        Returns:
+            The shapes. None where no nut has a body, and row by row, because a nut hardly moves within a row.
         """
         bodies = set(plant.coupling.links.source.tolist())
         on = tuple(i for i, m in enumerate(plant.moving) if m.index in bodies)
@@ -377,7 +447,10 @@ def _mixing_of(plant: Plant, i: int) -> bytes:
 
 
 def driving(config: Config) -> str:
-    """A key of the parts of a configuration that determine the heats, losses and known inputs."""
+    """Return a key of the parts of a configuration that determine heats, losses and known inputs.
+
+    Two configurations with equal keys have the same inputs, whatever their films and conductivities.
+    """
     machine = realise(config)
     laws = [heat_parts(s) for s in machine.config.source]
     effects = [e for e in config.effect if any(isinstance(t, INPUT_TERMS) for t in e.terms(config))]
@@ -389,5 +462,5 @@ def driving(config: Config) -> str:
 
 
 def heat_parts(source: Source) -> tuple[object, ...]:
-    """The keys of a source that make up its heat law."""
+    """Return the values of the keys that make up a source's heat law, in a fixed order."""
     return tuple(getattr(source, key) for key in (*HeatLaw.model_fields, "stroke_m"))

@@ -54,7 +54,15 @@ SETTLING_S = (900.0, 3600.0)
 def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
     """Yield the configuration changed by one standard deviation of a tolerance, and its scope.
 
-    "position" and "lag" stand for one of each sensor, all changed at once; "run" for one of each log.
+    Parameters that are free are left out.
+
+    Args:
+        config: The machine with its `[tolerance]`.
+        runs: Number of logs. With several, the heat of each source differs between them.
+
+    Yields:
+        Pairs of a configuration and a scope. "whole" is one parameter. "position" and "lag" stand for one of
+        each sensor, all changed at once; "run" for one of each log.
     """
     screw, tolerance = config.screw, config.tolerance
     for key, share in (
@@ -101,8 +109,10 @@ def _of_parts(config: Config) -> Iterator[tuple[Config, Scope]]:
 
 
 def tolerances_of_parts(config: Config) -> Iterator[tuple[str, str, float]]:
-    """Yield, for each link, node and sensor with a tolerance of its own, its parameter, the key of its
-    tolerance, and that tolerance, relative.
+    """Yield the tolerances of links, nodes, and sensors with `shows_tolerance`.
+
+    Yields:
+        Triples: key of the parameter, key of its tolerance, and the tolerance, relative.
     """
     for link in config.link:
         yield f"{link.key}.factor", f"{link.key}.tolerance", config.tolerance.of_link(link.tolerance)
@@ -116,8 +126,10 @@ def tolerances_of_parts(config: Config) -> Iterator[tuple[str, str, float]]:
 
 
 def calibration_tolerances(config: Config, runs: int) -> Iterator[tuple[Config, Scope]]:
-    """Yield the tolerances, and those that in a search would be missing effects: a loss at each end, and
-    friction that settles with use.
+    """Yield the tolerances of a calibration, as `tolerances` does.
+
+    Added are a loss at each end and friction that settles with use. In a search these would be missing
+    effects.
     """
     yield from tolerances(config, runs)
     end_W_K = config.tolerance.end_W_K
@@ -133,11 +145,17 @@ def calibration_tolerances(config: Config, runs: int) -> Iterator[tuple[Config, 
 
 
 def remaining_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str, float]:
-    """Return the remaining tolerances of fitted parameters, by their keys in a configuration.
+    """Return the remaining tolerances of fitted parameters; a tolerance never grows.
 
-    `sigma` is the relative standard deviation of each fitted parameter, by its key. A tolerance never grows.
-    Heats keep their `law_uncertainty`: they depart from their law at each start, even with a known scale,
-    whose own tolerance is that of the fit and of what friction differs from one log to the next.
+    Heats keep their `law_uncertainty`, because they depart from their law at each start, even with a known
+    scale. The tolerance of the scale combines σ of the fit with the difference of friction between logs.
+
+    Args:
+        config: The configuration before the fit.
+        sigma: Relative σ of each fitted parameter, by its key.
+
+    Returns:
+        Relative tolerances by their keys in the configuration.
     """
     left = {
         tolerance: min(sigma[key], share)
@@ -160,18 +178,23 @@ def remaining_tolerances(config: Config, sigma: Mapping[str, float]) -> dict[str
 
 @dataclass(frozen=True)
 class SettlingFriction:
-    """The factor on a heat that is larger by a `part` initially and decays with `time_s`."""
+    """The factor 1 + a exp(−t/τ) on a heat, which decays while it runs.
+
+    Attributes:
+        part: a, relative to the law.
+        time_s: τ, s of running time.
+    """
 
     part: float
     time_s: float
 
     def __call__(self, _speed_rpm: FloatArray, running_s: FloatArray, /) -> FloatArray:
-        """Return it for running times (K,)."""
+        """Return the factor (K,) for running times, s, (K,)."""
         return np.asarray(1.0 + self.part * np.exp(-running_s / self.time_s))
 
 
 def with_terms(config: Config, *terms: Term) -> Config:
-    """Return the configuration with terms added."""
+    """Return the configuration with one more effect that consists of these terms."""
     return config.model_copy(update={"effect": (*config.effect, Unnamed(terms))})
 
 
@@ -188,8 +211,12 @@ CLEAR_SIGMA = 2.0
 
 
 class LearntChanges(NamedTuple):
-    """What was learnt, as changes of a configuration: values and remaining tolerances by key, and the
-    sensors' offsets as effects.
+    """Changes of a configuration by what an estimator has learnt.
+
+    Attributes:
+        values: New values by key.
+        left: Remaining tolerances by key; those of offsets are in K.
+        biases: Offsets of sensors as effects.
     """
 
     values: dict[str, float]
@@ -198,10 +225,14 @@ class LearntChanges(NamedTuple):
 
 
 def learnt_changes(config: Config, learnt: Mapping[str, tuple[float, float]]) -> LearntChanges:
-    """Return the changes of a configuration after an estimator has learnt value and σ by name while it ran.
+    """Return the changes of a configuration after an estimator has learnt parameters while it ran.
 
-    A parameter without a key, such as the ambient's offset, stays within its tolerance. A sensor with an
-    offset effect keeps it.
+    A parameter without a key, such as the ambient's offset, stays within its tolerance. An offset is written
+    if it exceeds two σ and the sensor has no offset effect yet.
+
+    Args:
+        config: The configuration with which the estimator ran.
+        learnt: Value and σ of each parameter by name, in the unit of the name.
     """
     values = {key: value for key, (value, _) in learnt.items() if key in candidates(config) and value > 0.0}
     left = remaining_tolerances(config, {key: learnt[key][1] / value for key, value in values.items()})
