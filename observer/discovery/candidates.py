@@ -31,14 +31,26 @@ PER_PARAMETER = 6.0
 
 
 def score(drop: float, parameters: int) -> float:
-    """Return a drop of the deviance less the drop required for so many parameters of an effect or a log
-    fault.
+    """Return a drop of the deviance less the drop required of its parameters.
+
+    Args:
+        drop: Fall of the deviance.
+        parameters: Number of parameters of an effect or a log fault. Each beyond the first costs
+            `PER_PARAMETER`.
     """
     return drop - PER_PARAMETER * (parameters - 1)
 
 
 class Candidate(NamedTuple):
-    """An effect at a target: the shapes to try, the fitted parameters, and the keys with `fixed` values."""
+    """An effect at a target, to be fitted.
+
+    Attributes:
+        of: The effect's class.
+        target: Source, sensor, end or node at which it acts; None for the whole screw.
+        shapes: Typical values of its parameters, from which fits start.
+        fitted: The parameters to fit, by key.
+        fixed: Keys with fixed values.
+    """
 
     of: type[EffectTable]
     target: str | None
@@ -48,16 +60,22 @@ class Candidate(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """The effect's kind."""
+        """The effect's kind, as in `[[effect]] kind`."""
         return self.of.named()
 
     @property
     def name(self) -> str:
-        """Kind and target."""
+        """Kind and target, as reports print them."""
         return self.kind if self.target is None else f"{self.kind} at {self.target}"
 
     def effect(self, shape: Shape, strength: float = 1.0) -> EffectTable:
-        """Return the effect in one of its shapes, `strength` times as strong."""
+        """Return the effect in one of its shapes.
+
+        Args:
+            shape: Values of its parameters.
+            strength: Factor on the distance of each strength from its neutral value; the result is clipped to
+                the bounds.
+        """
         values = dict(shape)
         for p, neutral in self._strong():
             values[p.key] = float(np.clip(neutral + strength * (shape[p.key] - neutral), p.low, p.high))
@@ -65,7 +83,7 @@ class Candidate(NamedTuple):
         return self.of.model_validate({"kind": self.kind, **target, **self.fixed, **values})
 
     def strengths(self, shape: Shape) -> tuple[float, float]:
-        """Return the range of strengths that the bounds of the effect allow."""
+        """Return the smallest and the largest strength that the bounds of the effect allow in this shape."""
         low, high = -np.inf, np.inf
         for p, neutral in self._strong():
             ends = sorted((limit - neutral) / (shape[p.key] - neutral) for limit in (p.low, p.high))
@@ -73,7 +91,11 @@ class Candidate(NamedTuple):
         return low, high
 
     def parameters(self, index: int) -> tuple[EffectParameter, ...]:
-        """Return the fitted parameters of the effect as number `index` of the configuration."""
+        """Return the fitted parameters of the effect, with bounds and scales.
+
+        Args:
+            index: Number of the effect in the configuration.
+        """
         bounds = {key: self.of.bounds(key) for key in self.fitted}
         return tuple(
             EffectParameter(
@@ -94,9 +116,18 @@ def library(
     without: Sequence[str] = (),
     also: Sequence[str] = (),
 ) -> tuple[Candidate, ...]:
-    """Return the candidates of a machine whose free parameters are `free`.
+    """Return the candidates of a machine: each effect at each target, in each form.
 
-    They are the effects of the library, `without` some kinds, and the external kinds in `also`.
+    Effects on a heat that is tied to those of other sources are left out, because no plant can model them.
+
+    Args:
+        machine: The machine.
+        free: Keys of its free parameters. Effects that one of them covers are left out.
+        without: Kinds that are not tried.
+        also: Kinds from outside, as `module:Class` or the name of an entry point.
+
+    Raises:
+        ConfigError: If a kind in `also` cannot be loaded.
     """
     length_m = machine.screw.length_m
     candidates = (
@@ -124,7 +155,13 @@ def _is_possible(candidate: Candidate, machine: Description) -> bool:
 
 
 class Signature(NamedTuple):
-    """The whitened change (n,) of the prediction with one shape of a candidate."""
+    """The change of the prediction with one shape of a candidate.
+
+    Attributes:
+        candidate: The effect at its target.
+        shape: Number of the shape.
+        change: Whitened change, (n,).
+    """
 
     candidate: Candidate
     shape: int
@@ -135,9 +172,10 @@ class Promise(NamedTuple):
     """The expected benefit of a signature added to a fit.
 
     Attributes:
-        strength: of the shape that explains most within the bounds
-        drop: the fall of the deviance with it
-        unabsorbed: the fraction of the signature that the free parameters cannot absorb
+        signature: The signature.
+        strength: Strength of the shape that explains most within the bounds.
+        drop: Fall of the deviance with it.
+        unabsorbed: Fraction of the signature that the free parameters cannot absorb, 0 to 1.
     """
 
     signature: Signature
@@ -149,7 +187,14 @@ class Promise(NamedTuple):
 def signatures(
     problem: Problem, config: Config, candidates: Sequence[Candidate], pool: WorkerPool = IN_PROCESS
 ) -> list[Signature]:
-    """Return the signatures of all shapes that change a prediction."""
+    """Return the signatures of all shapes that change a prediction.
+
+    Args:
+        problem: Data and free parameters.
+        config: Configuration to which the effects are added one at a time.
+        candidates: The effects to try.
+        pool: Where predictions run; it does not change the result.
+    """
     kinds = groupby(sorted(candidates, key=lambda c: c.kind), key=lambda c: c.kind)
     groups = [tuple(group) for _, group in kinds]
     changes_of_groups = pool.map(_changes, problem, [(config, group) for group in groups])
@@ -167,8 +212,18 @@ def signatures(
 
 
 def promises(base: Fit, marks: Sequence[Signature], *, everywhere: bool = False) -> list[Promise]:
-    """Return the promise of each signature added to a fit: on the fitted rows, or with `everywhere` on
-    all rows.
+    """Return the promise of each signature added to a fit.
+
+    The part of the signature that the free parameters can absorb is projected out. The drop follows from a
+    linear fit of its strength.
+
+    Args:
+        base: The fit, linear about itself.
+        marks: The signatures.
+        everywhere: Whether all rows count, the proof too, instead of the fitted ones.
+
+    Returns:
+        Promises, grouped by the lags that the effects model, not in the order of `marks`.
     """
     promises: list[Promise] = []
     problem, used = base.problem, base.problem.evidence.used

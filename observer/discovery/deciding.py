@@ -26,11 +26,18 @@ def decisive_test(
     partial: Partial | None = None,
     pool: WorkerPool = IN_PROCESS,
 ) -> Experiment | None:
-    """Return the test that would separate several answers; None if there is one answer or the logs are in
-    doubt.
+    """Return the test that would separate several answers.
 
-    `with_one_less` is each chosen effect with the fit of the others alone. `partial` is the effect that
-    explains most of an unknown.
+    Args:
+        problem: Data and free parameters.
+        search: Result of the search.
+        verdict: Its verdict.
+        with_one_less: Each chosen effect with the fit of the others alone.
+        partial: The effect that explains most of an unknown, or None.
+        pool: Where predictions run.
+
+    Returns:
+        The test. None if there is one answer, or if the logs are in doubt.
     """
     if verdict.suspected:
         return None

@@ -37,10 +37,18 @@ class Discovery:
     """All results of a discovery; see the modules of each part.
 
     Attributes:
-        ties: for an ambiguous answer whose sets differ only within families, the members of each position
-        suspects: faults of the logs; those corrected before the search come first
-        worth: the gain in thermal error by the effects, or by the calibration if none was added
-        displacements: findings of the displacement sensors, None without any
+        problem: Data and free parameters.
+        search: Fits, ranking and rivals.
+        verdict: The conclusion.
+        proof: Error on held-out data, without and with the effects.
+        locations: Where the calibrated model without effects is wrong, the worst first.
+        event: Largest unexplained heat of an unknown cause, else None.
+        experiment: Test that would decide, None if none is needed.
+        ties: For an ambiguous answer whose sets differ only within families, the members of each position.
+        partial: The effect that explains most of an unknown, else None.
+        suspects: Faults of the logs; those corrected before the search come first.
+        worth: Gain in thermal error by the effects, or by the calibration if none was added.
+        displacements: Findings of the displacement sensors, None without any.
     """
 
     problem: Problem
@@ -66,11 +74,19 @@ def discover(
 ) -> Discovery:
     """Return the effect that a configuration lacks, from one or more runs of its machine.
 
-    `progress(text, fraction done)` is called during the work; the `pool` does not change the result. The
-    `corrected` suspects are log faults that have been corrected in the runs. The search uses temperatures
-    only. Displacements then support or contradict the named effect, and show causes that move the axis
-    without heat. Raises `ConfigError` if nothing may be calibrated, `LogError` if the logs hold nothing to
-    compare.
+    The search uses temperatures only. Displacements then support or contradict the named effect, and show
+    causes that move the axis without heat.
+
+    Args:
+        config: The machine. `[calibrate] free` are the parameters that every hypothesis fits.
+        runs: Frames of each log; the last one, or the end of a single one, becomes the proof.
+        progress: Called as `progress(text, fraction)` during the work.
+        pool: Where predictions run; it does not change the result.
+        corrected: Faults of the logs that have been corrected in the runs.
+
+    Raises:
+        ConfigError: If no heat has a law, if a key is wrong, or if nothing is free.
+        LogError: If the logs are too short, or hold no usable reading to fit or to prove on.
     """
     complete_config, config = config, thermal_only(config)
     problem = _problem_of(config, runs)

@@ -51,15 +51,16 @@ DisplacementVerdict = Literal["explained", "named", "ambiguous", "unknown", "not
 
 
 class Cause(NamedTuple):
-    """A cause that moves the axis without heat: a `key` of the configuration, a bed, or the drift of a
-    sensor.
+    """A cause that moves the axis without heat, fitted to n rows.
 
     Attributes:
-        before: configured value
-        value: fitted value
-        ci95: 95 % interval
-        drop: of the deviance
-        beyond_um: (n,) remaining error of each row beyond tolerances
+        key: Key of the configuration, or "drift of" with the name of a sensor.
+        unit: Unit of its values.
+        before: Configured value.
+        value: Fitted value.
+        ci95: 95 % interval.
+        drop: Fall of the deviance.
+        beyond_um: Remaining error of each row beyond tolerances, µm, (n,).
     """
 
     key: str
@@ -72,9 +73,12 @@ class Cause(NamedTuple):
 
 
 class DisplacementError(NamedTuple):
-    """The error of a sensor's predictions on held-out data, beyond tolerances and about the mean, rms, in µm.
+    """The error of a sensor's predictions on held-out data, beyond tolerances and about its mean.
 
-    It is given before and after, and for noise alone (`floor_rms_um`).
+    Attributes:
+        before_rms_um: Rms without the cause, µm.
+        after_rms_um: Rms with it, µm.
+        floor_rms_um: Rms of noise alone, µm.
     """
 
     before_rms_um: float
@@ -84,11 +88,14 @@ class DisplacementError(NamedTuple):
 
 @dataclass(frozen=True)
 class DisplacementFindings:
-    """The verdict on the displacements, the causes that it names or cannot distinguish, and the error of each
-    sensor.
+    """The findings of the displacement sensors.
 
-    The value of `supports` is whether the displacements support a named heat effect; None if they show
-    neither.
+    Attributes:
+        verdict: "explained", "named" with one cause, "ambiguous" with several, "unknown" or
+            "not_identifiable".
+        causes: The cause that is named, or those that cannot be distinguished.
+        per_sensor: Error of each sensor on held-out data.
+        supports: Whether they support a named heat effect; None if they show neither.
     """
 
     verdict: DisplacementVerdict
@@ -98,7 +105,7 @@ class DisplacementFindings:
 
     @property
     def values(self) -> dict[str, float]:
-        """The named value by its key, if one is named and the configuration has the key."""
+        """The named value by its key; empty if none is named or the configuration lacks the key."""
         if self.verdict != "named":
             return {}
         return {c.key: c.value for c in self.causes if c.key in KEYS and (c.key != BED or c.before > 0.0)}
@@ -109,7 +116,13 @@ def displacements_of(
 ) -> DisplacementFindings | None:
     """Return the findings of a configuration's displacement sensors, None if it has none.
 
-    The `verdict`, and the fit without effects, `null`, are those of the temperatures.
+    With too few half-minute means the verdict is *not identifiable*.
+
+    Args:
+        config: The machine with its displacement sensors.
+        runs: Frames of each log.
+        verdict: Verdict on the temperatures, whose effects are taken over.
+        null: Fit to the temperatures without effects.
     """
     if all(sensor.kind == "temperature" for sensor in config.sensor):
         return None

@@ -25,7 +25,14 @@ HOPELESS = 1.0
 
 
 class Phase(NamedTuple):
-    """A phase of a cycle: duration, speed (0 is rest), and stroke."""
+    """A phase of a test cycle.
+
+    Attributes:
+        duration_s: Duration, s.
+        speed_rpm: Speed of the screw, rpm; 0 is rest.
+        low_m: Lower end of the stroke, m.
+        high_m: Upper end, m.
+    """
 
     duration_s: float
     speed_rpm: float
@@ -34,10 +41,16 @@ class Phase(NamedTuple):
 
 
 class Habits(NamedTuple):
-    """The usual operation of a machine: most frequent and fastest speed, stroke, lead, and ambient
-    temperature.
+    """The usual operation of a machine.
 
-    The pairs in `power_W` are each channel of a power with its usual value while the machine works.
+    Attributes:
+        usual_rpm: Median speed while it works, rpm.
+        fastest_rpm: Highest speed, rpm.
+        low_m: Lower end of the stroke, m.
+        high_m: Upper end, m.
+        lead_m: Lead of the nut, m per revolution.
+        ambient_degC: Median temperature of the air, °C.
+        power_W: Each channel of a power with its usual value while the machine works, W.
     """
 
     usual_rpm: float
@@ -51,10 +64,16 @@ class Habits(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """A test cycle, and by how many standard deviations it separates the answers.
+    """A test cycle that separates answers.
 
-    The `cycle` is the machine's operation as frames of the configuration's channels. The `others` are the
-    names of the other cycles with their separation, the best first.
+    Attributes:
+        name: Name of the cycle.
+        description: Its phases in words.
+        duration_s: Duration, s.
+        separation_sigma: Distance of the two closest answers, in σ.
+        phases: Its phases.
+        cycle: Operation of the machine as frames of the configuration's channels.
+        others: Names of the other cycles with their separation, the best first.
     """
 
     name: str
@@ -69,7 +88,13 @@ class Experiment:
 def propose(problem: Problem, answers: Sequence[Config], pool: WorkerPool = IN_PROCESS) -> Experiment:
     """Return the cycle of the menu that best separates the two closest answers.
 
-    A shorter cycle that separates them by `SEPARATES` is preferred to one that separates them further.
+    Cycles that separate by `SEPARATES` are preferred. Of these the one with the most separation per time is
+    returned.
+
+    Args:
+        problem: Data and free parameters, which also show how the machine is run.
+        answers: Configurations of at least two answers.
+        pool: Where predictions run.
     """
     habits = habits_of(problem)
     cycles = list(menu(habits))
@@ -87,7 +112,11 @@ def propose(problem: Problem, answers: Sequence[Config], pool: WorkerPool = IN_P
 
 
 def menu(habits: Habits) -> Iterator[tuple[str, str, tuple[Phase, ...]]]:
-    """Yield name, description and phases of the cycles that any machine can run."""
+    """Yield name, description and phases of six cycles that any machine can run, of 80 min to 4 h.
+
+    Args:
+        habits: Speeds and stroke of the machine.
+    """
     low, high = habits.low_m, habits.high_m
     n, fast = habits.usual_rpm, habits.fastest_rpm
     slow = 0.4 * n
@@ -129,7 +158,10 @@ def menu(habits: Habits) -> Iterator[tuple[str, str, tuple[Phase, ...]]]:
 
 
 def habits_of(problem: Problem) -> Habits:
-    """Determine from the logs how the machine is usually run."""
+    """Return how the machine is usually run, from the logs.
+
+    Without a turning screw both speeds are 1000 rpm. Without a nut the stroke is the whole screw.
+    """
     config, courses = problem.config, courses_of(problem)
     speed = np.concatenate([c.speed_rpm[c.working] for c in courses])
     speed = speed[speed > 0]
@@ -170,9 +202,15 @@ def _lead_m(frames: FrameBlock, position: str, speed: str | None) -> float:
 
 
 def separation(problem: Problem, answers: Sequence[Config], phases: Sequence[Phase], habits: Habits) -> float:
-    """Return the distance, in standard deviations, of the two closest answers over a cycle.
+    """Return the distance of the two closest answers over a cycle, in σ.
 
     Differences that the free parameters could absorb are projected out, and the tolerances are marginalised.
+
+    Args:
+        problem: The free parameters.
+        answers: Configurations of at least two answers; derivatives are taken at the first.
+        phases: The cycle.
+        habits: Usual operation, for lead, air and powers.
     """
     config = problem.config
     run = prepare(config, [frames_of(config, phases, habits)], "cycle")
@@ -186,7 +224,15 @@ def separation(problem: Problem, answers: Sequence[Config], phases: Sequence[Pha
 
 
 def frames_of(config: Config, phases: Sequence[Phase], habits: Habits) -> FrameBlock:
-    """Return the frames of a cycle that starts at ambient temperature, which all sensors read throughout."""
+    """Return the frames of a cycle, one per second, from a start at ambient temperature.
+
+    All sensors read the ambient throughout, because predictions do not depend on readings after the start.
+
+    Args:
+        config: The machine, for its channels.
+        phases: The cycle.
+        habits: Usual operation, for lead, air and powers.
+    """
     count = [round(p.duration_s / STEP_S) for p in phases]
     count[-1] += 1
     speed, low, high = (

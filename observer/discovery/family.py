@@ -38,15 +38,15 @@ SurfaceTerm = Film | StretchFilm | SpeedLoss | Radiation | RisingFilm
 
 @dataclass(frozen=True, slots=True)
 class ScrewHistory:
-    """The state of a screw over one run of T steps.
+    """The predicted state of a screw over one run of T steps, at P positions.
 
     Attributes:
-        position_m: (P,) from end to end
-        temperature_degC: (T, P) at these positions
-        ambient_degC: (T,)
-        length_s: (T,) of each step
-        channels: (T,) mean magnitude of each channel
-        counted: (T,) whether the step was fitted
+        position_m: Positions from end to end, m, (P,).
+        temperature_degC: Temperature of the screw, °C, (T, P).
+        ambient_degC: Temperature of the air, °C, (T,).
+        length_s: Length of each step, s, (T,).
+        channels: Mean magnitude of each channel over the steps, (T,).
+        counted: True for the steps that were fitted, (T,).
     """
 
     position_m: FloatArray
@@ -62,25 +62,42 @@ class ScrewHistory:
         return np.asarray(self.temperature_degC - self.ambient_degC[:, None])
 
     def at(self, x_m: FloatArray | float) -> FloatArray:
-        """Return weights (P,) or (P, X) that interpolate values (T, P) linearly at positions."""
+        """Return weights that interpolate values along the screw linearly.
+
+        Args:
+            x_m: Position or X positions, m.
+
+        Returns:
+            Weights (P,) or (P, X), to be multiplied from the right by values (T, P).
+        """
         return np.array([np.interp(x_m, self.position_m, unit) for unit in np.eye(len(self.position_m))])
 
     def over(self, from_m: float, to_m: float) -> FloatArray:
-        """Return weights (P,) that integrate values (T, P) over a stretch, linear between the positions."""
+        """Return weights (P,) that integrate values along a stretch, m.
+
+        Args:
+            from_m: Beginning of the stretch, m.
+            to_m: Its end, m.
+        """
         inside = (self.position_m > from_m) & (self.position_m < to_m)
         x_m = np.concatenate([[from_m], self.position_m[inside], [to_m]])
         return np.asarray(np.trapezoid(self.at(x_m), x_m, axis=1))
 
     @property
     def whole(self) -> FloatArray:
-        """Weights (P,) that integrate values (T, P) over the length."""
+        """Weights that integrate values over the length of the screw, m, (P,)."""
         return self.over(self.position_m[0], self.position_m[-1])
 
 
 def loss_W(effect: EffectTable, config: Config, history: ScrewHistory) -> FloatArray:
-    """Return the heat (T,) that an effect of a configuration takes out of the screw.
+    """Return the heat that an effect of a configuration takes out of the screw, W, (T,).
 
     Effects on the heats of other sources, on sensors or on the air itself take none.
+
+    Args:
+        effect: The effect.
+        config: The configuration that contains it.
+        history: State of the screw.
     """
     terms, taken_W = effect.terms(config), np.zeros(len(history.length_s))
     diameter_m = config.screw.mean_diameter_m(0.0, config.screw.length_m)
@@ -142,7 +159,12 @@ DIFFERENCE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A family's figure, estimated from logs, with its 95 % interval."""
+    """A family's figure, estimated from logs.
+
+    Attributes:
+        value: The estimate, in the family's unit.
+        ci95: 95 % interval.
+    """
 
     value: float
     ci95: tuple[float, float]
@@ -152,8 +174,11 @@ class Figure:
 class Tie:
     """Candidates that explain logs equally well, any of which can replace another.
 
-    A single candidate is part of every answer and needs no family. The `figure` is the mean of the members'
-    figures, and its interval spans theirs. For a placed family, `place` is the end at which it acts.
+    Attributes:
+        members: The candidates. A single one is part of every answer and needs no family.
+        family: Their common family, or None.
+        place: End at which a placed family acts, or None.
+        figure: Mean of the members' figures, with an interval that spans theirs.
     """
 
     members: tuple[Candidate, ...]
@@ -163,7 +188,13 @@ class Tie:
 
 
 class Member(NamedTuple):
-    """A candidate, a fit that holds its effect, and the number of that effect in the fit's configuration."""
+    """A candidate within a fit.
+
+    Attributes:
+        candidate: The candidate.
+        fit: A fit that holds its effect.
+        effect: Number of that effect in the fit's configuration.
+    """
 
     candidate: Candidate
     fit: Fit
@@ -171,7 +202,11 @@ class Member(NamedTuple):
 
     @classmethod
     def of(cls, candidate: Candidate, fit: Fit) -> Member:
-        """Find the candidate's effect among those that the fit has added."""
+        """Return the candidate with its number among the effects that the fit has added.
+
+        Raises:
+            StopIteration: If the fit has not added it.
+        """
         before, effects = len(fit.problem.config.effect), fit.config.effect
         identity = (candidate.kind, candidate.target)
         added = (i for i, e in enumerate(effects) if (e.kind, getattr(e, "target", None)) == identity)
@@ -185,10 +220,14 @@ class Member(NamedTuple):
 
 
 def ties(sets: Sequence[Sequence[Candidate]], fits: Sequence[Fit]) -> tuple[Tie, ...]:
-    """Return the common property of sets of effects, effect by effect; empty if an exchange leaves its
-    family.
+    """Return the common property of sets of effects, effect by effect.
 
-    The first set is the best; every other has one effect exchanged.
+    Args:
+        sets: The best set, then sets that differ from it by one effect.
+        fits: The fit of each set.
+
+    Returns:
+        A tie for each position, those with a family first. Empty if an exchange leaves its family.
     """
     if len({len(effects) for effects in sets}) != 1:
         return ()
@@ -224,7 +263,11 @@ def tie_of(members: Sequence[Member]) -> Tie | None:
 def figure_of(member: Member, family: Family) -> Figure:
     """Return the family's figure for one member, by the field that its fit predicts.
 
-    The interval includes the uncertainty of the effect's parameters and of its form.
+    The interval includes the uncertainty of the effect's parameters and 1.5 % for the form of the effect.
+
+    Args:
+        member: The candidate and its fit.
+        family: A family of its effect.
     """
     fit, config = member.fit, member.fit.config
     histories = () if family.against == "own" else histories_of(fit.problem, config)
@@ -247,7 +290,17 @@ def figure_of(member: Member, family: Family) -> Figure:
 def effective(
     effect: EffectTable, family: Family, config: Config, histories: Sequence[ScrewHistory]
 ) -> float:
-    """Return the figure of a family for one of its effects: see `Family`."""
+    """Return the figure of a family for one of its effects.
+
+    It is the least-squares factor between the heat taken out and the family's regressor, such as the mean
+    temperature excess. Against time it is the mean heat that enters.
+
+    Args:
+        effect: The effect.
+        family: The family, which names the regressor.
+        config: The configuration that contains the effect.
+        histories: State of the screw in each run; unused if the figure is a key of the effect.
+    """
     if family.against == "own":
         return float(getattr(effect, family.key))
     screw, end = config.screw, 0 if effect.place(config.screw.length_m) == "left" else -1
@@ -267,7 +320,7 @@ def effective(
 
 
 def histories_of(problem: Problem, config: Config) -> tuple[ScrewHistory, ...]:
-    """Return the state of the screw over each run, as a configuration predicts it."""
+    """Return the state of the screw over each run, as a configuration predicts it at 41 positions."""
     places_m = np.linspace(0.0, config.screw.length_m, PLACES)
     fields = problem.forward.fields(config, places_m)
     out, evidence = [], problem.evidence

@@ -28,15 +28,15 @@ from observer.tables.sensors import Sensor
 
 @dataclass(frozen=True)
 class Course:
-    """One run in means of half a minute, (b,) each.
+    """One run in b means of half a minute.
 
     Attributes:
-        phase: index into `PHASES`
-        speed_rpm: of the first source that has a speed
-        running_s: time for which the machine has worked
-        working: whether it works
-        ambient_degC: temperature of the air
-        position_m: of the first nut
+        phase: Number of the phase in `PHASES`, (b,).
+        speed_rpm: Magnitude of the speed of the first source that has one, rpm, (b,).
+        running_s: Time for which the machine has worked, s, (b,).
+        working: Whether it works, (b,).
+        ambient_degC: Temperature of the air, °C, (b,).
+        position_m: Position of the first nut, m, (b,).
     """
 
     phase: NDArray[np.int64]
@@ -48,7 +48,14 @@ class Course:
 
 
 def course_of(config: Config, run: SteppedRun) -> Course:
-    """Return the operation of the machine in a run."""
+    """Return the operation of the machine in a run.
+
+    A machine works while speed or power exceeds 2 % of the largest value in the run.
+
+    Args:
+        config: The machine.
+        run: The run.
+    """
     ticks, frames = run.ticks, run.run.frames
     starts = np.flatnonzero(np.diff(ticks.mean, prepend=-1))
 
@@ -130,7 +137,15 @@ LASTS_MEANS = 6
 
 
 def missing_excitation(config: Config, runs: Sequence[Run], courses: Sequence[Course]) -> tuple[str, ...]:
-    """Return the excitation that the logs lack, a clause for each; empty if nothing is missing."""
+    """Return the excitation that the logs lack, a clause for each; empty if nothing is missing.
+
+    Required are half an hour, a rise of 20 σ of noise, two speeds and a rest.
+
+    Args:
+        config: The machine.
+        runs: The prepared logs.
+        courses: Operation of the machine in each of them.
+    """
     out = []
     longest_s = max(run.duration_s for run in runs)
     if longest_s < TELLING_S:
@@ -151,7 +166,10 @@ def missing_excitation(config: Config, runs: Sequence[Run], courses: Sequence[Co
 
 
 def speeds_rpm(courses: Sequence[Course]) -> list[float]:
-    """Return the speeds at which the screw turned for three minutes or more, those apart by a tenth."""
+    """Return the speeds at which the screw turned for three minutes or more, rpm, in increasing order.
+
+    Speeds within a tenth of each other count as one, given as their median.
+    """
     speeds: FloatArray = np.sort(np.concatenate([c.speed_rpm[c.working] for c in courses]))
     out: list[float] = []
     while len(speeds):
@@ -172,10 +190,16 @@ BLOCK_MEANS, DRAWS = 20, 200
 
 @dataclass(frozen=True, slots=True)
 class ErrorLocation:
-    """The error of one sensor in one phase: its rms and mean (measured minus predicted), and the best
-    regressor.
+    """The error of one sensor in one phase, measured minus predicted.
 
-    The correlation with that regressor has a 95 % interval from a block bootstrap.
+    Attributes:
+        sensor: Name of the sensor.
+        phase: Name of the phase.
+        regressor: The quantity that the sensor's error correlates with best, over all phases.
+        rms_K: Root mean square, K.
+        mean_K: Mean, K.
+        correlation: Correlation with the regressor, -1 to 1.
+        correlation_ci95: Its 95 % interval from a block bootstrap.
     """
 
     sensor: str
@@ -188,7 +212,13 @@ class ErrorLocation:
 
 
 def localised(fit: Fit, rows: BoolArray) -> tuple[ErrorLocation, ...]:
-    """Return where a fit is wrong on some rows (n,) of the evidence, the worst first."""
+    """Return where a fit is wrong, the worst first, at most twelve places.
+
+    Args:
+        fit: The fit.
+        rows: True for the rows of the evidence that count, (n,). Phases with fewer than six means are left
+            out.
+    """
     problem, evidence = fit.problem, fit.problem.evidence
     error_K = problem.error_K(fit.config)
     courses = courses_of(problem)
@@ -273,9 +303,15 @@ LEAST_SIGMA = 4.0
 class Event(NamedTuple):
     """The largest unmodelled heat: where and when it occurred.
 
-    The fields are the nearest sensor, the phase, the run (from 0), and the time within the run. The latent
-    heat has its standard deviation. The error (measured minus predicted) is the mean at that sensor over that
-    time.
+    Attributes:
+        sensor: Name of the nearest sensor.
+        phase: Name of the phase.
+        run: Number of the run, from 0.
+        from_s: Beginning within the run, s.
+        to_s: End within the run, s.
+        heat_W: Latent heat of the worst window, W.
+        sigma_W: Its σ, W.
+        error_K: Mean of measured minus predicted at that sensor over that time, K.
     """
 
     sensor: str
@@ -289,7 +325,10 @@ class Event(NamedTuple):
 
 
 def event(fit: Fit) -> Event:
-    """Return the event that a fit explains worst, over all runs."""
+    """Return the event that a fit explains worst, over all runs, by the ratio of heat to σ.
+
+    Each sensor has a latent heat in each window of ten minutes, with a prior of 10 W.
+    """
     problem = fit.problem
     error_K = problem.error_K(fit.config)
     events = [_in_run(fit, i, error_K) for i in range(len(problem.forward.runs))]

@@ -60,11 +60,11 @@ class LogFault:
     """A possible fault of the logs.
 
     Attributes:
-        kind: the kind of fault
-        indices: the sensors, sources or runs concerned
-        transform: changes the predicted means as the fault would
-        columns: changes of the prediction, to be multiplied by the fault's parameters
-        late_s: delay of the inputs
+        kind: The kind of fault.
+        indices: Numbers of the sensors, sources or runs concerned.
+        transform: Changes the predicted means as the fault would.
+        columns: Returns the changes of the prediction by one unit of each of the fault's parameters.
+        late_s: Delay of the inputs, s; 0 for other kinds.
     """
 
     kind: FaultKind
@@ -76,12 +76,14 @@ class LogFault:
 
 @dataclass(frozen=True)
 class FaultFit:
-    """A fault, fitted.
+    """A fault, fitted to all logs.
 
     Attributes:
-        drop: fall of the deviance over all logs from that of the null hypothesis
-        left: remaining deviance
-        values: (k,) parameters, one for each column of `fault`
+        fault: The fault.
+        drop: Fall of the deviance from that of the null hypothesis.
+        left: Remaining deviance.
+        values: Parameters, one for each column of `fault`, (k,).
+        config: Configuration with the free parameters fitted beside it.
     """
 
     fault: LogFault
@@ -103,7 +105,13 @@ class FaultFit:
 
 @dataclass(frozen=True)
 class Linearised:
-    """The problem at a configuration: predicted means with their derivatives, (b, s, 1 + f) of each run."""
+    """The problem at a configuration: predictions and derivatives from which faults are fitted.
+
+    Attributes:
+        problem: Data and free parameters.
+        config: The configuration.
+        means: Predicted means with their f derivatives, (b, s, 1 + f) of each run, K per scale.
+    """
 
     problem: Problem
     config: Config
@@ -111,7 +119,9 @@ class Linearised:
 
     @classmethod
     def at(cls, problem: Problem, config: Config) -> Linearised:
-        """Predict, and take the derivatives by the free parameters."""
+        """Return the problem at a configuration; it costs one prediction more than there are free
+        parameters.
+        """
         predicted, slopes = problem.forward(config), []
         for moved, per in problem.differences(config):
             slopes.append([(m - p) * per for m, p in zip(problem.forward(moved), predicted, strict=True)])
@@ -119,7 +129,12 @@ class Linearised:
         return cls(problem, config, means)
 
     def fitted(self, fault: LogFault, null: float) -> FaultFit:
-        """Fit a fault, linear about this configuration; `null` is the deviance without it."""
+        """Fit a fault with the free parameters, linear about this configuration.
+
+        Args:
+            fault: The fault.
+            null: Deviance over all logs without it.
+        """
         means = [fault.transform(i, m) for i, m in enumerate(self.means)]
         fit = self._linear(means, fault.columns(self.problem, self.config))
         free, left = len(self.problem.keys), fit.deviance
@@ -129,8 +144,9 @@ class Linearised:
         )
 
     def heats(self) -> dict[str, float]:
-        """Return the factors on the free parameters of heats, from an unbounded linear fit at this
-        configuration.
+        """Return the factors on the free parameters of heats, by key.
+
+        They are from an unbounded linear fit. Far from 1, they show a wrong unit.
         """
         problem, values = self.problem, self.problem.free_values(self.config).tolist()
         step = (self._linear(self.means).step * problem.scale).tolist()
@@ -150,7 +166,14 @@ class Linearised:
 
 
 def late(problem: Problem, late_s: float) -> LogFault:
-    """Return the fault that inputs were recorded `late_s` later than they occurred."""
+    """Return the fault that inputs were recorded later than they occurred.
+
+    Predictions beyond the end of a log are extrapolated by the slope of its last three minutes.
+
+    Args:
+        problem: The runs, for their times.
+        late_s: Delay, s; negative if they were recorded too early.
+    """
 
     def transform(run: int, means: FloatArray) -> FloatArray:
         time_s = problem.forward.runs[run].ticks.time_s
@@ -168,7 +191,7 @@ def late(problem: Problem, late_s: float) -> LogFault:
 
 
 def exchanged(a: int, b: int) -> LogFault:
-    """Return the fault that two sensors are exchanged."""
+    """Return the fault that the sensors with the numbers `a` and `b` are exchanged."""
 
     def transform(_run: int, means: FloatArray) -> FloatArray:
         out = means.copy()
@@ -179,14 +202,18 @@ def exchanged(a: int, b: int) -> LogFault:
 
 
 def elsewhere(runs: int) -> Iterator[LogFault]:
-    """Yield the faults of the ambient: an offset common to all logs, or an offset and a drift in each."""
+    """Yield the faults of the ambient: an offset common to all logs, or an offset and a drift in each.
+
+    Args:
+        runs: Number of logs. The second fault has two parameters, K and K/h, for each.
+    """
     all_runs, offset, drift = tuple(range(runs)), AmbientShift(0.0, 1.0), AmbientShift(1.0, 0.0)
     yield LogFault("ambient", all_runs, columns=_of_terms([offset], "whole"))
     yield LogFault("ambient", all_runs, columns=_of_terms([offset, drift], "run"))
 
 
 def offsets(config: Config) -> LogFault:
-    """Return the fault of an offset of each sensor, beyond its tolerance."""
+    """Return the fault of an offset of each sensor beyond its tolerance, with one parameter in K for each."""
     terms = [SensorOffset(s.name, 1.0, 0.0) for s in config.sensor]
     return LogFault("offsets", tuple(range(len(terms))), columns=_of_terms(terms, "whole"))
 
@@ -197,7 +224,11 @@ def _of_terms(terms: Sequence[Term], scope: Scope) -> Columns:
 
 
 def scaled(sources: Sequence[int]) -> LogFault:
-    """Return the fault of another scale of some sources' heat in each log but the first."""
+    """Return the fault of another scale of some sources' heat in each log but the first.
+
+    Args:
+        sources: Numbers of the sources, which share the scale. Each log has one parameter, relative.
+    """
 
     def columns(problem: Problem, config: Config) -> list[FloatArray]:
         table = [
@@ -211,8 +242,13 @@ def scaled(sources: Sequence[int]) -> LogFault:
 
 
 def follows(sensor: int, source: int, half_minutes: int = 0) -> LogFault:
-    """Return the fault of a sensor that responds to a source's heat at once, or up to `half_minutes` · 30
-    s later.
+    """Return the fault of a sensor that responds directly to a source's heat.
+
+    Args:
+        sensor: Number of the sensor.
+        source: Number of the source.
+        half_minutes: Latest half minute at which it responds. The fault has one parameter, K/W, for each
+            delay from 0.
     """
 
     def columns(problem: Problem, config: Config) -> list[FloatArray]:
@@ -240,7 +276,11 @@ def _is_near(config: Config, sensor: int, source: int) -> bool:
 
 
 def possible_faults(problem: Problem) -> Iterator[LogFault]:
-    """Yield the possible faults of the logs of a problem."""
+    """Yield the possible faults of the logs of a problem.
+
+    Shifted inputs and scales need a heat with a law; a scale also needs several logs. A sensor follows a heat
+    only beside a fixed source.
+    """
     config = problem.config
     sensors, runs = len(config.sensor), len(problem.forward.runs)
     laws = [i for i, s in enumerate(config.source) if s.law not in (None, "heat_of")]
@@ -255,7 +295,11 @@ def possible_faults(problem: Problem) -> Iterator[LogFault]:
 
 
 def fit_faults(null: Fit) -> list[FaultFit]:
-    """Return the best fault of each kind, the highest score first."""
+    """Return the best fault of each kind, the highest score first.
+
+    Args:
+        null: The fit without effects or faults.
+    """
     problem, without = null.problem, null.deviance_of_all
     linearised = Linearised.at(problem, null.config)
     best: dict[str, FaultFit] = {}

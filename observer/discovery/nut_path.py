@@ -28,8 +28,13 @@ LASTS_S = 180.0
 
 
 class Sparse(NamedTuple):
-    """A log, from 0, that shows too few positions of a nut: how many in a traverse, and the interval of
-    its rows.
+    """A log that shows too few positions of a nut.
+
+    Attributes:
+        run: Number of the log, from 0.
+        source: The moving source.
+        positions: Positions shown in a traverse.
+        row_s: Interval of the rows, s.
     """
 
     run: int
@@ -39,14 +44,21 @@ class Sparse(NamedTuple):
 
 
 def sparse_paths(config: Config, runs: Sequence[Run]) -> tuple[Suspect, ...]:
-    """Return a suspect for each moving source whose path the rows of some log do not show."""
+    """Return a suspect for each moving source whose path the rows of some log do not show.
+
+    Sources without a position or a speed channel are not judged.
+
+    Args:
+        config: The machine.
+        runs: The prepared logs.
+    """
     sparse = [s for i, run in enumerate(runs) for s in _sparse(config, i, run)]
     worst = {s.source.name: s for s in sorted(sparse, key=lambda s: -s.positions)}
     return tuple(_described(s) for s in worst.values())
 
 
 def needs_path(candidate: Candidate, config: Config) -> bool:
-    """Whether an effect can only be found if the paths of nuts are known.
+    """Return whether an effect can only be found if the paths of nuts are known.
 
     This is so for an effect of a moving source, and for one that is found by its position under a nut.
     """
@@ -74,11 +86,15 @@ def _sparse(config: Config, number: int, run: Run) -> Iterator[Sparse]:
 
 
 def positions_a_traverse(place_m: FloatArray, per_row_m: float, stroke_m: float) -> float:
-    """Return how many rows a traverse has by a nut's places (K,) at one speed, infinite while it rests.
+    """Return how many rows a traverse has, infinite while the nut rests.
 
-    The nut runs at least `per_row_m` from row to row, over a stroke of at most `stroke_m`. The number of
-    turns is a second measure: if the nut runs further than to the other end between two rows, it seems to
-    turn at almost every row.
+    The number of turns is a second measure. If the nut runs farther than to the other end between two rows,
+    it seems to turn at almost every row.
+
+    Args:
+        place_m: Places of the nut in consecutive rows at one speed, m, (K,).
+        per_row_m: Least way from row to row, m.
+        stroke_m: Largest possible stroke, m.
     """
     place_m = place_m[np.isfinite(place_m)]
     if len(place_m) <= FEWEST or np.ptp(place_m) == 0.0:

@@ -32,14 +32,17 @@ errors that last a quarter of an hour); a root mean square of a dozen values is 
 
 @dataclass(frozen=True, slots=True)
 class SensorError:
-    """Root mean square of measured minus predicted on the proof, in K: before, after, and of noise alone.
+    """The error of measured minus predicted on the proof, without and with the effects.
 
     Attributes:
-        before, after: mean squared whitened error, tolerances marginalised
-        beyond_tolerances_K: rms before and after, less the part that tolerances explain (as fitted)
-        form_K: noise and model form error together
-
-    Without `beyond_tolerances_K` a complete model would still show its sensors' offsets.
+        before_rms_K: Rms without the effects, K.
+        after_rms_K: Rms with them, K.
+        floor_rms_K: Rms of noise alone, K.
+        before: Mean squared whitened error without them, tolerances marginalised.
+        after: The same with them.
+        beyond_tolerances_K: Rms before and after, less the part that tolerances explain (as fitted), K.
+            Without this, even a complete model would show its sensors' offsets.
+        form_K: Rms of noise and model form error together, K.
     """
 
     before_rms_K: float
@@ -61,13 +64,15 @@ class SensorError:
 class Proof:
     """The error over all sensors and by sensor.
 
-    “Before” means with the free parameters calibrated and no effect added.
+    "Before" means with the free parameters calibrated and no effect added.
 
     Attributes:
-        as_given_rms_K: error with the original configuration
-        expected: mean squared whitened error of noise alone
-        unproved: effects that remove too little of the gap (see `proves`)
-        stretch: standard deviations by which tolerances must be off to replace these
+        whole: Error over all sensors.
+        per_sensor: Error by sensor name.
+        as_given_rms_K: Rms with the original configuration, K.
+        expected: Mean squared whitened error of noise alone.
+        unproved: Effects that remove too little of the gap (see `proves`).
+        stretch: σ by which tolerances must be off to replace these.
     """
 
     whole: SensorError
@@ -102,10 +107,12 @@ class Proof:
 
 
 class ProofError(NamedTuple):
-    """The error of a fit on every row (n,) in K, the same beyond tolerances, and the whitened error on the
-    proof.
+    """The error of a fit on the evidence, the proof included.
 
-    Tolerances are marginalised in the whitened error.
+    Attributes:
+        error_K: Measured minus predicted of every row, K, (n,).
+        beyond_K: The same less the part that tolerances explain, K, (n,).
+        whitened: Whitened error on the proof, tolerances marginalised.
     """
 
     error_K: FloatArray
@@ -114,7 +121,13 @@ class ProofError(NamedTuple):
 
     @classmethod
     def of(cls, fit: Fit, named: Config) -> ProofError:
-        """Predict all rows, the held-out ones too; `named` has the effects that are to be proved."""
+        """Predict all rows, the held-out ones too.
+
+        Args:
+            fit: The fit.
+            named: Configuration with the effects that are to be proved. Tolerances about the same things are
+                limited more narrowly.
+        """
         rows, error_K = fit.problem.evidence.proof, fit.problem.error_K(fit.config)
         whitened = fit.marginal(rows)(fit.problem.evidence.whitened(error_K)[rows])
         return cls(error_K, error_K - fit.within_tolerances_K(named), whitened)
@@ -123,7 +136,10 @@ class ProofError(NamedTuple):
 def prove(null: Fit, fit: Fit, fewer: Sequence[tuple[str, Fit]] = ()) -> Proof:
     """Open the proof: compare the fit without effects with the chosen one.
 
-    `fewer` is the name of each chosen effect, with the fit of the others alone.
+    Args:
+        null: The fit without effects.
+        fit: The fit with the chosen effects.
+        fewer: Name of each chosen effect, with the fit of the others alone.
     """
     problem, evidence = fit.problem, fit.problem.evidence
     rows = evidence.proof
@@ -158,10 +174,15 @@ def prove(null: Fit, fit: Fit, fewer: Sequence[tuple[str, Fit]] = ()) -> Proof:
 
 
 def proves(without_K: float, with_K: float, noise_K: float) -> bool:
-    """Whether an effect proves itself by the gap on held-out data without and with it, rms in K.
+    """Return whether an effect proves itself on held-out data.
 
     It must remove the fraction `FALLS` of the gap, and the removed part must exceed noise. Squares of
     independent errors add up.
+
+    Args:
+        without_K: Rms of the gap without the effect, K or µm.
+        with_K: Rms of the gap with it.
+        noise_K: Rms of noise alone.
     """
     gone_K2 = without_K**2 - with_K**2
     return with_K <= (1.0 - FALLS) * without_K and gone_K2 > noise_K**2

@@ -30,7 +30,15 @@ TEST_CYCLE = "test-cycle.csv"
 
 
 def calibration_result(calibration: Calibration, noise: Mapping[str, float]) -> dict[str, Any]:
-    """Return the content of `result.json`: parameters with intervals, those not identified, and the error."""
+    """Return the content of `result.json` of a calibration, as plain data with five significant digits.
+
+    Args:
+        calibration: The calibration.
+        noise: Fitted process noise by its keys, or nothing.
+
+    Returns:
+        Parameters with intervals, remaining tolerances, parameters not identified, process noise, and errors.
+    """
     return {
         "calibrated": {
             f.key: {**_interval(f.value, *f.ci95, f.unit), "before": f.before} for f in calibration.fitted
@@ -78,7 +86,11 @@ def _error(error: ErrorRms | SensorError) -> dict[str, Any]:
 
 
 def discovery_result(discovery: Discovery) -> dict[str, Any]:
-    """Return the content of `result.json` of a discovery."""
+    """Return the content of `result.json` of a discovery, as plain data with five significant digits.
+
+    Effects are listed only if the verdict is *named*. Sets that cannot be distinguished stand under
+    `alternatives`.
+    """
     verdict, proof, test = discovery.verdict, discovery.proof, discovery.experiment
     several = verdict.sets if verdict.kind == "ambiguous" else ()
     return {
@@ -119,7 +131,17 @@ def _experiment(test: Experiment) -> dict[str, Any]:
 
 
 def effects_of(fit: Fit) -> list[dict[str, Any]]:
-    """Return the effects that a fit has added, with their parameters and 95 % intervals."""
+    """Return the effects that a fit has added, as plain data.
+
+    Intervals include 1.5 % for the form of an effect, positions and temperatures excepted. They end at the
+    bounds.
+
+    Args:
+        fit: The fit.
+
+    Returns:
+        For each effect its kind, target, and parameters with value, 95 % interval and unit.
+    """
     out = []
     before = len(fit.problem.config.effect)
     values = zip(fit.parameters, fit.values.tolist(), fit.half_width.tolist(), strict=True)
@@ -140,15 +162,21 @@ def effects_of(fit: Fit) -> list[dict[str, Any]]:
 
 
 def reciprocal(value: float, half: float) -> tuple[float, float]:
-    """Return the interval of a value whose reciprocal has the half width `half` / value²; its end may be
-    infinite.
+    """Return the interval of a value whose reciprocal has a symmetric one.
+
+    Args:
+        value: The value, positive.
+        half: Half width of its linear interval; that of the reciprocal is `half` / value².
+
+    Returns:
+        Lower and upper end. The upper one is infinite if the interval of the reciprocal contains 0.
     """
     middle, half = 1.0 / value, half / value**2
     return 1.0 / (middle + half), 1.0 / (middle - half) if middle > half else np.inf
 
 
 def calibrated_of(fit: Fit) -> dict[str, Any]:
-    """Return the free parameters of a fit with their 95 % intervals."""
+    """Return the free parameters of a fit by key, with value, 95 % interval and unit."""
     return {p.key: _interval(p.value, *p.ci95, p.unit) for p in fit.free_parameters}
 
 

@@ -52,9 +52,11 @@ class FittedCandidate:
     """A candidate added to a fit.
 
     Attributes:
-        drop: fall of the deviance
-        least: required drop
-        held_out: fraction of the held-out deviance that it explains
+        candidate: The effect at its target, in the form that was kept.
+        fit: The fit with it.
+        drop: Fall of the deviance.
+        least: Required score.
+        held_out: Fraction of the held-out deviance that it explains; negative if it predicts worse.
     """
 
     candidate: Candidate
@@ -70,13 +72,18 @@ class FittedCandidate:
 
     @property
     def accepted(self) -> bool:
-        """Whether it explains enough, also of the held-out data, within its bounds."""
+        """Whether it explains enough, also of the held-out data, within its bounds and with significant
+        strengths.
+        """
         sound = not self.fit.at_bound and self.bounded and self.significant
         return self.score >= self.least and self.held_out >= MATERIAL and sound
 
     @property
     def significant(self) -> bool:
-        """Whether the 95 % interval of every strength excludes its neutral value."""
+        """Whether the 95 % interval of every strength excludes its neutral value.
+
+        Parameters that enter by their reciprocal do not count: the drop shows that they are significant.
+        """
         strengths = [
             (info.neutral, value, half)
             for info, _, value, half in self._own_parameters
@@ -110,13 +117,14 @@ class Search(NamedTuple):
     """The result of a search.
 
     Attributes:
-        null: the fit without effects
-        fit: the last accepted fit; for bodies of nuts and coarse rows refitted with its own tolerances
-        chosen: its effects
-        rivals: for each of these, the trials it won against with the others present: itself, then the best
-        ranking: the first round
-        blind: candidates confounded with the free parameters
-        signatures: of the library
+        null: The fit without effects.
+        fit: The last accepted fit. For bodies of nuts and for coarse rows it is refitted with its own
+            tolerances.
+        chosen: Its effects, none to three.
+        rivals: For each of these, the trials it won against with the others present: itself, then the best.
+        ranking: Trials of the first round, the best first.
+        blind: Candidates confounded with the free parameters.
+        signatures: Signatures of the library at the null hypothesis.
     """
 
     null: Fit
@@ -134,7 +142,17 @@ def search(
     progress: Progress = lambda _text, _share: None,
     pool: WorkerPool = IN_PROCESS,
 ) -> Search:
-    """Find the effects missing from the configuration of a problem."""
+    """Return the effects missing from the configuration of a problem.
+
+    Effects are added one at a time, up to three. Then redundant ones are removed, and each is exchanged for a
+    better rival if there is one.
+
+    Args:
+        problem: Data and free parameters.
+        library: Candidates to try.
+        progress: Called as `progress(text, fraction)`, from 0 to 0.9.
+        pool: Where predictions and fits run; it does not change the result.
+    """
     progress("calibrating without any effect", 0.0)
     null = fit_null(problem, problem.config)
     progress("signatures of the library", 0.15)
@@ -211,7 +229,22 @@ def tried(
     present: Sequence[Candidate],
     pool: WorkerPool = IN_PROCESS,
 ) -> tuple[FittedCandidate, ...]:
-    """Fit the most promising candidates in addition to a fit, two at a time; return the best first."""
+    """Fit the most promising candidates in addition to a fit, two at a time.
+
+    Five are fitted without other effects, four beside some. Candidates that promise less than a quarter of
+    the required drop are not fitted.
+
+    Args:
+        null: The fit without effects.
+        base: The fit to which they are added.
+        marks: Signatures of the library.
+        present: Effects of `base`. They are not tried again, and with an effect of a sensor no other sensor's
+            is tried.
+        pool: Where fits run.
+
+    Returns:
+        The fitted candidates, the best score first.
+    """
     least = max(ACCEPT, form_of(present) * (null.deviance - base.deviance))
     by_name: dict[str, list[Promise]] = {}
     for p in promises(base, [s for s in marks if not _taken(s.candidate, present)]):
@@ -231,7 +264,11 @@ def tried(
 
 
 def form_of(present: Sequence[Candidate]) -> float:
-    """Return the largest form error among effects, as a fraction of the deviance that they explain."""
+    """Return the largest form error among effects, as a fraction of the deviance that they explain.
+
+    Args:
+        present: The effects; without any it is `FORM`.
+    """
     return max([FORM, *(c.of.rough for c in present)])
 
 
@@ -318,8 +355,9 @@ def _plainer(fit: Fit, plain: Candidate, rich: Candidate) -> Fit | None:
 
 
 def held_out(fit: Fit) -> float:
-    """Return the deviance of every fold with the parameters fitted to the other folds, linear about the
-    fit.
+    """Return the deviance of all folds, each with the parameters fitted to the other folds.
+
+    The fits are linear about the given one, with steps of at most half a scale.
     """
     problem, total = fit.problem, 0.0
     fold = problem.evidence.fold
@@ -343,7 +381,13 @@ def _best(trials: Sequence[FittedCandidate]) -> FittedCandidate | None:
 
 
 def same_physics(simple: FittedCandidate, rich: FittedCandidate) -> bool:
-    """Whether a candidate with more parameters reduces to a simple one, at an end or over the whole screw."""
+    """Return whether a candidate with more parameters reduces to a simple one, at an end or over the whole
+    screw.
+
+    Args:
+        simple: The candidate with fewer parameters.
+        rich: The fitted candidate; its fitted position decides.
+    """
     config = rich.fit.config
     return config.effect[-1].comes_down_to(config.screw.length_m) == (
         simple.candidate.of,
@@ -370,7 +414,13 @@ def _pruned(
 
 
 def without(problem: Problem, fit: Fit, effect: int) -> Fit:
-    """Refit a hypothesis without the effect that was added as number `effect`."""
+    """Return a hypothesis refitted without one of its effects.
+
+    Args:
+        problem: Data and shared derivatives.
+        fit: The hypothesis, from which the fit starts.
+        effect: Number of the effect among those that the fit has added, from 0.
+    """
     index = effect + len(problem.config.effect)
     effects = [e for i, e in enumerate(fit.config.effect) if i != index]
     remaining = [p for p in fit.parameters if p.effect != index]

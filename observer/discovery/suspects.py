@@ -54,10 +54,10 @@ class Suspect(NamedTuple):
     """A fault of the logs.
 
     Attributes:
-        what: the kind of fault
-        channel: the channel concerned, several joined by commas
-        by: size, a number (s late, K too cold, K/W, a ratio of heats, K of offset) or the unit
-        text: a sentence with the remedy
+        what: The kind of fault.
+        channel: Channels concerned, joined by commas; None if no single channel is.
+        by: Size: s late, K too cold, K/W, a ratio of heats, K of offset, positions, or the unit in words.
+        text: Sentence with the remedy, without a full stop.
     """
 
     what: FaultKind
@@ -73,9 +73,14 @@ Description = tuple[str | None, float | str, str]
 def suspects(
     null: Fit, rivals: Sequence[FittedCandidate], marks: Sequence[Signature] = ()
 ) -> tuple[Suspect, ...]:
-    """Return the faults found in the logs.
+    """Return the faults found in the logs, at most one kind.
 
-    `rivals` are fits of single effects, `marks` the signatures of the whole library.
+    Wrong units are returned alone, because they mask everything else.
+
+    Args:
+        null: The fit without effects.
+        rivals: Fits of single effects, which must not explain as much.
+        marks: Signatures of the library, for effects that only the proof shows.
     """
     if units := tuple(misscaled(null)):  # which mask everything else
         return units
@@ -94,6 +99,14 @@ def unlikely_offset(null: Fit, ranking: Sequence[FittedCandidate]) -> tuple[Susp
 
     This is for logs for which no effect is named. The tolerance covers an offset of z standard deviations at
     a cost of z², so an offset of a few cannot be named as an effect.
+
+    Args:
+        null: The fit without effects.
+        ranking: Trials of the first round.
+
+    Returns:
+        One suspect, or none. The best trial must be an offset of one sensor with a score of at least
+        `SPARED`.
     """
     best = max(ranking, key=lambda t: t.score, default=None)
     if best is None or best.score < SPARED or best.held_out < MATERIAL or not best.significant:
@@ -114,13 +127,18 @@ def unlikely_offset(null: Fit, ranking: Sequence[FittedCandidate]) -> tuple[Susp
 
 
 def alike(fitted: FaultFit) -> bool:
-    """Whether all offsets are about equal; then the air, or its sensor, is off instead."""
+    """Return whether all offsets are about equal; then the air, or its sensor, is off instead."""
     spread = float(np.std(fitted.values, ddof=1)) if len(fitted.values) > 1 else np.inf
     return fitted.fault.kind == "offsets" and abs(float(np.mean(fitted.values))) > ALIKE * spread
 
 
 def beyond_tolerance(config: Config, fitted: FaultFit) -> bool:
-    """Whether a hypothesis explains enough beyond the configured tolerance of its kind."""
+    """Return whether a hypothesis explains enough beyond the configured tolerance of its kind.
+
+    Args:
+        config: The machine with its tolerances.
+        fitted: The fault, fitted within them.
+    """
     kind = fitted.fault.kind
     if config.tolerance == intolerant(config, kind).tolerance:
         return fitted.score >= (LEAST_FOLLOWING if kind == "sensor follows the heater" else LEAST)
@@ -132,7 +150,18 @@ def beyond_tolerance(config: Config, fitted: FaultFit) -> bool:
 def plain(
     null: Fit, fitted: FaultFit, rivals: Sequence[FittedCandidate], marks: Sequence[Signature] = ()
 ) -> bool:
-    """Whether a hypothesis, without its kind's tolerance, explains the logs, and no single effect does."""
+    """Return whether a hypothesis, without its kind's tolerance, explains the logs, and no single effect
+    does.
+
+    It must explain 90 % of the misfit beyond noise. If tolerances alone explain the logs, a score of `SPARED`
+    is enough.
+
+    Args:
+        null: The fit without effects.
+        fitted: The fault.
+        rivals: Fits of single effects.
+        marks: Signatures of the library.
+    """
     noise = null.problem.evidence.expected * len(null.residual)
     is_explained = (
         null.deviance_of_all <= noise
@@ -180,14 +209,17 @@ def _is_air(effect: EffectTable, config: Config) -> bool:
 
 
 def about_the_air(fit: Fit) -> bool:
-    """Whether all effects that a fit has added only change the temperature of the air."""
+    """Return whether a fit has added effects, and all of them only change the temperature of the air."""
     effects = fit.config.effect[len(fit.problem.config.effect) :]
     return bool(effects) and all(_is_air(effect, fit.config) for effect in effects)
 
 
 def intolerant(config: Config, kind: FaultKind) -> Config:
-    """Return the configuration without the tolerance that corresponds to a kind of suspect, if there is
-    one.
+    """Return the configuration without the tolerance that corresponds to a kind of suspect.
+
+    Args:
+        config: The machine.
+        kind: The kind of fault; for one without a tolerance the configuration is returned unchanged.
     """
     if kind not in TOLERANCES:
         return config
@@ -277,7 +309,13 @@ _DESCRIBE: dict[str, Callable[[Problem, FaultFit], Description]] = {
 
 
 def misscaled(null: Fit) -> Iterator[Suspect]:
-    """Yield the inputs whose heats all fit only with the factor of another unit."""
+    """Yield the channels whose heats all fit only with the factor of another unit.
+
+    A factor counts if its natural logarithm is within 0.5 of the unit's.
+
+    Args:
+        null: The fit without effects. The factors are taken at the configured values, before calibration.
+    """
     config = null.problem.config
     factors = Linearised.at(null.problem, config).heats()
     units, ratios = dict[str, str](), dict[str, list[float]]()

@@ -40,14 +40,16 @@ class Verdict:
     """The conclusion of a search.
 
     Attributes:
-        fit: the fit to write back, or the one that leaves an error unexplained
-        sets: sets of effects that explain the logs equally well, the best first
-        fits: their fits
-        remains: where an unexplained error is left
-        unproved: effects that explain the fitted data but do not prove themselves
-        stretch: standard deviations of tolerances that would explain as much as these
-        lacking: the excitation that the logs lack, a clause for each
-        suspected: faults of the logs that withdraw or qualify the verdict, sentences without full stop
+        kind: The verdict.
+        fit: The fit to write back, or the one that leaves an error unexplained.
+        sets: Sets of effects that explain the logs equally well, the best first; empty unless named or
+            ambiguous.
+        fits: Their fits.
+        remains: Where an unexplained error is left; None for other verdicts.
+        unproved: Effects that explain the fitted data but do not prove themselves.
+        stretch: σ of tolerances that would explain as much as these.
+        lacking: Excitation that the logs lack, a clause for each.
+        suspected: Faults of the logs that withdraw or qualify the verdict, sentences without full stop.
     """
 
     kind: VerdictKind
@@ -92,7 +94,16 @@ class Verdict:
 
 
 def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
-    """Judge a search; `lacking` is the excitation that the logs lack."""
+    """Return the verdict on a search.
+
+    Limits are mean squared whitened errors beyond that of noise, enlarged by the form error of the chosen
+    effects.
+
+    Args:
+        search: The search.
+        proof: Its error on held-out data.
+        lacking: Excitation that the logs lack; with any, *none* becomes *not identifiable*.
+    """
     fit = search.fit
     form = form_of([t.candidate for t in search.chosen]) * (goodness(search.null) - goodness(fit))
     noise = proof.expected
@@ -109,9 +120,14 @@ def decide(search: Search, proof: Proof, lacking: Sequence[str]) -> Verdict:
 
 
 def under_suspicion(verdict: Verdict, suspected: Sequence[str]) -> Verdict:
-    """Withdraw a verdict if a fault of the logs explains them.
+    """Return the verdict withdrawn if a fault of the logs explains them.
 
-    A named effect becomes *unknown*. A verdict of *none* stays and lists the faults.
+    A named effect becomes *unknown*. A verdict of *none* stays and lists the faults. *Not identifiable* stays
+    as it is.
+
+    Args:
+        verdict: The verdict on the search.
+        suspected: Faults of the logs as sentences without full stop; without any nothing changes.
     """
     if not suspected or verdict.kind == "not_identifiable":
         return verdict
@@ -121,17 +137,21 @@ def under_suspicion(verdict: Verdict, suspected: Sequence[str]) -> Verdict:
 
 
 def goodness(fit: Fit) -> float:
-    """Return the mean squared whitened error of the used rows, tolerances marginalised; a quarter is
-    usual.
+    """Return the mean squared whitened error of the used rows, tolerances marginalised.
+
+    A quarter is usual, because the whitening includes the form error of a model.
     """
     return fit.deviance / max(len(fit.remainder), 1)
 
 
 def alternatives(search: Search, noise: float) -> tuple[tuple[tuple[Candidate, ...], ...], tuple[Fit, ...]]:
-    """Return the sets of effects that cannot be distinguished, and their fits.
+    """Return the sets of effects that cannot be distinguished, and their fits, the chosen set first.
 
-    These are the chosen set, and those with one effect exchanged. `noise` is the mean squared whitened error
-    of noise alone.
+    The others have one effect exchanged for a rival of nearly the same score.
+
+    Args:
+        search: The search.
+        noise: Mean squared whitened error of noise alone.
     """
     chosen = tuple(t.candidate for t in search.chosen)
     sets, fits = [chosen], [search.fit]
@@ -151,15 +171,16 @@ class Partial:
     """The effect that alone explains most of the fitted logs; its strength differs significantly from zero.
 
     Attributes:
-        share: fraction of the misfit that it explains
-        remains_rms_K: remaining error
-        beyond_tolerances_rms_K: the same beyond tolerances
-        most_on: the sensor with the largest remaining error
-        phase: the phase in which that is largest, if any is long enough
-        log: the run, from 0, in which that is largest
-        tie: effects that explain as much, itself first, if they form one family
-        proof_K: error on the proof, before and after
-        worth: gain in thermal error on the proof
+        trial: The effect with its fit.
+        share: Fraction of the misfit that it explains.
+        remains_rms_K: Remaining error, K.
+        beyond_tolerances_rms_K: The same beyond tolerances, K.
+        most_on: Sensor with the largest remaining error.
+        phase: Phase in which that is largest, None if none is long enough.
+        tie: Effects that explain as much, itself first, if they form one family.
+        log: Run in which that is largest, from 0.
+        proof_K: Error on the proof, before and after, K.
+        worth: Gain in thermal error on the proof, None without an expansion coefficient.
     """
 
     trial: FittedCandidate
@@ -182,8 +203,13 @@ def proposable(search: Search) -> list[FittedCandidate]:
 
 
 def partial_of(search: Search) -> Partial | None:
-    """Return the effect that explains most of the null hypothesis's misfit; None if no trial explains any
-    of it.
+    """Return the effect that explains most of the null hypothesis's misfit.
+
+    Args:
+        search: The search, of which the first round counts.
+
+    Returns:
+        The effect, or None if no trial is significant and possible.
     """
     trials = proposable(search)
     if not trials:

@@ -52,8 +52,11 @@ class WorkerPool:
     """Runs tasks on one problem in this process and one worker, with the same results as this process alone.
 
     Results are the same up to rounding: a BLAS may choose the order of a sum by where arrays lie in memory.
-
     This process runs all tasks if there is only one core, if the worker fails, or inside a worker process.
+    Use it as a context manager, which ends the worker.
+
+    Args:
+        in_process: Whether to start no worker.
     """
 
     def __init__(self, *, in_process: bool = False) -> None:
@@ -70,7 +73,15 @@ class WorkerPool:
             self._other.end()
 
     def map(self, work: Work, problem: Problem, tasks: Sequence[Task]) -> list[Any]:
-        """Return `work(problem, *task)` for every task; the work is a pure, module-level function."""
+        """Return `work(problem, *task)` for every task, in their order.
+
+        Exceptions of the work are raised here: this process repeats work that fails in the worker.
+
+        Args:
+            work: A pure function of a module.
+            problem: The problem that all tasks share. It is sent once as long as it is the same object.
+            tasks: Further arguments of each call; they must be picklable.
+        """
         submitted = self._submitted(work, problem, tasks[1:])
         own_tasks = tasks[: len(tasks) - len(submitted)]
         results: list[Any] = [work(problem, *task) for task in own_tasks]
@@ -159,7 +170,11 @@ def _unpacked(data: bytes) -> Any:
 def serve(descriptor: int) -> None:
     """Run as the worker: execute tasks from a connection until it closes.
 
-    The connection closes when the other process ends for any reason.
+    The connection closes when the other process ends for any reason. The worker then ends at once, even
+    during a task.
+
+    Args:
+        descriptor: File descriptor of the inherited connection.
     """
     connection = Connection(descriptor)
     waiting: queue.SimpleQueue[bytes] = queue.SimpleQueue()

@@ -17,10 +17,17 @@ UM_PER_M = 1e6
 
 
 class Worth(NamedTuple):
-    """The error in µm of a predicted thermal error on the proof, before and after.
+    """The error of a predicted thermal error on the proof, before and after.
 
-    Each is taken at the place within the strokes where its root mean square is largest: this, and the largest
-    absolute value there.
+    Each is taken at the place within the strokes where its root mean square is largest.
+
+    Attributes:
+        before_rms_um: Rms before, µm.
+        after_rms_um: Rms after, µm.
+        before_largest_um: Largest magnitude at that place before, µm.
+        after_largest_um: The same after, µm.
+        before_position_m: That place before, m.
+        after_position_m: That place after, m.
     """
 
     before_rms_um: float
@@ -39,6 +46,11 @@ def worth_of(problem: Problem, before: Config, after: Config) -> Worth | None:
     linear between the sensors and constant beyond the outermost, their own offsets included. Before, the
     difference of both predicted fields is added to it. So an error that only a sensor shows is not counted as
     one of the screw.
+
+    Args:
+        problem: Data, of which the proof counts.
+        before: Configuration without the change.
+        after: Configuration with it.
     """
     screw, evidence = problem.config.screw, problem.evidence
     place_m = np.array([np.nan if s.position_m is None else s.position_m for s in problem.config.sensor])
