@@ -10,13 +10,29 @@ from observer.report.wording import during, kelvin, name_of, um
 
 
 def look_sentence(partial: dict[str, Any], logs: Sequence[str]) -> str:
-    """Where the largest residual of an effect is: sensor, log and phase, without a full stop."""
+    """Return where the largest residual of an effect is: sensor, log and phase, without a full stop.
+
+    Args:
+        partial: The entry `partial` of `result.json`.
+        logs: The names of the logs, in the order of its `log` numbers.
+    """
     doing = "" if partial["phase"] is None else f" {during(partial['phase'])}"
     return f"Look at {partial['most_on']} in {logs[partial['log'] - 1]}{doing}, where most of it remains"
 
 
 def next_step(result: dict[str, Any], logs: str, config: str, output: str) -> dict[str, str | None]:
-    """What to do next, as `text`, and the `command` for it, None where there is none yet."""
+    """Return what to do next after a search.
+
+    Args:
+        result: The content of `result.json`.
+        logs: The logs as in a shell, or `--recent …`.
+        config: The configuration's path.
+        output: The folder of the results.
+
+    Returns:
+        `text`, a sentence without its full stop, and `command`; the command is None where none can be given
+            yet.
+    """
     search = f"observer discover {logs} --config {config} --output {output}"
     adopt = f"observer adopt {output} --config {config}"
     verdict, partial, test = result["verdict"], result["partial"], result["experiment"]
@@ -58,7 +74,11 @@ def next_step(result: dict[str, Any], logs: str, config: str, output: str) -> di
 
 
 def candidate_comment(partial: dict[str, Any]) -> str:
-    """The header of a candidate's configuration: it is not a result, and part stays unexplained."""
+    """Return the comment at the top of `candidate.toml`: it is not a result, and part stays unexplained.
+
+    Args:
+        partial: The entry `partial` of `result.json`.
+    """
     proof, worth = partial["proof"], partial["worth"]
     before_K, after_K = (kelvin(proof[f"{key}_rms_K"]) for key in ("before", "after"))
     leaves = f"the gap on data held back goes from {before_K} to {after_K} rms"

@@ -19,5 +19,5 @@ MM_PER_M = 1000.0
 
 
 def document() -> dict[str, Any]:
-    """Return the same for the page's script, as plain data."""
+    """Return colours, symbols of units and the factor to mm for the page's script, as plain data."""
     return {"temperature": list(TEMPERATURE_COLOURS), "symbols": SYMBOLS, "mm_per_m": MM_PER_M}

@@ -42,7 +42,20 @@ _DEVIATION_OF_STEPS = 1.0 / math.sqrt(12.0)  # what rounding to whole steps of 1
 
 
 def findings(config: Installation) -> dict[str, Any]:
-    """Return the key facts of a configuration. Raises `UserError` where no design exists."""
+    """Return the key facts of a configuration: the document of `observer check --json`.
+
+    Args:
+        config: The configuration; no device is read.
+
+    Returns:
+        Plain data: modes and what they leave out, Biot number, poles in 1/s, noise gain in W/K by source,
+            observability by mode, supports, nodes, tolerances, smallest noticed faults, and warnings. A value
+            that is infinite is None.
+
+    Raises:
+        ConfigError: More than 200 modes are asked for.
+        UserError: No gain exists for this configuration.
+    """
     if (config.model.modes or 0) > MOST_DESIGNED:
         raise ConfigError(
             f"model.modes = {config.model.modes}: an estimator is designed for {MOST_DESIGNED} modes at "
@@ -116,7 +129,11 @@ def _seen(plant: Plant) -> list[float]:
 
 
 def slow_polls(config: Installation) -> Iterator[str]:
-    """Warn of each nut's position that is polled too slowly to show that its reference was lost."""
+    """Yield a warning for each nut's position that is polled too slowly to show that its reference was
+    lost.
+
+    The limit is a loss of 30 mm at the highest plausible speed.
+    """
     limits = Limits.of(config)
     for source in config.source:
         period_s = config.sample_s.get(source.position_channel or "")
@@ -228,7 +245,11 @@ def _finite(value: float) -> float | None:
 
 
 def doubts(config: Installation) -> list[str]:
-    """Settings that are valid but unlikely to be intended, a sentence each."""
+    """Return settings that are valid but unlikely to be intended, a sentence each with its remedy.
+
+    These are values out of the usual range, sensors or sources at one place, strokes shorter than the nut,
+    registers read twice, noise finer than a device's steps, and a page without encryption.
+    """
     return [
         *_unusual(config.model_dump(exclude_unset=True, by_alias=True)),
         *_same_places(config),

@@ -14,7 +14,12 @@ from observer.units import symbol_of
 
 
 def as_text(result: dict[str, Any]) -> RenderableType:
-    """Lay the findings out for a terminal."""
+    """Return the findings laid out for a terminal: verdict, warnings, what to do, and the figures behind
+    them.
+
+    Args:
+        result: The document of `observer check --json`.
+    """
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column()
@@ -146,7 +151,14 @@ def _spans(numbers: list[int]) -> str:
 
 
 def wires_as_text(result: dict[str, Any]) -> RenderableType:
-    """Lay out the readings: a line for each driver, below it one for each of its channels."""
+    """Return the readings laid out for a terminal: a line for each driver, below it one for each of its
+    channels.
+
+    Remedies follow the table, each once with the channels that it concerns.
+
+    Args:
+        result: The document of `observer check --wires --json`.
+    """
     table = Table(show_header=False, box=None, pad_edge=False)
     for _ in range(4):
         table.add_column(overflow="fold")

@@ -19,7 +19,11 @@ class Decimator:
 
     Rows fall into buckets of a fixed number of rows. When there are too many buckets, neighbours merge in
     pairs and the buckets hold twice as many rows from then on. The last row of each bucket is kept, and each
-    column's smallest and largest value (NaN only where the bucket holds nothing else).
+    column's smallest and largest value (NaN only where the bucket holds nothing else). So memory is bounded,
+    however long the stream is, and no peak is lost.
+
+    Attributes:
+        rows: Number of rows taken so far.
     """
 
     def __init__(self, most: int = MOST) -> None:
@@ -29,7 +33,11 @@ class Decimator:
         self._kept: dict[str, FloatArray] = {}  # last, low and high values, (3, n) or (3, n, c)
 
     def add(self, columns: Mapping[str, FloatArray]) -> None:
-        """Take a block: arrays (K,) or (K, c), the same names in every block."""
+        """Take a block.
+
+        Args:
+            columns: Arrays (K,) or (K, c), with the same names and c in every block; K may be 0.
+        """
         length = len(next(iter(columns.values())))
         if length == 0:
             return
@@ -51,15 +59,15 @@ class Decimator:
             self._stride *= 2
 
     def last(self, name: str) -> FloatArray:
-        """The rows kept of a column."""
+        """Return the last row of each bucket of a column, (n,) or (n, c)."""
         return np.asarray(self._kept[name][0])
 
     def low(self, name: str) -> FloatArray:
-        """The smallest value in each bucket."""
+        """Return the smallest value in each bucket of a column, (n,) or (n, c)."""
         return np.asarray(self._kept[name][1])
 
     def high(self, name: str) -> FloatArray:
-        """The largest value in each bucket."""
+        """Return the largest value in each bucket of a column, (n,) or (n, c)."""
         return np.asarray(self._kept[name][2])
 
 
@@ -76,8 +84,11 @@ class ReplaySamples(Decimator):
     """The data of a replay's overview, collected from its blocks as they come.
 
     With m_e estimated sources, g grid points and s sensors, the columns are `time_s` (n,); `heat_W`,
-    `heat_sigma_W`, `law_W` (n, m_e); `field_degC`, `field_sigma_K` (n, g); `error_um`, `error_sigma_um`
-    (n, g) or (n, 0); `innovation_K` and `sensor_quality` (n, s); `quality` (n,).
+    `heat_sigma_W`, `law_W` (n, m_e); `field_degC`, `field_sigma_K` (n, g); `error_um`, `error_sigma_um` (n,
+    g) or (n, 0); `innovation_K` and `sensor_quality` (n, s); `quality` (n,).
+
+    Attributes:
+        layout: Names and places of the estimates.
     """
 
     def __init__(self, config: Config, layout: Layout) -> None:
@@ -88,11 +99,11 @@ class ReplaySamples(Decimator):
 
     @property
     def good(self) -> float:
-        """The share of the steps of good quality."""
+        """The share of the steps of good quality, 0 to 1; 0 before the first step."""
         return self._good / max(self.rows, 1)
 
     def take(self, inputs: Inputs, estimates: EstimateBlock) -> None:
-        """Take one block of inputs and the estimates made of them."""
+        """Take one block of inputs and the estimates made of them, with the same K rows."""
         self._good += int(np.count_nonzero(estimates.quality == 0))
         columns = {name: getattr(estimates, name) for name in _OF_ESTIMATES}
         columns["law_W"] = inputs.law_W[:, self._estimated]
@@ -108,10 +119,16 @@ _OF_ESTIMATES = (
 
 
 def simulated(inputs: Inputs, rows: FloatArray, meaning: OutputRows) -> dict[str, FloatArray]:
-    """The data of a simulation's overview, from a block of inputs and the predicted output rows (K, R).
+    """Return the data of a simulation's overview from one block.
 
-    `time_s` (K,); `law_W` (K, m) of every source; `field_degC` (K, g); `error_um` (K, g) or (K, 0);
-    `predicted_degC` and `measured_degC` (K, s), the latter NaN where the program has no such channel.
+    Args:
+        inputs: Inputs of K steps.
+        rows: Predicted output rows (K, R).
+        meaning: The slices of these rows.
+
+    Returns:
+        `time_s` (K,); `law_W` (K, m) of every source; `field_degC` (K, g); `error_um` (K, g) or (K, 0);
+            `predicted_degC` and `measured_degC` (K, s), the latter NaN where the program has no such channel.
     """
     return {
         "time_s": inputs.time_s,

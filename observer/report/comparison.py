@@ -17,7 +17,17 @@ if TYPE_CHECKING:
 
 
 class DrawnCase(Protocol):
-    """The drawn data of a case."""
+    """The drawn data of a case, as `library.cases.CaseFigures` has them.
+
+    Attributes:
+        name: The variant's name.
+        position_m: Places along the screw, (g,).
+        field_degC: Temperature at these, (g,).
+        error_um: Thermal error at these, (g,); empty without an expansion coefficient.
+        heat_W: By source.
+        temperature_degC: By the names of sensors and nodes.
+        force_N: Axial force, tension positive; 0 for a free screw.
+    """
 
     @property
     def name(self) -> str: ...  # noqa: D102
@@ -41,7 +51,19 @@ _KEY_WIDTH = 1.45  # how much wider than the bars, for the key
 
 
 def draw_cases(figure: Figure, cases: Sequence[DrawnCase], title: str, words: str) -> list[Axes]:
-    """Draw cases of one machine; `words` describes the figures, of a steady state or of a cycle."""
+    """Draw cases of one machine: temperature, thermal error, heats, and axial force.
+
+    Without any force the last panel shows the temperatures of sensors and nodes.
+
+    Args:
+        figure: An empty figure.
+        cases: At least one; more than seven get colours of rising lightness.
+        title: Machine and axis.
+        words: What the figures are: of a steady state or of a cycle.
+
+    Returns:
+        The axes of field, error, heats, and force or temperatures.
+    """
     figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 0.955), hspace=0.05, wspace=0.04)
     (field, error), (heats, force) = figure.subplots(2, 2, gridspec_kw={"width_ratios": (1.2, 1.0)})
     inks = [colour(i) for i in range(len(cases))] if len(cases) <= _DISTINCT else ordered_colours(len(cases))

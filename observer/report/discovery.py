@@ -44,7 +44,7 @@ LEAST_SIGMA = 5.0
 
 
 def tolerated(prior: Tolerance) -> str:
-    """Say which errors are tolerated, as the configuration states them."""
+    """Return a paragraph with the errors that are tolerated, as the configuration states them."""
     return (
         "No model reaches the noise alone: conductivity is known to "
         f"{100 * prior.conductivity:g} %, heat capacity to {100 * prior.heat_capacity:g} %, each sensor's "
@@ -57,9 +57,16 @@ def tolerated(prior: Tolerance) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A comparison: two configurations as before and after, their descriptions, and their errors (n,) in K.
+    """A comparison of two configurations.
 
     Without any effect added, before is as configured and after is calibrated.
+
+    Attributes:
+        added: Names of the effects added; empty for none.
+        before: Description of the first configuration.
+        after: Description of the second one.
+        before_K: Errors of its prediction over all means, (n,).
+        after_K: The same of the second one, (n,).
     """
 
     added: tuple[str, ...]
@@ -72,7 +79,14 @@ class Shown:
 def write_discovery_report(
     path: Path, discovery: Discovery, result: dict[str, Any], logs: Sequence[str]
 ) -> None:
-    """Write the page about a discovery; `result` is the content of its `result.json`, `logs` the names."""
+    """Write the page about a discovery.
+
+    Args:
+        path: The HTML file; it contains its drawings and loads nothing.
+        discovery: The search with its problem and evidence.
+        result: The content of its `result.json`.
+        logs: The names of the logs.
+    """
     shown = _shown(discovery)
     machine = discovery.problem.config.machine
     parts = [
@@ -256,7 +270,7 @@ def _displacements(result: dict[str, Any]) -> Html:
 
 
 def site(sensor: Sensor) -> str:
-    """The position of a sensor, on the screw or on a node."""
+    """Return the position of a sensor: in m on the screw, or the node that carries it."""
     return f"{sensor.position_m:g} m" if sensor.on is None else sensor.on
 
 

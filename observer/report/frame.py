@@ -11,7 +11,13 @@ from observer.report.page import Html, code, command, paragraph, safe, section, 
 
 
 def header(discovery: Discovery, result: dict[str, Any], logs: Sequence[str]) -> Html:
-    """The verdict, and the figures that it rests on."""
+    """Return the verdict, and the figures that it rests on.
+
+    Args:
+        discovery: The search.
+        result: The content of `result.json`.
+        logs: The names of the logs.
+    """
     machine, gap = discovery.problem.config.machine, result["gap"]
     of = f"{machine.name}, axis {machine.axis}"
     date = f", {result['date'][:10]}" if "date" in result else ""
@@ -40,7 +46,7 @@ def header(discovery: Discovery, result: dict[str, Any], logs: Sequence[str]) ->
 
 
 def next_step(result: dict[str, Any]) -> Html:
-    """The next step, and the definition of the thermal error."""
+    """Return the section with the next step and its command, and the definition of the thermal error."""
     step, worth = result.get("next"), result["worth"]
     meant = (
         Html("")
@@ -55,7 +61,7 @@ def next_step(result: dict[str, Any]) -> Html:
 
 
 def made_of(result: dict[str, Any]) -> Html:
-    """The inputs of this page, and its date."""
+    """Return the section with the inputs of the page: date, version, hash of the configuration, logs."""
     rows = [
         [name, Html(code(str(result[key])))]
         for name, key in (
@@ -71,21 +77,27 @@ def made_of(result: dict[str, Any]) -> Html:
 
 
 def values(effect: dict[str, Any]) -> Html:
-    """An effect's parameters with their intervals, a line each."""
+    """Return an effect's parameters with their 95 % intervals and units, a line each."""
     return in_lines([f"{key} {wording.measured(p)}" for key, p in effect["parameters"].items()])
 
 
 def in_lines(parts: Sequence[str]) -> Html:
-    """Texts, each on a line of its own."""
+    """Return texts, each on a line of its own; they are escaped."""
     return Html("<br>".join(map(safe, parts)))
 
 
 def arrow(before_K: float, after_K: float) -> str:
-    """A gap before and after."""
+    """Return a gap before and after, as `2.3 K → 0.07 K`."""
     return f"{wording.kelvin(before_K)} → {wording.kelvin(after_K)}"
 
 
 def excess_text(gap: dict[str, Any]) -> str:
-    """The part of a gap that no tolerance explains, calibrated without an effect and with those found."""
+    """Return the part of a gap that no tolerance explains, in K.
+
+    It has two values if effects change it: calibrated without an effect, and with those found.
+
+    Args:
+        gap: An entry of `gap` in `result.json`, of all sensors or of one.
+    """
     before_K, after_K = (gap["beyond_tolerances"][f"{key}_rms_K"] for key in ("before", "after"))
     return wording.kelvin(after_K) if before_K == after_K else arrow(before_K, after_K)

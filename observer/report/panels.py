@@ -62,14 +62,21 @@ def colour(index: int) -> str:
 
 
 def ordered_colours(count: int) -> list[Any]:
-    """Return colours of rising lightness for things in an order, such as positions."""
+    """Return `count` colours of rising lightness for things in an order, such as positions."""
     import matplotlib as mpl  # noqa: PLC0415 - slow to import
 
     return list(mpl.colormaps[ORDERED_MAP](np.linspace(0.08, 0.8, count)))
 
 
 def elapsed(time_s: FloatArray) -> tuple[FloatArray, str]:
-    """Return the time since the first sample and its unit: s, min or h, whichever reads best."""
+    """Return the time since the first sample and its unit.
+
+    Args:
+        time_s: Increasing times (n,).
+
+    Returns:
+        Times (n,) in `s` up to five minutes, `min` up to four hours, else `h`.
+    """
     since_s = time_s - time_s[0]
     span_s = float(since_s[-1])
     for unit, seconds, up_to_s in (("s", 1.0, 300.0), ("min", 60.0, 4 * 3600.0)):
@@ -79,7 +86,7 @@ def elapsed(time_s: FloatArray) -> tuple[FloatArray, str]:
 
 
 def duration_text(seconds: float) -> str:
-    """Return a duration as a person says it."""
+    """Return a duration in words: seconds below five minutes, then minutes, then hours with minutes."""
     minutes, rest = divmod(round(seconds), 60)
     if minutes < 5:
         return f"{seconds:.0f} s"
@@ -94,7 +101,13 @@ _BAD = (Quality.MISSING, Quality.STALE, Quality.REJECTED)
 
 
 class Panel(NamedTuple):
-    """Axes over a time `t` (n,), and narrow axes for the key beside them."""
+    """Axes over a time, and narrow axes for the key beside them.
+
+    Attributes:
+        t: Times (n,) in the unit of the axis.
+        axes: The axes for the curves.
+        key: The axes for their legend, or for a colour bar.
+    """
 
     t: FloatArray
     axes: Axes
@@ -104,20 +117,28 @@ class Panel(NamedTuple):
         self, values: FloatArray, names: Sequence[str], inks: Sequence[Any],
         reach: FloatArray | None = None, **style: Any,
     ) -> None:  # fmt: skip
-        """Draw columns (n, c) over time, with a band of ± `reach` (n, c)."""
+        """Draw columns over time.
+
+        Args:
+            values: Columns (n, c).
+            names: Labels for the key, c; empty ones do not appear there.
+            inks: Colours, c.
+            reach: Half-width (n, c) of a band around each curve; None for no bands.
+            style: Options of matplotlib's `plot`.
+        """
         for i, (name, ink) in enumerate(zip(names, inks, strict=True)):
             if reach is not None:
                 self.band(values[:, i] - reach[:, i], values[:, i] + reach[:, i], ink, 0.18)
             self.axes.plot(self.t, values[:, i], color=ink, label=name, **style)
 
     def band(self, low: FloatArray, high: FloatArray, ink: Any, alpha: float) -> None:
-        """Shade what lies between two columns (n,)."""
+        """Shade the area between two columns (n,), without a label for the key."""
         self.axes.fill_between(self.t, low, high, color=ink, alpha=alpha, lw=0)
 
     def explain(
         self, handles: Sequence[Artist] = (), labels: Sequence[str] = (), title: str | None = None
     ) -> None:
-        """Draw the key: of the named curves, and of more."""
+        """Draw the key: of the labelled curves, then of `handles` with their `labels`."""
         curves, names = self.axes.get_legend_handles_labels()
         self.key.axis("off")
         self.key.legend(
@@ -126,7 +147,10 @@ class Panel(NamedTuple):
         )  # fmt: skip
 
     def limits(self, *values: FloatArray) -> None:
-        """Set limits by values, so that a wide band at the start does not flatten everything."""
+        """Set the vertical limits by the finite values of some arrays, of any shapes.
+
+        A wide band at the start then does not flatten everything. Without a finite value nothing changes.
+        """
         all_values = np.concatenate([v.ravel() for v in values])
         if not np.isfinite(all_values).any():
             return  # nothing was ever known
@@ -135,17 +159,24 @@ class Panel(NamedTuple):
         self.axes.set_ylim(low - pad, high + pad)
 
     def sample(self, **style: Any) -> Artist:
-        """A line for the key that is not drawn."""
+        """Return a line for the key that is not drawn."""
         return self.axes.plot([], [], **style)[0]
 
     def shade(self) -> Artist:
-        """A band for the key that is not drawn."""
+        """Return a band for the key that is not drawn."""
         return self.axes.fill_between([], [], color=QUIET, alpha=0.25, lw=0)
 
 
 class HeatCurves(NamedTuple):
-    """Estimated heats (n, c) by name, each with its colour, σ, law, and lowest and highest value between the
-    samples.
+    """Estimated heats over n samples.
+
+    Attributes:
+        names: Names of the sources, c.
+        inks: Their colours, c.
+        heat_W: Heats (n, c).
+        sigma_W: Their standard deviations (n, c).
+        law_W: Heats by their laws (n, c); a column of zeros is not drawn.
+        extremes_W: Lowest and highest values between the samples, each (n, c).
     """
 
     names: Sequence[str]
@@ -157,7 +188,10 @@ class HeatCurves(NamedTuple):
 
 
 def heats(panel: Panel, curves: HeatCurves, title: str = "Heat entering the screw") -> None:
-    """Draw heats with 95 % bands, the extremes between samples, and their laws as thin dashes."""
+    """Draw heats with 95 % bands, the extremes between samples, and their laws as thin dashes.
+
+    The vertical limits follow the usual width of the bands, not their width at the start.
+    """
     heat_W, law_W, reach_W = curves.heat_W, curves.law_W, Z95 * curves.sigma_W
     for low_W, high_W, ink in zip(curves.extremes_W[0].T, curves.extremes_W[1].T, curves.inks, strict=True):
         panel.band(low_W, high_W, ink, 0.35)
@@ -173,7 +207,7 @@ def heats(panel: Panel, curves: HeatCurves, title: str = "Heat entering the scre
 
 
 def laws(panel: Panel, names: Sequence[str], law_W: FloatArray) -> None:
-    """Heats by their laws."""
+    """Draw heats (n, m) by their laws; lines that coincide differ in width, so that all can be seen."""
     for i, name in enumerate(names):
         # of lines that coincide the lower one shows at both sides of the upper one
         panel.curves(law_W[:, [i]], [name], [colour(i)], lw=1.6 + 1.4 * (len(names) - 1 - i))
@@ -183,7 +217,14 @@ def laws(panel: Panel, names: Sequence[str], law_W: FloatArray) -> None:
 
 
 def field(panel: Panel, position_m: FloatArray, field_degC: FloatArray, config: Config) -> None:
-    """The temperature over time and position, with the sensors' positions and the nuts' strokes."""
+    """Draw the temperature over time and position as an image, with a colour bar.
+
+    Args:
+        panel: The panel; its key takes the colour bar.
+        position_m: Places (g,).
+        field_degC: Temperatures (n, g).
+        config: Its sensors on the screw are marked, and its nuts' strokes are bracketed.
+    """
     from matplotlib.colors import LinearSegmentedColormap  # noqa: PLC0415 - slow to import
 
     axes = panel.axes
@@ -222,7 +263,17 @@ def at_positions(
     panel: Panel, position_m: FloatArray, values: FloatArray, sigma: FloatArray | None, title: str, unit: str,
     settled: FloatArray | None = None,
 ) -> None:  # fmt: skip
-    """A quantity over time at up to five positions, with 95 % bands if σ is given, and where it settles."""
+    """Draw a quantity over time at up to five positions.
+
+    Args:
+        panel: The panel.
+        position_m: Places (g,).
+        values: The quantity (n, g).
+        sigma: Its standard deviation (n, g), drawn as 95 % bands; None for none.
+        title: Title of the panel.
+        unit: Unit of the values.
+        settled: The final value at each place, (g,), drawn as dashes; None for none.
+    """
     chosen = thinned(len(position_m), 6)[:0:-1] or [0]
     inks, names = ordered_colours(len(chosen))[::-1], [f"{position_m[i] * MM_PER_M:.0f} mm" for i in chosen]
     reach = None if sigma is None else Z95 * sigma[:, chosen]
@@ -239,9 +290,16 @@ def innovations(
     panel: Panel, names: Sequence[str], extremes_K: tuple[FloatArray, FloatArray], quality: FloatArray,
     noise_K: float,
 ) -> None:  # fmt: skip
-    """Innovations in K, each sensor in its own lane on one scale, and a bar where it was not good.
+    """Draw innovations in K, each sensor in its own lane on one scale, and a bar where it was not good.
 
-    The scale holds nearly all values, and three times the noise at least; what is beyond is drawn at its end.
+    The scale holds nearly all values, and three times the noise at least. Values beyond are drawn at its end.
+
+    Args:
+        panel: The panel.
+        names: Names of the sensors, s.
+        extremes_K: Smallest and largest innovation between the samples, each (n, s).
+        quality: Codes of the sensors' quality (n, s).
+        noise_K: Largest noise of a sensor.
     """
     t, axes, lanes = panel.t, panel.axes, len(names)
     limit_K = scale_limit(extremes_K, 3.0 * noise_K)
@@ -269,7 +327,12 @@ def innovations(
 
 
 def scale_limit(values: Sequence[FloatArray], least: float) -> float:
-    """The end of a scale that nearly all values lie within, a round number."""
+    """Return the end of a scale that 99.5 % of the values lie within, rounded up.
+
+    Args:
+        values: Arrays of any shapes; NaN is left out.
+        least: The smallest end.
+    """
     size = np.concatenate([np.abs(v[np.isfinite(v)]) for v in values])
     most = max(float(np.quantile(size, 0.995)) if len(size) else 0.0, least)
     power = 10.0 ** np.floor(np.log10(most))
@@ -277,7 +340,7 @@ def scale_limit(values: Sequence[FloatArray], least: float) -> float:
 
 
 def quality_strip(panel: Panel, quality: FloatArray) -> None:
-    """The quality of the estimate as a coloured strip."""
+    """Draw the quality codes (n,) of the estimate as a coloured strip; each ends at its sample."""
     from matplotlib.colors import ListedColormap  # noqa: PLC0415 - slow to import
     from matplotlib.patches import Patch  # noqa: PLC0415
 
@@ -298,7 +361,15 @@ def sensors(
     panel: Panel, names: Sequence[str], measured_degC: FloatArray, predicted_degC: FloatArray | None = None,
     key: str | None = None,
 ) -> None:  # fmt: skip
-    """Measured temperatures (n, s), faint where predicted ones are drawn as well; `key` heads the names."""
+    """Draw measured temperatures, faint where predicted ones are drawn as well.
+
+    Args:
+        panel: The panel.
+        names: Names of the sensors, s.
+        measured_degC: Readings (n, s), NaN where missing.
+        predicted_degC: Predictions (n, s); None for none.
+        key: Heading of the names; None for none.
+    """
     inks, blank = [colour(i) for i in range(len(names))], [""] * len(names)
     title = "Measured temperatures"
     if predicted_degC is None:

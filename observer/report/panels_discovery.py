@@ -58,8 +58,12 @@ ROLES = {PROOF: "proof", UNUSED: "left out"}
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """One log on a regular grid of half minutes: its name, `role` (b,) (a fold, PROOF or UNUSED), and values
-    (s, b) by name, NaN without a mean.
+    """One log on a regular grid of b half minutes.
+
+    Attributes:
+        name: The log's name.
+        role: What each half minute was used for, (b,): a fold, `PROOF` or `UNUSED`; NaN without data.
+        values: Values (s, b) by name, NaN without a mean.
     """
 
     name: str
@@ -68,13 +72,20 @@ class Track:
 
     @property
     def time_s(self) -> FloatArray:
-        """When each half minute ends, (b,)."""
+        """The end of each half minute since the start of the log, (b,)."""
         return MEAN_S * np.arange(1.0, len(self.role) + 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A stretch of one sensor's row to point out."""
+    """A stretch of one sensor's row to point out.
+
+    Attributes:
+        run: Number of the log.
+        sensor: Number of the sensor.
+        from_s: Its begin since the start of the log.
+        to_s: Its end.
+    """
 
     run: int
     sensor: int
@@ -83,7 +94,13 @@ class Box:
 
 
 def tracks_of(evidence: Evidence, logs: Sequence[str], rows: dict[str, FloatArray]) -> tuple[Track, ...]:
-    """Lay rows (n,) of the evidence out by log, sensor and time."""
+    """Return rows of the evidence laid out by log, sensor and time.
+
+    Args:
+        evidence: n means, each with its log, sensor and time.
+        logs: The names of the logs.
+        rows: Values (n,) by name.
+    """
     sensors = int(evidence.sensor.max()) + 1
     column = np.rint(evidence.time_s / MEAN_S).astype(np.int64) - 1
     tracks = []
@@ -103,10 +120,15 @@ def residual_maps(
     tracks: Sequence[Track], sensors: Sequence[str], maps: dict[str, str], least_K: float, box: Box | None,
     width: float = WIDTH,
 ) -> str:  # fmt: skip
-    """Draw errors, sensor by time, all logs side by side, one map under another on one scale.
+    """Return errors as SVG, sensor by time, all logs side by side, one map under another on one scale.
 
-    `maps` gives the values to show with their headings; the scale reaches at least `least_K`. `width` is in
-    inches.
+    Args:
+        tracks: The logs.
+        sensors: Names of the sensors, s.
+        maps: Headings by the name of the values to show.
+        least_K: The smallest end of the scale.
+        box: A stretch to frame; None for none.
+        width: Of the drawing in inches.
     """
     row = min(max(1.5 / len(sensors), 0.24), 3.6 / len(sensors))
     tall, head, gap, foot = row * len(sensors), 0.62, 0.34, 0.95
@@ -136,9 +158,14 @@ def residual_maps(
 def comparisons(
     track: Track, lines: dict[str, str], titles: Sequence[str], first: int, width: float = WIDTH
 ) -> str:
-    """Draw measured and predicted on the proof, a panel with a title for each sensor from number `first` on.
+    """Return measured and predicted temperatures on the proof as SVG, a panel for each sensor.
 
-    `lines` says what is drawn: keys of the track's values and their names.
+    Args:
+        track: The log that holds the proof.
+        lines: Names for the key by the key of the track's values; at most three.
+        titles: A title for each panel.
+        first: Number of the first sensor shown.
+        width: Of the drawing in inches; two columns at full width, else one.
     """
     columns = 2 if width == WIDTH else 1
     panel, head = 1.75, 0.34 if columns == 2 else 0.7
@@ -177,14 +204,19 @@ _STYLES: tuple[dict[str, Any], ...] = (
 
 
 def coloured(error_K: FloatArray, limit_K: float) -> FloatArray:
-    """Colours (s, b, 4): blue below zero, vermilion above, the page itself at zero and where NaN."""
+    """Return colours (s, b, 4): blue below zero, vermilion above, the page itself at zero and where NaN.
+
+    Args:
+        error_K: Values (s, b).
+        limit_K: The value of full colour.
+    """
     part = np.clip(np.nan_to_num(error_K) / limit_K, -1.0, 1.0)
     colour = np.where(part[..., None] < 0, COLD, WARM) / 255.0
     return np.asarray(np.concatenate([colour, np.abs(part)[..., None]], axis=-1))
 
 
 def shortened(name: str, most: int) -> str:
-    """A name of at most so many characters, its middle left out."""
+    """Return a name of at most `most` characters, its middle replaced by `…`."""
     keep = max(most - 1, 2)
     return name if len(name) <= most else f"{name[: (keep + 1) // 2]}…{name[len(name) - keep // 2 :]}"
 

@@ -32,7 +32,20 @@ WIDTH_PX, HEIGHT_PX, DPI = 1600, 1200, 100
 
 
 def draw_overview(figure: Figure, config: Config, samples: ReplaySamples, title: str) -> list[Panel]:
-    """Draw heats, field, thermal error and innovations of a replay; `title` says of what."""
+    """Draw heats, field, thermal error, innovations and quality of a replay.
+
+    Without an expansion coefficient the third panel shows temperatures. Displacement sensors have no
+    innovation here, since their unit differs.
+
+    Args:
+        figure: An empty figure.
+        config: The machine.
+        samples: The collected blocks, at least one row.
+        title: The replayed log.
+
+    Returns:
+        The panels from the top.
+    """
     layout, last, note = samples.layout, samples.last, f"{100 * samples.good:.1f} % of good quality"
     page = _page_of(figure, config, title, samples, note, (3.0, 3.2, 2.6, 2.6, 0.28))
     heats, field, error, innovations, quality = page
@@ -57,7 +70,17 @@ def draw_overview(figure: Figure, config: Config, samples: ReplaySamples, title:
 
 
 def draw_simulation(figure: Figure, config: Config, samples: Decimator, title: str) -> list[Panel]:
-    """Draw heats by law, field, thermal error and sensors of a simulation; `title` says of what."""
+    """Draw heats by law, field, thermal error and sensors of a simulation.
+
+    Args:
+        figure: An empty figure.
+        config: The machine.
+        samples: Blocks as `collect.simulated` gives them, at least one row.
+        title: The simulated program.
+
+    Returns:
+        The panels from the top.
+    """
     last, position_m = samples.last, grid_of(config)
     has_error = last("error_um").shape[1] > 0
     page = _page_of(figure, config, title, samples, "open loop", (2.4, 3.2, 2.6, 3.0))
@@ -83,9 +106,18 @@ def _error_or_field(has_error: bool, config: Config) -> tuple[str, str]:
 def draw_heat_history(
     figure: Figure, config: Config, history: HeatHistory, blocks: Sequence[Inputs], title: str, method: str
 ) -> list[Panel]:
-    """Draw a panel for each heat and one for the sensors; `title` says of what, `method` by which method.
+    """Draw a panel for each heat and one for the sensors.
 
-    `blocks` are the inputs that the history was made from.
+    Args:
+        figure: An empty figure.
+        config: The machine.
+        history: Heats (K, m_e) and residuals of a whole log.
+        blocks: The inputs that the history was made from, K steps in all.
+        title: The log.
+        method: The method, for the note at the top.
+
+    Returns:
+        The panels from the top.
     """
     names = [s.name for s in config.source if s.estimate]
     samples = _samples(config, history, blocks)
@@ -125,7 +157,18 @@ def _samples(config: Config, history: HeatHistory, blocks: Sequence[Inputs]) -> 
 def draw_forecast(
     figure: Figure, title: str, position_m: FloatArray, forecast: Forecast, within_um: float
 ) -> list[Panel]:
-    """Draw a panel of temperatures and, where it is known, one of the thermal error at some positions."""
+    """Draw a panel of temperatures and, where it is known, one of the thermal error at some positions.
+
+    Args:
+        figure: An empty figure.
+        title: Machine, axis and log.
+        position_m: Places (g,).
+        forecast: The time ahead and the settled state.
+        within_um: Distance from the settled error at which it counts as settled.
+
+    Returns:
+        One panel or two.
+    """
     ahead, settled, t = forecast.ahead, forecast.settled, forecast.ahead.time_s / 60.0
     has_error = ahead.error_um.shape[1] > 0
     page = _panels(figure, title, forecast.program.text, t, "time from now, min", (1.0,) * (1 + has_error))
@@ -180,7 +223,10 @@ def _panels(
 
 @contextmanager
 def written(path: Path) -> Iterator[Figure]:
-    """Give a figure to draw on, and write it as a PNG once that is done."""
+    """Give a figure of 1600 by 1200 pixels to draw on, and write it as a PNG after the block.
+
+    The file appears as a whole. After an exception in the block nothing is written.
+    """
     import matplotlib as mpl  # noqa: PLC0415 - slow to import
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
@@ -199,9 +245,15 @@ def written(path: Path) -> Iterator[Figure]:
 
 @contextmanager
 def drawn(path: Path, width: float, height: float) -> Iterator[Figure]:
-    """Give a figure of so many hundred pixels to draw on, and write it as its name ends once that is done.
+    """Give a figure to draw on, and write it after the block in the format that its name ends with.
 
-    Raises `UserError` where the folder cannot be written.
+    Args:
+        path: The file: .png, .svg or .pdf.
+        width: In hundreds of pixels.
+        height: In hundreds of pixels.
+
+    Raises:
+        UserError: The folder cannot be written; this is noticed before the block.
     """
     import matplotlib as mpl  # noqa: PLC0415 - slow to import
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
@@ -216,7 +268,7 @@ def drawn(path: Path, width: float, height: float) -> Iterator[Figure]:
 
 @contextmanager
 def shown() -> Iterator[Figure]:
-    """Give a figure of pyplot to draw on: it appears as figures do there."""
+    """Give a figure of pyplot to draw on; a notebook or a window displays it as any other."""
     import matplotlib as mpl  # noqa: PLC0415 - slow to import
     from matplotlib import pyplot  # noqa: PLC0415
 

@@ -30,7 +30,11 @@ _SIGMAS = {
 
 
 def as_text(result: dict[str, Any]) -> RenderableType:
-    """Lay out the sets, the cheapest first, and below them the sensors that the configuration has."""
+    """Return the sets laid out for a terminal, the cheapest first, the configured sensors last.
+
+    Args:
+        result: The document of `observer place --json`.
+    """
     rows = [*result["sets"], result["configured"]]
     shown = [name for name, keys in _SIGMAS.items() if rows[0][keys[0]] is not None]
     heads = ["cost", *(f"{name}, W" for name in rows[0]["heat_sigma_W"]), *shown]
@@ -65,7 +69,15 @@ def _sentences(result: dict[str, Any]) -> list[str]:
 
 
 def write_costs(path: Path, result: dict[str, Any]) -> None:
-    """Draw the σ of the sets against their cost, and which sensors they have."""
+    """Draw the σ of the sets against their cost, and which sensors they have.
+
+    Args:
+        path: The file: .png, .svg or .pdf.
+        result: The document of `observer place --json`.
+
+    Raises:
+        UserError: The folder cannot be written.
+    """
     sets, now = result["sets"], result["configured"]
     shown = [name for name, keys in _SIGMAS.items() if now[keys[0]] is not None]
     names = list(dict.fromkeys(name for one in sets for name in one["names"]))

@@ -17,10 +17,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Profiles:
-    """t times of a log, `time_s` (t,), at g places, `position_m` (g,).
+    """Profiles along the screw at t times of a log, and its heats.
 
-    `field_degC`, `error_um` and their σ (t, g), the error NaN without an expansion coefficient; `heat_W` and
-    its σ (t, m_e) of the sources called `names`.
+    Attributes:
+        time_s: Times (t,).
+        position_m: Places (g,).
+        field_degC: Temperatures (t, g).
+        field_sigma_K: Their standard deviations (t, g).
+        error_um: Thermal error (t, g), NaN without an expansion coefficient.
+        error_sigma_um: Its standard deviation (t, g).
+        names: Names of the m_e estimated sources.
+        heat_W: Heats (t, m_e).
+        heat_sigma_W: Their standard deviations (t, m_e).
     """
 
     time_s: FloatArray
@@ -35,7 +43,10 @@ class Profiles:
 
 
 def draw_profiles(figure: Figure, profiles: Profiles) -> None:
-    """Draw a curve for each time, with its 95 %, as Li et al. (2022) have it in figure 11."""
+    """Draw a curve for each time, with its 95 %, as Li et al. (2022) have it in figure 11.
+
+    The thermal error is left out where it is NaN throughout.
+    """
     figure.set_layout_engine("constrained")
     has_error = bool(np.isfinite(profiles.error_um).any())
     above, left, right = figure.subplot_mosaic([["a", "a"], ["b", "c"]]).values()

@@ -56,11 +56,14 @@ _PLURALS = {"heat": "heats", "field": "field", "error": "error"}
 
 
 def tolerances(config: Config) -> dict[str, Any]:
-    """Return `tolerances`, σ over the standard shift as configured, with each tolerance known and with all,
-    and `improve_first`, by quantity the key whose knowledge would help most, or None where none helps much.
+    """Return σ over the standard shift, and the tolerances whose knowledge would help most.
 
-    An occasional displacement counts as read once in its `probing_s`, spread over all steps. Both are empty
-    where nothing of it is defined or it would take long; `tolerances_left_out` says why.
+    An occasional displacement counts as read once in its `probing_s`, spread over all steps.
+
+    Returns:
+        `tolerances`: a row as configured, one with each tolerance known, and one with all known.
+            `improve_first`: by quantity the key that helps most, None where none helps by 5 %. Both are empty
+            where σ is undefined or would take long; `tolerances_left_out` then has the reason, else None.
     """
     config = few_modes(config)
     plant = build_plant(config, learns=True)
@@ -87,7 +90,7 @@ def tolerances(config: Config) -> dict[str, Any]:
 
 
 def few_modes(config: Config) -> Config:
-    """The configuration with no more modes than have a part in a σ."""
+    """Return the configuration with at most 40 modes: faster ones hardly change a σ."""
     if build_plant(config).modes <= MOST_MODES:
         return config
     return config.model_copy(update={"model": config.model.model_copy(update={"modes": MOST_MODES})})
@@ -119,7 +122,11 @@ def _best(sigma: FloatArray, keys: Sequence[str]) -> dict[str, Any] | None:
 
 
 def advice(improve_first: dict[str, dict[str, Any] | None]) -> str:
-    """Return a sentence on the first improvement to make."""
+    """Return a sentence on the first improvement to make, with the fall of σ and how to reach it.
+
+    Args:
+        improve_first: The entry of `tolerances`.
+    """
     named: dict[str, list[str]] = {}
     for quantity, best in improve_first.items():
         if best is not None:
@@ -130,10 +137,13 @@ def advice(improve_first: dict[str, dict[str, Any] | None]) -> str:
 
 
 def detectable(config: Config) -> dict[str, Any]:
-    """Return `minimal_detectable`, by sensor `fault_K`, the smallest jump that is noticed, `time_s`, within
-    what time, and `slow_K`, the smallest slow fault, None where slow faults are not looked for;
-    `further_sensor`, how one more would reduce the largest of these; `slow_in_sigma`, whether σ allows for
-    slow faults that are not noticed; and `not_screened`, why none of it.
+    """Return the smallest faults of each temperature sensor that are noticed.
+
+    Returns:
+        `minimal_detectable`: by sensor `fault_K`, the smallest jump, `time_s`, within what time, and
+            `slow_K`, the smallest slow fault, None where slow faults are not looked for. `further_sensor`:
+            how one more would reduce the largest of these. `slow_in_sigma`: whether σ allows for slow faults
+            that are not noticed. `not_screened`: the reason if nothing is computed, else None.
     """
     reason, faults = _why_not(config), None
     if reason is None:
@@ -230,7 +240,11 @@ IN_BOUND = (
 
 
 def buys(further: dict[str, Any] | None) -> str:
-    """Return a sentence on the gain of a further sensor; empty if it was not computed."""
+    """Return a sentence on the gain of a further sensor; empty if it was not computed.
+
+    Args:
+        further: The entry `further_sensor` of `detectable`.
+    """
     if further is None:
         return ""
     now_K, then_K, sensor = further["slow_K_now"], further["slow_K_then"], further["sensor"]

@@ -35,13 +35,15 @@ REGRESSORS = {
     "none": "nothing in the logs",
 }
 SUPERSCRIPT = str.maketrans("23", "²³")
-"""Separation below which a test may not decide, and below which it certainly does not."""
+"""Digits of powers in a unit, as people write them."""
 
 
 def as_sentences(discovery: Discovery, result: dict[str, Any]) -> Iterator[str]:
-    """Yield what a discovery comes to, line by line: verdict, parameters or the deciding test, residual.
+    """Yield the result of a discovery, line by line: verdict, parameters or the deciding test, residual.
 
-    `result` is the content of its `result.json`.
+    Args:
+        discovery: The search.
+        result: The content of its `result.json`.
     """
     yield f"{headline(discovery.verdict, result)}."
     for effect in result["effects"]:
@@ -73,7 +75,11 @@ _SUPPORTED = {
 
 
 def displacement_sentence(displacements: dict[str, Any]) -> str:
-    """The verdict of the displacement sensors, without a full stop."""
+    """Return the verdict of the displacement sensors, without a full stop.
+
+    Args:
+        displacements: The entry of `result.json`.
+    """
     names = " or ".join(
         f"{c['key']} = {c['value']:.4g} ({c['ci95'][0]:.4g} … {c['ci95'][1]:.4g}) {unit_text(c['unit'])}"
         f", {c['before']:.4g} before"
@@ -90,7 +96,12 @@ def displacement_sentence(displacements: dict[str, Any]) -> str:
 
 
 def headline(verdict: Verdict, result: dict[str, Any]) -> str:
-    """The verdict in one plain sentence, without its full stop."""
+    """Return the verdict in one plain sentence, without its full stop.
+
+    Args:
+        verdict: The verdict with its reasons.
+        result: The content of `result.json`.
+    """
     if verdict.kind == "named":
         return f"The model lacks {joined([lack_of(e['kind'], e['target']) for e in result['effects']])}"
     if verdict.kind == "none":
@@ -111,7 +122,12 @@ def headline(verdict: Verdict, result: dict[str, Any]) -> str:
 
 
 def lack_of(kind: str, *targets: str | None) -> str:
-    """An effect, at one target or at several, as what a model without it lacks."""
+    """Return an effect, at one target or at several, as the part that a model without it lacks.
+
+    Args:
+        kind: The effect's kind, which the library contains.
+        targets: Sensors, sources or ends; None for an effect of the whole machine.
+    """
     effect = effect_class(kind)
     ends = ("left", "right") if effect.targets != "sensor" else ()
     return effect.missing_physics.format(
@@ -120,7 +136,11 @@ def lack_of(kind: str, *targets: str | None) -> str:
 
 
 def family_text(family: dict[str, Any]) -> str:
-    """A family with its value and its companions, as the missing part of a model."""
+    """Return a family with its value and its companions, as the missing part of a model.
+
+    Args:
+        family: The entry of `result.json`.
+    """
     texts = [_family_text(family), *(_family_text(other) for other in family.get("beside", ()))]
     return joined(texts)
 
@@ -136,7 +156,11 @@ def _family_text(family: dict[str, Any]) -> str:
 
 
 def partial_sentence(partial: dict[str, Any]) -> str:
-    """The share that an effect explains, and the remainder, without a full stop."""
+    """Return the share that an effect explains, and the remainder, without a full stop.
+
+    Args:
+        partial: The entry of `result.json`.
+    """
     if partial["family"] is None:
         values = ", ".join(f"{key} = {measured(p)}" for key, p in partial["parameters"].items())
         cause = f"{lack_of(partial['kind'], partial['target'])} ({name_of(partial)}: {values})"
@@ -151,7 +175,11 @@ def partial_sentence(partial: dict[str, Any]) -> str:
 
 
 def worth_sentence(worth: dict[str, float]) -> str:
-    """The change of thermal error by an answer, without a full stop."""
+    """Return the change of thermal error by an answer, without a full stop.
+
+    Args:
+        worth: The entry of `result.json`: rms and largest error in µm, before and after.
+    """
     before, after, most, left = (
         um(worth[f"{key}_um"]) for key in ("before_rms", "after_rms", "before_largest", "after_largest")
     )
@@ -169,18 +197,22 @@ WORTH_NOTE = (
 
 
 def during(phase: str) -> str:
-    """When something is, by the phase."""
+    """Return when something is, by the phase: `while heating up`, `before any work`."""
     words = PHASES.get(phase, phase)
     return words if phase == "isothermal" else f"while {words}"
 
 
 def name_of(effect: dict[str, Any]) -> str:
-    """Kind and target of an effect, as a configuration spells them."""
+    """Return kind and target of an effect, such as `sensor_bias at t3`."""
     return effect["kind"] if effect["target"] is None else f"{effect['kind']} at {effect['target']}"
 
 
 def gap_sentence(result: dict[str, Any]) -> str:
-    """How far measured and predicted are apart on the proof, without a full stop."""
+    """Return how far measured and predicted are apart on the proof, without a full stop.
+
+    Args:
+        result: The content of `result.json`.
+    """
     gap, excess = result["gap"], result["gap"]["beyond_tolerances"]
     before, after, configured = (kelvin(gap[f"{key}_rms_K"]) for key in ("before", "after", "as_given"))
     first_K, last_K = (kelvin(excess[f"{key}_rms_K"]) for key in ("before", "after"))
@@ -201,7 +233,11 @@ def gap_sentence(result: dict[str, Any]) -> str:
 
 
 def not_identifiable_sentence(blind: Sequence[Candidate]) -> str:
-    """The parameters not identifiable from these logs, without a full stop."""
+    """Return the effects that are not identifiable from these logs, without a full stop.
+
+    Args:
+        blind: The candidates whose effect the calibrated parameters could absorb; at least one.
+    """
     targets: dict[str, list[str | None]] = {}
     for candidate in blind:
         targets.setdefault(candidate.kind, []).append(candidate.target)
@@ -210,12 +246,17 @@ def not_identifiable_sentence(blind: Sequence[Candidate]) -> str:
 
 
 def event_of(result: dict[str, Any]) -> dict[str, Any] | None:
-    """The event that no effect explains, where there is one."""
+    """Return the entry of `where` for an event that no effect explains; None without one."""
     return next((place for place in result["where"] if place["regressor"] == "event"), None)
 
 
 def event_sentence(event: dict[str, Any], log: str) -> str:
-    """Where, when, and by how many watts something happened, without a full stop."""
+    """Return where, when, and by how many watts something happened, without a full stop.
+
+    Args:
+        event: An entry of `where` in `result.json`.
+        log: The name of its log, or its number in words.
+    """
     heat, wide = abs(event["heat_W"]), 1.96 * event["heat_sigma_W"]
     watts = f"{heat:.{_digits(wide)}f} ± {wide:.{_digits(wide)}f}"
     sign = "more" if event["heat_W"] > 0 else "less"
@@ -229,7 +270,11 @@ def event_sentence(event: dict[str, Any], log: str) -> str:
 
 
 def experiment_sentence(experiment: dict[str, Any]) -> str:
-    """The test that would decide, and how surely, without a full stop."""
+    """Return the test that would decide, and how surely, without a full stop.
+
+    Args:
+        experiment: The entry of `result.json`.
+    """
     sigma = experiment["separation_sigma"]
     if sigma < HOPELESS:
         return "None of the usual test cycles would decide; another sensor or a measured input is needed"
@@ -242,18 +287,25 @@ def experiment_sentence(experiment: dict[str, Any]) -> str:
 
 
 def joined(parts: Sequence[str], last: str = " and ", between: str = ", ") -> str:
-    """Parts as a list in a sentence."""
+    """Return parts as a list in a sentence, such as `a, b and c`."""
     return last.join([between.join(parts[:-1]), parts[-1]]) if len(parts) > 1 else "".join(parts)
 
 
 def measured(parameter: dict[str, Any]) -> str:
-    """A value with its 95 % interval and unit."""
+    """Return a value with its 95 % interval and unit.
+
+    Args:
+        parameter: A table with `value`, `ci95` and `unit`.
+    """
     low, high = parameter["ci95"]
     return " ".join(filter(None, [interval(parameter["value"], low, high), unit_text(parameter["unit"])]))
 
 
 def interval(value: float, low: float, high: float) -> str:
-    """A value and its 95 % interval, to the digits that the interval leaves."""
+    """Return a value and its 95 % interval, rounded to the digits that the interval leaves.
+
+    Without an interval (`high` not above `low`) the value has three digits.
+    """
     if high <= low:
         return f"{value:.3g}"
     digits = _digits((high - low) / 20)  # one more than the half width asks for
@@ -267,17 +319,17 @@ def _digits(uncertainty: float) -> int:
 
 
 def unit_text(unit: str) -> str:
-    """A unit as people write it; nothing for a number."""
+    """Return a unit as people write it, such as `W/m²K`; empty for a pure number."""
     return "" if unit == "1" else unit.translate(SUPERSCRIPT)
 
 
 def kelvin(value_K: float) -> str:
-    """A difference of temperatures to two or three digits."""
+    """Return a difference of temperatures to two or three digits, with its unit."""
     if abs(value_K) >= 100:
         return f"{value_K:.0f} K"
     return f"{value_K:#.3g} K" if abs(value_K) >= 1 else f"{value_K:#.2g} K"
 
 
 def um(value_um: float) -> str:
-    """A thermal error to two or three digits."""
+    """Return a thermal error to two or three digits, with its unit."""
     return f"{value_um:.0f} µm" if value_um >= 100 else f"{value_um:.{1 if value_um >= 9.95 else 2}f} µm"
