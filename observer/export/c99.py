@@ -15,7 +15,14 @@ _TYPES: dict[Kind, str] = {"real": "real", "int": "int", "bool": "bool"}
 
 
 class C99(Dialect):
-    """Writes statements in C99."""
+    """Writes statements in C99.
+
+    A slot is a member of the structures `in`, `out` and `s` that each function gets. Constants are static
+    tables of the source file.
+
+    Args:
+        form: The step to write.
+    """
 
     words: ClassVar = {ast.Eq: "==", ast.And: "&&", ast.Or: "||", ast.Not: "!"}
 
@@ -29,48 +36,60 @@ class C99(Dialect):
         return f"{_TYPES[kind]} {name} = {value};"
 
     def assign(self, target: str, value: str) -> str:
-        """An assignment."""
+        """Return an assignment to a slot, an element or a local variable."""
         return f"{target} = {bare(value)};"
 
     def loop(self, name: str, first: int, end: int, body: list[str]) -> list[str]:
-        """A loop from `first` to before `end`."""
+        """Return a loop from `first` to before `end`, whose variable is an `int` of the loop alone."""
         return [f"for (int {name} = {first}; {name} < {end}; {name}++) {{", *indented(body), "}"]
 
     def branch(self, test: str, body: list[str], other: list[str]) -> list[str]:
-        """A condition."""
+        """Return the lines of a condition; without `else` if `other` is empty."""
         lines = [f"if ({bare(test)}) {{", *indented(body)]
         return [*lines, "} else {", *indented(other), "}"] if other else [*lines, "}"]
 
     def literal(self, value: Any) -> str:
-        """A number or a truth value."""
+        """Return a number or a truth value; `R()` gives a real the chosen precision."""
         if isinstance(value, bool):
             return str(value).lower()
         return f"R({value!r})" if isinstance(value, float) else str(value)
 
     def local(self, name: str) -> str:
-        """A local variable."""
+        """Return a local variable, whose name is unchanged."""
         return name
 
     def slot(self, name: str) -> str:
-        """Return an input, an output or a state variable."""
+        """Return an input, an output or a state variable as a member of its structure."""
         return self._where[name]
 
     def constant(self, name: str) -> str:
-        """A constant."""
+        """Return a constant, whose name is unchanged."""
         return name
 
     def element(self, array: str, indices: list[str]) -> str:
-        """An element of an array."""
+        """Return an element of an array, one pair of brackets for each index."""
         return array + "".join(f"[{bare(index)}]" for index in indices)
 
     def call(self, name: str, arguments: list[str]) -> str:
-        """A function of the algorithm."""
+        """Return a conversion for `real` and `int`, and a call of a static helper such as `abs_of` for other
+        names.
+        """
         inside = ", ".join(bare(argument) for argument in arguments)
         return f"({name})({inside})" if name in ("real", "int") else f"{name}_of({inside})"
 
 
 def c99_files(form: Form) -> dict[str, str]:
-    """Return the header and the source by their names."""
+    """Return the header and the source by their names.
+
+    The source needs no library, allocates nothing and changes no static variable, so several states can be
+    stepped side by side. The same arithmetic order as in Python gives equal results in double precision.
+
+    Args:
+        form: The step; its name prefixes all public names.
+
+    Returns:
+        The texts of `<name>.h` and `<name>.c`.
+    """
     name = form.name
     dialect, parts = C99(form), dict[str, str]()
     for part in form.parts:

@@ -22,14 +22,25 @@ MM_PER_M, MM_PER_UM = 1000.0, 1e-3
 
 
 class ControlTable(NamedTuple):
-    """A file's name and text, and sentences about its use."""
+    """A file's name and text, and sentences about its use.
+
+    Attributes:
+        name: The file's name.
+        text: Its content, in the control's format and units.
+        facts: What to set at the control, and what the table cannot do.
+    """
 
     name: str
     text: str
     facts: tuple[str, ...]
 
     def leaving(self, left_um: float) -> ControlTable:
-        """Return the table, with a sentence on any error that the slope limit leaves uncorrected."""
+        """Return the table, with a sentence on any error that the slope limit leaves uncorrected.
+
+        Args:
+            left_um: The largest such error over the travel, in µm; below 0.05 µm the table is returned
+                unchanged.
+        """
         if left_um < 0.05:
             return self
         words = f"compensation.gradient_limit_um_m limits the slope, which leaves {left_um:.1f} um at most."
@@ -37,7 +48,17 @@ class ControlTable(NamedTuple):
 
 
 def linuxcnc(machine_m: FloatArray, error_um: FloatArray, title: str, axis: str) -> ControlTable:
-    """Return the trims in mm at positions (n,) of the machine in m, from the lowest."""
+    """Return a compensation file of LinuxCNC, with trims in mm.
+
+    Args:
+        machine_m: Positions (n,) in the machine's coordinates, in m, in any order.
+        error_um: Thermal error (n,) at these positions, in µm.
+        title: One line that identifies configuration and log.
+        axis: The axis' letter, for the file's name.
+
+    Returns:
+        The table, with its rows from the lowest position on.
+    """
     order = np.argsort(machine_m)
     rows = [
         f"{MM_PER_M * x:.4f} {trim:.6f} {trim:.6f}"
@@ -54,8 +75,17 @@ def linuxcnc(machine_m: FloatArray, error_um: FloatArray, title: str, axis: str)
 def sinumerik(
     machine_m: FloatArray, error_um: FloatArray, title: str, axis: str, reference: int
 ) -> ControlTable:
-    """Return the values of the first encoder's table in mm, zero at the reference; `reference` is its
-    index.
+    """Return the values of the first encoder's table in mm, zero at the reference.
+
+    Args:
+        machine_m: Equidistant positions (n,) in the machine's coordinates, in m, in any order.
+        error_um: Thermal error (n,) at these positions, in µm.
+        title: One line that identifies configuration and log, written as a comment.
+        axis: The name of the axis in the channel.
+        reference: Index of the position where the table is zero.
+
+    Returns:
+        The table; a fact gives the error at the reference, which belongs into a work offset.
     """
     order = np.argsort(machine_m)
     at_mm = MM_PER_M * machine_m[order]
@@ -82,9 +112,19 @@ def sinumerik(
 def klipper(
     sensors: tuple[str, ...], temperature_degC: FloatArray, error_um: FloatArray, title: str
 ) -> ControlTable:
-    """Return the factor of the sensor that best explains the error (K,) in µm at one position.
+    """Return the factor of the sensor that best explains the error at one position.
 
-    `temperature_degC` (K, s) are the readings of all sensors.
+    The factor is a least-squares fit of deviations from the means over the log.
+
+    Args:
+        sensors: The names (s,) of the thermocouples.
+        temperature_degC: Their readings (K, s) in °C.
+        error_um: Thermal error (K,) at one position, in µm.
+        title: One line that identifies configuration and log, written as a comment.
+
+    Returns:
+        A section `[z_thermal_adjust]` with the factor in mm/K; a fact gives the error that remains, in µm
+        r.m.s.
     """
     away_um = error_um - error_um.mean()
     rises_K = temperature_degC - temperature_degC.mean(axis=0)

@@ -36,10 +36,25 @@ _PARTS_OF_NUT = 4
 
 
 class Exportable:
-    """A configuration with its plant, drive and step, if it can be exported."""
+    """A configuration with its plant, drive and step, if it can be exported.
+
+    Attributes:
+        config: The configuration.
+        plant: Its plant, with constant matrices beside those of moving nuts.
+        drive: Turns channels into heats and known inputs.
+        period_s: The step of the exported code in s: `estimator.period_s`, rounded as the service rounds it.
+        step: The plant's exact step of that length.
+    """
 
     def __init__(self, config: Config) -> None:
-        """Build plant, drive and step. Raises `ConfigError` if a controller cannot follow the model."""
+        """Build plant, drive and step.
+
+        Args:
+            config: A checked configuration.
+
+        Raises:
+            ConfigError: If a controller cannot follow the model, with the key and the remedy.
+        """
         refuse_unexportable(config)
         self.config = config
         self.plant = build_plant(config)
@@ -50,7 +65,15 @@ class Exportable:
         self.step: StepMatrices = step_matrices(self.plant, self.period_s)
 
     def form(self, name: str, constants: dict[str, Any], slots: list[Slot], parts: Any, facts: Any) -> Form:
-        """Return a form of this machine."""
+        """Return a form of this machine, with its name, digest of the configuration, version and period.
+
+        Args:
+            name: `observer` or `model`.
+            constants: Integers, floats and arrays by name.
+            slots: All inputs, outputs and arrays that the parts use.
+            parts: Functions of `algorithm` and `sequence` in the order of their run.
+            facts: Sentences for the README and the head of the code.
+        """
         machine, digest = self.config.machine, self.config.digest
         return Form(
             name, machine.name, machine.axis, digest, version("ballscrew-observer"), self.period_s, constants,
@@ -59,7 +82,15 @@ class Exportable:
 
 
 def observer_form(config: Config) -> Form:
-    """Return the reduced observer of a configuration. Raises `ConfigError` if it cannot be exported."""
+    """Return the reduced observer of a configuration.
+
+    It contains the compensation if the configuration has an expansion coefficient, and the force of a screw
+    that is held at both ends.
+
+    Raises:
+        ConfigError: If it cannot be exported: the model varies in time, a heat law is not a sum, all sensors
+            together have no gain, or two names become equal.
+    """
     machine = Exportable(config)
     gains = gain_sets(config, machine.plant, machine.step)
     constants = plant_constants(machine) | input_constants(machine) | _gain_constants(gains)
@@ -95,7 +126,15 @@ def _facts(config: Config, gains: GainSets) -> list[str]:
 
 
 def plant_constants(machine: Exportable) -> dict[str, Any]:
-    """Return the constants of the step, the output rows, and the columns of moving nuts, by name."""
+    """Return the constants of the step, the output rows, and the columns of moving nuts, by name.
+
+    Names are those that `algorithm` uses. Heat columns are in K/s per W, decay factors are those of one
+    period, and output rows are in °C, and in µm for the error. Output columns of moving nuts' lags are zero
+    in `C`, because a nut's table replaces them.
+
+    Args:
+        machine: The configuration with plant and step.
+    """
     plant, step = machine.plant, machine.step
     n_x, m_e, rows = len(plant.decay_1_s), len(plant.heat_decay_1_s), plant.rows
     lag_of = [plant.modes + nut.index for nut in plant.moving]
@@ -146,7 +185,14 @@ def _columns(nut: MovingSource, places_m: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def input_constants(machine: Exportable) -> dict[str, Any]:
-    """Return the constants of the inputs: plausible values, ages, and effects on known inputs and heats."""
+    """Return the constants of the inputs: plausible values, ages, and effects on known inputs and heats.
+
+    Ages are counted in periods. A channel without a limit has ±`UNLIMITED`. An input is stale after two of
+    its own sampling intervals, as in the aligner.
+
+    Raises:
+        ConfigError: If a heat law is not a sum that a controller can compute.
+    """
     config, read = machine.config, machine.drive.read
     limits, sensors = Limits.of(config), [s.channel for s in config.sensor]
     usual_s = [config.sample_s.get(name, machine.period_s) for name in config.channels]
@@ -198,7 +244,15 @@ def _compensation_constants(machine: Exportable) -> dict[str, Any]:
 
 
 def observer_slots(machine: Exportable, c: dict[str, Any]) -> list[Slot]:
-    """Return every input, output and array of the observer."""
+    """Return every input, output and array of the observer.
+
+    Args:
+        machine: The configuration with its plant.
+        c: All constants, whose sizes give the shapes.
+
+    Returns:
+        Inputs first, then outputs in the order of the README, then state.
+    """
     return [*_inputs(machine), *_outputs(machine), *_remembered(c)]
 
 

@@ -23,6 +23,14 @@ class Dialect(Subset, ABC):
     """Writes the parts of a form in one language; `used` are the constants that they name.
 
     The signs that differ between languages are in `words`.
+
+    A subclass gives the syntax of its language, one method for each kind of statement or name.
+
+    Args:
+        form: The step to write.
+
+    Attributes:
+        used: Constants named by the code so far, with their values; the caller declares only these.
     """
 
     words: ClassVar[Mapping[type[ast.AST], str]]
@@ -43,16 +51,28 @@ class Dialect(Subset, ABC):
         }
 
     def part(self, name: str) -> tuple[str, list[str]]:
-        """Return the docstring and the lines of a part."""
+        """Return the docstring and the lines of a part.
+
+        Args:
+            name: The name of a function of `algorithm` or `sequence`.
+
+        Returns:
+            The lines are empty if all statements are on constants that exclude them, such as loops without a
+            turn.
+        """
         function = FUNCTIONS[name]
         return ast.get_docstring(function) or "", self.block(function.body)
 
     def block(self, statements: Sequence[ast.stmt]) -> list[str]:
-        """Return the lines of some statements."""
+        """Return the lines of some statements, without indentation."""
         return [line for statement in statements for line in self.statement(statement)]
 
     def statement(self, node: ast.stmt) -> list[str]:
-        """Return the lines of a statement; a docstring has none."""
+        """Return the lines of a statement; a docstring has none.
+
+        Allowed are loops over `range`, conditions, declarations with a value, and assignments. Another
+        statement fails an assertion, since it is a defect of the part.
+        """
         if isinstance(node, ast.For):
             return self._loop(node)
         if isinstance(node, ast.If):
@@ -82,7 +102,9 @@ class Dialect(Subset, ABC):
         return self.branch(self.expression(node.test), self.block(node.body), self.block(node.orelse))
 
     def expression(self, node: ast.expr) -> str:
-        """Return an expression, in parentheses if it has an operator."""
+        """Return an expression, in parentheses if it has an operator. Expressions of integer constants are
+        evaluated.
+        """
         constant = self.constant_value(node)
         return self._writers[type(node)](node) if constant is None else self.literal(constant)
 
@@ -107,27 +129,46 @@ class Dialect(Subset, ABC):
 
     @abstractmethod
     def declare(self, name: str, kind: Kind, value: str) -> str:
-        """Return the declaration of a local variable where it is first set."""
+        """Return the declaration of a local variable where it is first set.
+
+        Args:
+            name: The variable's name in Python.
+            kind: Its kind.
+            value: Its first value, already translated.
+        """
 
     @abstractmethod
     def assign(self, target: str, value: str) -> str:
-        """An assignment."""
+        """Return an assignment; both sides are already translated."""
 
     @abstractmethod
     def loop(self, name: str, first: int, end: int, body: list[str]) -> list[str]:
-        """A loop from `first` to before `end`."""
+        """Return a loop from `first` to before `end`.
+
+        Args:
+            name: The variable's name in Python.
+            first: Its first value.
+            end: The value before which it ends; above `first`.
+            body: The translated statements.
+        """
 
     @abstractmethod
     def branch(self, test: str, body: list[str], other: list[str]) -> list[str]:
-        """A condition; `other` may be empty."""
+        """Return a condition.
+
+        Args:
+            test: The translated condition.
+            body: Statements if it is true.
+            other: Statements if it is false; may be empty.
+        """
 
     @abstractmethod
     def literal(self, value: Any) -> str:
-        """A number or a truth value."""
+        """Return a number or a truth value, so that reading it back gives the same bits."""
 
     @abstractmethod
     def local(self, name: str) -> str:
-        """A local variable."""
+        """Return a local variable."""
 
     @abstractmethod
     def slot(self, name: str) -> str:
@@ -135,19 +176,22 @@ class Dialect(Subset, ABC):
 
     @abstractmethod
     def constant(self, name: str) -> str:
-        """A constant."""
+        """Return a constant; it is in `used` from now on."""
 
     @abstractmethod
     def element(self, array: str, indices: list[str]) -> str:
-        """An element of an array."""
+        """Return an element of an array, from its translated name and indices."""
 
     @abstractmethod
     def call(self, name: str, arguments: list[str]) -> str:
-        """A call of `abs`, `min`, `max`, `int` or `real`."""
+        """Return a call of `abs`, `min`, `max`, `int` or `real`; the latter two convert."""
 
 
 def bare(text: str) -> str:
-    """Return the text without parentheses around the whole."""
+    """Return the text without parentheses around the whole.
+
+    `(a + b)` becomes `a + b`, and `(a) + (b)` stays.
+    """
     depth = 0
     for at, letter in enumerate(text):
         depth += (letter == "(") - (letter == ")")

@@ -20,8 +20,18 @@ _WHY: tuple[tuple[type[Term], str], ...] = (
 
 
 def refuse_unexportable(config: Config, plant: Plant | None = None, drive: Drive | None = None) -> None:
-    """Raise `ConfigError`, with the remedy, for a model that varies with anything but the position of a
-    nut.
+    """Reject a model that varies with anything but the position of a nut.
+
+    Call it first with the configuration alone, since some models cannot be built for an export.
+
+    Args:
+        config: The configuration.
+        plant: Its plant; None if it is not built yet.
+        drive: Its drive; None if it is not built yet.
+
+    Raises:
+        ConfigError: With the key and the remedy: for an external estimator, a source that follows another, an
+            effect or film that changes the matrices, displacements, drifts, or a clearance in a support.
     """
     if is_outside(config.estimator.kind, "estimators"):
         raise ConfigError(

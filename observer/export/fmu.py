@@ -42,7 +42,14 @@ _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibil
 
 @dataclass(frozen=True, slots=True)
 class FmuVariable:
-    """An element of an input or output: its name, its slot and index in it, and its value reference."""
+    """An element of an input or output.
+
+    Attributes:
+        name: Its name in the FMU, as a column of the estimates.
+        slot: The array it belongs to, or a single number.
+        at: Its index in the slot.
+        reference: Its value reference, from 1 on.
+    """
 
     name: str
     slot: Slot
@@ -51,7 +58,7 @@ class FmuVariable:
 
 
 def variables(form: Form) -> list[FmuVariable]:
-    """Return every input and output of a form; value reference 0 is the time."""
+    """Return every input and output of a form, inputs first; value reference 0 is the time."""
     places: list[FmuVariable] = []
     for slot in (*form.of("input"), *form.of("output")):
         for at in range(len(slot.labels) or 1):
@@ -72,9 +79,22 @@ def _name(slot: Slot, label: str) -> str:
 
 
 def write_fmu(form: Form, template: Template, folder: Path, begin: str = "") -> tuple[str, str]:
-    """Write `<name>.fmu`; return the file's name and a sentence about its binary.
+    """Write `<name>.fmu`, an FMU 3.0 for co-simulation.
 
-    `begin` is C code that runs when the initialisation ends.
+    It always contains its source. The binary is for this platform, if cc, gcc or clang is on the path and
+    compiles it.
+
+    Args:
+        form: The step.
+        template: The C shim between the step and the functions of the standard.
+        folder: An existing folder.
+        begin: C code that runs when the initialisation ends.
+
+    Returns:
+        The file's name and a sentence about its binary.
+
+    Raises:
+        OSError: If the file cannot be written.
     """
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_URL, form.title)}}}"
     places = variables(form)

@@ -24,6 +24,15 @@ class Slot:
     """A number or array of the step, zero at first.
 
     `labels` name an array's elements. The `units` belong to these elements; a single one holds for all.
+
+    Attributes:
+        name: Its name in the parts, and in the code that is written.
+        kind: `real`, `int` or `bool`.
+        role: Whether it is set before a step, read after it, or private.
+        text: What it holds, as a comment in the code; empty for state.
+        shape: Empty for a single number. A slot with 0 in its shape is left out of the code.
+        labels: One for each element of a one-dimensional array; empty if they have none.
+        units: By element, or one for all; empty without a unit.
     """
 
     name: str
@@ -35,7 +44,11 @@ class Slot:
     units: tuple[str, ...] = ()
 
     def unit(self, at: int) -> str:
-        """Return the unit of an element, empty for none."""
+        """Return the unit of an element, empty for none.
+
+        Args:
+            at: The element's index; any for a single number.
+        """
         if not self.units:
             return ""
         return self.units[at] if len(self.units) > 1 else self.units[0]
@@ -46,11 +59,16 @@ class Form:
     """A step at a fixed period, with everything in it.
 
     Attributes:
-        name: “observer” or “model”
-        constants: integers, floats and arrays of either, by name
-        slots: inputs, outputs and state
-        parts: functions of `algorithm` and `sequence`, run in this order
-        facts: sentences for the engineer who builds it in
+        name: “observer” or “model”.
+        machine: The machine's name in the configuration.
+        axis: The axis' name.
+        digest: Identifies the configuration.
+        version: The version of this program.
+        period_s: The interval of the steps, in s.
+        constants: Integers, floats and arrays of either, by name.
+        slots: Inputs, outputs and state.
+        parts: Functions of `algorithm` and `sequence`, run in this order.
+        facts: Sentences for the engineer who builds it in.
     """
 
     name: str
@@ -80,7 +98,9 @@ class Form:
 class FormRunner:
     """Runs a form in Python, one step a call: the reference for all other code.
 
-    `v` holds every slot, and each step changes it.
+    Attributes:
+        form: The step.
+        v: Every slot by name, as numbers and nested lists, all zero at first; each step changes it.
     """
 
     def __init__(self, form: Form) -> None:
@@ -94,7 +114,14 @@ class FormRunner:
         self.v = SimpleNamespace(**{slot.name: _zeros(slot.shape, ZERO[slot.kind]) for slot in form.slots})
 
     def step(self, inputs: Values) -> dict[str, Any]:
-        """Set the inputs by slot and run one step; return copies of the outputs."""
+        """Set the inputs and run one step.
+
+        Args:
+            inputs: New values by slot; a slot that is missing keeps its last value.
+
+        Returns:
+            Copies of the outputs by slot, as numbers and lists.
+        """
         for name, value in inputs.items():
             setattr(self.v, name, list(value) if np.ndim(value) else value)
         for part in self.form.parts:
@@ -120,7 +147,16 @@ _RESERVED = frozenset(_WORDS.split())
 def identifiers(names: Sequence[str]) -> tuple[str, ...]:
     """Return names as identifiers of any language: letters, digits and single underscores.
 
-    Raises `ConfigError` if two become equal.
+    A name that begins with a digit or is a reserved word of C or structured text gets the prefix `in_`.
+
+    Args:
+        names: Names of channels, sensors or sources.
+
+    Returns:
+        As many identifiers, in the same order.
+
+    Raises:
+        ConfigError: If two different names become equal, capitals aside.
     """
     originals: dict[str, str] = {}
     identifiers_of_names = []

@@ -38,12 +38,14 @@ class GainSets(NamedTuple):
     """Gains for G sets of s sensors, of n states each.
 
     Attributes:
-        K: (2 G + 1, s, n) G steady gains, G of the first correction and of an inflated state, one of zeros
-        gate_K2: (2 G + 1, s) largest squares of innovations that pass
-        number: (s + 1, s + 1) the set without the sensors i and j; index s means no sensor
-        most_absent: how many sensors may be absent
-        settled: steps until the heats' σ are near their steady values
-        refused: the sets without a gain
+        K: Gains (2 G + 1, s, n), first index the set: G steady ones, G of the first correction and of an
+            inflated state, and last zeros. Rows of absent sensors are zero.
+        gate_K2: Largest squares of innovations that pass, in K², (2 G + 1, s).
+        number: The set without the sensors i and j, (s + 1, s + 1); index s means no sensor. A set without a
+            gain has the number of the zeros.
+        most_absent: How many sensors may be absent, 1 or 2.
+        settled: Steps until the heats' σ are within a tenth of their steady values.
+        refused: The absent sensors of each set without a gain, as names separated by commas.
     """
 
     K: FloatArray
@@ -55,7 +57,22 @@ class GainSets(NamedTuple):
 
 
 def gain_sets(config: Config, plant: Plant, step: StepMatrices) -> GainSets:
-    """Design the gains of all sets. Raises `ConfigError` if all sensors together have no gain."""
+    """Design the gains of all sets.
+
+    The steady gain is the Kalman gain or the placed Luenberger gain, as `estimator.kind` chooses. Covariances
+    follow Joseph's form, so they are right for any gain.
+
+    Args:
+        config: The configuration of sensors, tolerances and estimator.
+        plant: The plant with constant matrices.
+        step: Its step of one period.
+
+    Returns:
+        Gains for all sensors, without each one, and without each two if the table stays below 40 000 numbers.
+
+    Raises:
+        ConfigError: If all sensors together have no gain, with the reason and the remedy.
+    """
     s, n = len(config.sensor), len(plant.decay_1_s) + len(plant.heat_decay_1_s)
     most_absent = 2 if 2 * (1 + s + s * (s - 1) // 2) * s * n <= _MOST_GAINS else 1
     omega = bandwidth(plant, config.estimator) if config.estimator.kind == "luenberger" else None

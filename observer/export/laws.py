@@ -21,7 +21,12 @@ _SAME = 1e-9
 class LawTerms(NamedTuple):
     """Heat = `constant` + Σ_i (`size`_i |v_i| + `value`_i v_i + `on`_i [v_i ≠ 0]) + |Σ_i `apart`_i v_i|, W.
 
-    Shapes (m,) and (m, c) for m sources and c channels.
+    Attributes:
+        constant: Heat at zero of all channels, in W, (m,).
+        size: W per unit of the channel's magnitude, (m, c).
+        value: W per unit of the channel, (m, c).
+        on: Heat while the channel is not 0, in W, (m, c).
+        apart: W per unit, for heats of a difference of two speeds, (m, c).
     """
 
     constant: FloatArray
@@ -32,7 +37,14 @@ class LawTerms(NamedTuple):
 
 
 def law_terms(config: Config) -> LawTerms:
-    """Return the laws of a configuration as sums. Raises `ConfigError` for a law that is not such a sum."""
+    """Return the laws of a configuration as sums, for m sources and c channels.
+
+    The coefficients come from values of each law on its axes, and the sum is compared with the law at many
+    other values.
+
+    Raises:
+        ConfigError: If a law is not such a sum; it names the source and the remedy.
+    """
     shape = len(config.source), len(config.channels)
     terms = LawTerms(np.zeros(shape[0]), *(np.zeros(shape) for _ in range(4)))
     for j, source in enumerate(config.source):

@@ -22,8 +22,12 @@ from observer.units import unit_of
 
 
 def model_form(config: Config) -> Form:
-    """Return the plant of a configuration, stepped at its period. Raises `ConfigError` for a plant that
-    varies.
+    """Return the plant of a configuration, stepped at its period.
+
+    Inputs are held over a step, and the result is exact for such inputs.
+
+    Raises:
+        ConfigError: If the plant varies with anything but the position of a nut.
     """
     machine = Exportable(config)
     plant, constants = machine.plant, plant_constants(machine)
@@ -72,11 +76,18 @@ def _slots(machine: Exportable, c: dict[str, Any]) -> list[Slot]:
 
 
 def plant_matrices(config: Config) -> dict[str, Any]:
-    """Return A … F of dx/dt = A x + B q + E z, y = C x + F z, and Ad, Bd, Ed with inputs held over a period.
+    """Return the matrices of dx/dt = A x + B q + E z, y = C x + F z, and of its steps (Ad, Bd, Ed).
 
-    Heats q are in W, known inputs z in °C and K, and outputs y as in `estimates.csv`; the names of all are
-    included. A moving nut is spread over its stroke. Raises `ConfigError` for a plant that varies in any
-    other way.
+    Heats q are in W, known inputs z in °C and K, and outputs y as in `estimates.csv`. A moving nut is spread
+    over its stroke.
+
+    Returns:
+        The matrices as arrays: A and Ad (n, n), B and Bd (n, m), E and Ed (n, p), C (r, n), F (r, p). Beside
+        them are `period_s`, the names and units of states, inputs and outputs, and the configuration's
+        digest.
+
+    Raises:
+        ConfigError: If the plant varies with anything but the position of a nut.
     """
     machine = Exportable(config)
     plant, step = machine.plant, machine.step
@@ -98,13 +109,27 @@ def plant_matrices(config: Config) -> dict[str, Any]:
 
 
 def write_npz(matrices: dict[str, Any], folder: Path) -> str:
-    """Write `plant.npz`, lists of texts as arrays; return its name."""
+    """Write `plant.npz`, lists of texts as arrays; `numpy.load` reads it without pickle.
+
+    Returns:
+        The file's name.
+
+    Raises:
+        OSError: If the file cannot be written.
+    """
     np.savez(folder / "plant.npz", allow_pickle=False, **{k: np.asarray(v) for k, v in matrices.items()})
     return "plant.npz"
 
 
 def write_mat(matrices: dict[str, Any], folder: Path) -> str:
-    """Write `plant.mat`, lists of texts as cell arrays; return its name."""
+    """Write `plant.mat` for MATLAB 5 and later, lists of texts as cell arrays.
+
+    Returns:
+        The file's name.
+
+    Raises:
+        OSError: If the file cannot be written.
+    """
     from scipy.io import savemat  # noqa: PLC0415  (start-up: only this format needs it)
 
     cells = {k: np.array(v, dtype=object) if isinstance(v, list) else v for k, v in matrices.items()}
@@ -113,6 +138,13 @@ def write_mat(matrices: dict[str, Any], folder: Path) -> str:
 
 
 def write_plant_json(matrices: dict[str, Any], folder: Path) -> str:
-    """Write `plant.json`, matrices as lists of rows; return its name."""
+    """Write `plant.json`, matrices as lists of rows.
+
+    Returns:
+        The file's name.
+
+    Raises:
+        OSError: If the file cannot be written.
+    """
     write_json(folder / "plant.json", {k: np.asarray(v).tolist() for k, v in matrices.items()})
     return "plant.json"

@@ -17,7 +17,13 @@ _MOST_STEPS = 1_000_000
 
 
 class Samples(NamedTuple):
-    """The samples before each of K steps: `time_s` (K,), `reading` and `fresh` (K, c)."""
+    """The samples before each of K steps, of c channels.
+
+    Attributes:
+        time_s: The time of each step, (K,), in the log's clock.
+        reading: The newest value of each channel in its own unit, (K, c); 0 before the first.
+        fresh: Whether the channel had a value since the step before, (K, c).
+    """
 
     time_s: FloatArray
     reading: FloatArray
@@ -27,7 +33,15 @@ class Samples(NamedTuple):
 def sampled(log: Log, channels: tuple[str, ...], period_s: float) -> Samples:
     """Return the newest value of each channel since the last step, at an even period from the first row on.
 
-    A channel that the log lacks is never fresh. Raises `LogError` for more than a million steps.
+    A channel that the log lacks is never fresh.
+
+    Args:
+        log: The log.
+        channels: The names (c,) in the order of the form's input `reading`.
+        period_s: The interval of the steps, in s.
+
+    Raises:
+        LogError: If this makes more than a million steps.
     """
     count = int((log.time_s[-1] - log.time_s[0]) / period_s) + 1
     if count > _MOST_STEPS:
@@ -49,7 +63,15 @@ def sampled(log: Log, channels: tuple[str, ...], period_s: float) -> Samples:
 
 
 def run(form: Form, samples: Samples) -> dict[str, NDArray[Any]]:
-    """Run the reference over samples, armed as soon as possible; return each output (K, …) by its name."""
+    """Run the reference over samples, with the compensation armed as soon as the quality is good.
+
+    Args:
+        form: The observer's form.
+        samples: The inputs of K steps.
+
+    Returns:
+        Each output by its name, (K,) or (K, …) with the output's shape.
+    """
     runner, rows, armed = FormRunner(form), [], False
     commands = {slot.name for slot in form.of("input")}
     for k, (reading, fresh) in enumerate(zip(samples.reading, samples.fresh, strict=True)):
@@ -62,7 +84,10 @@ def run(form: Form, samples: Samples) -> dict[str, NDArray[Any]]:
 
 
 def columns_of(form: Form, samples: Samples, outputs: dict[str, NDArray[Any]]) -> dict[str, FloatArray]:
-    """Return inputs and outputs (K,) of a run as columns, NaN where no value came."""
+    """Return inputs and outputs of a run as columns (K,) by name, NaN where an input had no new value.
+
+    Names are those of the FMU and of `estimates.csv`.
+    """
     slots = {slot.name: slot for slot in form.slots}
     columns = {
         label: np.where(samples.fresh[:, j], samples.reading[:, j], np.nan)

@@ -25,7 +25,12 @@ _FUNCTIONS = {"abs": "ABS", "min": "MIN", "max": "MAX", "int": "TRUNC"}
 
 
 class StructuredText(Dialect):
-    """Writes statements in structured text, with reals of one type."""
+    """Writes statements in structured text, with reals of one type.
+
+    Args:
+        form: The step to write.
+        real: `LREAL` for double or `REAL` for single precision.
+    """
 
     words: ClassVar = {ast.Eq: "=", ast.And: "AND", ast.Or: "OR", ast.Not: "NOT "}
 
@@ -40,20 +45,22 @@ class StructuredText(Dialect):
         return self.assign(self.local(name), value)
 
     def assign(self, target: str, value: str) -> str:
-        """An assignment."""
+        """Return an assignment to a slot, an element or a local variable."""
         return f"{target} := {bare(value)};"
 
     def loop(self, name: str, first: int, end: int, body: list[str]) -> list[str]:
-        """A loop from `first` to before `end`."""
+        """Return a loop from `first` to before `end`; the language's upper limit is included, so it is `end`
+        − 1.
+        """
         return [f"FOR {self.local(name)} := {first} TO {end - 1} DO", *indented(body), "END_FOR;"]
 
     def branch(self, test: str, body: list[str], other: list[str]) -> list[str]:
-        """A condition."""
+        """Return the lines of a condition; without `ELSE` if `other` is empty."""
         lines = [f"IF {bare(test)} THEN", *indented(body)]
         return [*lines, *(["ELSE", *indented(other)] if other else []), "END_IF;"]
 
     def literal(self, value: Any) -> str:
-        """A number or a truth value."""
+        """Return a number or a truth value; a real always has a decimal point."""
         return _number(value)
 
     def local(self, name: str) -> str:
@@ -61,28 +68,36 @@ class StructuredText(Dialect):
         return f"t_{name}"
 
     def slot(self, name: str) -> str:
-        """Return an input, an output or a state variable."""
+        """Return an input or output by its name, and a state variable with the prefix `s_`."""
         return self._names[name]
 
     def constant(self, name: str) -> str:
-        """A constant."""
+        """Return a constant with the prefix `c_`."""
         return f"c_{name}"
 
     def element(self, array: str, indices: list[str]) -> str:
-        """An element of an array."""
+        """Return an element of an array, all indices in one pair of brackets."""
         return f"{array}[{', '.join(map(bare, indices))}]"
 
     def call(self, name: str, arguments: list[str]) -> str:
-        """A function of the standard."""
+        """Return a call of a standard function; `int` truncates, and `real` converts from `DINT`."""
         function = _FUNCTIONS.get(name, f"DINT_TO_{self._real}")
         return f"{function}({', '.join(map(bare, arguments))})"
 
     def taken(self) -> list[str]:
-        """Return every name in use once all parts are written, except those of single inputs."""
+        """Return every name in use once all parts are written, except those of single inputs.
+
+        The caller compares them with the names of inputs, since the block has one name space.
+        """
         return [*self._names.values(), *map(self.local, self.locals), *map(self.constant, self.used)]
 
     def types(self, kind: Kind, shape: tuple[int, ...]) -> str:
-        """Return the name of a type."""
+        """Return the name of a type.
+
+        Args:
+            kind: The kind of a number, or of an array's elements.
+            shape: The array's shape; empty for a single number. Indices begin at 0.
+        """
         scalar = {"real": self._real, "int": "DINT", "bool": "BOOL"}[kind]
         sizes = ", ".join(f"0..{n - 1}" for n in shape)
         return f"ARRAY[{sizes}] OF {scalar}" if shape else scalar
@@ -99,9 +114,14 @@ def _number(value: Any) -> str:
 
 
 def structured_text(form: Form, real: str = "LREAL") -> str:
-    """Return a form as the text of a function block, with reals of type `LREAL` or `REAL`.
+    """Return a form as the text of a function block.
 
-    Raises `ConfigError` if two names of inputs and outputs become one.
+    Args:
+        form: The step.
+        real: The type of its reals, `LREAL` or `REAL`.
+
+    Raises:
+        ConfigError: If two names differ at most in capitals.
     """
     dialect = StructuredText(form, real)
     body = []
@@ -142,7 +162,7 @@ def _refuse_twice(names: Sequence[str]) -> None:
 
 
 def block_name(form: Form) -> str:
-    """Return the name of the function block."""
+    """Return the name of the function block: FB_BallscrewObserver or FB_BallscrewModel."""
     return f"FB_Ballscrew{form.name.capitalize()}"
 
 

@@ -28,7 +28,15 @@ _FOLDABLE: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
 
 
 class Subset:
-    """Kinds and constants in the parts of a form; `locals` are the variables of the parts visited so far."""
+    """Kinds and constants in the parts of a form; `locals` are the variables of the parts visited so far.
+
+    Args:
+        form: The step, whose constants and slots give kinds and sizes.
+
+    Attributes:
+        kinds: The kind of each slot by name.
+        locals: The kind of each local variable.
+    """
 
     def __init__(self, form: Form) -> None:
         self.form = form
@@ -36,7 +44,11 @@ class Subset:
         self.locals: dict[str, Kind] = {}
 
     def declared(self, node: ast.AnnAssign | ast.For) -> tuple[str, Kind]:
-        """Return the variable that a statement declares, and its kind, which is the same in all parts."""
+        """Return the variable that a statement declares, and its kind.
+
+        A name must have the same kind in all parts; otherwise an assertion fails. Loop variables are
+        integers.
+        """
         assert isinstance(node.target, ast.Name)
         kind: Kind = "int"
         if isinstance(node, ast.AnnAssign):
@@ -45,14 +57,18 @@ class Subset:
         return node.target.id, kind
 
     def turns(self, node: ast.For) -> tuple[int, int]:
-        """Return the first index and the end of a loop."""
+        """Return the first index and the end of a loop over `range`, whose bounds are constants."""
         assert isinstance(node.iter, ast.Call)
         bounds = [self.constant_value(argument) for argument in node.iter.args]
         assert all(isinstance(bound, int) for bound in bounds), ast.unparse(node.iter)
         return (0, bounds[0]) if len(bounds) == 1 else (bounds[0], bounds[1])
 
     def constant_value(self, node: ast.expr) -> Any:
-        """Return the value of an expression of integer constants or literals; None for any other."""
+        """Return the value of an expression of integer constants or literals; None for any other.
+
+        Comparisons, sums and differences of such constants are evaluated. A constant that the form lacks
+        counts as 0, so that its loops vanish.
+        """
         if isinstance(node, ast.Constant):
             return node.value
         if isinstance(node, ast.Attribute) and base(node) == "c":
@@ -69,7 +85,7 @@ class Subset:
         return _FOLDABLE[type(sign)](left, right) if whole and type(sign) in _FOLDABLE else None
 
     def kind(self, node: ast.expr) -> Kind:
-        """Return the kind of an expression."""
+        """Return the kind of an expression. Its local variables must have been visited."""
         kind: Kind = "bool"
         if isinstance(node, ast.Constant):
             kind = KINDS[type(node.value).__name__]
@@ -87,7 +103,7 @@ class Subset:
 
 
 def base(node: ast.Attribute) -> str:
-    """Return the record in which a name is looked up: c or v."""
+    """Return the record in which a name is looked up: `c` for constants, `v` for slots."""
     assert isinstance(node.value, ast.Name)
     return node.value.id
 
@@ -99,7 +115,10 @@ def called(node: ast.Call) -> str:
 
 
 def kind_of(value: Any) -> Kind:
-    """Return the kind of a constant."""
+    """Return the kind of a constant.
+
+    Arrays have the kind of their elements.
+    """
     return "int" if np.issubdtype(np.asarray(value).dtype, np.integer) else "real"
 
 
@@ -112,7 +131,10 @@ class OperationCount(Subset):
     """Counts a step's operations on reals, with the longer branch of each condition."""
 
     def count(self) -> Counter[str]:
-        """Return the largest number of adds, multiplies, divides and compares of a step."""
+        """Return the largest number of `adds`, `multiplies`, `divides` and `compares` of a step.
+
+        Absolute values, minima and maxima count as compares. Operations on integers are not counted.
+        """
         return sum((self._of(FUNCTIONS[part.__name__].body) for part in self.form.parts), Counter[str]())
 
     def _of(self, statements: Sequence[ast.stmt]) -> Counter[str]:

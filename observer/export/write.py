@@ -22,19 +22,33 @@ README = "README.md"
 
 
 def template(name: str) -> Template:
-    """Return a text of `templates/`."""
+    """Return a text of `templates/` by its file name, with `$` before the names to fill in."""
     return Template((files("observer.export") / "templates" / name).read_text(encoding="utf-8"))
 
 
 def write_texts(folder: Path, texts: Mapping[str, str]) -> list[str]:
-    """Write texts to files of their names; return these names."""
+    """Write texts to files of their names in an existing folder; files of the same names are replaced.
+
+    Returns:
+        The names.
+
+    Raises:
+        OSError: If a file cannot be written.
+    """
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return list(texts)
 
 
 def write_c99(form: Form, folder: Path) -> list[str]:
-    """Write header, source and README; return their names."""
+    """Write header, source and README into an existing folder.
+
+    Returns:
+        The files' names.
+
+    Raises:
+        OSError: If a file cannot be written.
+    """
     labels = {slot.name: slot.labels for slot in form.slots if slot.labels}
     first = f"[{form.name.upper()}_READING_{labels['reading'][0].upper()}]"
     fields = {"first_reading": f"in.reading{first}", "first_fresh": f"in.fresh{first}"}
@@ -42,7 +56,15 @@ def write_c99(form: Form, folder: Path) -> list[str]:
 
 
 def readme(name: str, form: Form, fields: Mapping[str, str]) -> str:
-    """Return a README from its template: description of the form, its cost, and `fields`."""
+    """Return a README from its template: description of the form, its cost, and `fields`.
+
+    The cost is operations a step, and bytes of tables and state in double and single precision.
+
+    Args:
+        name: The template's file name.
+        form: The step that the README describes.
+        fields: Further texts to fill in, by name.
+    """
     count = OperationCount(form).count()
     costs = {key: f"{count[key]:,}" for key in ("adds", "multiplies", "divides", "compares")}
     for real in (8, 4):
@@ -63,7 +85,20 @@ def _slot_bytes(slot: Slot, real: int) -> int:
 
 
 def write_st(form: Form, folder: Path, real: str = "LREAL") -> list[str]:
-    """Write the function block as text and for TwinCAT, and a README; return their names."""
+    """Write the function block as text and for TwinCAT, and a README.
+
+    Args:
+        form: The step.
+        folder: An existing folder.
+        real: The type of its reals, `LREAL` or `REAL`.
+
+    Returns:
+        The files' names.
+
+    Raises:
+        ConfigError: If two names differ at most in capitals.
+        OSError: If a file cannot be written.
+    """
     first = next(slot.labels for slot in form.slots if slot.name == "reading")[0]
     fields = {"first": first, "block": block_name(form), "real": real}
     name, text = block_name(form), structured_text(form, real)
@@ -76,7 +111,14 @@ def write_st(form: Form, folder: Path, real: str = "LREAL") -> list[str]:
 
 
 def twincat_file(name: str, text: str) -> str:
-    """Return a function block's text as the XML file of a TwinCAT 3 project."""
+    """Return a function block's text as the XML file of a TwinCAT 3 project.
+
+    Its identity is a hash of the text, so the same block gives the same file.
+
+    Args:
+        name: The function block's name.
+        text: What `structured_text` returns.
+    """
     declaration, end, body = text.rpartition("END_VAR\n")
     body = body.removesuffix("END_FUNCTION_BLOCK\n")
     declared, body = (part.replace("]]>", "]]]]><![CDATA[>") for part in (declaration + end, body))
@@ -91,7 +133,14 @@ def twincat_file(name: str, text: str) -> str:
 
 
 def write_fmus(observer: Form, model: Form, folder: Path) -> tuple[list[str], list[str]]:
-    """Write an FMU of each; return their names, with remarks."""
+    """Write an FMU of the observer and one of the plant into an existing folder.
+
+    Returns:
+        The files' names, and a sentence about the binary of each.
+
+    Raises:
+        OSError: If a file cannot be written.
+    """
     shim, first = template("fmi3.c"), "    model_step(&own->state, &own->in, &own->out);\n"
     archives = [write_fmu(observer, shim, folder), write_fmu(model, shim, folder, first)]
     return [name for name, _ in archives], [text for _, text in archives]
