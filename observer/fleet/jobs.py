@@ -1,4 +1,4 @@
-"""The jobs: which logs belong to which machine and configuration, by a table or by the command line."""
+"""The jobs of a fleet: a table or the command line assigns logs to machines and configurations."""
 
 from __future__ import annotations
 
@@ -25,7 +25,13 @@ _NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}")  # a name becomes a fol
 
 
 class TableRow(NamedTuple):
-    """A row of the fleet's table: one log, its machine, its configuration."""
+    """A row of the fleet's table: one log, its machine, its configuration.
+
+    Attributes:
+        log: The absolute path of the log, which need not exist.
+        machine: The machine's name, which becomes a folder.
+        config: The absolute path of an existing configuration.
+    """
 
     log: Path
     machine: str
@@ -34,7 +40,15 @@ class TableRow(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One piece of work: logs of one machine, by one configuration; `folder` is relative to the output."""
+    """One piece of work: logs of one machine, by one configuration.
+
+    Attributes:
+        machine: The machine's name, the first folder of the results.
+        name: The log's name without suffix, or the verb for a job on several logs.
+        logs: The logs, in the order of the table.
+        config: The configuration of all of them.
+        folder: The folder of its results, relative to the output.
+    """
 
     machine: str
     name: str
@@ -44,10 +58,17 @@ class Job:
 
 
 def read_table(path: Path) -> list[TableRow]:
-    """Read the table of a fleet (`.csv` or `.parquet`); its paths are relative to its own folder.
+    """Return the lines of a fleet's table (`.csv` or `.parquet`); its paths are relative to its own folder.
 
-    A log's cell may be a pattern with * ? or [ ] for all files that match it, in their order. Raises
-    `UserError` that names the row.
+    A log's cell may be a pattern with * ? or [ ] for all files that match it, in their order. Empty rows are
+    skipped.
+
+    Returns:
+        One line for each log, in the order of the table.
+
+    Raises:
+        UserError: If the table cannot be read, a cell is empty or invalid, a log is listed twice, or none of
+            the logs exists. The text names the file and row.
     """
     numbered: list[tuple[int, TableRow]] = []
     for number, row in enumerate(_rows(path), 1):
@@ -110,8 +131,17 @@ def _check_once(path: Path, numbered: Sequence[tuple[int, TableRow]]) -> None:
 
 
 def rows_of_logs(logs: Sequence[Path], config: Path) -> list[TableRow]:
-    """Return a row for each log, all of the machine of one configuration. Raises `ConfigError` or
-    `UserError`.
+    """Return a row for each log, all of the machine of one configuration.
+
+    The machine's name is `machine.name`, a hyphen and `machine.axis`. Paths become absolute.
+
+    Args:
+        logs: The logs, which need not exist.
+        config: The configuration.
+
+    Raises:
+        ConfigError: If the configuration is invalid, or its names cannot be a folder.
+        UserError: If a log is named twice.
     """
     machine_table = load(config).machine
     machine = f"{machine_table.name}-{machine_table.axis}"
@@ -129,7 +159,14 @@ def rows_of_logs(logs: Sequence[Path], config: Path) -> list[TableRow]:
 def jobs_of(lines: Iterable[TableRow], verb: Verb) -> list[Job]:
     """Return the jobs of a verb: one for each log, or one for all logs of a machine.
 
-    Raises `UserError` if a verb would need two configurations of one machine.
+    Verbs of `OF_SEVERAL` take all logs of a machine together. Two logs of one name get different folders.
+
+    Args:
+        lines: The lines of a table.
+        verb: What is done with the logs.
+
+    Raises:
+        UserError: If such a verb would need two configurations for one machine.
     """
     lines = list(lines)
     if verb not in OF_SEVERAL:

@@ -1,6 +1,6 @@
 """Finished jobs: each has a folder with its results and a record of its inputs, moved into place as a whole.
 
-There is no separate list of finished jobs that could disagree with the files.
+The folders alone decide which jobs are finished; a separate list could disagree with the files.
 """
 
 from __future__ import annotations
@@ -34,7 +34,17 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """The options of a run: the verb, its options, the folder for results, and the time limit of a job."""
+    """The options of a run.
+
+    Attributes:
+        verb: What is done with each job.
+        output: The folder for results.
+        format: `parquet` or `csv`, for tables of estimates and heats.
+        method: The method of `identify`.
+        limit_s: The time limit of a job, in s.
+        run: The name of the run's folder below `.work`, which is removed when the run ends; empty without a
+            run.
+    """
 
     verb: Verb
     output: Path
@@ -56,7 +66,10 @@ class RunOptions:
 
     @property
     def of_results(self) -> dict[str, str]:
-        """The options on which the results depend, with the program's version."""
+        """The options on which the results depend, with the program's version.
+
+        Results are made again if one of these differs.
+        """
         chosen = {"verb": self.verb, "version": version("ballscrew-observer")}
         if self.verb in ("replay", "identify"):
             chosen["format"] = self.format
@@ -66,13 +79,19 @@ class RunOptions:
 
 
 class GivenUpError(UserError):
-    """A job that will not be retried."""
+    """A job that will not be retried.
+
+    Its text names the log, the reason and the remedy, and becomes the row's problem.
+    """
 
 
 def provenance(job: Job, options: RunOptions) -> dict[str, Any]:
     """Return all that results depend on: options, and digests of the configuration and of each log.
 
-    Raises `OSError` if a file does not exist.
+    Call it before the job reads its inputs, so that a later change is noticed.
+
+    Raises:
+        OSError: If a file does not exist or cannot be read.
     """
     return {
         **options.of_results,
@@ -82,7 +101,17 @@ def provenance(job: Job, options: RunOptions) -> dict[str, Any]:
 
 
 def finished_row(job: Job, options: RunOptions) -> Row | None:
-    """Return the row of a finished job; None if it is not finished, or if its inputs have changed since."""
+    """Return the row of a finished job.
+
+    A log counts as unchanged by its size and time of change. If the time differs, its digest decides.
+
+    Args:
+        job: The job, with its logs and configuration.
+        options: The present options; other options make the results invalid.
+
+    Returns:
+        The recorded row; None if the job is not finished, or if options or inputs have changed since.
+    """
     try:
         document = json.loads((options.output / job.folder / DONE_FILE).read_text(encoding="utf-8"))
         made_of, row = document["made_of"], document["row"]
@@ -116,9 +145,16 @@ def _digest(path: Path) -> str:
 
 
 def begin(job: Job, options: RunOptions) -> Path:
-    """Make the working folder of a job. Folders of earlier tries remain if their process died.
+    """Make the working folder of a job, and return it.
 
-    Raises `GivenUpError` if the time limit was exceeded, or if two tries have ended with their process.
+    Folders of earlier tries remain if their process died, so the number of folders is the number of tries.
+
+    Args:
+        job: The job.
+        options: The options, whose working folder exists.
+
+    Raises:
+        GivenUpError: If the time limit was exceeded, or if two tries have ended with their process.
     """
     for number in range(1, TRIES + 1):
         part = options.work / f"{_base(job)}.{number}"
@@ -139,7 +175,20 @@ def _base(job: Job) -> str:
 
 
 def finish(part: Path, job: Job, options: RunOptions, made_of: Mapping[str, Any], row: Row) -> None:
-    """Move the results to their folder, with the record of their inputs; older results are removed."""
+    """Move the results to their folder, with the record of their inputs.
+
+    The move is one rename, so a folder of results is always complete. Older results are removed.
+
+    Args:
+        part: The working folder with the results.
+        job: The job.
+        options: The options of the run.
+        made_of: What `provenance` returned before the job began.
+        row: The job's row.
+
+    Raises:
+        OSError: If the folder cannot be written, as on a full disk.
+    """
     write_json(part / DONE_FILE, {"made_of": made_of, "row": row})
     folder = options.output / job.folder
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -151,13 +200,19 @@ def finish(part: Path, job: Job, options: RunOptions, made_of: Mapping[str, Any]
 
 
 def remove_attempts(job: Job, options: RunOptions) -> None:
-    """Remove the working folders of all tries of a job."""
+    """Remove the working folders of all tries of a job.
+
+    Files that cannot be removed stay, and the next run removes them.
+    """
     for part in options.work.glob(f"{_base(job)}.*"):
         shutil.rmtree(part, ignore_errors=True)
 
 
 def remove_work_folder(options: RunOptions) -> None:
-    """Remove files that a worker made after the end of its run."""
+    """Remove files that a worker made after the end of its run.
+
+    A worker of a cluster may outlive its run and write into a folder that is already gone.
+    """
     shutil.rmtree(options.work, ignore_errors=True)
     with suppress(OSError):  # another run is at work
         (options.output / WORK).rmdir()
@@ -167,7 +222,10 @@ def remove_work_folder(options: RunOptions) -> None:
 def exclusive(output: Path) -> Iterator[Path]:
     """Lock a folder of results for this run; yield its empty working folder, which is removed at the end.
 
-    Raises `UserError` if another run is using the folder, or if it cannot be written.
+    The lock is a file lock, which ends with the process. Leftovers of a killed run are removed at the start.
+
+    Raises:
+        UserError: If another run is using the folder, or if it cannot be written.
     """
     work = output / WORK
     try:
@@ -198,7 +256,10 @@ def exclusive(output: Path) -> Iterator[Path]:
 
 
 def rows_in(output: Path) -> Iterator[Row]:
-    """Yield the rows of all finished jobs in a folder of results, of any verb."""
+    """Yield the rows of all finished jobs in a folder of results, of any verb.
+
+    A record that cannot be read is skipped, and its job is done again by the next run.
+    """
     for file in sorted(output.glob(f"*/*/{DONE_FILE}")) + sorted(output.glob(f"*/*/*/{DONE_FILE}")):
         with suppress(OSError, ValueError, KeyError, TypeError):
             yield dict(json.loads(file.read_text(encoding="utf-8"))["row"])

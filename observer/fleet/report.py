@@ -35,7 +35,13 @@ _NORMAL_MAD = 1.4826  # of a normal distribution: its standard deviation over it
 class MeanHeat:
     """The mean heat of one source in one log, at a mean speed, of a machine of some type.
 
-    `good` is the fraction of good estimates in the log, NaN without a replay.
+    Attributes:
+        machine: The machine's name.
+        type: The screw's size in words; only machines of one type are compared.
+        source: The heat source's name.
+        speed_rpm: The mean speed over the log, in rpm.
+        heat_W: The mean heat over the log, in W.
+        good: The fraction of good estimates in the log, NaN without a replay.
     """
 
     machine: str
@@ -48,9 +54,13 @@ class MeanHeat:
 
 @dataclass(frozen=True, slots=True)
 class ComparedHeat(MeanHeat):
-    """The heat of a machine's source, compared with that of similar machines: `usual_W` at the same speed.
+    """The heat of a machine's source, compared with that of similar machines.
 
-    `usual_W` is None if fewer than three other machines run at about that speed.
+    Attributes:
+        usual_W: The median of the others at the same speed, in W; None if fewer than three other machines run
+            at about that speed.
+        others: How many other machines were compared.
+        hot: Whether the heat exceeds the usual one beyond the spread of the fleet.
     """
 
     usual_W: float | None = None
@@ -59,7 +69,10 @@ class ComparedHeat(MeanHeat):
 
     @property
     def doubtful(self) -> bool:
-        """Whether so few of the underlying estimates were good that the heat is unreliable."""
+        """Whether so few of the underlying estimates were good that the heat is unreliable.
+
+        NaN, which means that no replay was made, does not make it doubtful.
+        """
         return self.good < LEAST_GOOD
 
 
@@ -69,6 +82,12 @@ def compare_with_fleet(heats: Sequence[MeanHeat]) -> list[ComparedHeat]:
     A machine counts once for each source, by the medians of its logs. Heats are compared per rpm, which
     removes the remaining difference in speed. A source is hot if it exceeds the median by a fifth and by
     three standard deviations. The deviation is estimated from the median absolute deviation.
+
+    Args:
+        heats: One for each source and log.
+
+    Returns:
+        One for each type, source and machine, in that order.
     """
     by_source: dict[tuple[str, str, str], list[MeanHeat]] = {}
     for heat in heats:
@@ -121,7 +140,17 @@ _FIRST = ("machine", "verb", "name", "logs", "config", "folder", "problem", "sec
 def conclude(output: Path, rows: Sequence[Row]) -> list[Row]:
     """Write `results.parquet` and `report.html` of all finished jobs in a folder, of this run and others.
 
-    Return the failed rows of this run in their order; both files contain them too.
+    Both files appear together, whole or not at all.
+
+    Args:
+        output: The folder of results.
+        rows: The rows of this run, failed ones too.
+
+    Returns:
+        The failed rows of this run, by folder; both files contain them too.
+
+    Raises:
+        UserError: If the files cannot be written.
     """
     failures = sorted((row for row in rows if row["problem"] is not None), key=lambda row: str(row["folder"]))
     failed_folders = {row["folder"] for row in failures}  # there may be results of an older log of that name
@@ -143,9 +172,17 @@ def _identity(row: Row) -> tuple[str, ...]:
 
 
 def write_table(path: Path, rows: Sequence[Row]) -> None:
-    """Write the rows of a fleet, one for every job.
+    """Write the rows of a fleet, one for every job, as Parquet.
 
-    Numbers of several sources get a column each, such as `heat_mean_nut_W`; lists are JSON.
+    Numbers of several sources get a column each, such as `heat_mean_nut_W`; lists are JSON. A cell is empty
+    where a verb has no such figure.
+
+    Args:
+        path: The file, which is replaced.
+        rows: Finished and failed jobs of any verb.
+
+    Raises:
+        OSError: If the file cannot be written.
     """
     import pyarrow as pa
     from pyarrow import parquet
@@ -166,7 +203,11 @@ def _type(name: str, cells: Sequence[Any]) -> Any:
 
 
 def flattened(row: Row) -> dict[str, Any]:
-    """Return a row as cells of text and numbers, by column."""
+    """Return a row as cells of text and numbers, by column.
+
+    Units end the columns' names. A fitted parameter has three columns: value, and the limits `_low` and
+    `_high` of its 95 % interval. Numbers that are not finite become None.
+    """
     result = row["found"]
     cells: dict[str, Any] = {key: row[key] for key in _FIRST}
     cells["logs"] = readable_json(row["logs"])
@@ -185,7 +226,15 @@ def flattened(row: Row) -> dict[str, Any]:
 
 
 def page(rows: Sequence[Row], failures: Sequence[Row]) -> str:
-    """Return the report as HTML."""
+    """Return the report as one HTML file that needs no other.
+
+    It shows the missing effects with their machines, the sources that run hot, failures, doubts about logs,
+    and each machine. Long lists are cut after `MOST_LINES`.
+
+    Args:
+        rows: Finished jobs of any verb.
+        failures: Jobs that could not be done, each with its problem.
+    """
     comparisons = compare_with_fleet(heats_of(rows))
     hot = [b for b in comparisons if b.hot]
     searches = [row for row in rows if row["verb"] == "discover"]
@@ -220,7 +269,10 @@ def _natural_order(name: str) -> list[tuple[int, str]]:
 
 
 def heats_of(rows: Sequence[Row]) -> list[MeanHeat]:
-    """Return the heats of all sources with a speed; the heats of `identify` replace those of a replay."""
+    """Return the heats of all sources with a speed; the heats of `identify` replace those of a replay.
+
+    The fraction of good estimates always comes from the replay of the same logs.
+    """
     best, good = dict[tuple[str, ...], Row](), dict[tuple[str, ...], float]()
     for row in rows:
         if row["verb"] in ("replay", "identify"):

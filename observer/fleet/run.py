@@ -42,11 +42,25 @@ def run(
     memory_GB: float | None = None,
     address: str | None = None,
 ) -> tuple[list[Row], int]:
-    """Do the unfinished jobs; return the rows of all jobs, failed ones too, and how many were done before.
+    """Do the unfinished jobs.
 
-    The workers are `workers` processes of this computer, each with at most `memory_GB`, or those of the
-    cluster at `address`. A cluster must see logs and output under the same paths. Raises `UserError` if it
-    cannot be reached.
+    A job whose worker dies is tried a second time. Ctrl-C ends the workers of this computer; finished jobs
+    stay, and the same command continues after them.
+
+    Args:
+        jobs: All jobs, finished ones too.
+        options: The options of the run.
+        progress: Called in this thread with the numbers of finished and of all jobs.
+        workers: Processes on this computer, if there is no `address`.
+        memory_GB: The limit of each process; None shares the computer's memory.
+        address: The address of a Dask scheduler; its workers must see logs and output under the same paths.
+
+    Returns:
+        The rows of all jobs, failed ones too, and how many were done before.
+
+    Raises:
+        UserError: If the cluster cannot be reached, has no worker or another version, or is lost; or if the
+            output is in use or cannot be written.
     """
     with exclusive(options.output) as folder:
         options = replace(options, run=folder.name)
@@ -65,7 +79,8 @@ def run(
 def batches(jobs: Sequence[Job], workers: int) -> list[tuple[Job, ...]]:
     """Group a few jobs of the same configuration, so that parts built for one log serve the next.
 
-    A job on all logs of a machine is a batch of its own.
+    A job on all logs of a machine is a batch of its own. Each worker gets several batches, and a batch has at
+    most `MOST_JOBS` jobs.
     """
     batch_size = min(MOST_JOBS, max(1, math.ceil(len(jobs) / (BATCHES_PER_WORKER * workers))))
     by_config: dict[Path, list[Job]] = {}

@@ -41,7 +41,10 @@ _EXIT = 70
 def work(jobs: Sequence[Job], options: RunOptions) -> list[Row]:
     """Do a batch of jobs; return a row for each, with its problem in `problem`.
 
-    A worker of a cluster outlives the command: jobs that remain after its end are dropped.
+    Nothing that a job does is raised: a failed log has a row, and the others are done. A job beyond its time
+    limit ends the whole process, since compiled code cannot be interrupted.
+
+    A worker of a cluster outlives the command: jobs that remain after its end are dropped and have no row.
     """
     with _TURN:
         rows = [_one(job, options) for job in jobs if not options.has_ended]
@@ -51,7 +54,13 @@ def work(jobs: Sequence[Job], options: RunOptions) -> list[Row]:
 
 
 def failed(job: Job, options: RunOptions, problem: str) -> Row:
-    """Return the row of a job that could not be done."""
+    """Return the row of a job that could not be done.
+
+    Args:
+        job: The job.
+        options: The options of the run.
+        problem: A sentence with the file and the remedy.
+    """
     return _row(job, options, problem, 0.0, {})
 
 

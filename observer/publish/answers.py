@@ -47,7 +47,12 @@ log = structlog.get_logger()
 
 
 class Budget:
-    """A limit on the bytes sent: per second, and at once."""
+    """A limit on the bytes sent: per second, and at once.
+
+    Args:
+        per_s: Bytes a second, and the most at once after a pause.
+        clock: Gives s that never run back.
+    """
 
     def __init__(self, per_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._per_s = self._left = per_s
@@ -55,7 +60,10 @@ class Budget:
         self._at_s = clock()
 
     def is_spent(self) -> bool:
-        """Whether nothing more may be sent now."""
+        """Whether nothing more may be sent now.
+
+        It also credits the time since the last call.
+        """
         now_s = self._clock()
         self._left = min(self._per_s, self._left + (now_s - self._at_s) * self._per_s)
         self._at_s = now_s
@@ -67,14 +75,26 @@ class Budget:
 
 
 class Responder:
-    """Answers queries about one axis, and takes commands from authorised clients."""
+    """Answers queries about one axis, and takes commands from authorised clients.
+
+    `answer` runs in the publisher's thread. The loop calls `commands` and appends estimates and documents.
+
+    Attributes:
+        estimates: The last encoded estimates, oldest first.
+        documents: The newest JSON document of each key.
+    """
 
     def __init__(
         self, prefix: str, config_json: bytes, history: int, instance: str, past: PastAccess | None = None
     ) -> None:
-        """Take what stays; `config_json` has the `hash` that every command must name.
+        """Prepare to answer; nothing is declared yet.
 
-        `past` answers for past times, None where nothing is recorded.
+        Args:
+            prefix: The key expression of the axis, without a slash at its end.
+            config_json: The answer to `config`; it has the `hash` that every command must name.
+            history: How many estimates `last` can return.
+            instance: Names the start of the service, in every answer to a command.
+            past: Answers for past times; None where nothing is recorded.
         """
         self._past = past
         self._found_later: deque[tuple[str, Any, PastReply]] = deque()
@@ -90,7 +110,18 @@ class Responder:
         self._logged_s = -_LOG_S
 
     def declare(self, session: zenoh.Session, published: Mapping[str, Key]) -> dict[str, Any]:
-        """Declare on a session which of the keys answer, and the commands; returns the queryables by key."""
+        """Declare on a session which of the keys answer, and the commands.
+
+        Args:
+            session: An open session, for which this is called once.
+            published: The keys that this service publishes.
+
+        Returns:
+            The queryables by key, to be passed to `answer`. Each keeps the last 16 queries.
+
+        Raises:
+            zenoh.ZError: If the session is closed.
+        """
         keys = [name for name, key in published.items() if key.query_answer is not None]
         keys += [f"command/{kind}" for kind in KINDS]
         return {
@@ -101,11 +132,23 @@ class Responder:
         }
 
     def commands(self) -> list[Command]:
-        """The commands that came since the last call."""
+        """Return the commands that came since the last call, oldest first.
+
+        Each must be answered by its `answer`, unless it has `refused`: then the sender has its answer.
+        """
         return [self._commands.popleft() for _ in range(len(self._commands))]
 
     def answer(self, queryables: dict[str, Any]) -> None:
-        """Answer the queries that wait, a few of each kind; raises `zenoh.ZError` only without a session."""
+        """Answer the queries that wait, a few of each kind, without waiting for a disk.
+
+        A defect in answering one query is logged, and the next is answered.
+
+        Args:
+            queryables: What `declare` returned.
+
+        Raises:
+            zenoh.ZError: If the session is closed.
+        """
         for query, reply in self._waiting(queryables):
             try:
                 reply(query)

@@ -26,7 +26,13 @@ _LONGEST = 300
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """A JSON object, or the reason for its absence; and its machine and axis."""
+    """A JSON object, or the reason for its absence; and its machine and axis.
+
+    Attributes:
+        document: The answer; None if there is none.
+        problem: Then a sentence with the reason and the remedy; else empty.
+        source: Machine and axis of the service that answered.
+    """
 
     document: dict[str, Any] | None
     problem: str = ""
@@ -34,8 +40,13 @@ class Reply:
 
 
 class Address(NamedTuple):
-    """Where a service is asked: its endpoint, its machine and axis, which may be `*` where one service
-    answers, and the login of this client.
+    """Where a service is asked.
+
+    Attributes:
+        connect: A Zenoh endpoint, such as `tcp/127.0.0.1:7447`.
+        machine: The machine's name; `*` where one service answers.
+        axis: The axis' name; `*` where one service answers.
+        client: Certificates and login of this client; None without.
     """
 
     connect: str
@@ -45,15 +56,26 @@ class Address(NamedTuple):
 
 
 def ask_health(address: Address, timeout_s: float) -> Reply:
-    """Ask a running service for its health."""
+    """Return the health of a running service, or the reason why it did not answer.
+
+    Args:
+        address: The service.
+        timeout_s: The longest wait, in s.
+
+    Raises:
+        ConfigError: If a file of the client's keys or passwords cannot be used.
+    """
     return ask(address, "health", timeout_s)
 
 
 def gives_estimates(health: Mapping[str, Any]) -> bool:
     """Whether a service with this health report makes estimates from measurements.
 
-    A `state` of `starting` says that a heat is not known yet, or that nothing has been estimated at all; the
-    `quality` of the estimates says which, unless the service is an older one.
+    A `state` of `starting` has two causes: a heat is not known yet, or nothing has been estimated at all. The
+    `quality` of the estimates decides between them; an older service does not send it.
+
+    Args:
+        health: The document of the key `health`; words that are missing or unknown count as no estimates.
     """
     state, quality = health.get("state"), health.get("quality", "good")
     return all(isinstance(word, str) and word in _ESTIMATING for word in (state, quality))
@@ -68,8 +90,22 @@ def command(
 ) -> Reply:
     """Send a command to a running service; `done` in the answer says whether it was carried out.
 
-    The command names the configuration it is meant for, by its hash `digest`; where none is given, it is the
-    one in force now. `parameters` are further ones, such as the `id` of the alarm that is acknowledged.
+    The command names the configuration it is meant for. With `*` in the address it is sent only if exactly
+    one service answers.
+
+    Args:
+        kind: The command, such as `arm`.
+        address: The service.
+        timeout_s: The longest wait for the answer, in s.
+        digest: The hash of the configuration; None takes the one in force now.
+        parameters: Further ones, such as the `id` of the alarm that is acknowledged.
+
+    Returns:
+        The answer, or the reason for its absence. Without an answer the command may still have been carried
+        out.
+
+    Raises:
+        ConfigError: If a file of the client's keys or passwords cannot be used.
     """
     until_s = time.monotonic() + timeout_s
     if digest is None or "*" in address[1:3]:
@@ -136,7 +172,18 @@ def _myself() -> str:
 
 
 def ask(address: Address, path: str, timeout_s: float) -> Reply:
-    """Query an axis until it answers or the time is up; then name the axes that do answer."""
+    """Query an axis until it answers or the time is up; then name the axes that do answer.
+
+    It opens a session of its own for each attempt and closes it. A refusal ends the attempts at once.
+
+    Args:
+        address: The service.
+        path: The key below the axis, with the parameters of the query.
+        timeout_s: The longest wait, in s; names of other axes may take a second more.
+
+    Raises:
+        ConfigError: If a file of the client's keys or passwords cannot be used.
+    """
     connect, machine, axis, client = address
     config = client_config((connect,), client)
     until_s = time.monotonic() + timeout_s
@@ -167,7 +214,10 @@ def ask(address: Address, path: str, timeout_s: float) -> Reply:
 
 
 def answer_of(data: bytes) -> Reply:
-    """An answer from the bytes that came."""
+    """Return the answer in bytes that came from the network.
+
+    Bytes that are not a JSON object give a reply with a problem; nothing is raised.
+    """
     try:
         document = json.loads(data)
     except (ValueError, RecursionError):
@@ -178,7 +228,10 @@ def answer_of(data: bytes) -> Reply:
 
 
 def refusal_of(data: bytes) -> str:
-    """The text of a refusal, safe for a terminal."""
+    """The text of a refusal, safe for a terminal.
+
+    It has at most 300 characters, all of them printable.
+    """
     text = data[:_LONGEST].decode("utf-8", "replace")
     return "".join(c for c in text if c.isprintable()) or "refused without a reason"
 
@@ -188,9 +241,19 @@ _MOST = 8
 
 
 def absent(session: zenoh.Session, connect: str, machine: str, axis: str) -> str | None:
-    """Name the axes that are there instead; None if this one is, or none at all.
+    """Name the axes that are there instead.
 
-    `machine` and `axis` may be `*`. Raises `zenoh.ZError` without a session.
+    Args:
+        session: An open session.
+        connect: Its endpoint, for the sentence.
+        machine: The requested machine; may be `*`.
+        axis: The requested axis; may be `*`.
+
+    Returns:
+        A sentence with the options to use; None if the requested axis is there, or if no axis is.
+
+    Raises:
+        zenoh.ZError: If the session is closed.
     """
     alive_key = zenoh.KeyExpr(f"ballscrew/{machine}/{axis}/alive")
     axes = set()

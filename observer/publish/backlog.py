@@ -1,7 +1,7 @@
 """The spans of time that a destination lacks: kept in a file, so that they survive a restart.
 
-Live values resume at once after an outage; what lies between the last value that arrived and the first
-one after it is sent late, from the recordings (store and forward, as in Ignition or OIBus).
+Live values resume at once after an outage. The recordings then give the values between the last one that
+arrived and the first one after the outage. This is store and forward, as in Ignition or OIBus.
 """
 
 from __future__ import annotations
@@ -24,7 +24,13 @@ log = structlog.get_logger()
 
 
 class MissingSpan(NamedTuple):
-    """A gap: the missing messages of `keys` from a time up to another."""
+    """Messages that a destination lacks.
+
+    Attributes:
+        from_s: The time of the first missing message, in s since 1970.
+        to_s: The time before which the span ends.
+        keys: The keys whose messages are missing.
+    """
 
     from_s: float
     to_s: float
@@ -34,11 +40,17 @@ class MissingSpan(NamedTuple):
 class Backlog:
     """The spans that one destination lacks, the oldest first, each from a time up to another.
 
-    What precedes the first value ever sent there is not missing. From any thread.
+    Messages before the first value ever sent there do not count as missing. From any thread. At most 1000
+    spans are kept; the oldest are given up, with a warning in the log.
     """
 
     def __init__(self, path: Path, destination: str) -> None:
-        """Continue from a file; the spans of another destination are discarded."""
+        """Continue from a file; the spans of another destination are discarded.
+
+        Args:
+            path: The state file. If it cannot be read, a warning is logged and nothing is missing.
+            destination: Names the receiver, such as a broker's address.
+        """
         self._file = StateFile(path, f"messages that {destination} lacks", version=2)
         self._destination = destination
         self._lock = threading.Lock()
@@ -55,29 +67,37 @@ class Backlog:
 
     @property
     def first(self) -> MissingSpan | None:
-        """The oldest span that is missing, None if nothing is."""
+        """The oldest span that is missing; None if all has arrived."""
         with self._lock:
             return self._missing[0] if self._missing else None
 
     @property
     def left_s(self) -> float:
-        """The total length of the missing spans."""
+        """The total length of the missing spans, in s; spans of different keys count each."""
         with self._lock:
             return sum(span.to_s - span.from_s for span in self._missing)
 
     def behind_s(self, newest_s: float) -> float:
-        """Return the missing spans and, during an outage, the span since its start up to a time."""
+        """Return the missing spans and, during an outage, the time since its start, in s.
+
+        Args:
+            newest_s: The time of the newest message, in s since 1970.
+        """
         with self._lock:
             out_s = 0.0 if self._got_s is None else max(newest_s - self._got_s, 0.0)
         return self.left_s + out_s
 
     def got(self, time_s: float) -> None:
-        """Note that the live values up to a time have arrived."""
+        """Note that the live values up to a time have arrived; an earlier time changes nothing."""
         with self._lock:
             self._got_s = time_s if self._got_s is None else max(self._got_s, time_s)
 
     def resumed(self, time_s: float) -> None:
-        """Note that live values go there again, from this time on; saves."""
+        """Note that live values go there again, from this time on, and save.
+
+        The time since the last value that arrived becomes a missing span. It includes late values that were
+        on their way.
+        """
         with self._lock:
             if self._got_s is not None and time_s > self._got_s:
                 after_s = math.nextafter(self._got_s, math.inf)
@@ -90,13 +110,24 @@ class Backlog:
         self.save()
 
     def overtaken(self, key: str, last_s: float, time_s: float) -> None:
-        """Note that a key's live values went from one time to another, and those between were overtaken."""
+        """Note that a key's live values between two times were overtaken by newer ones.
+
+        Args:
+            key: The key.
+            last_s: The time of the last value that was sent, in s since 1970.
+            time_s: The time of the one that overtook the others.
+        """
         with self._lock:
             if len(self._missing) < _MOST_SPANS:
                 self._missing.append(MissingSpan(math.nextafter(last_s, math.inf), time_s, (key,)))
 
     def sent(self, span: MissingSpan, before_s: float) -> None:
-        """Note that a span's late values before a time have arrived."""
+        """Note that a span's late values before a time have arrived.
+
+        Args:
+            span: The span as `first` returned it; it may have been shortened meanwhile.
+            before_s: The time up to which they have arrived, in s since 1970.
+        """
         with self._lock:
             self._missing = [
                 m._replace(from_s=max(m.from_s, before_s)) if _is_of(m, span) else m
@@ -105,7 +136,10 @@ class Backlog:
             ]
 
     def save(self) -> None:
-        """Write the file, whole or not at all."""
+        """Write the file, whole or not at all.
+
+        A failure to write is the state file's concern: it is logged, and the spans stay in memory.
+        """
         with self._lock:
             document = {
                 "destination": self._destination,
@@ -121,7 +155,12 @@ def _is_of(missing: MissingSpan, span: MissingSpan) -> bool:
 
 
 def holds_a_step(span: MissingSpan, every_s: float) -> bool:
-    """Whether a multiple of a period lies within a span; a shorter outage has lost nothing that is sent."""
+    """Whether a multiple of a period lies within a span; a shorter outage has lost nothing that is sent.
+
+    Args:
+        span: The span; its end does not belong to it.
+        every_s: The period of the messages in s; 0 for all of them.
+    """
     before_s = math.nextafter(span.from_s, -math.inf)
     return every_s == 0.0 or math.floor(math.nextafter(span.to_s, -math.inf) / every_s) > math.floor(
         before_s / every_s

@@ -52,8 +52,20 @@ _ENTRIES = len(_ARRAYS) + len(PARTS) + 9
 
 
 class Message(NamedTuple):
-    """What the kernel takes (see `kernels.message.encode`): where it writes, what is the same in all messages
-    with the `ends` of its pieces, and where in an estimate's memory arrays begin, of how many numbers each.
+    """The arguments of the kernel that makes one message (see `kernels.message.encode`).
+
+    Attributes:
+        out: Where it writes.
+        pieces: The bytes that are the same in all messages.
+        ends: The ends of the pieces, the first of them 0.
+        begin: Where each array begins in an estimate's memory, in bytes.
+        numbers: How many numbers each array has.
+        qualities: How many words of quality there are.
+        sensors: How many sensors.
+        time_at: Where the time stands in an estimate's memory.
+        quality_at: Where the quality stands.
+        parts_at: Where the qualities of heat, field and error stand.
+        sensors_at: Where the sensors' qualities stand.
     """
 
     out: NDArray[np.uint8]
@@ -102,10 +114,20 @@ def _map_head(count: int) -> bytes:
 
 
 class EstimateEncoder:
-    """Encodes single estimates of one layout and one `instance`; `k` is the step in the block.
+    """Encodes single estimates of one layout and one `instance`.
+
+    In all methods `block` holds estimates, `k` is the step in it, and `sequence` the step's number. Numbers
+    in JSON have six decimals, and one that is not finite is null.
 
     The constant parts are encoded once, and the numbers are written between them: only one thread at a time
     may encode.
+
+    Args:
+        layout: Names and places of the outputs.
+        instance: Names the start of the service, in every message.
+
+    Attributes:
+        documents: The method that makes each document of a step beside the estimate, by key.
     """
 
     def __init__(self, layout: Layout, instance: str) -> None:
@@ -147,7 +169,11 @@ class EstimateEncoder:
         self._message: Any = None
 
     def cbor(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
-        """Everything a step returns; `decode_estimate` is its inverse up to float32."""
+        """Return everything a step gives, as CBOR.
+
+        `decode_estimate` is its inverse up to float32. Blocks of another memory layout are accepted, but cost
+        more at their first message.
+        """
         try:
             fields, data = block.kept
         except AttributeError:
@@ -173,7 +199,7 @@ class EstimateEncoder:
         )
 
     def heat(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
-        """The `heat` document."""
+        """Return the `heat` document: heat, σ and bound of each source, in W."""
         columns = block.heat_W[k], block.heat_sigma_W[k], block.heat_bound_W[k]
         sources = [
             {"heat_W": heat_W, "sigma_W": sigma_W, "bound_W": bound_W}
@@ -183,13 +209,17 @@ class EstimateEncoder:
         return self._json(block, k, sequence, body, "heat")
 
     def field(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
-        """The `field` document."""
+        """Return the `field` document: temperature in °C, σ and bound in K, at positions in m."""
         arrays = (block.field_degC, block.field_sigma_K, block.field_bound_K)
         names = ("temperature_degC", "sigma_K", "bound_K")
         return self._json(block, k, sequence, self._curve(k, names, arrays), "field")
 
     def error(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
-        """The `error` document."""
+        """Return the `error` document: thermal error, σ and bound in µm, at positions in m.
+
+        A screw that is held at both ends also has its axial force in N. Without an expansion coefficient the
+        arrays are empty.
+        """
         arrays = (block.error_um, block.error_sigma_um, block.error_bound_um)
         body = self._curve(k, ("error_um", "sigma_um", "bound_um"), arrays)
         body |= {name: _rounded(getattr(block, name)[k])[0] for name in self._force}
@@ -200,13 +230,19 @@ class EstimateEncoder:
         return {"position_m": self._position_m, **body}
 
     def learned(self, block: EstimateBlock, k: int, sequence: int) -> bytes:
-        """The `learned` document."""
+        """Return the `learned` document: value and σ of each learnt parameter, in the unit of its name."""
         pairs = zip(_rounded(block.learned[k]), _rounded(block.learned_sigma[k]), strict=True)
         learned = [{"value": value, "sigma": sigma} for value, sigma in pairs]
         return self._json(block, k, sequence, {"parameters": dict(zip(self._learned, learned, strict=True))})
 
     def readings(self, frame: FrameBlock, k: int, sequence: int) -> bytes:
-        """The `readings` document: value, quality and age of every channel."""
+        """Return the `readings` document: value, quality and age in s of every channel.
+
+        Args:
+            frame: The frame behind the estimate.
+            k: The step in it.
+            sequence: The estimate's number.
+        """
         columns = _rounded(frame.values[k]), frame.shown_quality[k].tolist(), _rounded(frame.age_s[k])
         channels = {
             name: {"value": value, "quality": _CHANNEL_QUALITY[quality], "age_s": age_s}
@@ -235,40 +271,53 @@ def _rounded(array: FloatArray) -> list[float | None]:
 
 
 def to_json(document: Any) -> bytes:
-    """A document as JSON; raises `ValueError` on NaN, which JSON does not know."""
+    """Return a document as compact JSON in UTF-8.
+
+    Raises:
+        ValueError: If it holds NaN or an infinity, which JSON does not have.
+        TypeError: If it holds an object that is not plain data.
+    """
     return _JSON.encode(document).encode()
 
 
 def config_json(config: Config, instance: str) -> str:
-    """The configuration in force and its hash, as the `config` queryable answers.
+    """Return the configuration in force and its hash, as the `config` queryable answers.
 
     Credentials and their files are left out: every reader can see the answer.
+
+    Args:
+        config: The configuration in force.
+        instance: Names the start of the service.
     """
     public = config.model_dump(mode="json", by_alias=True, exclude=_ACCESS)
     return json.dumps({"hash": config.digest, "instance": instance, "config": public})
 
 
 def array_of(messages: Sequence[bytes]) -> bytes:
-    """Encoded estimates as one CBOR array, without decoding them."""
+    """Return encoded estimates as one CBOR array, without decoding them."""
     return _array_head(len(messages)) + b"".join(messages)
 
 
 def late(message: bytes) -> bytes:
-    """An encoded estimate that says that it is sent late."""
+    """Return an encoded estimate with the entry `late`, which marks it as sent after its time."""
     short = message[0] < _map_head(_SHORT_MAP)[0]
     count, body = (message[0] - 0xA0, message[1:]) if short else (message[1], message[2:])
     return _map_head(count + 1) + body + _pair("late", True)
 
 
 def late_json(document: bytes) -> bytes:
-    """A document as JSON that says that it is sent late."""
+    """Return a JSON object with the entry `late`, which marks it as sent after its time."""
     return document[:-1] + b',"late":true}'
 
 
 def decode_estimate(data: bytes) -> dict[str, Any]:
-    """An estimate from its CBOR; typed arrays become float32 arrays.
+    """Return an estimate from its CBOR; typed arrays become float32 arrays.
 
-    Raises `ValueError` where the bytes are not exactly one estimate.
+    The bytes may come from anybody. The entries `time_s` and `sequence` are present, but their types are not
+    checked.
+
+    Raises:
+        ValueError: If the bytes are not exactly one estimate.
     """
     estimate = decode(data)
     if not isinstance(estimate, dict) or "time_s" not in estimate or "sequence" not in estimate:
@@ -277,7 +326,11 @@ def decode_estimate(data: bytes) -> dict[str, Any]:
 
 
 def decode(data: bytes) -> Any:
-    """Decode CBOR: an estimate, a list or a page of them; raises `ValueError` for other bytes."""
+    """Decode CBOR: an estimate, a list or a page of them.
+
+    Raises:
+        ValueError: If the bytes are not exactly one item, or hold an array of another type than float32.
+    """
     stream = io.BytesIO(data)
     try:
         message = cbor2.load(stream, tag_hook=_array)

@@ -36,9 +36,16 @@ def session_config(
     most_bytes: int = _CLIENT_MOST_BYTES,
     extra: Mapping[str, Any] = MappingProxyType({}),
 ) -> zenoh.Config:
-    """A Zenoh configuration that talks to the named endpoints and to nobody else.
+    """Return a Zenoh configuration that talks to the named endpoints and to nobody else.
 
-    A message of more than `most_bytes` is thrown away as it comes in; `more` are other keys of Zenoh's.
+    Multicast and gossip are off. A lost link is opened again every 250 ms.
+
+    Args:
+        mode: `client`, `peer` or `router`.
+        connect: Endpoints to connect to; a client fails if none answers within a second.
+        listen: Endpoints to listen on.
+        most_bytes: A larger message is thrown away as it comes in.
+        extra: Other keys of Zenoh's, which replace those chosen here.
     """
     config = zenoh.Config()
     settings = {
@@ -68,7 +75,11 @@ def session_config(
 
 
 def service_config(settings: Publish) -> zenoh.Config:
-    """The session of a service. Raises `ConfigError` where a file of keys or passwords cannot be used."""
+    """Return the session of a service, with its limits, credentials and roles.
+
+    Raises:
+        ConfigError: If a file of keys or passwords cannot be used; it names the key of the configuration.
+    """
     extra = _tls(settings.tls or Tls(), "publish.tls", listens=bool(settings.listen))
     extra |= _login(settings.login or Login(), "publish.login")
     if settings.access is not None:
@@ -77,7 +88,14 @@ def service_config(settings: Publish) -> zenoh.Config:
 
 
 def ear_config(settings: Publish) -> zenoh.Config | None:
-    """A second session for a peer, for what its router does not pass to peers; None for all others."""
+    """Return a second session for a peer, which hears what its router does not pass to peers.
+
+    Returns:
+        A client of the same endpoints; None unless the service is a peer that connects somewhere.
+
+    Raises:
+        ConfigError: If a file of keys or passwords cannot be used.
+    """
     if settings.mode != "peer" or not settings.connect:
         return None
     client_role = {"mode": "client", "listen": (), "access": None}
@@ -85,7 +103,15 @@ def ear_config(settings: Publish) -> zenoh.Config | None:
 
 
 def client_config(connect: tuple[str, ...], client: Client | None = None) -> zenoh.Config:
-    """The session of a command. Raises `ConfigError` where a file of keys or passwords cannot be used."""
+    """Return the session of a command.
+
+    Args:
+        connect: Endpoints, of which one has to answer.
+        client: Certificates and login; None without.
+
+    Raises:
+        ConfigError: If a file of keys or passwords cannot be used; it names the key of the client's table.
+    """
     shown = client or Client()
     extra = _tls(shown.tls or Tls(), "tls", listens=False) | _login(shown.login or Login(), "login")
     return session_config("client", connect, (), extra=extra)
@@ -181,7 +207,11 @@ _RULES = (
 
 
 def access_control(access: Access) -> dict[str, Any]:
-    """Zenoh's `access_control` for a table of roles; whoever is not in it may do nothing."""
+    """Return Zenoh's `access_control` for a table of roles.
+
+    Whoever is not in the table may do nothing. Viewers receive and query, operators also send commands, and
+    only services publish.
+    """
     named = {role: subjects for role in _ROLES if (subjects := getattr(access, role))}
     used = {rule for role in named for rule in _ROLES[role]}
     return {
@@ -213,7 +243,14 @@ class Closable(Protocol):
 
 
 def close_within(session: Closable, timeout_s: float) -> bool:
-    """Close a session, giving up when a frozen peer does not answer; returns whether it closed."""
+    """Close a session, giving up when a frozen peer does not answer; returns whether it closed.
+
+    Closing goes on in a daemon thread when the time is over.
+
+    Args:
+        session: What to close; it must not be used afterwards.
+        timeout_s: The longest wait, in s.
+    """
     thread = threading.Thread(target=close, args=(session,), name="zenoh-close", daemon=True)
     thread.start()
     thread.join(timeout_s)
@@ -221,7 +258,7 @@ def close_within(session: Closable, timeout_s: float) -> bool:
 
 
 def close(session: Closable) -> None:
-    """Close a session, however long it takes."""
+    """Close a session, however long it takes. Errors of Zenoh are ignored, because the peer may be gone."""
     try:
         session.close()
     except zenoh.ZError:
@@ -229,7 +266,10 @@ def close(session: Closable) -> None:
 
 
 def short(error: Exception) -> str:
-    """The first sentence of an error, without locations in Zenoh's source."""
+    """The first sentence of an error, without locations in Zenoh's source.
+
+    Zenoh appends the place in its source, which does not help a user.
+    """
     return str(error).split(" at /", 1)[0].splitlines()[0].rstrip(".")
 
 
@@ -237,7 +277,17 @@ _TCP = re.compile(r"tcp/\[?(?P<host>[^\]/?#]+?)\]?:(?P<port>\d+)([?#].*)?")
 
 
 def refuse_taken(endpoints: Iterable[str], place: str) -> None:
-    """Raise `ConfigError` where another program listens on a TCP endpoint already; `place` is named."""
+    """Check that no other program listens on TCP endpoints.
+
+    Other kinds of endpoints, and addresses that do not exist yet, are accepted.
+
+    Args:
+        endpoints: Zenoh endpoints.
+        place: The key of the configuration, for the message.
+
+    Raises:
+        ConfigError: If an endpoint is in use; it names the place and the endpoint.
+    """
     for endpoint in endpoints:
         if (tcp := _TCP.fullmatch(endpoint)) and _is_taken(tcp["host"], int(tcp["port"])):
             raise ConfigError(

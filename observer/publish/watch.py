@@ -37,9 +37,18 @@ _LARGEST = 1e12  # no number of a screw is larger
 class Subscription:
     """Subscribes to one axis and keeps, per key, only the newest message: a slow reader is never behind.
 
-    A message that has not been renewed for 3 s, nor for three times its usual period, is shown as `stale`.
-    `machine` and
-    `axis` may be `*`. Entering raises `zenoh.ZError` where no router or peer answers.
+    It is a context manager. A message that has not been renewed for 3 s, nor for three times its usual
+    period, is shown as `stale`. Leaving closes the session within a second.
+
+    Args:
+        connect: Endpoints, of which one has to answer.
+        machine: The machine's name; may be `*`.
+        axis: The axis' name; may be `*`.
+        client: Certificates and login; None without.
+
+    Raises:
+        ConfigError: If a file of keys or passwords cannot be used.
+        zenoh.ZError: On entering, if no router or peer answers.
     """
 
     def __init__(
@@ -64,11 +73,19 @@ class Subscription:
         close_within(self._session, 1.0)
 
     def absent(self) -> str | None:
-        """The axes that are there where this one is not, in a sentence."""
+        """Return a sentence with the axes that are there where this one is not; None if it is, or if none is.
+
+        Raises:
+            zenoh.ZError: If the session is closed.
+        """
         return absent(self._session, *self._asked)
 
     def latest(self) -> dict[str, dict[str, Any]]:
-        """The newest message per key, decoded; a message that cannot be decoded is left out."""
+        """Return the newest message per key, decoded, without waiting.
+
+        A key without a message is missing, and so is one whose last message cannot be decoded. Content is not
+        checked: anybody may have sent it.
+        """
         now_s = time.monotonic()
         for key, channel in self._channels.items():
             sample = channel.try_recv()
@@ -91,7 +108,15 @@ class Subscription:
 
 
 def message_of(key: str, data: bytes) -> dict[str, Any] | None:
-    """A message from its bytes; None where they hold none."""
+    """Return a message from its bytes.
+
+    Args:
+        key: `estimate` for CBOR, any other for JSON.
+        data: The bytes, of any content.
+
+    Returns:
+        An object of unchecked content; None if the bytes are something else.
+    """
     try:
         message = decode_estimate(data) if key == "estimate" else json.loads(data)
     except (ValueError, RecursionError, OverflowError, MemoryError):
@@ -100,7 +125,13 @@ def message_of(key: str, data: bytes) -> dict[str, Any] | None:
 
 
 def live_table(latest: Mapping[str, Mapping[str, Any]]) -> RenderableType:
-    """Heats beside their truth where it is published, field, thermal error, sensors, quality and reasons."""
+    """Return the live view: heats, field, thermal error, sensors, quality and reasons.
+
+    Heats stand beside their truth where a simulator publishes it. Missing messages leave dashes.
+
+    Args:
+        latest: The newest message of each key, as `Subscription.latest` returns them.
+    """
     heat, health = latest.get("heat", {}), latest.get("health", {})
     quality = _quality(latest)
     title = _headline(quality, health, heat)
@@ -117,7 +148,14 @@ def live_table(latest: Mapping[str, Mapping[str, Any]]) -> RenderableType:
 def health_table(
     health: Mapping[str, Any], alarms: Mapping[str, Any], axis: str, now_s: float
 ) -> RenderableType:
-    """A health report for people: state, reasons, remedies, channels and drivers, and its age."""
+    """Return a health report for people: state, reasons, remedies, channels and drivers, and its age.
+
+    Args:
+        health: The document of the key `health`.
+        alarms: The document of the key `alarms`; may be empty.
+        axis: Machine and axis, for the title.
+        now_s: The present time in s since 1970.
+    """
     quality, time_s = _word(health.get("quality")), _float(health.get("time_s"))
     title = Text(f"{_word(axis)}   ")
     title.append_text(_headline(quality, health, health))
@@ -160,13 +198,26 @@ def _quality(latest: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def accuracy(quality: str, health: Mapping[str, Any]) -> str:
-    """The uncertainty of the thermal error at the nut in a good estimate; empty if it was not published."""
+    """The uncertainty of the thermal error at the nut in a good estimate; empty if it was not published.
+
+    Args:
+        quality: The quality of the estimates.
+        health: The health report; half of the 95 % interval is its `error_known_to_um`.
+    """
     known_to_um = _float(health.get("error_known_to_um"))
     return f" to ±{known_to_um:.0f} µm at the nut" if quality == "good" and known_to_um is not None else ""
 
 
 def without_sensors(health: Mapping[str, Any], counted: Mapping[str, Any]) -> str:
-    """The sensors that an estimate does not use, by the counts of a message; empty where it uses all."""
+    """Return the sensors that an estimate does not use, by the counts of a message.
+
+    Args:
+        health: The health report, which names them.
+        counted: A message with `sensors_used` and `sensors`.
+
+    Returns:
+        The end of a sentence; empty if the estimate uses all sensors or the counts are missing.
+    """
     used, sensors = _float(counted.get("sensors_used")), _float(counted.get("sensors"))
     if used is None or sensors is None or used >= sensors:
         return ""
@@ -335,7 +386,13 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def live_line(latest: Mapping[str, Mapping[str, Any]]) -> str:
-    """The heats in one line, beside their truth where it is published; empty before the first estimate."""
+    """The heats in one line, beside their truth where it is published; empty before the first estimate.
+
+    A terminal without a screen gets this line instead of the table.
+
+    Args:
+        latest: The newest message of each key, as `Subscription.latest` returns them.
+    """
     heat = latest.get("heat", {})
     if not heat:
         return ""

@@ -42,7 +42,7 @@ log = structlog.get_logger()
 
 
 def key_prefix(machine: str, axis: str) -> str:
-    """Where everything about one axis is published."""
+    """Return the key expression below which everything about one axis is published."""
     return f"ballscrew/{machine}/{axis}"
 
 
@@ -71,23 +71,36 @@ class Outlet(Protocol):
 
     @property
     def unsent(self) -> Mapping[str, Mapping[str, float]]:
-        """The size of the messages to be sent late, by outlet: `steps` and `duration_s`."""
+        """The size of the messages to be sent late, by outlet: `steps` and `duration_s`; empty if none are
+        missing.
+        """
 
     def start(self) -> None:
-        """Begin to take messages."""
+        """Begin to take messages; returns at once."""
 
     def put(self, key: str, payload: bytes) -> None:
-        """Take a message."""
+        """Take a message, and drop it rather than wait; from any thread.
+
+        Args:
+            key: The key below the axis.
+            payload: The encoded message.
+        """
 
     def commands(self) -> list[Command]:
         """The commands received since the last call."""
 
     def close(self, timeout_s: float) -> bool:
-        """End."""
+        """End, waiting at most `timeout_s`; return whether it ended in that time."""
 
 
 class ServiceIdentity(NamedTuple):
-    """The axis of a service, and the instance that every message carries."""
+    """The axis of a service, and the instance that every message carries.
+
+    Attributes:
+        machine: The machine's name.
+        axis: The axis' name.
+        instance: Eight hexadecimal digits, new at each start.
+    """
 
     machine: str
     axis: str
@@ -95,7 +108,11 @@ class ServiceIdentity(NamedTuple):
 
 
 class ZenohPublisher:
-    """Publishes estimates and health of one axis; answers for configuration, health and last estimates."""
+    """Publishes estimates and health of one axis; answers for configuration, health and last estimates.
+
+    A message without a connection is dropped and counted. Zenoh opens lost links again. The thread that opens
+    the session also answers queries, and retries for ever.
+    """
 
     def __init__(
         self,
@@ -108,9 +125,20 @@ class ZenohPublisher:
         outlet: Outlet | None = None,
         past: PastAccess | None = None,
     ) -> None:
-        """Prepare to publish; `offers` are those of `compensation`, `forecast` and `probing` that run.
+        """Prepare to publish; nothing is opened before `start`.
 
-        Raises `ConfigError` where a file of keys or passwords cannot be used.
+        Args:
+            identity: Axis and instance.
+            settings: The table `[publish]`.
+            config_json: The answer to the key `config`.
+            layout: Names and places of the outputs.
+            offers: Those of `compensation`, `forecast` and `probing` that run; other keys that need them are
+                left out.
+            outlet: Takes every message beside Zenoh; None without.
+            past: Answers for past times; None where nothing is recorded.
+
+        Raises:
+            ConfigError: If a file of keys or passwords cannot be used.
         """
         instance = identity.instance
         self._prefix = key_prefix(identity.machine, identity.axis)
@@ -139,7 +167,7 @@ class ZenohPublisher:
 
     @property
     def status(self) -> PublishStatus:
-        """The state of publishing."""
+        """The state of publishing: counts, and the most severe problem in one sentence, None without."""
         link = self._link
         rival = link.rivals.reason if link is not None else None
         alive = self._thread.is_alive() or self._thread.ident is None or self._closing.is_set()
@@ -169,11 +197,18 @@ class ZenohPublisher:
             self._outlet.start()
 
     def commands(self) -> list[Command]:
-        """The commands that came since the last call."""
+        """Return the commands that came since the last call, over Zenoh and from the outlet."""
         return self._answers.commands() + ([] if self._outlet is None else self._outlet.commands())
 
     def publish(self, block: EstimateBlock, sequence: int) -> None:
-        """Publish a block of one estimate, and the documents made of it that are due."""
+        """Publish a block of one estimate, and the documents made of it that are due.
+
+        Only the loop's thread may call it. It never waits.
+
+        Args:
+            block: One estimate.
+            sequence: Its number.
+        """
         self._last_step = {"sequence": sequence, **self._encoder.counts(block, 0)}
         estimate = self._encoder.cbor(block, 0, sequence)
         self._answers.estimates.append(estimate)
@@ -195,18 +230,37 @@ class ZenohPublisher:
         return slot != before
 
     def readings(self, frame: FrameBlock, sequence: int) -> None:
-        """Publish the readings behind the estimate of this number: a frame of one step."""
+        """Publish the readings behind the estimate of this number.
+
+        Args:
+            frame: A frame of one step.
+            sequence: The estimate's number.
+        """
         self._put("readings", self._encoder.readings(frame, 0, sequence))
 
     def document(self, key: str, document: Mapping[str, Any]) -> None:
         """Publish a document, which also answers queries for it; from any thread.
 
         It gets the number of the last step and that step's counts of sensors, where it has none of its own.
+
+        Args:
+            key: The key below the axis, one of those that this service offers.
+            document: Plain data without NaN.
+
+        Raises:
+            ValueError: If the document holds NaN or an infinity.
         """
         self._put(key, to_json(self._last_step | dict(document)))
 
     def close(self, timeout_s: float = 1.0) -> bool:
-        """End the session, and the outlet; returns whether the session was closed in that time."""
+        """End the session, and the outlet.
+
+        Args:
+            timeout_s: The longest wait, in s; with an outlet, half of it for each.
+
+        Returns:
+            Whether the session was closed in that time; otherwise a daemon thread goes on closing.
+        """
         atexit.unregister(self.close)
         self._closing.set()
         link, self._link = self._link, None
@@ -325,6 +379,12 @@ class Rivals:
 
     A router does not pass a peer what its other peers publish. Where `ear` is given, a session of that
     configuration, a client of the same router, listens in its place as soon as it can be opened.
+
+    Args:
+        session: The service's session.
+        ear: The configuration of the session that listens; None listens on `session`.
+        prefix: The key expression of the axis.
+        instance: The instance of this service, whose own messages do not count.
     """
 
     def __init__(self, session: zenoh.Session, ear: zenoh.Config | None, prefix: str, instance: str) -> None:
@@ -338,7 +398,11 @@ class Rivals:
         self._heard: tuple[str, float] | None = None
 
     def token_is_there(self) -> bool:
-        """Whether somebody holds the axis' liveliness token, by the answers of one second."""
+        """Whether somebody holds the axis' liveliness token; it waits up to one second for answers.
+
+        Raises:
+            zenoh.ZError: If the session is closed.
+        """
         session = self._listener()
         if session is None:
             return False
@@ -356,7 +420,11 @@ class Rivals:
         return False
 
     def look(self) -> None:
-        """Take in the messages since the last look."""
+        """Take in the messages since the last look, without waiting.
+
+        Raises:
+            zenoh.ZError: If the session is closed.
+        """
         if self._messages is None:
             if (session := self._listener()) is None:
                 return
@@ -385,13 +453,16 @@ class Rivals:
         return self._own
 
     def close(self) -> None:
-        """End the session that only listens."""
+        """End the session that only listens.
+
+        The session given by the service stays open.
+        """
         if self._own is not None:
             close(self._own)
 
     @property
     def reason(self) -> str | None:
-        """A sentence on the messages of another program; None if nothing was received lately."""
+        """A sentence on the messages of another program; None if none came within the last 10 s."""
         if self._heard is None or time.monotonic() - self._heard[1] > _MEMORY_S:
             return None
         return self._heard[0]
