@@ -28,17 +28,18 @@ from observer.tables.sections import Description, Source, owner
 class Family:
     """The common property of effects, and the figure that gives the effective strength of any of them.
 
-    Attributes:
-        missing_physics: what a model without any of them lacks; `{target}` is the place of a `placed` family
-        key: name of the figure
-        unit: its unit
-        against: definition of the figure, see below
-        placed: whether the members must act at one common place
-
     The figure is the heat that an effect takes out of the screw, by least squares against the screw's
-    temperature above ambient. That temperature is taken over the `surface`, at the `end`, or as a mean over
-    the `screw`. For `time` the figure is the mean heat that the effect brings, and for `own` its parameter
-    named `key`.
+    temperature above ambient.
+
+    Attributes:
+        name: Name of the family.
+        missing_physics: What a model without any of them lacks; `{target}` is the place of a `placed` family.
+        key: Name of the figure.
+        unit: Its unit.
+        against: Where that temperature is taken: over the `surface`, at the `end`, or as a mean over the
+            `screw`. For `time` the figure is the mean heat that the effect brings, and for `own` its
+            parameter `key`.
+        placed: Whether the members must act at one common place.
     """
 
     name: str
@@ -73,15 +74,17 @@ class Fitted:
     """The prior knowledge of a parameter for a search.
 
     Attributes:
-        scale: a change that matters
-        neutral: value at which the effect vanishes, so that a strength multiplies the difference to it; None
-            for a parameter of the effect's form, such as a place or a time
-        starts: values from which a search starts; the scale if empty
-        low, high: limits, if they are narrower than the table's own
-        bounded: whether the parameter's interval must end below `high`; beyond that the effect is another
-        open_above: whether the parameter may be at `high`, which is then the whole or as good as no limit
-        reciprocal: whether the uncertainty is that of the reciprocal, since larger values make no difference
-        parts: for a position: its scale is the screw's length over `parts`, and its limits are the ends
+        unit: Unit of the parameter, `1` for a ratio.
+        scale: A change that matters, in that unit.
+        neutral: Value at which the effect vanishes, so that a strength multiplies the difference to it. None
+            for a parameter of the effect's form, such as a place or a time.
+        starts: Values from which a search starts; the scale if empty.
+        low: Lower limit, if it is narrower than the table's own.
+        high: Upper limit, likewise.
+        bounded: Whether the parameter's interval must end below `high`; beyond that the effect is another.
+        open_above: Whether the parameter may be at `high`, which is then the whole or no limit in practice.
+        reciprocal: Whether the uncertainty is that of the reciprocal, since larger values make no difference.
+        parts: For a position: its scale is the screw's length over `parts`, and its limits are the ends.
     """
 
     unit: str
@@ -96,19 +99,25 @@ class Fitted:
     parts: int = 0
 
     def on(self, length_m: float) -> Fitted:
-        """Return the same for a screw of a length in m."""
+        """Return the same for a screw of a length in m; only a position depends on it."""
         if not self.parts:
             return self
         return replace(self, scale=length_m / self.parts, low=0.0, high=length_m, parts=0)
 
     @property
     def level(self) -> bool:
-        """Whether it is a place or a temperature, whose zero is arbitrary."""
+        """Whether it is a place or a temperature, whose zero is arbitrary; its form error is then not
+        relative.
+        """
         return self.unit in ("m", "°C")
 
 
 def position(parts: int) -> Fitted:
-    """Return the prior knowledge of a position on the screw, with `parts` distinguishable parts."""
+    """Return the prior knowledge of a position on the screw.
+
+    Args:
+        parts: Number of parts of the screw that sensors can distinguish.
+    """
     return Fitted("m", neutral=None, parts=parts)
 
 
@@ -143,7 +152,14 @@ class EffectTable(Section):
 
     @classmethod
     def bounds(cls, key: str) -> tuple[float, float]:
-        """Return the range of a parameter, from the table."""
+        """Return lower and upper limit of a parameter by the table's field, infinite without a limit.
+
+        Args:
+            key: Key of the parameter.
+
+        Raises:
+            KeyError: If the table has no such key.
+        """
         low, high = -math.inf, math.inf
         for limit in cls.model_fields[key].metadata:
             if isinstance(limit, Ge | Gt):
@@ -154,10 +170,15 @@ class EffectTable(Section):
 
     @classmethod
     def places(cls, machine: Description, free: Collection[str]) -> Sequence[str | None]:
-        """Return the targets at which a search tries the effect, None for an effect without a target.
+        """Return the targets at which a search tries the effect.
 
-        The list is empty if the effect is impossible, or if one of the `free` parameters (dotted keys) is the
-        effect.
+        Args:
+            machine: The machine as configured.
+            free: Dotted keys of its free parameters.
+
+        Returns:
+            Names of ends, sources or sensors; a single None for an effect without a target. Empty if the
+            effect is impossible, or if a free parameter is the effect.
         """
         if cls.turning and all(s.speed_channel is None for s in machine.source):
             return ()
@@ -173,18 +194,30 @@ class EffectTable(Section):
 
     @classmethod
     def can_exist(cls, machine: Description) -> bool:
-        """Whether the machine, as configured, can have the effect; an *unknown* proposes no other."""
+        """Return whether the machine, as configured, can have the effect; an *unknown* proposes no other."""
         return True
 
     @classmethod
     def shapes(cls, machine: Description) -> Sequence[Shape]:
-        """Return the forms from which a search starts, at a typical strength."""
+        """Return the values from which a search starts, at a typical strength.
+
+        By default they are all combinations of the parameters' starts.
+
+        Args:
+            machine: The machine, for lengths.
+        """
         values = product(*(p.starts or (p.scale,) for p in cls.parameters.values()))
         return [dict(zip(cls.parameters, combination, strict=True)) for combination in values]
 
     @classmethod
     def forms(cls, machine: Description, target: str | None, free: Collection[str]) -> Sequence[Form]:
-        """Return the sets of parameters that a search fits at a target, the simplest first."""
+        """Return the sets of parameters that a search fits at a target, the simplest first.
+
+        Args:
+            machine: The machine as configured.
+            target: Name of the target, or None.
+            free: Dotted keys of its free parameters.
+        """
         return (tuple(cls.parameters),)
 
     @classmethod
@@ -194,40 +227,64 @@ class EffectTable(Section):
 
     @classmethod
     def sums(cls, shapes: Sequence[Shape]) -> Sequence[Sequence[int]]:
-        """Return for each shape the numbers of the shapes whose sum it is while the effect is weak."""
+        """Return for each shape the numbers of the shapes whose sum it is while the effect is weak.
+
+        A search predicts only these and adds them up. By default each shape stands for itself.
+        """
         return [[i] for i in range(len(shapes))]
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The channels that the effect itself names."""
+        """Channels that the effect itself names; the log must contain them."""
         named = (getattr(self, key, None) for key in ("speed_channel", "drive_channel"))
         return tuple(channel for channel in named if channel is not None)
 
     @abstractmethod
     def terms(self, machine: Description) -> tuple[Term, ...]:
-        """Return the terms that the effect adds to the plant of a machine. Raises `ConfigError` if it
-        cannot.
+        """Return the terms that the effect adds to the plant.
+
+        Args:
+            machine: The machine with all its tables.
+
+        Raises:
+            ConfigError: If the machine cannot have the effect; the message names the effect, the key and a
+                remedy.
         """
 
     def resolved(self, length_m: float) -> Self:
-        """Return the effect, no finer than sensors on a screw of this length can resolve."""
+        """Return the effect, no finer than sensors can resolve.
+
+        Args:
+            length_m: Length of the screw, m.
+        """
         return self
 
     def place(self, length_m: float) -> str | None:
-        """Return the name of the place where the effect acts, on a screw of this length; None if it has
-        no name.
+        """Return the name of the place where the effect acts; None if it has no name.
+
+        Args:
+            length_m: Length of the screw, m, by which a position belongs to an end.
         """
         named = getattr(self, "target", None)
         return None if named is None else str(named)
 
     def comes_down_to(self, length_m: float) -> tuple[type[EffectTable], str | None] | None:
-        """Return the simpler effect and target from which this one cannot be distinguished, else None."""
+        """Return the simpler effect and target from which this one cannot be distinguished, else None.
+
+        Args:
+            length_m: Length of the screw, m.
+        """
         return None
 
 
 @dataclass(frozen=True, slots=True)
 class Unnamed:
-    """Terms in addition to the effects of a configuration, such as changes within a tolerance."""
+    """Terms in addition to the effects of a configuration, such as changes within a tolerance.
+
+    Attributes:
+        added: The terms.
+        channels: Channels that they read.
+    """
 
     added: tuple[Term, ...]
     channels: tuple[str, ...] = ()
@@ -247,19 +304,37 @@ def _rubs(source: Source, sources: Sequence[Source]) -> bool:
 
 
 def end_at(position_m: float, length_m: float) -> str | None:
-    """Return the end to which a place belongs; None for a place between."""
+    """Return the end to which a place belongs; None for a place between.
+
+    Args:
+        position_m: The place, m.
+        length_m: Length of the screw, m. The outer 8 % belong to an end.
+    """
     if position_m < AT_END * length_m:
         return "left"
     return "right" if position_m > (1 - AT_END) * length_m else None
 
 
 def named_source(machine: Description, name: str, kind: str) -> Source:
-    """Return the source of a name. Raises `ConfigError` for an unknown name."""
+    """Return the source of a name.
+
+    Args:
+        machine: The machine.
+        name: The effect's `target`.
+        kind: The effect's kind, for the message.
+
+    Raises:
+        ConfigError: If no source has this name.
+    """
     return machine.source[_index(name, [s.name for s in machine.source], "source", kind)]
 
 
 def named_sensor(machine: Description, name: str, kind: str) -> str:
-    """Return the name of an existing sensor. Raises `ConfigError` for an unknown name."""
+    """Return the name of an existing sensor; arguments as in `named_source`.
+
+    Raises:
+        ConfigError: If no sensor has this name.
+    """
     return machine.sensor[_index(name, [s.name for s in machine.sensor], "sensor", kind)].name
 
 
@@ -270,7 +345,13 @@ def _index(name: str, names: list[str], noun: str, kind: str) -> int:
 
 
 def point_heat(name: str, position_m: float, **law: Any) -> Heat:
-    """Return a source at a place with the heat of its law."""
+    """Return a source at a place with the heat of its law; it is not estimated.
+
+    Args:
+        name: Name of the source.
+        position_m: Its place on the screw, m.
+        **law: Keys of the heat law, such as `heat_W`.
+    """
     source = Source(
         name=name, shape="point", position_m=position_m, estimate=False, initial_sigma_W=1.0, **law
     )
@@ -278,7 +359,16 @@ def point_heat(name: str, position_m: float, **law: Any) -> Heat:
 
 
 def free_end(machine: Description, end: str, kind: str) -> float:
-    """Return the position of an end whose temperature is not prescribed. Raises `ConfigError`."""
+    """Return the position of an end, m, whose temperature may change.
+
+    Args:
+        machine: The machine.
+        end: `left` or `right`.
+        kind: The effect's kind, for the message.
+
+    Raises:
+        ConfigError: If the end has a prescribed temperature.
+    """
     if getattr(machine.boundary, end).kind == "prescribed":
         raise ConfigError(
             f'effect "{kind}": the {end} end has a prescribed temperature, which no heat can change; '
@@ -288,9 +378,11 @@ def free_end(machine: Description, end: str, kind: str) -> float:
 
 
 def source_free_to_warm(machine: Description, name: str, kind: str) -> str:
-    """Return the name of an existing source that is not at an end with a prescribed temperature.
+    """Return the name of an existing source that can warm its place; arguments as in `named_source`.
 
-    Raises `ConfigError`.
+    Raises:
+        ConfigError: If no source has this name, if it heats nodes only, or if it is a point at an end with a
+            prescribed temperature.
     """
     source = named_source(machine, name, kind)
     heats_screw(source, kind)
@@ -301,13 +393,27 @@ def source_free_to_warm(machine: Description, name: str, kind: str) -> str:
 
 
 def heats_screw(source: Source, kind: str) -> None:
-    """Raise `ConfigError` if all of a source's heat goes into nodes."""
+    """Refuse a source that heats nodes only.
+
+    Raises:
+        ConfigError: If all of the source's heat goes into nodes.
+    """
     if source.screw_share == 0.0:
         raise ConfigError(f'effect "{kind}": "{source.name}" heats nodes only; name one that heats the screw')
 
 
 def on_screw(machine: Description, key: str, position_m: float, kind: str) -> None:
-    """Raise `ConfigError` if a position lies beyond the screw."""
+    """Refuse a position beyond the screw.
+
+    Args:
+        machine: The machine.
+        key: Key of the position, for the message.
+        position_m: The position, m.
+        kind: The effect's kind, for the message.
+
+    Raises:
+        ConfigError: If the position exceeds the screw's length.
+    """
     if position_m > machine.screw.length_m:
         raise ConfigError(
             f'effect "{kind}": {key} = {position_m} m lies beyond the screw\'s '
@@ -316,9 +422,15 @@ def on_screw(machine: Description, key: str, position_m: float, kind: str) -> No
 
 
 def speed_channel(machine: Description, named_channel: str | None, kind: str) -> str:
-    """Return the channel of the screw's speed: the named one, or the first that a source reads.
+    """Return the channel of the screw's speed.
 
-    Raises `ConfigError` without a name and such a source.
+    Args:
+        machine: The machine.
+        named_channel: Channel that the effect names. None takes the first that a source reads.
+        kind: The effect's kind, for the message.
+
+    Raises:
+        ConfigError: If neither the effect nor a source names a channel.
     """
     for channel in (named_channel, *(s.speed_channel for s in machine.source)):
         if channel is not None:

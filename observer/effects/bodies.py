@@ -38,6 +38,11 @@ class EndConduction(EffectTable):
     source = "Newton's law at the end face; Kim et al., the convective end"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return a conductance from the end to the ambient.
+
+        Raises:
+            ConfigError: If the end has a prescribed temperature.
+        """
         base.free_end(machine, self.target, self.kind)
         return (EndConductance(self.target, self.conductance_W_K),)
 
@@ -70,7 +75,11 @@ class AttachedMass(EffectTable):
 
     @classmethod
     def shapes(cls, machine: Description) -> Sequence[Shape]:
-        """Return bodies by time constant and by the fraction of their heat that reaches the screw."""
+        """Return bodies by capacity and conductance, with time constants from half a minute to more than an
+        hour.
+
+        Each takes half of the remaining friction heat and loses 0.3 W/K, if these are fitted.
+        """
         pairs = ((100.0, 3.0), (500.0, 1.0), (1000.0, 8.0), (2000.0, 5.0), (4000.0, 1.0))
         starting_losses = {"heat_share": 0.5, "loss_W_K": 0.3}
         return [{"capacity_J_K": C, "conductance_W_K": G, **starting_losses} for C, G in pairs]
@@ -89,6 +98,15 @@ class AttachedMass(EffectTable):
         return plain, (*plain, "heat_share"), (*plain, "heat_share", "loss_W_K")
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return the body, and at a source the factor on the heat that enters the screw at once.
+
+        The surface under a nut is warmer than the section. With its resistance R, only 1/(1 + G R) of the
+        heat enters at once, and the body touches the surface.
+
+        Raises:
+            ConfigError: If the target is no source or cannot warm, or if `heat_share` is given without
+                remaining friction heat.
+        """
         if self.target not in ("left", "right"):
             at = base.source_free_to_warm(machine, self.target, self.kind)
             source = base.named_source(machine, at, self.kind)
@@ -144,13 +162,14 @@ PASSING = 0.4
 
 
 def under_surface_K_W(nut: Source, screw: Screw) -> float:
-    """Return the temperature of the surface under a nut above the section's mean, in K per W that enters
-    there.
-
-    It is 0 for a source of another shape, whose heat is taken to enter the whole section.
+    """Return the temperature of the surface under a nut above the section's mean, K per W that enters there.
 
     Between radii a and b over a length l, with w = b² − a²: (w²/4 − a² w/2 + a⁴ ln(b/a))/(2π k l w²). Without
-    a bore that is 1/(8π k l).
+    a bore that is 1/(8π k l). The result is reduced to 40 %, because a nut passes.
+
+    Args:
+        nut: The source; one of another shape, or without a length, gives 0.
+        screw: Its diameters and conductivity.
     """
     if nut.shape != "nut" or not nut.length_m:
         return 0.0

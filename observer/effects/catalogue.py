@@ -24,7 +24,15 @@ KINDS = tuple(BY_KIND)
 
 
 def effect_class(kind: str) -> type[EffectTable]:
-    """Return the class of a kind, of the library or external. Raises `ValueError` with the remedy."""
+    """Return the class of an effect.
+
+    Args:
+        kind: A kind of the library, `module:Class`, or the name of an entry point.
+
+    Raises:
+        ValueError: If no class has this kind, if it cannot be imported, or if it is no subclass of
+            `EffectTable`.
+    """
     if kind in BY_KIND:
         return BY_KIND[kind]
     if not is_outside(kind, "effects"):

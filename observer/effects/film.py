@@ -52,10 +52,14 @@ class SurfaceConvection(EffectTable):
 
     @classmethod
     def places(cls, machine: Description, free: Collection[str]) -> Sequence[str | None]:
+        """Return the whole screw if no surface loss is configured and the base film is not free, else
+        nothing.
+        """
         bare = "surface.convection_W_m2K" not in free and machine.surface == Surface()
         return (None,) if bare else ()
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return a film over the whole surface."""
         return (Film(self.coefficient_W_m2K),)
 
 
@@ -77,9 +81,15 @@ class SpeedConvection(EffectTable):
 
     @classmethod
     def places(cls, machine: Description, free: Collection[str]) -> Sequence[str | None]:
+        """Return nothing if the configured film law already contains rotation."""
         return () if machine.surface.turns else super().places(machine, free)
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return a loss with the film of a cylinder that turns in air at 25 °C, times the gain.
+
+        Raises:
+            ConfigError: If `surface.law` already contains rotation, or no channel of the speed is known.
+        """
         if machine.surface.turns:
             raise ConfigError(
                 f'effect "{self.kind}": surface.law already gives what turning adds to the film; remove the '
@@ -118,25 +128,35 @@ class UnevenConvection(EffectTable):
         return self
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return an additional film along the stretch.
+
+        Raises:
+            ConfigError: If the stretch ends beyond the screw.
+        """
         on_screw(machine, "to_m", self.to_m, self.kind)
         return (StretchFilm(self.from_m, self.to_m, self.extra_W_m2K),)
 
     @classmethod
     def shapes(cls, machine: Description) -> Sequence[Shape]:
-        """Return every stretch of one cell or several."""
+        """Return every stretch of one to four of eight equal cells, with 5 W/m²K more."""
         L = machine.screw.length_m
         spans = [(i, i + w) for w in range(1, MOST_CELLS + 1) for i in range(CELLS + 1 - w)]
         return [{"from_m": a * L / CELLS, "to_m": b * L / CELLS, "extra_W_m2K": 5.0} for a, b in spans]
 
     @classmethod
     def sums(cls, shapes: Sequence[Shape]) -> Sequence[Sequence[int]]:
-        """Return the cells of each stretch."""
+        """Return the cells of each stretch: while weak, a stretch changes a prediction by the sum of its
+        cells.
+        """
         width_m = 1.5 * min(x["to_m"] - x["from_m"] for x in shapes)
         cells = [i for i, x in enumerate(shapes) if x["to_m"] - x["from_m"] < width_m]
         return [[i for i in cells if x["from_m"] <= shapes[i]["from_m"] < x["to_m"] - 1e-9] for x in shapes]
 
     def resolved(self, length_m: float) -> UnevenConvection:
-        """Return the stretch, widened to the narrowest one that sensors can resolve."""
+        """Return the stretch, widened about its middle to the narrowest one that sensors can resolve.
+
+        It stays within the screw.
+        """
         least_m = NARROWEST * length_m
         if self.to_m - self.from_m >= least_m:
             return self
@@ -170,6 +190,9 @@ class RadiationEffect(EffectTable):
     source = "Stefan and Boltzmann; Lathe study, eq. 6"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return a grey surface; each step takes the tangent of its loss at the mean temperature of the
+        screw.
+        """
         return (Radiation(self.emissivity),)
 
 
@@ -186,6 +209,7 @@ class NaturalConvection(EffectTable):
     source = "laminar free convection of a horizontal cylinder, Nu ~ Ra^(1/4); Churchill and Chu 1975"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return a film that grows with the fourth root of the surface's rise."""
         return (RisingFilm(self.coefficient_W_m2K),)
 
 
@@ -246,6 +270,11 @@ class Coolant(EffectTable):
         return super().channels + (() if self.inlet_channel is None else (self.inlet_channel,))
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return a loss towards the inlet's temperature, with G over the screw's outer surface as the film.
+
+        Raises:
+            ConfigError: If the flow depends on the speed and no channel of the speed is known.
+        """
         screw = machine.screw
         wetted = self.conductance_W_K / screw.surface_m2
 
@@ -268,4 +297,5 @@ class AmbientDrift(EffectTable):
     source = "a linear trend"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return a deviation of the air's temperature that grows linearly from 0 at the start."""
         return (AmbientShift(self.rate_K_h),)

@@ -42,6 +42,11 @@ class EndHeat(EffectTable):
     confounded_with_scale = True
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return a point source at the end with a heat in proportion to the magnitude of the speed.
+
+        Raises:
+            ConfigError: If the end has a prescribed temperature, or no channel of the speed is known.
+        """
         end_m = base.free_end(machine, self.target, self.kind)
         channel = speed_channel(machine, self.speed_channel, self.kind)
         heat = base.point_heat(
@@ -66,6 +71,11 @@ class MotorHeat(EffectTable):
     source = "Yu et al., the motor as a heat source of the shaft"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return a point source at the end with a constant heat.
+
+        Raises:
+            ConfigError: If the end has a prescribed temperature.
+        """
         name, end_m = f"{self.kind}.{self.target}", base.free_end(machine, self.target, self.kind)
         return (base.point_heat(name, end_m, heat_W=self.heat_W, drive_channel=self.drive_channel),)
 
@@ -84,12 +94,17 @@ class LocalHeat(EffectTable):
     source = "a point source; Kim et al., eq. 1"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return a point source at the place with a constant heat.
+
+        Raises:
+            ConfigError: If the place lies beyond the screw.
+        """
         base.on_screw(machine, "position_m", self.position_m, self.kind)
         return (base.point_heat(self.kind, self.position_m, heat_W=self.heat_W),)
 
     @classmethod
     def shapes(cls, machine: Description) -> Sequence[Shape]:
-        """Return a heat at each of several places."""
+        """Return 2 W at each of 13 places, both ends included."""
         places_m = np.linspace(0.0, machine.screw.length_m, 13).tolist()
         return [{"position_m": x, "heat_W": 2.0} for x in places_m]
 
@@ -120,10 +135,17 @@ class FrictionFade(EffectTable):
 
     @classmethod
     def places(cls, machine: Description, free: Collection[str]) -> Sequence[str | None]:
+        """Return the sources of friction that heat the screw."""
         heating = [s.name for s in machine.source if s.screw_share > 0.0]
         return [name for name in super().places(machine, free) if name in heating]
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return the factor exp(−per_K · (T − reference)) with the temperature T where the heat enters.
+
+        Raises:
+            ConfigError: If the target is no source, heats nodes only, or is at an end with a prescribed
+                temperature.
+        """
         at = base.source_free_to_warm(machine, self.target, self.kind)
         return (Fade(at, self.per_K, self.reference_degC),)
 
@@ -144,10 +166,16 @@ class FrictionSpeed(EffectTable):
 
     @classmethod
     def places(cls, machine: Description, free: Collection[str]) -> Sequence[str | None]:
+        """Return the sources with a law of the speed."""
         by_speed = [s.name for s in machine.source if s.law in SPEED_LAWS]
         return [name for name in super().places(machine, free) if name in by_speed]
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return the factor (|n|/n_ref)^(exponent − 1), with |n| of at least a thousandth of n_ref.
+
+        Raises:
+            ConfigError: If the target is no source, or its law does not depend on the speed.
+        """
         power, reference = self.exponent - 1.0, self.reference_rpm
 
         def factor(speed_rpm: FloatArray, _running_s: FloatArray) -> FloatArray:
@@ -179,6 +207,11 @@ class RunIn(EffectTable):
     source = "Li 2022: the heat found peaks at the start and decays"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return the factor 1 + fraction · exp(−t/time) with the running time t since the start of the data.
+
+        Raises:
+            ConfigError: If the target is no source.
+        """
         fraction, time_s = self.fraction, self.time_s
 
         def factor(_speed_rpm: FloatArray, running_s: FloatArray) -> FloatArray:
@@ -203,6 +236,11 @@ class Dwell(EffectTable):
     source = "Li 2022: contact weighted by the time the nut dwells at a place"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return the share of the nut's heat that enters at both ends of its actual stroke.
+
+        Raises:
+            ConfigError: If the target is no source, is no nut, or heats nodes only.
+        """
         source = base.named_source(machine, self.target, self.kind)
         if source.shape != "nut":
             raise ConfigError(

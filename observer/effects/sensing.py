@@ -28,6 +28,11 @@ class SensorLag(EffectTable):
     source = "a first-order instrument"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return a first-order lag of the sensor.
+
+        Raises:
+            ConfigError: If the target is no sensor.
+        """
         return (Lag(named_sensor(machine, self.target, self.kind), self.time_constant_s),)
 
 
@@ -45,6 +50,11 @@ class SensorBias(EffectTable):
     source = "an additive error"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return a constant offset of the sensor.
+
+        Raises:
+            ConfigError: If the target is no sensor.
+        """
         return (SensorOffset(named_sensor(machine, self.target, self.kind), self.offset_K, 0.0),)
 
 
@@ -62,4 +72,9 @@ class SensorDrift(EffectTable):
     source = "an additive error that grows"
 
     def terms(self, machine: Description) -> tuple[Term, ...]:
+        """Return an offset of the sensor that grows linearly from 0 at the start.
+
+        Raises:
+            ConfigError: If the target is no sensor.
+        """
         return (SensorOffset(named_sensor(machine, self.target, self.kind), 0.0, self.rate_K_h),)

@@ -34,11 +34,11 @@ class Descent(NamedTuple):
     """The results of c descents; heats and readings are relative to the expected ones.
 
     Attributes:
-        heat_W: (K, m_e, c)
-        rows_K: (K, s, c) readings with these heats
-        misfit: (c,) |Z - H Q|²
-        iterations: (c,)
-        reached: (c,) whether the misfit reached the noise level
+        heat_W: Heats, W, (K, m_e, c).
+        rows_K: Readings with these heats, K, (K, s, c).
+        misfit: |Z - H Q|², (c,), in units of the noise's variance.
+        iterations: Number of iterations, (c,).
+        reached: Whether the misfit reached the noise level, (c,).
     """
 
     heat_W: FloatArray
@@ -49,7 +49,11 @@ class Descent(NamedTuple):
 
 
 def refuse_bent(plant: Plant) -> None:
-    """Raise `UserError` if the readings are not linear in the heats."""
+    """Refuse a plant whose readings are not linear in the heats.
+
+    Raises:
+        UserError: If the plant has radiation, natural convection, or friction that fades with temperature.
+    """
     c = plant.coupling
     if c.radiation > 0.0 or c.rising > 0.0 or c.fades.per_K.any():
         raise UserError(
@@ -66,8 +70,14 @@ def descend(
 ) -> Descent:
     """Return the first iterates towards the minima of |Z - H S w|² that explain each Z to its noise level.
 
-    The c logs in `rise_K` (K, s, c) differ in their readings, and each has its own descent. Before each
-    iteration `progress` receives a text about the log that is furthest from its end.
+    The noise level is M + 2 √(2 M) for M values: 95 % of logs are below it. A descent also ends if twenty
+    iterations lower its misfit by less than 1 %.
+
+    Args:
+        sweeps: H S of the log.
+        weight_1_K: One over the noise of each reading, 1/K, (K, s), 0 without a measurement.
+        rise_K: Readings Z of c logs, relative to the expected ones, K, (K, s, c). Each has its own descent.
+        progress: Called before each iteration with a text about the log that is furthest from its end.
     """
     c, values = rise_K.shape[2], np.count_nonzero(weight_1_K)
     # white noise of variance 1 has a square of M ± √(2 M); 95 % of logs are below this
@@ -142,8 +152,11 @@ _SMOOTHED_SHARE = 0.05
 
 
 class Drawn(NamedTuple):
-    """c logs drawn from the configured prior: heats (K, m_e, c) in W, readings (K, s, c) in K, relative
-    to the expected.
+    """c logs drawn from the configured prior, relative to the expected heats and readings.
+
+    Attributes:
+        heat_W: Heats, W, (K, m_e, c).
+        rise_K: Readings with noise, K, (K, s, c).
     """
 
     heat_W: FloatArray
@@ -151,8 +164,14 @@ class Drawn(NamedTuple):
 
 
 def draw(walk: Sweeps, weight_1_K: FloatArray, seed: int) -> Drawn:
-    """Draw 24 logs, or 4 long ones, with a log's length and missing values: heats, initial field and
-    noise.
+    """Return 24 drawn logs, or 4 long ones: heats, initial field and noise.
+
+    They have the length and the missing values of the log.
+
+    Args:
+        walk: Sweeps with the prior of order 1.
+        weight_1_K: One over the noise of each reading, 1/K, (K, s), 0 without a measurement.
+        seed: Seed of the random numbers.
     """
     rng = np.random.default_rng(seed)
     replicas = REPLICAS if walk.rows <= LONG else REPLICAS_LONG
@@ -163,10 +182,14 @@ def draw(walk: Sweeps, weight_1_K: FloatArray, seed: int) -> Drawn:
 
 
 def spread(drawn: Drawn, found_W: FloatArray) -> FloatArray:
-    """Return the root mean square error (K, m_e) in W of the heats found for drawn logs, (K, m_e, c).
+    """Return the root mean square error of estimated heats, W, (K, m_e), smoothed over 5 % of the log.
 
     The error includes noise, early stopping and missing sensors, as far as the configured random walk
     describes this machine's heats.
+
+    Args:
+        drawn: The drawn logs.
+        found_W: Heats estimated from them, W, (K, m_e, c).
     """
     return np.sqrt(_smoothed(np.mean((found_W - drawn.heat_W) ** 2, axis=2)))
 
@@ -181,13 +204,22 @@ def _smoothed(variance: FloatArray) -> FloatArray:
 
 
 def stepwise(plant: Plant, log: Readings) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
-    """Return a function that finds the heats (K, m_e) of a Z (K, s) step by step, with the readings for them.
+    """Return a function that finds heats step by step.
 
     At step n only q_n is unknown. J_n = Σ_i (T_i(q) - y_i)² is minimised by conjugate gradients from the
     heats of the step before, until J_n is at the noise level; then the step is final. Nothing links the
     steps. So each must be long enough for heat to reach the sensors, or noise is taken for heat. The gradient
-    is that of central differences of 1 W, as printed. Raises `UserError` if the plant's states are coupled in
-    time. Source: Lathe's equations 11 to 17.
+    is that of central differences of 1 W, as printed. Source: Lathe's equations 11 to 17.
+
+    Args:
+        plant: The model, without couplings that change in time.
+        log: Readings of the log with the prior of order 0.
+
+    Returns:
+        A function from Z, K, (K, s), to heats, W, (K, m_e), and the readings with them, K, (K, s).
+
+    Raises:
+        UserError: If the plant's states are coupled in time.
     """
     if plant.coupling.active:
         raise UserError(

@@ -20,10 +20,13 @@ class MethodOptions(NamedTuple):
     """The method and its options; None is the method's own default.
 
     Attributes:
-        regularisation: factor on the weight of the configured prior
-        order: of the prior; 1: heats as a random walk, from an uncertain field; 0: independent heats of
-            each step, from a screw of one temperature, as in the papers
-        seed: of all random draws
+        method: The method.
+        regularisation: Factor on the weight of the configured prior, for tikhonov.
+        parameter_choice: Rule that chooses this factor, for tikhonov; by default `gcv`.
+        order: Order of the prior. 1: heats as a random walk, from an uncertain field. 0: independent heats of
+            each step, from a screw of one temperature, as in the papers.
+        gradient: Gradient of conjugate-gradient; by default `adjoint`.
+        seed: Seed of all random draws.
     """
 
     method: Method = "smoother"
@@ -34,7 +37,12 @@ class MethodOptions(NamedTuple):
     seed: int = 0
 
     def check(self) -> None:
-        """Raise `UserError` if an option is unknown or not of the method, or if two contradict each other."""
+        """Check the options against each other.
+
+        Raises:
+            UserError: If an option is unknown or not of the method, if a number is out of range, or if two
+                options contradict each other.
+        """
         for name, allowed in (
             ("method", Method),
             ("parameter_choice", ParameterChoice),
@@ -74,12 +82,12 @@ class HeatHistory:
     """The estimated heats at K steps, each from all measurements of the log, before and after it.
 
     Attributes:
-        time_s: (K,)
-        heat_W: (K, m_e) of the estimated sources, NaN where unknown
-        heat_sigma_W: (K, m_e)
-        residual_K: (K, s) measured minus explained temperature, NaN where no value was used
-        details: figures of the method by name
-        warnings: sentences
+        time_s: Times of the steps, s since the epoch, (K,).
+        heat_W: Heats of the estimated sources, W, (K, m_e), NaN where unknown.
+        heat_sigma_W: Their σ, W, (K, m_e).
+        residual_K: Measured minus explained temperature, K, (K, s), NaN where no value was used.
+        details: Figures of the method by name, such as `misfit`.
+        warnings: Sentences for the user.
     """
 
     time_s: FloatArray

@@ -35,13 +35,26 @@ def heat_history(
     tolerances: Callable[[FloatArray], Changes] | None = None,
     progress: Callable[[str], None] = lambda _text: None,
 ) -> HeatHistory:
-    """Return the heats over a whole log, given as consecutive blocks of inputs.
+    """Return the heats over a whole log, by the method of the options.
 
-    The function `tolerances` returns the effect of one standard deviation of each tolerance on the sensors.
-    Its argument is the heats (K, m_e) that the smoother estimates without tolerances, averaged over minutes,
-    NaN where unknown. The learnt part of the tolerances is subtracted from the readings. The remaining
-    uncertainty is added to σ for every method. Each iteration of a descent calls `progress`. Raises
-    `UserError` if the options contradict each other, or if the method cannot use this log.
+    With tolerances, their learnt part is subtracted from the readings. The remaining uncertainty is added to
+    σ for every method.
+
+    Args:
+        plant: The model without uncertain parameters.
+        settings: The table `[estimator]`, whose gate rejects readings.
+        blocks: Consecutive blocks of inputs, K steps in total.
+        options: The method and its options.
+        tolerances: Returns the effect of each tolerance on the sensors, along heats (K, m_e), W, averaged
+            over minutes, NaN where unknown. None takes the model as exact.
+        progress: Called in each iteration of a descent.
+
+    Returns:
+        Heats with σ. Warnings name a residual beyond noise, and sources that would cool although their law
+        does not.
+
+    Raises:
+        UserError: If the options contradict each other, or if the method cannot use this log.
     """
     options.check()
     first = None if tolerances is None else smooth_heats(plant, settings, blocks)
@@ -84,10 +97,20 @@ def _that_cool(plant: Plant, blocks: Sequence[Inputs], history: HeatHistory) -> 
 
 
 def refuse_diverged(history: HeatHistory, blocks: Sequence[Inputs], most_W: float, method: str) -> None:
-    """Raise `UserError` if the heats exceed `most_W` or explain less than no heat at all would.
+    """Refuse a history that has diverged.
 
     Without heat a screw stays between its first temperatures and those around it. So its residual is within
     the range of all measured temperatures.
+
+    Args:
+        history: The history.
+        blocks: Inputs of the log.
+        most_W: Largest heat that a screw can take, W.
+        method: Name of the method, for the message.
+
+    Raises:
+        UserError: If the rms of a heat exceeds `most_W`, or if the heats explain less than no heat at all
+            would.
     """
     heat_W, residual_K = _largest_rms(history.heat_W), _largest_rms(history.residual_K)
     temperatures_degC = np.concatenate(

@@ -20,7 +20,13 @@ from observer.model.plant import Plant
 
 
 class Assumed(NamedTuple):
-    """A plant, blocks of inputs, and the steps between them, with one prior of the heats in them."""
+    """A log with one prior of its heats, as the smoother takes it.
+
+    Attributes:
+        plant: The model with the variances of the prior.
+        blocks: Inputs with the laws and jumps of the prior.
+        steps: Step matrices of that prior.
+    """
 
     plant: Plant
     blocks: Sequence[Inputs]
@@ -28,8 +34,11 @@ class Assumed(NamedTuple):
 
 
 class HeldSteps(StepCache):
-    """Steps over which heats are held: a heat jumps at the start of a step, and persists after it only
-    with `keeps`.
+    """Steps over which heats are held constant.
+
+    Args:
+        plant: The model.
+        keeps: Whether a heat persists after the step in which it jumps.
     """
 
     def __init__(self, plant: Plant, *, keeps: bool) -> None:
@@ -37,7 +46,11 @@ class HeldSteps(StepCache):
         self._keeps = keeps
 
     def matrices(self, dt_s: float) -> StepMatrices:
-        """Return the step of that length."""
+        """Return the step of this length, s, without random walk within it.
+
+        Raises:
+            ValueError: If the length is negative or not finite.
+        """
         step = super().matrices(dt_s)
         return step._replace(
             heat_decay=step.heat_decay * self._keeps,
@@ -49,10 +62,15 @@ class HeldSteps(StepCache):
 
 
 def walking(plant: Plant, blocks: Sequence[Inputs], alpha: float = 1.0) -> Assumed:
-    """Return the prior of order 1 at the weight `alpha`: with 1 it is the configuration's.
+    """Return the prior of order 1: each heat walks from its law.
 
     The field has no noise here: everything that heats do not explain is the sensors' noise. With noise of the
     field, no choice of the weight could separate the two.
+
+    Args:
+        plant: The model with the configured random walks.
+        blocks: Inputs of the log.
+        alpha: Weight of the prior, by which its variances are divided; 1 is the configuration's.
     """
     plant = replace(
         plant,
@@ -65,7 +83,16 @@ def walking(plant: Plant, blocks: Sequence[Inputs], alpha: float = 1.0) -> Assum
 
 
 def independent(plant: Plant, blocks: Sequence[Inputs], alpha: float = 1.0) -> Assumed:
-    """Return the prior of order 0 at the weight `alpha`: a step's heat is a jump from zero at its start."""
+    """Return the prior of order 0: a step's heat is a jump from zero at its start.
+
+    Its σ is the configured `initial_sigma_W` over √α. Laws of estimated heats are 0, and the field at the
+    start is known.
+
+    Args:
+        plant: The model.
+        blocks: Inputs of the log.
+        alpha: Weight α of the prior.
+    """
     zeros = np.zeros(len(plant.initial_sigma_W))
     stepwise_plant = replace(
         plant,
@@ -88,10 +115,16 @@ def independent(plant: Plant, blocks: Sequence[Inputs], alpha: float = 1.0) -> A
 
 
 def jumps_W(plant: Plant, inputs: Inputs, order: int) -> tuple[FloatArray, FloatArray]:
-    """Return the σ (K, m_e) in W of each heat's jump at the start of each step, and the remaining fraction
-    (K, m_e).
+    """Return the jump of each heat at the start of each step by its prior.
 
-    The jump is held over the step. The fraction is that of the heat before it. Both are 0 in the first row.
+    Args:
+        plant: The model.
+        inputs: K steps of a log.
+        order: Order of the prior, 0 or 1.
+
+    Returns:
+        σ of the jump, W, (K, m_e), which is held over the step. The fraction of the heat before it that
+        remains, (K, m_e). Both are 0 in the first row.
     """
     sigma_W, keep = np.zeros((2, len(inputs), len(plant.initial_sigma_W)))
     if order == 0:

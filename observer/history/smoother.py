@@ -23,13 +23,13 @@ class Tape(NamedTuple):
     """The data of K filter steps that the backward pass needs.
 
     Attributes:
-        kind: (K,) kind of step
-        gain: (K, s, width) for each sensor, in the order of the corrections
-        weight: (K, s) 1/S, 0 without a correction
-        innovation: (K, s) given the sensors before it
-        heat: (K, m_e) heats after the corrections
-        cross: (K, m_e, width) their rows of P
-        coupled: (K, 2, n_x) state before each half of a coupled step
+        kind: Kind of each step, (K,).
+        gain: Gain of each sensor, in the order of the corrections, (K, s, width).
+        weight: 1/S of each correction, (K, s), 0 without one.
+        innovation: Innovation given the sensors before it, K, (K, s).
+        heat: Heats after the corrections, W, (K, m_e).
+        cross: Rows of P of the heats, (K, m_e, width).
+        coupled: State before each half of a coupled step, (K, 2, n_x).
     """
 
     kind: NDArray[np.int8]
@@ -42,8 +42,12 @@ class Tape(NamedTuple):
 
 
 class Adjoint(NamedTuple):
-    """The information of later measurements on the state, in place: `r` (width,), `N` (n, width), scratch
-    `NK`.
+    """The information of later measurements on the state, changed in place.
+
+    Attributes:
+        r: Adjoint of the state, (width,).
+        N: Its covariance, (n, width).
+        NK: Scratch, (width,).
     """
 
     r: FloatArray
@@ -55,12 +59,12 @@ class Smoothed(NamedTuple):
     """The output of the backward pass, NaN where a step or a reading was not used.
 
     Attributes:
-        heat: (K, m_e) W
-        sigma: (K, m_e) W
-        residual: (K, s) K
-        free: (K, s) 1 minus the influence of each reading on its own smoothed value
-        jump: (K, m_e) jump of each heat from its law at the start of a step, W
-        jump_sigma: (K, m_e) W
+        heat: Heats, W, (K, m_e).
+        sigma: Their σ, W, (K, m_e).
+        residual: Measured minus smoothed readings, K, (K, s).
+        free: 1 minus the influence of each reading on its own smoothed value, (K, s).
+        jump: Jump of each heat from its law at the start of a step, W, (K, m_e).
+        jump_sigma: Its σ, W, (K, m_e).
     """
 
     heat: FloatArray
@@ -90,6 +94,11 @@ def smooth_heats(plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inp
 
     Sensors rejected by the gate in the forward pass are left out of the backward pass too. Sources: Bierman
     (1973), de Jong (1989); Durbin and Koopman (2012), section 6.4, for one sensor at a time.
+
+    Args:
+        plant: The model. Uncertain parameters are not part of the state here.
+        settings: The table `[estimator]`, of which the gate is read.
+        blocks: Consecutive blocks of inputs, K steps in total.
     """
     smoothed = smooth_all(plant, settings, blocks, StepCache(plant))
     time_s = np.concatenate([block.time_s for block in blocks])
@@ -99,19 +108,36 @@ def smooth_heats(plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inp
 def smooth_all(
     plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], steps: StepCache
 ) -> Smoothed:
-    """Return the whole output of the smoother for consecutive blocks, with the step matrices of `steps`."""
+    """Return the whole output of the smoother for consecutive blocks.
+
+    Memory for the tape is constant; the filter's state is stored once per 1024 steps.
+
+    Args:
+        plant: The model.
+        settings: The table `[estimator]`, of which the gate is read.
+        blocks: Consecutive blocks of inputs, K steps in total.
+        steps: Step matrices, which contain the prior of the heats.
+    """
     return Smoothed(*_Passes(plant.sensors_only(), settings, steps).run(blocks))
 
 
 def smooth_changes(
     plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], changes_K: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the smoother's response to changes D (K, s, c) of the sensor readings, K, in addition to the
-    log.
+    """Return the smoother's response to changes of the sensor readings in addition to the log.
 
-    With the covariance Σ of all readings, this is Dᵀ Σ⁻¹ [y − ŷ | D] (c, 1 + c), and the changes of the heats
-    (K, m_e, c), W. Readings rejected by the gate carry no information. Gains and covariances are those of the
-    log, so one pass serves all changes.
+    Readings rejected by the gate carry no information. Gains and covariances are those of the log, so one
+    pass serves all changes.
+
+    Args:
+        plant: The model.
+        settings: The table `[estimator]`, of which the gate is read.
+        blocks: Consecutive blocks of inputs, K steps in total.
+        changes_K: Changes D of the readings, K, (K, s, c).
+
+    Returns:
+        Dᵀ Σ⁻¹ [y − ŷ | D], (c, 1 + c), with the covariance Σ of all readings. Changes of the heats, W, (K,
+        m_e, c).
     """
     passes = _ChangedPasses(plant.sensors_only(), settings, changes_K)
     [heat] = passes.run(blocks)
@@ -119,7 +145,12 @@ def smooth_changes(
 
 
 class Changed(NamedTuple):
-    """The changes of readings (K, s, c) and of heats (K, m_e, c), as `kernels.changes` computes them."""
+    """Changes as `kernels.changes` computes them, column 0 being the log itself.
+
+    Attributes:
+        moved: Changes of readings, K, (K, s, padded columns).
+        heat: Changes of heats, W, (K, m_e, padded columns).
+    """
 
     moved: FloatArray
     heat: FloatArray

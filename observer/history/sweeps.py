@@ -29,10 +29,10 @@ class Readings(NamedTuple):
     """The readings of K rows minus those expected by the heat laws, from the first row with a measurement on.
 
     Attributes:
-        first: that row
-        inputs: of the K rows
-        rise_K: (K, s) Z, 0 without a measurement
-        weight_1_K: (K, s) one over the noise, 0 without a measurement
+        first: That row of the log.
+        inputs: Inputs of the K rows.
+        rise_K: Z, K, (K, s), 0 without a measurement.
+        weight_1_K: One over the noise, 1/K, (K, s), 0 without a measurement.
     """
 
     first: int
@@ -42,7 +42,7 @@ class Readings(NamedTuple):
 
     @property
     def measurements(self) -> int:
-        """The number of values; with the correct heats the sum of the weighted squares is about this."""
+        """Number of values; with the correct heats the sum of the weighted squares is about this."""
         return int(np.count_nonzero(self.weight_1_K))
 
     def unexplained(self, rows_K: FloatArray) -> FloatArray:
@@ -51,9 +51,17 @@ class Readings(NamedTuple):
 
 
 def readings(plant: Plant, blocks: Sequence[Inputs], order: int) -> Readings:
-    """Return the readings of a log minus those that the prior of that order expects.
+    """Return the readings of a log minus those that the prior expects.
 
-    Raises `UserError` if fewer than three steps have a measurement.
+    The expected ones start from a screw of one temperature, the median of the first readings.
+
+    Args:
+        plant: The model.
+        blocks: Consecutive blocks of inputs.
+        order: Order of the prior, 0 or 1.
+
+    Raises:
+        UserError: If fewer than three steps remain from the first one with a measurement.
     """
     if order == 0:
         blocks = independent(plant, blocks).blocks
@@ -86,10 +94,23 @@ class Sweeps:
 
     A history is a column of V (r + K m_e, c). The first r numbers are the uncertain field at the start, none
     in order 0. The others are one for each heat's jump at the start of each row's step.
+
+    Attributes:
+        start: r.
+        rows: K.
+        heats: m_e.
+        sensors: Number s of sensors.
     """
 
     def __init__(self, plant: Plant, inputs: Inputs, order: int, *, start_known: bool | None = None) -> None:
-        """Prepare the sweeps; in order 0 the field at the start is known, unless `start_known` differs."""
+        """Prepare the sweeps.
+
+        Args:
+            plant: The model.
+            inputs: K steps of the log.
+            order: Order of the prior, 0 or 1.
+            start_known: Whether the field at the start is known. None: it is in order 0.
+        """
         plant = plant.sensors_only()
         arrays = packing.pack_plant(plant)
         plant_record, self._work = record(arrays), record(packing.scratch(arrays))
@@ -108,11 +129,18 @@ class Sweeps:
 
     @property
     def unknowns(self) -> int:
-        """How many numbers form a history."""
+        """Number of entries of a history, r + K m_e."""
         return int(self.start + self.rows * self.heats)
 
     def forward(self, V: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return heats (K, m_e, c), W, beyond their laws and readings (K, s, c), K, of histories V."""
+        """Return the heats and readings of c histories by one sweep over the log.
+
+        Args:
+            V: The histories, (r + K m_e, c).
+
+        Returns:
+            Heats beyond their laws, W, (K, m_e, c), and readings beyond the expected ones, K, (K, s, c).
+        """
         c = V.shape[1]
         X = np.zeros((self._states, c))
         X[: self._n_x] = self._root @ V[: self.start]
@@ -125,7 +153,14 @@ class Sweeps:
         return heat, rows
 
     def adjoint(self, rows: FloatArray) -> FloatArray:
-        """Return (H S)ᵀ of readings (K, s, c), as V (r + K m_e, c)."""
+        """Return (H S)ᵀ times readings by one sweep back, exact to rounding.
+
+        Args:
+            rows: Readings, (K, s, c).
+
+        Returns:
+            Histories, (r + K m_e, c).
+        """
         c = rows.shape[2]
         R, w = np.zeros((self._states, c)), np.zeros((self.rows, self.heats, c))
         for s in reversed(self._stretches):
@@ -134,7 +169,11 @@ class Sweeps:
         return np.vstack([self._root.T @ R[: self._n_x], w.reshape(-1, c)])
 
     def largest(self, weight_1_K: FloatArray) -> float:
-        """Return approximately the largest eigenvalue of (H S)ᵀ R⁻¹ H S, by a few powers of it."""
+        """Return approximately the largest eigenvalue of (H S)ᵀ R⁻¹ H S, by eight powers of it.
+
+        Args:
+            weight_1_K: One over the noise, 1/K, (K, s), 0 without a measurement.
+        """
         V = np.random.default_rng(0).standard_normal((self.unknowns, 1))
         size = 1.0
         for _ in range(_POWERS):

@@ -31,13 +31,14 @@ _DIGITS = 3e-5
 
 
 class Trial(NamedTuple):
-    """A solution for `alpha` in numbers.
+    """A solution for one weight in numbers.
 
     Attributes:
-        misfit: |Z - H Q|²
-        size: |w|² of its heats
-        free: number of measurements minus the trace of the influence matrix
-        measurements: their number
+        alpha: The weight α.
+        misfit: |Z - H Q|², in units of the noise's variance.
+        size: |w|² of its heats.
+        free: Number of measurements minus the trace of the influence matrix.
+        measurements: Number of measurements.
     """
 
     alpha: float
@@ -48,13 +49,25 @@ class Trial(NamedTuple):
 
 
 class Regularised:
-    """The regularised solutions of one log with one prior, by α; each is computed once."""
+    """The regularised solutions of one log with one prior, by α; each is computed once.
+
+    Attributes:
+        top: Largest eigenvalue of (H S)ᵀ R⁻¹ H S. Weights far above it leave no heat beyond the prior's.
+    """
 
     def __init__(
         self, plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], order: int
     ) -> None:
-        """Leave out the readings that the smoother's gate rejects, so that all solutions use the same
-        ones.
+        """Leave out the readings that the smoother's gate rejects, so that all solutions use the same ones.
+
+        Args:
+            plant: The model.
+            settings: The table `[estimator]`.
+            blocks: Consecutive blocks of inputs.
+            order: Order of the prior, 0 or 1.
+
+        Raises:
+            UserError: If fewer than three steps have a measurement.
         """
         accepted = np.isfinite(smooth_heats(plant, settings, blocks).residual_K)
         block_starts = np.cumsum([0, *map(len, blocks)])
@@ -70,7 +83,7 @@ class Regularised:
         self.top = Sweeps(plant, self._log.inputs, order).largest(self._log.weight_1_K)
 
     def solve(self, alpha: float) -> Smoothed:
-        """Return the solution for α: heats, their σ, residuals; NaN in rows before the first measurement."""
+        """Return the solution for α: heats, σ and residuals; NaN in rows before the first measurement."""
         plant, blocks, steps = self._prior(self._plant, self._blocks, alpha)
         solution = smooth_all(plant, self._settings, blocks, steps)
         return solution if self._order == 1 else self._as_jumps(solution, alpha)
@@ -84,7 +97,7 @@ class Regularised:
         return solution._replace(heat=solution.jump, sigma=sigma_W)
 
     def trial(self, alpha: float) -> Trial:
-        """Return the solution for α in numbers."""
+        """Return the solution for α in numbers, computed once."""
         if alpha not in self._tried:
             fit = self.solve(alpha)
             misfit = np.nansum(fit.residual**2 / self._plant.noise_R_K2)
@@ -112,14 +125,25 @@ Try = Callable[[float], Trial]
 
 
 def trials(top: float, per_decade: int = 1) -> FloatArray:
-    """Return α over the whole relevant range, ascending, about the largest eigenvalue `top`."""
+    """Return α over the whole relevant range, ascending: twelve decades below the largest eigenvalue to one
+    above.
+
+    Args:
+        top: The largest eigenvalue.
+        per_decade: Number of values in a decade.
+    """
     return np.asarray(top * np.logspace(-_SPAN, 1, per_decade * (_SPAN + 1) + 1))
 
 
 def by_discrepancy(trial: Try, alphas: FloatArray) -> float:
     """Return the α at which the misfit is that of the noise alone. Source: Morozov (1966).
 
-    The largest of `alphas` if all explain the log, the smallest if none does.
+    Args:
+        trial: Returns the solution for a weight.
+        alphas: The range, ascending.
+
+    Returns:
+        The weight. The largest of `alphas` if all explain the log, the smallest if none does.
     """
     from scipy.optimize import brentq  # noqa: PLC0415 - slow to import
 
@@ -139,6 +163,10 @@ def by_gcv(trial: Try, alphas: FloatArray) -> float:
     """Return the α of least misfit/(M - trace)², generalised cross-validation.
 
     It needs no noise level. Source: Golub, Heath and Wahba (1979).
+
+    Args:
+        trial: Returns the solution for a weight.
+        alphas: The range, ascending; the best of them is refined between its neighbours.
     """
     from scipy.optimize import minimize_scalar  # noqa: PLC0415 - slow to import
 
@@ -156,6 +184,10 @@ def by_l_curve(trial: Try, alphas: FloatArray) -> float:
     """Return the α at the corner of log |w| over log |Z - H S w|, its point of greatest curvature.
 
     Source: Hansen (1992), the curvature from cubic splines along log α.
+
+    Args:
+        trial: Returns the solution for a weight.
+        alphas: Weights at which the curve is computed, ascending, three per decade or more.
     """
     from scipy.interpolate import CubicSpline  # noqa: PLC0415 - slow to import
 
@@ -187,6 +219,13 @@ def by_ico(
     drawn is kept, and the other nine need not be solved. W falls without limit, so the search ends at the
     lower bound unless the tolerance stops it. The default `bounds` are the largest eigenvalue `top` and
     twelve decades below it. Source: Li et al. (2022), equations 40 to 42.
+
+    Args:
+        trial: Returns the solution for a weight.
+        top: The largest eigenvalue of (H S)ᵀ R⁻¹ H S.
+        seed: Seed of the draws.
+        bounds: First interval, or None for the default.
+        tolerance: W at which the search ends.
     """
     low, high = bounds or (top * 10.0**-ICO_DECADES, top)
     rng = np.random.default_rng(seed)

@@ -44,8 +44,8 @@ class Changes(NamedTuple):
     """The change of the sensors with one standard deviation of each of c tolerances.
 
     Attributes:
-        sensor_K: (K, s, c)
-        learnt: (c,) whether the tolerance is learnt; the others are considered
+        sensor_K: Changes of the readings, K, (K, s, c).
+        learnt: Whether each tolerance is learnt; the others are considered, (c,).
     """
 
     sensor_K: FloatArray
@@ -53,12 +53,19 @@ class Changes(NamedTuple):
 
 
 def changes_within(config: Config, blocks: Sequence[Inputs], heat_W: FloatArray) -> Changes:
-    """Return the effect of the plant's tolerances over consecutive blocks of K steps in total.
+    """Return the effect of the plant's tolerances on the sensors over a log.
 
-    The change is simulated along the estimated heats `heat_W` (K, m_e), NaN where unknown, because the effect
-    of a film depends on the temperature of the screw. It is zero initially, when the sensors give the field.
-    Learnt are the tolerances in `[estimator] learn`; the common tolerance of the sensors' gains is only
-    considered.
+    It is zero initially, when the sensors give the field. Learnt are the tolerances in `[estimator] learn`;
+    the common tolerance of the sensors' gains is only considered.
+
+    Args:
+        config: The machine with its tolerances.
+        blocks: Consecutive blocks of inputs, K steps in total.
+        heat_W: Estimated heats, W, (K, m_e), NaN where unknown, along which changes are simulated. The effect
+            of a film depends on the temperature of the screw.
+
+    Returns:
+        The changes, with c = 0 if no heat is known.
     """
     plant, learnt = _roughly_known(config)
     known_rows = np.flatnonzero(np.isfinite(heat_W).any(axis=1))
@@ -83,10 +90,15 @@ def changes_within(config: Config, blocks: Sequence[Inputs], heat_W: FloatArray)
 
 
 def averaged(blocks: Sequence[Inputs], estimated: BoolArray, heat_W: FloatArray) -> FloatArray:
-    """Return estimated heats (K, m_e) with their deviation from the laws averaged over `AVERAGED_S`.
+    """Return estimated heats with their deviation from the laws averaged over `AVERAGED_S`, W, (K, m_e).
 
     Estimated heats follow the noise of the readings. Changes simulated along them would correlate with that
-    noise, and the estimate of the tolerances would be biased. Rows with a NaN stay NaN.
+    noise, and the estimate of the tolerances would be biased.
+
+    Args:
+        blocks: Consecutive blocks of inputs, K steps in total.
+        estimated: True for estimated heats, (m,).
+        heat_W: Estimated heats, W, (K, m_e). Rows with a NaN stay NaN.
     """
     time_s = np.concatenate([block.time_s for block in blocks])
     law_W = np.concatenate([block.law_W for block in blocks])[:, estimated]
@@ -119,9 +131,14 @@ def _roughly_known(config: Config) -> tuple[Plant, BoolArray]:
 
 
 class Sensitivities(NamedTuple):
-    """What an open loop carries of the machine's tolerances: `S` (n_x + m_e, t), ∂x/∂θ σ_θ.
+    """What an open loop carries of the machine's tolerances, for the kernel.
 
-    They are taken `around` (n_x + m_e + 2 s,) a state that follows the log's heats; `nothing` (n,) is zero.
+    Attributes:
+        plant: The plant.
+        work: Scratch memory.
+        around: State that follows the log's heats, the linearisation point, (n_x + m_e + 2 s,).
+        S: ∂x/∂θ σ_θ, (n_x + m_e, t).
+        nothing: Zeros, (n,).
     """
 
     plant: packing.PlantArrays
@@ -166,10 +183,10 @@ class ToleranceEstimate(NamedTuple):
     """The most probable effect of tolerances on sensors and heats.
 
     Attributes:
-        sensor_K: (K, s) effect of the learnt tolerances
-        whole_K: (K, s) effect of all tolerances, the considered ones too
-        largest: the largest tolerance, in standard deviations
-        variance_W2: (K, m_e) variance of the heats due to all tolerances
+        sensor_K: Effect of the learnt tolerances, K, (K, s).
+        whole_K: Effect of all tolerances, the considered ones too, K, (K, s).
+        largest: Largest tolerance, in σ.
+        variance_W2: Variance of the heats due to all tolerances, W², (K, m_e).
     """
 
     sensor_K: FloatArray
@@ -181,7 +198,14 @@ class ToleranceEstimate(NamedTuple):
 def most_probable(
     plant: Plant, settings: EstimatorSettings, blocks: Sequence[Inputs], changes: Changes
 ) -> ToleranceEstimate:
-    """Return the estimate of at least one tolerance from the accepted readings of consecutive blocks."""
+    """Return the estimate of the tolerances from the accepted readings of a log.
+
+    Args:
+        plant: The model without uncertain parameters.
+        settings: The table `[estimator]`, of which the gate is read.
+        blocks: Consecutive blocks of inputs, K steps in total.
+        changes: Changes by at least one tolerance.
+    """
     information, M = smooth_changes(plant, settings, blocks, changes.sensor_K)
     linear = LinearFit.of_information(np.eye(len(information)) + information[:, 1:], information[:, 0])
     S, theta = linear.covariance, linear.step
@@ -193,7 +217,7 @@ def most_probable(
 
 
 def without_changes(blocks: Sequence[Inputs], change_K: FloatArray) -> list[Inputs]:
-    """Return the blocks with changes (K, s) subtracted from the readings."""
+    """Return the blocks with changes of the sensors, K, (K, s), subtracted from the readings."""
     out, begin = [], 0
     for block in blocks:
         out.append(block._replace(y_degC=block.y_degC - change_K[begin : begin + len(block)]))

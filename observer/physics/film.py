@@ -19,8 +19,13 @@ _GAS_CONSTANT_J_kgK = 287.058
 
 
 class Air(NamedTuple):
-    """The properties of air on which a film coefficient depends; `viscosity_m2_s` is kinematic,
-    `expansion_1_K` = 1/T.
+    """The properties of air on which a film coefficient depends.
+
+    Attributes:
+        viscosity_m2_s: Kinematic viscosity, m²/s.
+        conductivity_W_mK: Heat conductivity, W/mK.
+        prandtl: Prandtl number.
+        expansion_1_K: Thermal expansion 1/T, 1/K.
     """
 
     viscosity_m2_s: float
@@ -73,7 +78,14 @@ def rayleigh(length_m: float, rise_K: float, air: Air) -> float:
 
 
 class WallRange(NamedTuple):
-    """One line of the table of natural convection: Nu = C Ra^n for `low` ≤ Ra ≤ `high`."""
+    """One line of the table of natural convection: Nu = C Ra^n.
+
+    Attributes:
+        C: Factor.
+        n: Exponent.
+        low: Lowest Rayleigh number of the line.
+        high: Highest one.
+    """
 
     C: float
     n: float

@@ -18,10 +18,13 @@ SWITCH_MM2_S_RPM = 2000.0
 
 
 class BearingType(NamedTuple):
-    """The constants of Palmgren's formula for a kind of bearing.
+    """The constants of Palmgren's formula for a kind of bearing: f_1 = z (P_0/C_0)^y.
 
-    f_1 = `load_factor` (P_0/C_0)^`load_exponent`; the load that acts is `axial` F_a − 0.1 F_r, but at least
-    F_r; `f0` is the factor of the lubricant's torque, for grease.
+    Attributes:
+        load_factor: z.
+        load_exponent: y.
+        axial: Factor a of the axial load in P = max(a F_a − 0.1 F_r, F_r).
+        f0: Factor of the lubricant's torque, for grease.
     """
 
     load_factor: float

@@ -17,7 +17,11 @@ MOST_PLACES = 200
 
 
 class SensorCandidate(Measuring):
-    """A sensor that could be mounted, or one anywhere along a stretch of the screw; or a probing cycle."""
+    """A sensor that could be mounted, or one anywhere along a stretch of the screw; or a probing cycle.
+
+    Exactly one place is needed: `position_m`, `on`, or a stretch with `from_m`, `to_m` and `spacing_m`. Keys
+    of the other `kind` are rejected, and `every_s` without `occasional`.
+    """
 
     name: quantities.Name  #: its name; places of a stretch get `_250mm` added
     #: `"temperature"`, or `"displacement"`: a [probe, a laser, a dial gauge](../how-to/probe.md)
@@ -55,7 +59,11 @@ class SensorCandidate(Measuring):
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:
-        """The sensors that the candidate offers, one for each place of a stretch."""
+        """The sensors that the candidate offers, one for each place of a stretch, both ends included.
+
+        Places are evenly spaced, as near to `spacing_m` as fits. Names end in the place in mm, channels of
+        displacements in `_um`.
+        """
         sensor_keys = self.model_dump(
             exclude_unset=True, include=set(Sensor.model_fields) - {"name", "channel"}
         )
@@ -80,7 +88,13 @@ class CandidateFile(Section):
 def candidate_problems(
     candidates: Sequence[SensorCandidate], length_m: float, nodes: Collection[str]
 ) -> Iterator[str]:
-    """Say why candidates cannot be mounted on a machine with such a screw and nodes, a sentence each."""
+    """Yield why candidates cannot be mounted on a machine, a sentence with a remedy each.
+
+    Args:
+        candidates: The candidates of all files.
+        length_m: Length of the screw, m.
+        nodes: Names of the nodes.
+    """
     places = 0
     for one in candidates:
         if one.on is not None and one.on not in nodes:

@@ -21,7 +21,8 @@ Relative = Annotated[NonNegative, Field(le=1)]
 class Tolerance(Section):
     """One standard deviation of each quantity known only roughly; 0 takes the configured value as exact.
 
-    A law's scale has its own, the source's `law_uncertainty`.
+    A law's scale has its own, the source's `law_uncertainty`. Links, nodes and sensors may have their own,
+    which replace the general ones here.
     """
 
     conductivity: Relative = 0.03  #: of the screw, relative
@@ -41,12 +42,18 @@ class Tolerance(Section):
     heat_per_log: Relative = 0.03  #: of each source's heat between logs, relative; in `discover`
 
     def of_link(self, configured: float | None) -> float:
-        """Return the relative tolerance of a link: its own `configured` one, else the general one."""
+        """Return the relative tolerance of a link's conductance.
+
+        Args:
+            configured: The link's own, or None for the general one.
+        """
         return self.link if configured is None else configured
 
     def of_capacity(self, configured: float | None) -> float:
-        """Return the relative tolerance of a node's capacity: its own `configured` one, else the general
-        one.
+        """Return the relative tolerance of a node's capacity.
+
+        Args:
+            configured: The node's own, or None for the general one.
         """
         return self.capacity if configured is None else configured
 
@@ -64,7 +71,11 @@ def _known_kind(kind: str) -> str:
 
 
 class EstimatorSettings(Section):
-    """How heats and field are estimated."""
+    """How heats and field are estimated.
+
+    Keys of another `kind` or `engine` have no effect. A `kind` from outside is imported when the
+    configuration is read, and rejected if that fails.
+    """
 
     #: `"kalman"`, `"luenberger"`, or a [class of your own](../how-to/add-an-estimator.md): `"module:Class"`
     #: or an entry point
@@ -92,17 +103,17 @@ class EstimatorSettings(Section):
 
     @property
     def allows(self) -> bool:
-        """Whether the estimator is one whose σ hold what tolerances cost."""
+        """Whether σ of this estimator contain the tolerances."""
         return self.kind == "luenberger" or (self.kind == "kalman" and self.engine != "filterpy")
 
     @property
     def learns(self) -> bool:
-        """Whether the estimator is one that takes tolerances into its state."""
+        """Whether this estimator takes tolerances into its state, where they are learnt or considered."""
         return self.kind == "kalman" and self.engine == "compiled"
 
     @property
     def screens(self) -> bool:
-        """Whether the estimator is one that can screen readings, and bound what their faults do to it."""
+        """Whether this estimator can screen readings and bound the effect of their faults."""
         return self.kind == "kalman" and self.engine == "compiled"
 
 
@@ -121,7 +132,9 @@ class ForecastSettings(Section):
 
 
 class Probing(Section):
-    """When to [probe now](../how-to/probe.md#probe-now)."""
+    """When to [probe now](../how-to/probe.md#probe-now): before σ of the thermal error exceeds the accuracy
+    that the part needs.
+    """
 
     needs_um: Positive | None = None  #: accuracy that the part needs; – is `integrity.limit_um`
 

@@ -17,7 +17,14 @@ _LEAST_INTERVAL_S = 1e-3
 
 
 def host_and_port(address: str) -> tuple[str, int]:
-    """Return host, without brackets, and port of an address. Raises `ValueError` where it is invalid."""
+    """Return host, without brackets, and port of an address `host:port`.
+
+    Args:
+        address: A name, an IPv4 address or an IPv6 address in brackets, and a port from 1 to 65535.
+
+    Raises:
+        ValueError: If it is anything else.
+    """
     match = _ADDRESS.fullmatch(address)
     if not match or not 1 <= int(match["port"]) <= _MOST_PORT:
         raise ValueError(f"{address[:60]!r} is no address; write host:port, like 127.0.0.1:8080")
@@ -25,7 +32,13 @@ def host_and_port(address: str) -> tuple[str, int]:
 
 
 def is_loopback(address: str) -> bool:
-    """Whether only this computer can reach an address."""
+    """Return whether only this computer can reach an address.
+
+    A name other than `localhost` counts as reachable, because it is not resolved.
+
+    Raises:
+        ValueError: If the address is invalid.
+    """
     host, _ = host_and_port(address)
     try:
         return ipaddress.ip_address(host).is_loopback
@@ -60,7 +73,10 @@ Topic = Annotated[str, Field(pattern=r"^[^#+\s/][^#+\s]*$", max_length=200)]
 
 
 class Page(Section):
-    """The page for people: where it listens, and the names and passwords of those who may look."""
+    """The page for people: where it listens, and the names and passwords of those who may look.
+
+    An address that other computers reach is rejected without `users_file`.
+    """
 
     #: where it is served, `host:port`; any address but this computer's requires `users_file`
     listen: Address = "127.0.0.1:8080"
@@ -81,8 +97,8 @@ class Page(Section):
 
     @property
     def doubt(self) -> str | None:
-        """A sentence about passwords that go to other computers without TLS, None where TLS or no other
-        computer is used.
+        """Warning about passwords that go to other computers without TLS; None with TLS or on this computer
+        only.
         """
         if is_loopback(self.listen) or self.certificate is not None:
             return None
@@ -115,7 +131,11 @@ class Mqtt(Section):
 
 
 class Opcua(Section):
-    """A server of OPC UA: its address, its users, and the files for its encryption."""
+    """A server of OPC UA: its address, its users, and the files for its encryption.
+
+    An address that other computers reach is rejected without `users_file` or `anonymous`. A `users_file` is
+    rejected without a certificate, because passwords would be sent unencrypted.
+    """
 
     #: address; beyond this computer it requires `users_file`, `certificate` and `key`, or `anonymous`
     listen: OpcuaAddress = "opc.tcp://127.0.0.1:4840"

@@ -16,7 +16,12 @@ FilmLaw = Literal["churchill-chu", "wall", "rotating-cylinder", "kendoush", "tay
 
 
 class BearingFriction(Section):
-    """Palmgren's friction of a rolling bearing, as a source's heat law."""
+    """Palmgren's friction of a rolling bearing, as a source's heat law (Palmgren 1959; Yu et al. 2024,
+    §3.1.1).
+
+    Load, load factor f₁ and viscosity can each be given in two ways. Anything but exactly one complete way is
+    rejected.
+    """
 
     #: `"angular_contact"`, `"angular_contact_pair"` (or two rows) or `"deep_groove"`
     type: Literal["angular_contact", "angular_contact_pair", "deep_groove"]
@@ -53,7 +58,11 @@ class BearingFriction(Section):
 
 
 class NutFriction(Section):
-    """Friction of a ball nut from preload, load and efficiency, as a source's heat law."""
+    """Friction of a ball nut from preload, load and efficiency, as a source's heat law.
+
+    A nut without any load is rejected. Formulas: `physics.friction.preload_torque_Nm`,
+    `load_friction_torque_Nm`.
+    """
 
     efficiency: Efficiency  #: η of the nut without preload, 0.5 to 1
     preload_N: Load = 0.0  #: preload
@@ -74,7 +83,11 @@ DIVIDED_LAWS = LAWS[:3]
 
 
 class HeatLaw(Section):
-    """How much heat a source delivers: one law, and its factors."""
+    """How much heat a source delivers: one law, and its factors.
+
+    At most one law may be given. Laws of friction need `speed_channel`. Factors that do not belong to the law
+    are rejected.
+    """
 
     #: channel of the screw's speed in rpm, for laws of friction
     speed_channel: quantities.Channel | None = None
@@ -133,12 +146,16 @@ class HeatLaw(Section):
 
     @property
     def law(self) -> str | None:
-        """The key of the law in use, None without one."""
+        """The key of the law in use; None without one."""
         return next((key for key in LAWS if getattr(self, key) is not None), None)
 
     @property
     def law_channels(self) -> tuple[str, ...]:
-        """The channels that the law reads: speed, and the nut's own speed; or the power; or the drive."""
+        """The channels that the law reads, in the order of its arguments.
+
+        For a law of friction they are the screw's speed and a driven nut's speed, else the power, or the
+        drive's state.
+        """
         named: tuple[str | None, ...] = (self.power_channel, self.drive_channel)
         if self.law in SPEED_LAWS:
             named = (self.speed_channel, self.nut_speed_channel)
@@ -146,7 +163,10 @@ class HeatLaw(Section):
 
 
 class Surface(Section):
-    """The lateral surface; a film coefficient of 0 means that no surface loss is modelled."""
+    """The lateral surface; a film coefficient of 0 means that no surface loss is modelled.
+
+    The film is a number or a law, not both. Keys of another law are rejected, and so is an incomplete thread.
+    """
 
     #: film coefficient of the whole surface; 0 means that no loss is modelled
     convection_W_m2K: quantities.Film = 0.0
@@ -204,7 +224,7 @@ class Surface(Section):
 
     @property
     def turns(self) -> bool:
-        """Whether the film depends on the screw's speed."""
+        """Whether the film depends on the screw's speed, given as a number or as a channel."""
         return self.speed_rpm > 0.0 or self.speed_channel is not None
 
     def _thread_is_complete(self) -> None:

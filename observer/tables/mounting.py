@@ -12,7 +12,11 @@ Stiffness = Annotated[Positive, Field(ge=1.0)]
 
 
 class Supports(Section):
-    """The axial supports of the screw (Kuznetsov's mountings L-I to L-IV)."""
+    """The axial supports of the screw (Kuznetsov's mountings L-I to L-IV).
+
+    Only L-III, with both ends held, has forces. Stiffnesses, pre-tension and clearance are rejected in the
+    others.
+    """
 
     #: `"L-I"`: both supports let it slide; `"L-II"`: the first holds, the second only carries; `"L-III"`:
     #: both hold; `"L-IV"`: the first holds, there is no second
@@ -57,7 +61,11 @@ MOST_POINTS = 50
 
 
 class Compensation(Section):
-    """The table and line by which a control removes the thermal error from its axis; off unless enabled."""
+    """The table and line by which a control removes the thermal error from its axis; off unless enabled.
+
+    To enable it, the configuration must state that nothing else compensates, and that the axis is positioned
+    by the motor's encoder.
+    """
 
     enabled: Flag = False  #: publish `compensation`; it still has to be armed
     #: must be `false`: nothing else compensates the growth of this screw

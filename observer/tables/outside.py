@@ -19,19 +19,34 @@ _FILES: dict[str, str] = {}
 
 
 def is_outside(kind: object, group: str) -> TypeGuard[str]:
-    """Whether a `kind` names a class from outside; `group` is `"drivers"`, `"estimators"` or `"effects"`."""
+    """Return whether a `kind` names a class from outside.
+
+    Args:
+        kind: Any value of the configuration.
+        group: `"drivers"`, `"estimators"` or `"effects"`.
+    """
     return isinstance(kind, str) and (_PATH.fullmatch(kind) is not None or kind in entry_names(group))
 
 
 def entry_names(group: str) -> tuple[str, ...]:
-    """The names that installed packages give to their classes of a group."""
+    """Return the names that installed packages give to their classes of a group, sorted.
+
+    Args:
+        group: `"drivers"`, `"estimators"` or `"effects"`.
+    """
     return tuple(sorted(entry_points(group=f"ballscrew_observer.{group}").names))
 
 
 def outside(kind: str, group: str) -> Any:
-    """Import the class that `kind` names.
+    """Import the class that `kind` names, and remember its file for `fault_outside`.
 
-    Raises `ValueError` with the remedy where it cannot be imported, whatever its module raises.
+    Args:
+        kind: `module:Class`, or the name of an entry point.
+        group: `"drivers"`, `"estimators"` or `"effects"`.
+
+    Raises:
+        ValueError: If it cannot be imported, whatever its module raises, if the module has no such class, or
+            if abstract methods are missing.
     """
     point = EntryPoint(kind, kind, group)
     if ":" not in kind:
@@ -54,7 +69,11 @@ def outside(kind: str, group: str) -> Any:
 def fault_outside(error: BaseException) -> str | None:
     """Return a sentence that names the class from outside in which an exception arose, with file and line.
 
-    None where it arose in none of them.
+    Args:
+        error: The exception with its traceback.
+
+    Returns:
+        The sentence, or None if no class from outside is involved.
     """
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         if kind := _FILES.get(frame.filename):

@@ -26,7 +26,14 @@ _ENDPOINT = re.compile(r"[a-z][a-z0-9_-]*/[^\s]+")
 
 
 def checked_endpoint(text: str) -> str:
-    """Return the endpoint unchanged. Raises `ValueError` where it is not a Zenoh endpoint."""
+    """Return the endpoint unchanged.
+
+    Args:
+        text: An endpoint of Zenoh, `protocol/address`.
+
+    Raises:
+        ValueError: If it has another form; addresses are not resolved here.
+    """
     if not _ENDPOINT.fullmatch(text):
         raise ValueError(f"{text!r} is no Zenoh endpoint; write it like {DEFAULT_ENDPOINT}")
     return text
@@ -76,7 +83,10 @@ class Login(Section):
 
 
 class Access(Section):
-    """The rights of each `user:NAME` or `certificate:COMMON-NAME`; all others have none."""
+    """The rights of each `user:NAME` or `certificate:COMMON-NAME`; all others have none.
+
+    A table without names is rejected, and so is a name with two roles.
+    """
 
     viewer: tuple[Subject, ...] = ()  #: who may read: `"user:NAME"` or `"certificate:NAME"` (common name)
     operator: tuple[Subject, ...] = ()  #: who may also command
@@ -84,7 +94,7 @@ class Access(Section):
 
     @property
     def subjects(self) -> tuple[str, ...]:
-        """All names with a right."""
+        """All names with a right: viewers, operators, then services."""
         return self.viewer + self.operator + self.service
 
     @model_validator(mode="after")
@@ -102,7 +112,11 @@ class Access(Section):
 
 
 class Publish(Section):
-    """The Zenoh session of the daemon."""
+    """The Zenoh session of the daemon.
+
+    With `tls` every endpoint must be encrypted, and an encrypted one needs `tls`. Names in `access` must be
+    able to log in. A client cannot have `access`, because its router decides.
+    """
 
     #: `"peer"`, `"client"` (of a router) or `"router"` (is one)
     mode: Literal["client", "peer", "router"] = "peer"
@@ -119,7 +133,10 @@ class Publish(Section):
 
     @property
     def listens(self) -> Endpoints:
-        """Where a session listens: on loopback, if neither an address nor a peer is given."""
+        """Endpoints on which the session listens.
+
+        Without `listen` and `connect` it is loopback, except for a client.
+        """
         if self.listen or self.connect or self.mode == "client":
             return self.listen
         return (DEFAULT_ENDPOINT,)
@@ -207,9 +224,13 @@ class Checkpoint(Section):
     oldest_s: Annotated[float, Field(gt=0, le=86_400)] = 900.0  #: an older one is ignored at the start
 
     def place(self, record: RecordSettings) -> Path | None:
-        """Return the directory in force: as configured, else that of the recordings, else systemd's.
+        """Return the folder in force: as configured, else that of the recordings, else systemd's.
 
-        None where saving is off, or none of the three is set.
+        Args:
+            record: The table `[record]`.
+
+        Returns:
+            The folder. None where saving is off, or none of the three is set.
         """
         if not self.enabled:
             return None

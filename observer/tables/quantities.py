@@ -24,9 +24,15 @@ _SEPARATORS = "=;,\"'"
 def bounds_validator(
     low: float, high: float, quantity: str, *, or_zero: bool = False
 ) -> Callable[[float], float]:
-    """Return a validator that raises `ValueError` beyond the hard bounds of a quantity.
+    """Return a validator for the hard bounds of a quantity.
 
-    With `or_zero`, 0 is also valid, and values within `NEGLIGIBLE` of it become 0.
+    The validator raises `ValueError` beyond the bounds, and names the quantity and both of them.
+
+    Args:
+        low: Smallest valid value.
+        high: Largest valid value.
+        quantity: Name of the quantity with its unit, for the message.
+        or_zero: Whether 0 is also valid; values within `NEGLIGIBLE` of it then become 0.
     """
 
     def checked(value: float) -> float:
@@ -40,7 +46,15 @@ def bounds_validator(
 
 
 def checked_channel(name: str) -> str:
-    """Return the channel's name unchanged. Raises `ValueError` for a name that a recording cannot have."""
+    """Return the channel's name unchanged.
+
+    Args:
+        name: The name as configured.
+
+    Raises:
+        ValueError: If it is a column of recordings, begins as a command does, or contains separators, control
+            characters or blanks at an end.
+    """
     shown = repr(name[:40])
     if name in OWN_COLUMNS:
         raise ValueError(f"{shown} is a column of the recordings themselves; give the channel another name")
@@ -55,7 +69,11 @@ def checked_channel(name: str) -> str:
 
 
 def checked_path(path: Path) -> Path:
-    """Return the path unchanged. Raises `ValueError` for a path that no file can have."""
+    """Return the path unchanged; whether a file exists there is not checked.
+
+    Raises:
+        ValueError: If it is longer than 4096 characters, or contains a control character.
+    """
     if "\0" in str(path) or len(str(path)) > 4096:
         raise ValueError(f"{str(path)[:40]!r} is no path of a file; fix it")
     if any(unicodedata.category(c) == "Cc" for c in str(path)):
@@ -67,8 +85,10 @@ def checked_path(path: Path) -> Path:
 
 
 def checked_host(host: str) -> str:
-    """Return the host's name or address unchanged. Raises `ValueError` where it includes a scheme or a
-    port.
+    """Return the host's name or address unchanged.
+
+    Raises:
+        ValueError: If it includes a scheme or a port.
     """
     name = host.rpartition("://")[2].rstrip("/")
     computer, colon, port = name.rpartition(":")
@@ -131,7 +151,11 @@ Factor = Annotated[NonNegative, AfterValidator(bounds_validator(0.0, 1e6, "facto
 
 
 def all_or_none(*keys: str) -> Any:
-    """Return a validator of a table in which these keys are given all or none."""
+    """Return a validator of a table that rejects some of these keys without the others.
+
+    Args:
+        *keys: Two keys or more; None counts as not given.
+    """
 
     def check(table: BaseModel) -> BaseModel:
         if 0 < sum(getattr(table, key) is not None for key in keys) < len(keys):
@@ -144,7 +168,12 @@ def all_or_none(*keys: str) -> Any:
 
 
 def exactly_one(one: str, other: str) -> Any:
-    """Return a validator of a table that needs one of two keys, and only one."""
+    """Return a validator of a table that rejects both keys together, and none of them.
+
+    Args:
+        one: A key; None counts as not given.
+        other: The other key.
+    """
 
     def check(table: BaseModel) -> BaseModel:
         if (getattr(table, one) is None) == (getattr(table, other) is None):
@@ -162,7 +191,11 @@ def _same(value: Any, default: Any) -> bool:
 
 
 class Section(BaseModel):
-    """A table of the configuration: frozen, and unknown keys are refused."""
+    """A table of the configuration: frozen, with unknown keys rejected.
+
+    A key that repeats its default counts as not given, so a configuration that was written and read back is
+    the same.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 

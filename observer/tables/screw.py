@@ -26,7 +26,14 @@ class ScrewSection(Section):
 
 
 class Piece(NamedTuple):
-    """A stretch of the screw of one diameter and bore."""
+    """A stretch of the screw of one diameter and bore.
+
+    Attributes:
+        from_m: Its beginning, m.
+        to_m: Its end, m.
+        diameter_m: Outer diameter, m.
+        bore_m: Diameter of its bore, m, 0 where it is solid.
+    """
 
     from_m: float
     to_m: float
@@ -35,12 +42,16 @@ class Piece(NamedTuple):
 
     @property
     def area_m2(self) -> float:
-        """The cross-section that conducts, stores and holds."""
+        """Cross-section π (d² − b²)/4 that conducts, stores and holds, m²."""
         return math.pi * (self.diameter_m**2 - self.bore_m**2) / 4
 
 
 class Screw(Section):
-    """Geometry and material of the screw."""
+    """Geometry and material of the screw.
+
+    Sections may not overlap, leave the screw or be empty. Each needs a diameter or bore of its own. A bore as
+    large as its diameter is rejected.
+    """
 
     length_m: quantities.ScrewLength  #: length between the bearings; positions count from its left end
     diameter_m: quantities.Diameter  #: effective (root) diameter
@@ -104,36 +115,45 @@ class Screw(Section):
 
     @property
     def pieces(self) -> tuple[Piece, ...]:
-        """The screw from left to right in stretches of one diameter and bore, neighbours of the same
-        joined.
-        """
+        """The screw from left to right in stretches of one diameter and bore; equal neighbours are joined."""
         alike = itertools.groupby(self._all_pieces(), key=lambda p: p[2:])
         runs = [list(run) for _, run in alike]
         return tuple(run[0]._replace(to_m=run[-1].to_m) for run in runs)
 
     @property
     def uniform(self) -> bool:
-        """Whether no section differs from the screw."""
+        """Whether diameter and bore are the same from end to end."""
         return all(p[2:] == (self.diameter_m, self.bore_m) for p in self.pieces)
 
     @property
     def area_m2(self) -> float:
-        """The cross-section that conducts, stores and holds, where no section differs."""
+        """Cross-section that conducts, stores and holds outside the sections, m²."""
         return Piece(0.0, self.length_m, self.diameter_m, self.bore_m).area_m2
 
     def end_area_m2(self, side: str) -> float:
-        """Return the cross-section at the "left" or the "right" end."""
+        """Return the cross-section at an end, m².
+
+        Args:
+            side: `"left"`, else the right end is taken.
+        """
         return self.pieces[0 if side == "left" else -1].area_m2
 
     @property
     def spring_area_m2(self) -> float:
-        """The cross-section of the uniform screw that is as stiff: L/∫dx/A."""
+        """Cross-section of the uniform screw that is as stiff: L/∫dx/A, m²."""
         if self.uniform:
             return self.area_m2
         return self.length_m / sum((p.to_m - p.from_m) / p.area_m2 for p in self.pieces)
 
     def spring_share(self, places_m: FloatArray) -> FloatArray:
-        """Return the part of the screw's compliance that lies before places (g,): ∫_0^x dx/A over all."""
+        """Return the part of the screw's compliance that lies before places: ∫₀ˣ dx/A over ∫₀ᴸ dx/A.
+
+        Args:
+            places_m: Positions on the screw, m, (g,).
+
+        Returns:
+            Shares from 0 to 1, (g,).
+        """
         if self.uniform:
             return places_m / self.length_m
         edges_m = np.array([0.0, *(p.to_m for p in self.pieces)])
@@ -143,17 +163,22 @@ class Screw(Section):
 
     @property
     def capacity_J_K(self) -> float:
-        """The heat capacity of the whole screw."""
+        """Heat capacity of the whole screw, sections included, J/K."""
         volume_m3 = sum((p.to_m - p.from_m) * p.area_m2 for p in self.pieces)
         return volume_m3 * self.density_kg_m3 * self.specific_heat_J_kgK
 
     @property
     def surface_m2(self) -> float:
-        """The outer surface."""
+        """Outer lateral surface, sections included, m²."""
         return math.pi * self.mean_diameter_m(0.0, self.length_m) * self.length_m
 
     def mean_diameter_m(self, from_m: float, to_m: float) -> float:
-        """Return the mean diameter over a stretch."""
+        """Return the mean outer diameter over a stretch, m.
+
+        Args:
+            from_m: Beginning of the stretch, m.
+            to_m: Its end, m, beyond `from_m`.
+        """
         if self.uniform:
             return self.diameter_m
         shares = [max(min(p.to_m, to_m) - max(p.from_m, from_m), 0.0) for p in self.pieces]

@@ -53,7 +53,8 @@ OPTIONAL = ("filling_W_mK", "factor", "tolerance")
 class Link(Section):
     """Heat that passes between two places, described in one of several ways.
 
-    A place is a node, the ambient, or the screw where a source stands, by that source's name.
+    A place is a node, the ambient, or the screw where a source stands, by that source's name. The given keys
+    must be exactly those of one line of `WAYS`, and one of the two places must be a node.
     """
 
     between: tuple[quantities.Name, quantities.Name]  #: the two places
@@ -82,7 +83,9 @@ class Link(Section):
 
     @property
     def key(self) -> str:
-        """The beginning of its parameters' keys: `link.` and both ends in the order of the configuration."""
+        """The beginning of its parameters' keys: `link.` and both places, joined by a hyphen in the
+        configured order.
+        """
         return f"link.{self.between[0]}-{self.between[1]}"
 
     @model_validator(mode="after")
@@ -104,9 +107,17 @@ class Link(Section):
 def check_places(
     node: tuple[Node, ...], link: tuple[Link, ...], sources: tuple[str, ...], placed: tuple[str, ...]
 ) -> None:
-    """Raise `ValueError` for a node without a link, and for a link with an unknown end or without a node.
+    """Check that nodes, links and sources fit together.
 
-    `sources` are the names of all sources, `placed` of those at a place on the screw.
+    Args:
+        node: The nodes.
+        link: The links.
+        sources: Names of all sources.
+        placed: Names of the sources at a place on the screw.
+
+    Raises:
+        ValueError: If a node has a name that is taken, or no link. Also if a link has an unknown end, or no
+            node at either end.
     """
     names = [n.name for n in node]
     for name in names:
@@ -170,7 +181,11 @@ class Boundaries(Section):
 
 
 class Source(HeatLaw):
-    """Heat entering the screw: where (shape) and how much (law)."""
+    """Heat entering the screw: where (shape) and how much (law).
+
+    Each shape needs its own keys and rejects those of others. Shares of `nodes` may not exceed 1, and must
+    add up to 1 for a source of shape `node`.
+    """
 
     name: quantities.Name  #: names the columns and keys of its heat
     #: `"nut"`, `"point"`, `"band"`, or `"node"`: it heats nodes only
@@ -255,14 +270,12 @@ class Source(HeatLaw):
 
     @property
     def own_or_followed(self) -> str:
-        """The name of the source whose estimated heat drives this one: `heat_of` for a follower, else its
-        own.
-        """
+        """Name of the source whose estimated heat drives this one: `heat_of` for a follower, else its own."""
         return self.heat_of if self.follows and self.heat_of is not None else self.name
 
     @property
     def screw_share(self) -> float:
-        """The part of the heat that enters the screw itself, the rest going into nodes."""
+        """Part of the heat that enters the screw, 0 to 1; the rest goes into nodes."""
         left = 1.0 - sum(self.nodes.values())
         return left if left > 1e-6 else 0.0
 
@@ -278,13 +291,26 @@ class Source(HeatLaw):
 
 
 def covers_only(source: Source, screw: Screw, position_m: float) -> bool:
-    """Return whether a nut at a position of its centre is on the screw as a whole."""
+    """Return whether the whole nut is on the screw.
+
+    Args:
+        source: The nut, with its length.
+        screw: The screw.
+        position_m: Position of the nut's centre, m.
+    """
     half_m = 0.5 * (source.length_m or 0.0) - 1e-9
     return half_m <= position_m <= screw.length_m - half_m
 
 
 def following(sources: Sequence[Source]) -> dict[str, list[tuple[float, Source]]]:
-    """Return for each source's name the sources that follow it, each with its ratio to the followed heat."""
+    """Return the sources that follow another.
+
+    Args:
+        sources: All sources.
+
+    Returns:
+        For each followed source's name, its followers with their ratio to its heat.
+    """
     followers: dict[str, list[tuple[float, Source]]] = {}
     for source in sources:
         if source.follows and source.heat_of is not None:
@@ -293,24 +319,41 @@ def following(sources: Sequence[Source]) -> dict[str, list[tuple[float, Source]]
 
 
 def part_of_heat(source: Source) -> float:
-    """Return the ratio of a source's heat to that of the source named by its `heat_of`."""
+    """Return the ratio of a source's heat to that of the source named by its `heat_of`: scale /
+    heat_ratio.
+    """
     return source.scale / (source.heat_ratio or 1.0)
 
 
 def law_channels(source: Source, sources: Sequence[Source]) -> tuple[str, ...]:
-    """Return the channels that a source's heat law reads, none where it has no law."""
+    """Return the channels that a source's heat law reads, in the order of its arguments.
+
+    Args:
+        source: The source; one with `heat_of` reads the channels of the other source. Without a law there are
+            none.
+        sources: All sources.
+    """
     if source.law is None:
         return ()
     return owner(source, sources).law_channels if source.law == "heat_of" else source.law_channels
 
 
 def owner(source: Source, sources: Sequence[Source]) -> Source:
-    """Return the source that the `heat_of` law of a source names."""
+    """Return the source that the `heat_of` law of a source names.
+
+    Raises:
+        StopIteration: If no source has that name; a checked configuration excludes it.
+    """
     return next(other for other in sources if other.name == source.heat_of)
 
 
 class Description(Section):
-    """The physical part of a configuration, from which the model is built."""
+    """The physical part of a configuration, from which the model is built.
+
+    A sensor `along` a nut's way is replaced by one for each of five places. Names of nodes that do not exist
+    are rejected. So is a nut that covers the film and leaves the screw, and a link to an end with a
+    prescribed temperature.
+    """
 
     screw: Screw
     surface: Surface = Surface()
@@ -340,7 +383,11 @@ class Description(Section):
         return any(s.sees_the_screw for s in self.sensor)
 
     def law_uncertainty(self, source: Source) -> float:
-        """Return the relative standard deviation of a source's law: its own, else the usual one."""
+        """Return the relative standard deviation of a source's law.
+
+        Args:
+            source: Its own value counts. Otherwise it is 0.2, or 0.3 if no thermocouple is on the screw.
+        """
         if source.law_uncertainty is not None:
             return source.law_uncertainty
         return LAW_UNCERTAINTY if self.screw_is_seen else UNSEEN_LAW_UNCERTAINTY

@@ -27,7 +27,15 @@ _DISPLACEMENT_KEYS = ("noise_um", "zero_um", "occasional", "along")
 
 
 def refuse_foreign_keys(table: Section, kind: SensorKind) -> None:
-    """Refuse a key of a sensor that has no meaning with its `kind`; raises `ValueError`."""
+    """Check that a sensor has no key of the other kind.
+
+    Args:
+        table: The sensor's or candidate's table.
+        kind: Its kind.
+
+    Raises:
+        ValueError: If a key has no meaning with this kind.
+    """
     for key in _THERMAL_KEYS if kind == "displacement" else _DISPLACEMENT_KEYS:
         if key in table.model_fields_set and getattr(table, key) is not None:
             raise ValueError(f'{key} has no meaning with kind = "{kind}"; remove it')
@@ -53,6 +61,7 @@ class Sensor(Measuring):
     """A thermocouple on the screw or on a node beside it, or a sensor of the thermal error: a probe, a laser.
 
     An infrared sensor or a sliding contact is a thermocouple that shows a part of the rise above the air.
+    Exactly one of `position_m` and `on` is needed, unless a displacement measures `along` a nut's way.
     """
 
     name: quantities.Name  #: names the columns of its innovation and quality
@@ -87,7 +96,7 @@ class Sensor(Measuring):
 
     @property
     def measured_channel(self) -> str:
-        """The channel of its readings; another than its own where it is read when the nut passes."""
+        """The channel of its readings; without the number of the place for a sensor along a nut's way."""
         return self.channel if self.along is None else _OF_PLACE.sub("", self.channel)
 
     @property
@@ -108,9 +117,10 @@ class Sensor(Measuring):
         return self.noise_um if self.kind == "displacement" else self.noise_K
 
     def offset(self, usual_K: float) -> float:
-        """Return the standard deviation of its offset, K, or µm for a displacement.
+        """Return σ of its offset, K, or of its zero, µm, for a displacement.
 
-        `usual_K` is that of thermocouples without their own.
+        Args:
+            usual_K: σ of thermocouples without their own, K.
         """
         if self.kind == "displacement":
             return self.zero_um
@@ -126,10 +136,19 @@ _OF_PLACE = re.compile(r"_\d+(?=_(?:um|mm|m)$)")
 
 
 def placed_along(sensor: dict[str, Any], sources: list[Any]) -> list[dict[str, Any]]:
-    """Return the sensors that replace one measuring along a nut's way, one at each of some places of the
+    """Return the sensors that replace one measuring along a nut's way, one at each of five places of the
     stroke.
 
-    Raises `ValueError` where it names no nut with a stroke and a position channel.
+    A table that is no displacement in a unit of length is returned unchanged, so that its own checks reject
+    it.
+
+    Args:
+        sensor: The sensor's table as read, with `along`.
+        sources: The sources' tables as read.
+
+    Raises:
+        ValueError: If `along` names no nut with a stroke and a position channel, or if the sensor is
+            `occasional`.
     """
     nuts = {
         str(one.get("name")): one["stroke_m"]
