@@ -42,9 +42,9 @@ class MeanHeats(NamedTuple):
     """The mean heats of m sources, m_e of them estimated.
 
     Attributes:
-        ratio: (m,) of each heat to its law
-        extra_W: (m,) heat in addition to the law
-        sigma_W: (m_e,) σ of the mean heat
+        ratio: Ratio of each heat to its law, (m,).
+        extra_W: Heat in addition to the law, W, (m,).
+        sigma_W: σ of the mean heat, W, (m_e,).
     """
 
     ratio: FloatArray
@@ -54,9 +54,17 @@ class MeanHeats(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Runner:
-    """An estimator that predicts without corrections from a state, `after_s` after the start of the forecast.
+    """An estimator that predicts without corrections from a state.
 
-    With `drifts` its heats may drift from their ratio to the laws; without it they settle to that ratio.
+    Attributes:
+        plant: The model with the process noise of a forecast.
+        estimator: Estimator of this plant.
+        state: Its state.
+        heats: Heats relative to their laws.
+        z: Known inputs, which stay as they are, (p,).
+        settings: The table `[estimator]`.
+        after_s: Time of the state since the start of the forecast, s.
+        drifts: Whether heats may drift from their ratio to the laws; otherwise they settle to that ratio.
     """
 
     plant: Plant
@@ -69,10 +77,15 @@ class Runner:
     drifts: bool = True
 
     def run(self, bins: Bins) -> tuple[Runner, EstimateBlock]:
-        """Advance over some bins; return the new runner and the estimates, with times from the start of the
-        forecast.
+        """Advance over some bins.
 
         Learnt parameters of the machine stay unchanged.
+
+        Args:
+            bins: Inputs, one step per bin.
+
+        Returns:
+            The new runner, and the estimates with times from the start of the forecast, s.
         """
         u, time_s = self._inputs(bins), self.after_s + np.cumsum(bins.dt_s)
         state, block = self.estimator.run(self.state, u)
@@ -83,7 +96,7 @@ class Runner:
         return replace(self, state=state, after_s=float(time_s[-1])), replace(block, time_s=time_s)
 
     def follow(self, parts: Iterable[Bins]) -> Iterator[EstimateBlock]:
-        """Yield the estimates of one part after the other."""
+        """Yield the estimates of one part after the other, without storing the earlier ones."""
         at = self
         for bins in parts:
             at, block = at.run(bins)
@@ -111,7 +124,15 @@ class Runner:
 
 
 def heats_of(plant: Plant, program: Program) -> MeanHeats:
-    """Return the present heats relative to their laws, from the program's past."""
+    """Return the present heats relative to their laws.
+
+    The ratio is 1 before anything is estimated. Then it is the mean of prior and estimate, weighted by their
+    variances.
+
+    Args:
+        plant: The model, whose `law_uncertainty` is the prior's σ.
+        program: The program; at most 120 bins of its past count.
+    """
     past = program.past.at(slice(-AGO_BINS, None))
     finite = np.isfinite(past.heat_W).all(axis=1) if past.heat_W.size else np.ones(len(past.dt_s), np.bool_)
     free, m = np.flatnonzero(plant.estimated), len(plant.source_names)
@@ -138,8 +159,16 @@ def heats_of(plant: Plant, program: Program) -> MeanHeats:
 
 
 def runner(plant: Plant, settings: EstimatorSettings, state: EstimatorState, program: Program) -> Runner:
-    """Return the runner that starts from a state. Raises `ValueError` if the estimate cannot be used for
-    a forecast.
+    """Return the runner that starts from a state, with heats at their present ratio to the laws.
+
+    Args:
+        plant: The model of the state.
+        settings: The table `[estimator]`.
+        state: State of the estimator.
+        program: The program; the last five minutes of its past give the known inputs.
+
+    Raises:
+        ValueError: If the state has not started, belongs to another plant, or is not finite.
     """
     _refuse_unknown(plant, state)
     n_x, m_e = len(plant.decay_1_s), int(plant.estimated.sum())
@@ -171,7 +200,10 @@ def runner_by_law(
 ) -> Runner:
     """Return the runner that starts from a state, with heats that settle to their laws, scaled as learnt.
 
-    Raises `ValueError` if the estimate cannot be used for a forecast.
+    Arguments as in `runner`.
+
+    Raises:
+        ValueError: If the state has not started, belongs to another plant, or is not finite.
     """
     _refuse_unknown(plant, state)
     m = len(plant.source_names)
@@ -213,10 +245,14 @@ def _of_means(P: FloatArray, heats: slice, sigma_W: FloatArray, is_idle: BoolArr
 
 
 def drift_scale(past: Bins, per_hour: float) -> float:
-    """Return the variance of the observed drift of heats over laws, relative to the variance of `per_hour`.
+    """Return the variance of the observed drift of heats over laws, relative to the expected one.
 
-    It is at most `_MOST_SCALE`, and follows from the differences of means over ten minutes of work.
-    `per_hour` counts as much as `_FIRM` of those differences.
+    It follows from the differences of means over ten minutes of work, and is at most `_MOST_SCALE`. The
+    expectation counts as much as `_FIRM` of those differences.
+
+    Args:
+        past: The last bins.
+        per_hour: Expected drift in an hour, σ relative to the heat.
     """
     count = len(past.dt_s) // _TEN if past.heat_W.size else 0
     blocks = slice(len(past.dt_s) - count * _TEN, None)
@@ -267,7 +303,12 @@ def _wander_K(air_degC: FloatArray) -> float:
 
 
 def repeated(bins: Bins, duration_s: float) -> Bins:
-    """Return the bins repeated in order for a duration; a single bin in steps of `BIN_S`."""
+    """Return the bins repeated in order for a duration.
+
+    Args:
+        bins: The program; a single bin is repeated in steps of `BIN_S`.
+        duration_s: The duration, s, rounded to whole bins, at least one.
+    """
     if len(bins.dt_s) == 1:
         bins = bins._replace(dt_s=np.full(1, BIN_S))
     count = max(1, round(duration_s / float(bins.dt_s.mean())))
@@ -275,7 +316,13 @@ def repeated(bins: Bins, duration_s: float) -> Bins:
 
 
 def ahead(begin: Runner, program: Program, duration_s: float) -> EstimateBlock:
-    """Return the estimates of the next `duration_s`, in bins; times count from now."""
+    """Return the estimates of the next hours, one per bin, with times from now, s.
+
+    Args:
+        begin: The runner at the present moment.
+        program: The program, which is repeated.
+        duration_s: The duration, s.
+    """
     bins = repeated(program.bins, duration_s)
     parts = (bins.at(slice(first, first + _PART)) for first in range(0, len(bins.dt_s), _PART))
     return EstimateBlock.joined(list(begin.follow(parts)))

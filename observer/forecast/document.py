@@ -22,9 +22,14 @@ HOTTEST_degC = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """The prediction from `now_s` on: the next hours, the settled state, and when it is reached.
+    """The prediction from the present moment on.
 
-    The times in `between_s` bound that moment with 95 %, in s after now.
+    Attributes:
+        now_s: The present moment, s since the epoch.
+        program: The program that it assumes.
+        ahead: Estimates of the next hours, with times from now.
+        settled: The state to which the program leads.
+        between_s: 95 % interval of the time until then, s from now; None if it is unknown.
     """
 
     now_s: float
@@ -37,7 +42,19 @@ class Forecast:
 def forecast(
     config: Config, plant: Plant, state: EstimatorState, program: Program, hours: float, within_um: float
 ) -> Forecast:
-    """Forecast from a state. Raises `ValueError` if the estimate cannot be used, or as `plausible` does."""
+    """Forecast from a state of the estimator.
+
+    Args:
+        config: The machine.
+        plant: Its model.
+        state: State of the estimator at the present moment.
+        program: The program.
+        hours: How far ahead, h.
+        within_um: Distance from the settled error that counts as settled, µm.
+
+    Raises:
+        ValueError: If the estimate cannot be used, or if the laws heat the screw beyond `HOTTEST_degC`.
+    """
     begin = runner(plant, config.estimator, state, program)
     settled, between_s = settling_between(
         begin, program, travel_of(config, plant.layout.position_m), within_um
@@ -49,8 +66,13 @@ def forecast(
 def plausible(result: Forecast) -> Forecast:
     """Return a forecast in which every number is finite.
 
-    The settled state is left out if it is beyond all limits. Raises `ValueError` with the cause if the hours
-    ahead are.
+    A settled state beyond all limits has no σ and no time.
+
+    Args:
+        result: The forecast.
+
+    Raises:
+        ValueError: If the hours ahead are beyond the limits; the message names what to check.
     """
     block, settled = result.ahead, result.settled
     if not _within_limits(block.field_degC, block.field_sigma_K, block.error_um, block.error_sigma_um):
@@ -73,7 +95,12 @@ def _within_limits(field_degC: FloatArray, *others: FloatArray) -> bool:
 
 
 def travel_of(config: Config, x_m: FloatArray) -> BoolArray:
-    """Return which places (g,) the nuts travel over; all if none moves."""
+    """Return which places the nuts travel over, (g,); all if none moves.
+
+    Args:
+        config: The machine; a nut without a stroke travels over the whole screw.
+        x_m: Places of the grid, m, (g,).
+    """
     strokes = [
         s.stroke_m or (0.0, config.screw.length_m) for s in config.source if s.position_channel is not None
     ]
@@ -83,14 +110,29 @@ def travel_of(config: Config, x_m: FloatArray) -> BoolArray:
 
 
 def thinned(count: int, limit: int) -> list[int]:
-    """Return at most `limit` indices of `count`, evenly spread, with the first and the last."""
+    """Return at most `limit` indices of `count`, evenly spread, with the first and the last.
+
+    Args:
+        count: Number of values.
+        limit: Largest number of indices, 2 or more.
+    """
     return sorted({int(i) for i in np.linspace(0, count - 1, min(count, limit)).round()})
 
 
 def document(
     result: Forecast, plant: Plant, quality: EstimateQuality, instance: str, within_um: float
 ) -> dict[str, Any]:
-    """Return the forecast as a JSON object; its quality is that of the estimate from which it starts."""
+    """Return the forecast as a JSON object, as it is published under `forecast`.
+
+    At most 61 times and 21 places are listed. Numbers are rounded to four decimals.
+
+    Args:
+        result: The forecast.
+        plant: Model of the estimate, for places and the error.
+        quality: Quality of the estimate from which it starts, which becomes that of the forecast.
+        instance: Identifier of the service's run.
+        within_um: Distance that counts as settled, µm.
+    """
     times, places = thinned(len(result.ahead.time_s), MOST_TIMES), thinned(plant.rows.grid, MOST_PLACES)
     good = quality is EstimateQuality.GOOD
     has_error = plant.layout.has_error
@@ -128,7 +170,15 @@ def document(
 def no_forecast(
     now_s: float, quality: EstimateQuality, instance: str, reason: str | None, within_um: float
 ) -> dict[str, Any]:
-    """Return the document without a forecast, with the reason."""
+    """Return the same object without a forecast.
+
+    Args:
+        now_s: The present moment, s since the epoch.
+        quality: Quality of the estimate.
+        instance: Identifier of the service's run.
+        reason: Sentence that says why there is none, or None.
+        within_um: Distance that counts as settled, µm.
+    """
     return {
         "time_s": now_s, "instance": instance, "quality": quality.label, "reason": reason,
         "program": {"kind": "standstill", "period_s": None, "text": "not known"},
@@ -140,7 +190,13 @@ def no_forecast(
 
 
 def sentences(result: Forecast, plant: Plant, within_um: float) -> list[str]:
-    """Return the forecast as sentences."""
+    """Return the forecast as sentences, with 95 % intervals.
+
+    Args:
+        result: The forecast.
+        plant: Model of the estimate. Without a thermal error only the warmest place is named.
+        within_um: Distance that counts as settled, µm.
+    """
     ahead_, last = result.ahead, -1
     i = int(np.argmax(ahead_.field_degC[last]))
     hours = ahead_.time_s[last] / 3600.0

@@ -64,18 +64,26 @@ MOST_S = 12.0 * 3600.0
 
 
 class WeighedFilter(KalmanEstimator):
-    """A filter that sums the log-likelihood of its readings."""
+    """A filter that sums the log-likelihood of its accepted readings.
+
+    Attributes:
+        log_likelihood: The sum over all steps since the object was made.
+    """
 
     log_likelihood = 0.0
 
     def take(self, chunk: Chunk, inputs: Any, scratch: Any, out: packing.Results, results: Any) -> None:
-        """Take a chunk's steps, and add their log-likelihood."""
+        """Take a chunk's steps, and add their log-likelihood; arguments as in `BlockEstimator.take`."""
         super().take(chunk, inputs, scratch, out, results)
         self.log_likelihood += float(np.nansum(out.log_likelihood))
 
 
 class FrictionBank:
-    """The rivals, over the inputs since the last start; they are run on request."""
+    """The rivals, over the inputs since the last start; they are run on request.
+
+    Args:
+        config: The machine. The rivals learn every parameter with a tolerance.
+    """
 
     def __init__(self, config: Config) -> None:
         """Begin before the first step."""
@@ -83,16 +91,27 @@ class FrictionBank:
         self._parts: deque[Inputs] = deque()
 
     def take(self, inputs: Inputs, block: EstimateBlock) -> None:
-        """Store some steps, without the readings that their estimate did not use."""
+        """Store some steps; inputs older than twelve hours are dropped.
+
+        Args:
+            inputs: The steps.
+            block: Their estimates. Readings that these did not use are left out.
+        """
         trusted = inputs.usable & (block.sensor_quality == int(Quality.GOOD))
         self._parts.append(inputs._replace(usable=trusted))
         while inputs.time_s[-1] - self._parts[0].time_s[-1] > MOST_S:
             self._parts.popleft()
 
     def begins(self, program: Program) -> list[tuple[float, Runner]]:
-        """Return a runner for each likely rival with its weight, the likeliest first.
+        """Run the rivals, and return a runner for each likely one with its weight, the likeliest first.
 
-        Raises `ValueError` if no rival has an estimate that can be used.
+        Weights add up to 1. Rivals below `LEAST_WEIGHT` are left out.
+
+        Args:
+            program: The program, at one level.
+
+        Raises:
+            ValueError: If no rival has an estimate that can be used.
         """
         joined = Inputs.joined(list(self._parts))
         inputs = since_start(joined, float(program.past.dt_s.sum()))
@@ -125,9 +144,13 @@ class FrictionBank:
 
 
 def is_of_use(config: Config, program: Program) -> bool:
-    """Whether rivals apply: filters that learn, heats with laws, and work at one level.
+    """Return whether rivals apply: filters that learn, heats with laws, and work at one level.
 
     In a cycle friction behaves in another way at each start, which these rivals do not model.
+
+    Args:
+        config: The machine.
+        program: The program.
     """
     has_laws = all(source.law is not None for source in config.source if source.estimate)
     return config.estimator.learns and has_laws and program.is_even
@@ -136,8 +159,12 @@ def is_of_use(config: Config, program: Program) -> bool:
 def since_start(inputs: Inputs, even_s: float) -> Inputs:
     """Return the inputs from the pause before the last start on, with jumps of the laws at two rows only.
 
-    These are the start and the row where the last `even_s`, at one level, began. At both the laws jump to
-    their mean. Other jumps, as where a nut turns round, carry no information on friction.
+    These are the start and the row where the current level began. At both the laws jump to their mean. Other
+    jumps, as where a nut turns round, carry no information on friction.
+
+    Args:
+        inputs: All stored inputs, with work in some row.
+        even_s: Time since the current level began, s.
     """
     working_rows = np.flatnonzero(np.abs(inputs.law_W).sum(axis=1) > IDLE_W)
     pauses = np.flatnonzero(np.diff(inputs.time_s[working_rows]) > PAUSE_S)
@@ -151,8 +178,17 @@ def since_start(inputs: Inputs, even_s: float) -> Inputs:
 
 
 def known_at_start(config: Config, plant: Plant, inputs: Inputs, since: Inputs) -> KnownRunIn | None:
-    """Return the known run-in at the start of `since`, a part of `inputs`; None if the record begins
-    during work.
+    """Return the known run-in at the last start.
+
+    Args:
+        config: The machine with its `run_in`.
+        plant: Its model.
+        inputs: All stored inputs.
+        since: Those since the last start, as `since_start` returns them.
+
+    Returns:
+        The run-in after the earlier work. None if the configuration has none, or if the record begins during
+        work.
     """
     run_in = known_run_in(config, plant, EXCESS_SIGMA)
     is_working = np.abs(inputs.law_W).sum(axis=1) > IDLE_W
@@ -162,8 +198,12 @@ def known_at_start(config: Config, plant: Plant, inputs: Inputs, since: Inputs) 
 
 
 def weights_of(log_likelihoods: Sequence[float]) -> FloatArray:
-    """Return the probability of each rival, 0 if it is small; the first has the same prior as all others
-    together.
+    """Return the probability of each rival, which add up to 1.
+
+    The first has the same prior as all others together. Those below `LEAST_WEIGHT` become 0.
+
+    Args:
+        log_likelihoods: Log-likelihood of each rival, two or more.
     """
     count = len(log_likelihoods)
     prior = np.array([0.5, *[0.5 / (count - 1)] * (count - 1)])
@@ -174,13 +214,13 @@ def weights_of(log_likelihoods: Sequence[float]) -> FloatArray:
 
 
 def is_calibrated(config: Config) -> bool:
-    """Whether a calibration has written the remaining uncertainty of the scale of some law."""
+    """Return whether a calibration has written the remaining uncertainty of the scale of some law."""
     return any(s.scale_tolerance is not None for s in config.source)
 
 
 def with_known_scales(config: Config) -> Config:
-    """Return the configuration in which the uncertainty of a law is its `scale_tolerance`, where
-    calibration set one.
+    """Return the configuration with `scale_tolerance` as the uncertainty of a law, where calibration set
+    one.
     """
     sources = (
         s if s.scale_tolerance is None else s.model_copy(update={"law_uncertainty": s.scale_tolerance})
@@ -194,10 +234,14 @@ def running_in(
 ) -> Plant:
     """Return a plant whose heats by law are the law times a learnt constant, plus an excess that dies away.
 
-    The time constant `time_s`, and `excess`, its standard deviation as a fraction of the law, are scalars or
-    (m_e,). The excess begins anew whenever the law jumps. Heats without a law stay unchanged. Learnt
-    parameters change over `wander_s`: a scale that wanders by a twenty-fifth in half an hour would imitate
-    run-in.
+    The excess begins anew whenever the law jumps. Heats without a law stay unchanged.
+
+    Args:
+        plant: The model with its tolerances.
+        time_s: Time constant with which the excess fades, s, one or (m_e,).
+        wander_s: Time constant of the learnt parameters, s. A scale that wanders by a twenty-fifth in half an
+            hour would imitate run-in.
+        excess: σ of the excess, relative to the law, one or (m_e,).
     """
     assert plant.learning is not None
     arrays = plant.learning.arrays
@@ -221,7 +265,20 @@ def forecast_by_all(
     hours: float,
     within_um: float,
 ) -> Forecast:
-    """Forecast from weighted runners: moments and quantiles of their mixture; `plant` is the estimate's."""
+    """Forecast from weighted runners: moments and quantiles of their mixture.
+
+    Args:
+        config: The machine.
+        plant: Model of the estimate.
+        begins: Weights and runners, as `FrictionBank.begins` returns them.
+        now_s: The present moment, s since the epoch.
+        program: The program.
+        hours: How far ahead, h.
+        within_um: Distance from the settled error that counts as settled, µm.
+
+    Raises:
+        ValueError: If the laws heat the screw beyond `HOTTEST_degC`.
+    """
     travel, weight = travel_of(config, plant.layout.position_m), np.array([w for w, _ in begins])
     means = [settling(begin, program, travel, within_um) for _, begin in begins]
     counts = counts_of(weight) if is_calibrated(config) else np.full(len(weight), DRAWS)
@@ -239,14 +296,24 @@ def forecast_by_all(
 
 
 def counts_of(weight: FloatArray) -> NDArray[np.int64]:
-    """Return how many draws each rival (r,) gets by its weight; draws come in pairs, and each rival has
-    at least one pair.
+    """Return how many draws each rival gets by its weight, (r,): an even number, 2 or more.
+
+    Args:
+        weight: Weights that add up to 1, (r,).
     """
     return np.asarray(2 * np.maximum(1, np.round(0.5 * DRAWS_OF_ALL * weight)), np.int64)
 
 
 def mixture(blocks: Sequence[EstimateBlock], weight: FloatArray) -> EstimateBlock:
-    """Return the first of several blocks with the moments of field and error of all of them."""
+    """Return one block with mean and σ of field and error over several.
+
+    The variance of a mixture is Σ w (σ² + (mean − common mean)²). All other columns are those of the first
+    block.
+
+    Args:
+        blocks: Blocks of the same steps.
+        weight: Weights that add up to 1.
+    """
     moments = {}
     for name, sigma in (("field_degC", "field_sigma_K"), ("error_um", "error_sigma_um")):
         means, sigmas = (np.array([getattr(b, n) for b in blocks]) for n in (name, sigma))
@@ -256,8 +323,12 @@ def mixture(blocks: Sequence[EstimateBlock], weight: FloatArray) -> EstimateBloc
 
 
 def quantiles_s(drawn: Sequence[Settled], weight: FloatArray, parts: Sequence[float]) -> list[float]:
-    """Return the times before which given fractions of the draws have settled; the weights (d,) add up to
-    1.
+    """Return the times before which given fractions of the draws have settled, s.
+
+    Args:
+        drawn: The draws; one that does not settle counts as a day.
+        weight: Their weights, which add up to 1, (d,).
+        parts: The fractions, 0 to 1.
     """
     after_s = np.array([LONGEST_S if one.after_s is None else one.after_s for one in drawn])
     order = np.argsort(after_s)

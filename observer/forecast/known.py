@@ -22,12 +22,12 @@ UNKNOWN_S = 1800.0
 
 
 class KnownRunIn(NamedTuple):
-    """The excess of each estimated heat at the start of work, (m_e,) each.
+    """The excess of each estimated heat at the start of work.
 
     Attributes:
-        share: excess as a fraction of the law
-        sigma: its standard deviation
-        time_s: time constant with which it fades
+        share: Excess as a fraction of the law, (m_e,).
+        sigma: Its σ, (m_e,).
+        time_s: Time constant with which it fades, s, (m_e,).
     """
 
     share: FloatArray
@@ -35,22 +35,33 @@ class KnownRunIn(NamedTuple):
     time_s: FloatArray
 
     def after(self, ran_s: float) -> KnownRunIn:
-        """Return the excess at a start after the machine has run for `ran_s`: between the full and the
-        faded one.
+        """Return the excess at a start after the machine has run before.
+
+        It lies evenly distributed between the full and the faded one: the mean is in the middle, and σ grows
+        by 1/√12 of the range.
+
+        Args:
+            ran_s: Earlier running time, s.
         """
         faded = 1.0 - np.exp(-ran_s / self.time_s)
         sigma = np.hypot(self.sigma, self.share * faded / np.sqrt(12.0))
         return self._replace(share=self.share * (1.0 - 0.5 * faded), sigma=sigma)
 
     def slower(self, times: float) -> KnownRunIn:
-        """Return the same with time constants `times` as long."""
+        """Return the same with all time constants multiplied by `times`."""
         return self._replace(time_s=self.time_s * times)
 
 
 def known_run_in(config: Config, plant: Plant, unknown: float) -> KnownRunIn | None:
-    """Return the run-in that a configuration gives, None if it gives none.
+    """Return the run-in that a configuration gives.
 
-    `unknown` is the standard deviation of the excess of heats without a known one.
+    Args:
+        config: The machine.
+        plant: Its model, for the order of the estimated heats.
+        unknown: σ of the excess of heats without a known one, relative to the law.
+
+    Returns:
+        The run-in, or None if no estimated source has one.
     """
     source_by_name = {s.name: s for s in config.source}
     free = [source_by_name[plant.source_names[j]] for j in np.flatnonzero(plant.estimated)]
@@ -64,9 +75,18 @@ def known_run_in(config: Config, plant: Plant, unknown: float) -> KnownRunIn | N
 
 
 def run_from_starts(one: KalmanEstimator, plant: Plant, inputs: Inputs, run_in: KnownRunIn) -> EstimatorState:
-    """Run over inputs whose laws jump where work begins and where its level changes; return the last state.
+    """Run a filter over inputs whose laws jump where work begins and where its level changes.
 
-    At each jump every heat gets its known excess.
+    At each jump every heat gets its known excess, faded by the time since the first jump.
+
+    Args:
+        one: The filter.
+        plant: Its model.
+        inputs: Inputs with at least one jump.
+        run_in: The excess.
+
+    Returns:
+        The state after the last step.
     """
     free = plant.estimated
     law_W, state, at, before_W = inputs.law_W[:, free], one.initial(), 0, np.zeros(int(free.sum()))

@@ -37,16 +37,16 @@ class Bins(NamedTuple):
     """b bins in order of time, of m sources, m_e of them estimated, p known inputs, M moving sources.
 
     Attributes:
-        dt_s: (b,)
-        law_W: (b, m)
-        z: (b, p)
-        loss_1_s: (b,)
-        loss_degC: (b,)
-        moving_B: (b, M, n_x)
-        moving_C: (b, M, R)
-        heat_W: (b, m_e) estimated heats, NaN without an estimate
-        sigma_W: (b, m_e) their σ
-        own_law_W: (b, m_e) the same heats by their laws
+        dt_s: Length of each bin, s, (b,).
+        law_W: Heats by their laws, W, (b, m).
+        z: Known inputs, °C, (b, p).
+        loss_1_s: Rate of a uniform loss, 1/s, (b,).
+        loss_degC: Temperature that it draws to, °C, (b,).
+        moving_B: Input columns of moving sources, (b, M, n_x).
+        moving_C: Output columns of their lags, (b, M, R).
+        heat_W: Estimated heats, W, (b, m_e), NaN without an estimate.
+        sigma_W: Their σ, W, (b, m_e).
+        own_law_W: The same heats by their laws, W, (b, m_e).
     """
 
     dt_s: FloatArray
@@ -62,22 +62,25 @@ class Bins(NamedTuple):
 
     @property
     def total_W(self) -> FloatArray:
-        """The heat (b,) of all sources by their laws."""
+        """Magnitude of the heat of all sources by their laws, W, (b,)."""
         return np.asarray(np.abs(self.law_W).sum(axis=1))
 
     def at(self, index: slice | NDArray[Any]) -> Bins:
-        """Return some of the bins."""
+        """Return some of the bins, by a slice or by their numbers."""
         return Bins(*(column[index] for column in self))
 
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """A program: its `bins` are repeated for ever; `period_s` is None if they are a mean.
+    """A program, repeated for ever.
 
     Attributes:
-        past: the bins from which it was learnt
-        noise_W2_s: spectral density, at low frequency, of the total heat about the program
-        text: description for people
+        kind: Cycle, mixed work, a given program, or standstill.
+        period_s: Length of one repetition, s; None if `bins` are a mean.
+        text: Description for people.
+        bins: The inputs that are repeated.
+        past: The bins from which it was learnt, the last ones of the actual operation.
+        noise_W2_s: Spectral density, at low frequency, of the total heat about the program, W² s.
     """
 
     kind: ProgramKind
@@ -89,7 +92,7 @@ class Program:
 
     @property
     def is_even(self) -> bool:
-        """Whether it is work at one level."""
+        """Whether it is work at one level: a cycle without a period."""
         return self.kind == "cycle" and self.period_s is None
 
     @property
@@ -99,10 +102,14 @@ class Program:
 
 
 def binned(inputs: Inputs, estimates: EstimateBlock | None, moving: Sequence[int]) -> Bins:
-    """Return whole bins of K steps, the last of which may be short; `moving` (M,) are the moving sources.
+    """Return steps averaged over bins of `BIN_S`, the last of which may be short.
 
-    Steps of no length and steps with unknown inputs are left out. Without `estimates` their columns are NaN,
-    m wide.
+    Steps of no length and steps with unknown inputs are left out. A longer step counts as one bin.
+
+    Args:
+        inputs: K steps.
+        estimates: Their estimates. None leaves those columns NaN, m wide.
+        moving: Numbers of the moving sources, by whose heat their columns are weighted, (M,).
     """
     complete = (
         (inputs.dt_s > 0.0) & np.isfinite(inputs.law_W).all(axis=1) & np.isfinite(inputs.z_end).all(axis=1)
@@ -148,12 +155,12 @@ def _bins_of(
 
 
 def joined(parts: Sequence[Bins]) -> Bins:
-    """Return consecutive bins as one, at most `WINDOW_BINS` of them."""
+    """Return consecutive bins as one, the last `WINDOW_BINS` of them."""
     return Bins(*(np.concatenate(column)[-WINDOW_BINS:] for column in zip(*parts, strict=True)))
 
 
 def averaged(bins: Bins) -> Bins:
-    """Return one bin with the means of all; the columns of the nuts are weighted with the heat."""
+    """Return one bin with the means of all; the columns of the nuts are weighted with the total heat."""
     w, heat = bins.dt_s, bins.dt_s * (bins.total_W + 1e-9)
     plain = [np.tensordot(w, column, 1) / w.sum() for column in bins[1:5]]
     nuts = [np.tensordot(heat, column, 1) / heat.sum() for column in bins[5:7]]
@@ -162,7 +169,17 @@ def averaged(bins: Bins) -> Bins:
 
 
 def learnt(bins: Bins) -> Program:
-    """Return the program that the last bins show. Raises `ValueError` if they are too few."""
+    """Return the program that the last bins show.
+
+    It is a standstill after five minutes without heat, work at one level, a cycle, or else mixed work. Bins
+    before the last long rest do not count.
+
+    Args:
+        bins: Bins of the actual operation.
+
+    Raises:
+        ValueError: If they cover less than a minute.
+    """
     if len(bins.dt_s) < FEWEST:
         raise ValueError("the program is not known yet; it is learnt in the first minute")
     total_W = bins.total_W
@@ -185,7 +202,15 @@ def learnt(bins: Bins) -> Program:
 
 
 def repeating(bins: Bins, past: Bins) -> Program:
-    """Return a given program, repeated; `past` are the last bins of the actual operation."""
+    """Return a given program, repeated.
+
+    Args:
+        bins: Its bins.
+        past: The last bins of the actual operation, which give the present heats.
+
+    Raises:
+        ValueError: If `past` covers less than a minute.
+    """
     if len(past.dt_s) < FEWEST:
         raise ValueError("the heats are not known yet; they are learnt in the first minute")
     whole_s = float(bins.dt_s.sum())
@@ -217,7 +242,16 @@ def _even(total_W: FloatArray) -> int | None:
 
 
 def period_bins(total_W: FloatArray) -> int | None:
-    """Return the period of the heat in bins; None if it does not occur two and a half times."""
+    """Return the period of the heat in bins.
+
+    It is the shortest lag whose autocorrelation is a peak above 0.6 and within 10 % of the highest one.
+
+    Args:
+        total_W: Heat in each bin, W, (b,).
+
+    Returns:
+        The period, or None if it does not occur two and a half times.
+    """
     n = len(total_W)
     deviation_W = total_W - total_W.mean()
     scale = float(deviation_W @ deviation_W)
@@ -246,6 +280,11 @@ def noise_W2_s(bins: Bins, period: int | None = None) -> float:
     It gives the difference between the mean of an hour and that of the past. For mixed work, which is not
     white, it is the variance times the integrated correlation. For cycles, whose times vary too, it is T var
     of means over T. T is whole cycles of about fifteen minutes (Welch 1967, with rectangular windows).
+
+    Args:
+        bins: Bins of the actual operation.
+        period: Period of a cycle in bins, or None. A cycle needs two blocks of about fifteen minutes, else
+            the result is 0.
     """
     if period is None:
         return _integrated_W2_s(bins.total_W)

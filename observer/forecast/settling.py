@@ -25,11 +25,12 @@ class Settled:
     """The state to which the mean of the program leads, at g points.
 
     Attributes:
-        field_degC: (g,)
-        error_um: (g,)
-        after_s: when every point of the travel is within the limit; None if not in a day or without error
-        field_sigma_K: (g,) σ of the settled field, None if not requested
-        error_sigma_um: (g,) σ of the settled error, None if not requested
+        field_degC: Temperature, °C, (g,).
+        error_um: Thermal error, µm, (g,), or (0,) without an expansion coefficient.
+        after_s: Time from which on every point of the travel is within the limit, s. None if not in a day, or
+            without an error.
+        field_sigma_K: σ of the settled field, K, (g,); None if not computed.
+        error_sigma_um: σ of the settled error, µm, (g,); None if not computed.
     """
 
     field_degC: FloatArray
@@ -50,7 +51,14 @@ def _without_sigma(begin: Runner) -> Runner:
 
 
 def settling(begin: Runner, program: Program, travel: BoolArray, within_um: float) -> Settled:
-    """Follow the mean program until nothing changes; `travel` (g,) are the places of the grid that count."""
+    """Follow the mean program until the field changes by less than 1 mK in ten minutes, at most for a day.
+
+    Args:
+        begin: The runner at the present moment; its covariance is not used.
+        program: The program.
+        travel: True for the places of the grid that count, (g,).
+        within_um: Distance from the settled error that counts as settled, µm.
+    """
     parts = list[EstimateBlock]()
     for part in _without_sigma(begin).follow(repeat(_part(program.mean))):
         parts.append(part)
@@ -81,7 +89,13 @@ def draws(begin: Runner, program: Program, count: int = _DRAWS) -> list[Runner]:
     heats.
 
     Heats have a lasting error, which includes the program's variation in an hour. If they drift, they also
-    have an hour's drift that dies away in one hour, like run-in.
+    have an hour's drift that dies away in one hour, like run-in. Draws come in pairs of opposite sign, always
+    the same ones.
+
+    Args:
+        begin: The runner at the present moment.
+        program: The program.
+        count: Number of runners, even.
     """
     state, plant, n_x = begin.state, begin.plant, len(begin.plant.decay_1_s)
     free = np.flatnonzero(plant.estimated)
@@ -114,7 +128,13 @@ def draws(begin: Runner, program: Program, count: int = _DRAWS) -> list[Runner]:
 
 
 def with_spread(settled: Settled, drawn: Sequence[Settled], weight: FloatArray) -> Settled:
-    """Add the σ of the settled state, by draws and their weights (d,), which add up to 1."""
+    """Return the settled state with its σ about the mean, from draws.
+
+    Args:
+        settled: The settled state.
+        drawn: Settled states of the draws.
+        weight: Their weights, which add up to 1, (d,).
+    """
     field, error = (
         np.sqrt(weight @ (np.array([getattr(d, name) for d in drawn]) - getattr(settled, name)) ** 2)
         for name in ("field_degC", "error_um")
@@ -123,8 +143,14 @@ def with_spread(settled: Settled, drawn: Sequence[Settled], weight: FloatArray) 
 
 
 def settles_between_s(settled: Settled, drawn: Sequence[Settled]) -> tuple[float, float] | None:
-    """Return the 95 % interval of the settling time, from its deviations in draws; None if that time is
-    unknown.
+    """Return the 95 % interval of the settling time, s, from its deviations in draws.
+
+    Args:
+        settled: The settled state with its time.
+        drawn: Settled states of the draws; one that does not settle counts as a day.
+
+    Returns:
+        Both ends, within 0 and a day; None if the settling time is unknown.
     """
     if settled.after_s is None:
         return None
@@ -136,7 +162,10 @@ def settles_between_s(settled: Settled, drawn: Sequence[Settled]) -> tuple[float
 def settling_between(
     begin: Runner, program: Program, travel: BoolArray, within_um: float
 ) -> tuple[Settled, tuple[float, float] | None]:
-    """Return the settled state with its time, and the 95 % interval of that time."""
+    """Return the settled state with σ and time, and the 95 % interval of that time.
+
+    Arguments as in `settling`. Without a settling time there are no draws, no σ and no interval.
+    """
     settled = settling(begin, program, travel, within_um)
     begins = draws(begin, program) if settled.after_s is not None else []
     drawn = [settling(b, program, travel, within_um) for b in begins]
