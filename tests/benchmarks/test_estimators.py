@@ -13,7 +13,7 @@ from benchmarks.estimators import main, measured
 from tests.docs.console import blocks
 from tests.learning.machines import Day, Rough, day, draw
 
-PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "compare-an-estimator.md"
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "add-an-estimator.md"
 ROWS = 1200
 
 
