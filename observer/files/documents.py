@@ -12,12 +12,20 @@ from observer.terminal import readable_json
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write a result. Raises `UserError` as `result_text`."""
+    """Write a result as indented JSON with a final newline.
+
+    Raises:
+        UserError: A number in it is not finite; the sentence names its key.
+    """
     path.write_text(result_text(document) + "\n", encoding="utf-8")
 
 
 def result_text(document: Any) -> str:
-    """Return a result as indented JSON. Raises `UserError` with the place of a number that is not finite."""
+    """Return a result as indented JSON.
+
+    Raises:
+        UserError: A number in it is not finite; the sentence names its key.
+    """
     for place in _not_finite(document, ""):
         raise UserError(
             f"{place.removeprefix('.') or 'a number'} in the result is not a finite number; check the log "

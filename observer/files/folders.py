@@ -16,21 +16,40 @@ OWNER_ONLY = 0o600
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder that only its owner may read; an existing folder does not change."""
+    """Make a folder that only its owner may read; an existing folder does not change.
+
+    Missing folders above it get the usual permissions.
+
+    Raises:
+        OSError: It cannot be made.
+    """
     folder.parent.mkdir(parents=True, exist_ok=True)
     folder.mkdir(mode=0o700, exist_ok=True)
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Replace a file by one for its owner alone, on the disk when this returns; raises `OSError`."""
+    """Replace a file by one for its owner alone, on the disk when this returns.
+
+    A reader sees the old content or the new one, also after a power cut.
+
+    Raises:
+        OSError: The folder is missing, or the disk refuses the data; then the old file stays.
+    """
     write_together({path: data})
 
 
 def write_together(files: Mapping[Path, bytes], like: Path | None = None) -> None:
     """Replace files as `write_whole` does: all are on the disk before the first takes its place.
 
-    Where there is no room for one of them, none changes. They take their places in the order given. They may
-    be read and written by whoever may `like`, as far as this user can give that; else by their owner.
+    If the disk has no room for one of them, all stay as they were.
+
+    Args:
+        files: Content by path; they take their places in this order.
+        like: A file whose owner and permissions they get, as far as this user can give them; None for the
+            owner alone.
+
+    Raises:
+        OSError: The disk refuses one of them.
     """
     parts = {path: path.with_name(f".{path.name}.part") for path in files}
     try:
@@ -75,9 +94,16 @@ def _sync_folder(folder: Path) -> None:
 
 
 def refuse_unwritable(folder: Path, key: str) -> None:
-    """Raise `ConfigError` where no file can be made in a folder, which `key` named.
+    """Make a folder if needed, and check that a file can be made in it.
 
-    A disk that fills up later is another matter.
+    A disk that fills up later is not noticed here.
+
+    Args:
+        folder: The folder.
+        key: The key of the configuration that names it, for the error.
+
+    Raises:
+        ConfigError: No file can be made in it.
     """
     try:
         make_folder(folder)
@@ -92,8 +118,11 @@ def refuse_unwritable(folder: Path, key: str) -> None:
 def results_in(folder: Path) -> Iterator[Path]:
     """Give a place to write results to, whose files move into `folder` when the block ends well.
 
-    Older files of the same names are replaced then; after an exception `folder` is as it was before. Raises
-    `UserError`, before the block where possible, when `folder` cannot be written.
+    Older files of the same names are replaced then. After an exception `folder` is as it was before; one that
+    was made for the results is removed.
+
+    Raises:
+        UserError: `folder` cannot be written, which is noticed before the block where possible.
     """
     created = _missing(folder)
     try:

@@ -1,7 +1,8 @@
-"""Checks of a log: damaged blocks of a recording, times in another unit than seconds, text read as missing.
+"""Checks of a log: damaged blocks of a recording, times in another unit than seconds, text read as
+missing.
 
-A block of a recording is the bytes of whole rows; the `flags` cell of its last row ends with `#crc=` and the
-CRC-32 of everything before it, back to the previous block; that of the first block includes the header.
+A block of a recording is the bytes of whole rows. The `flags` cell of its last row ends with `#crc=` and the
+CRC-32 of everything before it, back to the previous block. The first block includes the header.
 """
 
 from __future__ import annotations
@@ -45,12 +46,18 @@ _ANY = re.compile(
 
 
 def damaged(data: bytes, *, has_header: bool = True) -> list[tuple[int, int]]:
-    """Where the rows of damaged blocks begin and end in the bytes of a recording; the header is no row.
-
-    A part of a recording begins with a block, and only the first has the header.
+    """Return where the rows of damaged blocks begin and end in the bytes of a recording, without the
+    header.
 
     Rows after the last checksum, which a crash may leave, cannot be checked and pass. A recording without any
     checksum, of an older version, has no damaged blocks.
+
+    Args:
+        data: A recording, or a part of one that begins with a block.
+        has_header: Whether the data begin with the header; only the first part does.
+
+    Returns:
+        Begin and end of each damaged block in bytes, in their order.
     """
     if CHECKSUM not in data:
         return []
@@ -66,7 +73,7 @@ def damaged(data: bytes, *, has_header: bool = True) -> list[tuple[int, int]]:
 
 
 def without(data: bytes, parts: Sequence[tuple[int, int]]) -> bytes:
-    """The bytes without some parts, given in their order."""
+    """Return the bytes without some parts, given by begin and end in their order."""
     pieces, at = [], 0
     for start, end in parts:
         pieces.append(data[at:start])
@@ -75,7 +82,11 @@ def without(data: bytes, parts: Sequence[tuple[int, int]]) -> bytes:
 
 
 def without_doubts(data: bytes) -> tuple[bytes, tuple[str, ...]]:
-    """The bytes of a CSV without the lines of doubts that `observer import` wrote at its end, and these."""
+    """Return the bytes of a CSV without the lines of doubts that `observer import` wrote at its end, and
+    the doubts.
+
+    Other comments at the end stay, for the reader to refuse.
+    """
     at = data.find(DOUBT_LINE)
     if at < 0:
         return data, ()
@@ -87,20 +98,28 @@ def without_doubts(data: bytes) -> tuple[bytes, tuple[str, ...]]:
 
 
 def doubts_in(metadata: bytes) -> tuple[str, ...]:
-    """The doubts in the metadata of a Parquet file."""
+    """Return the doubts that `observer import` wrote into the metadata of a Parquet file."""
     return tuple(line for line in metadata.decode("utf-8", "replace").split("\n") if line)
 
 
 def rows_of(data: bytes, part: tuple[int, int]) -> str:
-    """The rows of a part, counted from 1, and their lines, counted with the header."""
+    """Return the rows of a part in words, counted from 1, with their lines, counted with the header."""
     first = data.count(b"\n", 0, part[0]) + 1
     last = max(first, data.count(b"\n", 0, part[1]))
     return f"rows {first - 1} to {last - 1} (lines {first} to {last})"
 
 
 def refuse_other_units(path: Path, column: str, time_s: FloatArray, rows_apart_s: float) -> None:
-    """Raise `LogError` where times (n,) are an epoch in another unit, or half of the rows are further apart
-    than `rows_apart_s`, as those of a log in milliseconds are.
+    """Refuse times that are not in seconds.
+
+    Args:
+        path: The log, named in errors.
+        column: The column of times, named in errors.
+        time_s: Increasing times (n,).
+        rows_apart_s: Largest usual distance of rows; a log in milliseconds exceeds it.
+
+    Raises:
+        LogError: The times are an epoch in another unit, or half of the rows are further apart.
     """
     last_s = float(np.max(np.abs(time_s)))
     for least, unit, per_s in _UNITS:
@@ -128,7 +147,13 @@ def _long(time_s: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """Cells of a column that hold words and were read as missing: their number and the words."""
+    """Cells of a column that hold words and were read as missing.
+
+    Attributes:
+        column: The column, or its channel.
+        cells: Their number.
+        texts: The different words, the most frequent first.
+    """
 
     column: str
     cells: int
@@ -136,7 +161,7 @@ class Words:
 
     @property
     def text(self) -> str:
-        """The same as a sentence without full stop, with the remedy."""
+        """The words as a sentence without full stop, with the remedy."""
         say, read = ("cell says", "was read") if self.cells == 1 else ("cells say", "were read")
         words = ", ".join(self.texts[:MOST_LISTED]) + (", …" if len(self.texts) > MOST_LISTED else "")
         return (
@@ -148,9 +173,13 @@ class Words:
 def words_in(
     data: bytes, header: Sequence[str], columns: Mapping[str, FloatArray], missing: Sequence[str] = ()
 ) -> tuple[Words, ...]:
-    """Return the words in the text of a CSV, by the numbers (n,) that its columns were read as.
+    """Return the words in the text of a CSV, a record for each column that has some.
 
-    `missing` are words besides `MISSING_WORDS`.
+    Args:
+        data: The text.
+        header: Names of all its columns.
+        columns: The numbers (n,) that columns were read as, NaN for a missing one.
+        missing: Words besides `MISSING_WORDS`.
     """
     if not (
         incomplete := {name: values for name, values in columns.items() if not np.isfinite(values).all()}
@@ -185,13 +214,18 @@ def _unreadable(name: str, texts: Any, missing: Any) -> Words:
 
 
 def infinite_in(columns: Mapping[str, FloatArray]) -> tuple[Words, ...]:
-    """Return what stands for missing values in columns (n,) that were numbers already: infinite ones."""
+    """Return the counts of infinite numbers, which stand for missing values, in columns (n,) of numbers."""
     counts = {name: int(np.isinf(values).sum()) for name, values in columns.items()}
     return tuple(Words(name, count, ("inf",)) for name, count in counts.items() if count)
 
 
 def several(path: Path | str, problems: Iterable[str]) -> LogError:
-    """The error that names the problems of a file: the first ones, and how many more there are."""
+    """Return the error that names the problems of a file: the first ten, and how many more there are.
+
+    Args:
+        path: The file.
+        problems: Sentences without the file's name; repeated ones count once.
+    """
     first, not_listed = list[str](), 0
     for problem in problems:  # a file may have millions
         if problem in first:

@@ -50,14 +50,19 @@ CELL_BYTES = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Log:
-    """A recorded run.
+    """A recorded run of n rows.
 
-    `time_s` (n,) strictly increasing; `values` (n, c) in the order of `channels`, NaN where a cell is empty.
-    `step` (n,) and `flags` (n,) are there in the service's own recordings only: which rows are ticks, and
-    the faults of each row as text; in newer ones also `late_s` (n,), how long before its row a reading was
-    true, NaN for not at all. `words`: the cells that were read as missing because of what they say; `doubts`:
-    what else its reader was not sure of, sentences. `joined`: its rows come from several clocks, so that an
-    empty cell says only that a channel was not sampled then.
+    Attributes:
+        path: Its file, or its name in errors.
+        time_s: Strictly increasing times (n,).
+        channels: Names of the c channels.
+        values: Values (n, c) in the channels' units, NaN where a cell is empty.
+        step: In the service's own recordings: which rows are ticks of the estimator, (n,); else None.
+        flags: In recordings: the faults of each row as text, (n,).
+        late_s: In newer recordings: how long before its row a reading was true, (n,), NaN for not at all.
+        words: The cells that were read as missing because of what they say.
+        doubts: Other assumptions of its reader, sentences.
+        joined: Whether its rows come from several clocks, so that an empty cell is not a missing reading.
     """
 
     path: Path
@@ -79,21 +84,35 @@ class Log:
         return self.values[:, self.channels.index(channel)]
 
     def with_channels(self, names: Sequence[str]) -> Log:
-        """Return the log with the channels `names` alone. Raises `LogError` where one is missing."""
+        """Return the log with the channels `names` alone, in the order of the file.
+
+        Raises:
+            LogError: A channel is missing; the sentence proposes one with a similar name.
+        """
         selected = [name for name in _selected(self.path, [TIME, *self.channels], names) if name != TIME]
         columns = [self.channels.index(name) for name in selected]
         words = tuple(words for words in self.words if words.column in selected)
         return replace(self, channels=tuple(selected), values=self.values[:, columns], words=words)
 
     def adding(self, names: Sequence[str], values: FloatArray) -> Log:
-        """Return the log with other channels behind its own; `values` (n, c) are theirs."""
+        """Return the log with other channels behind its own.
+
+        Args:
+            names: Their names, c.
+            values: Their values (n, c).
+        """
         return replace(self, channels=(*self.channels, *names), values=np.hstack([self.values, values]))
 
 
 def log_of(columns: Mapping[str, Any], name: str = "log") -> Log:
-    """Return the log that columns of n numbers are, `time_s` among them; `name` is what errors call it.
+    """Return the log that columns of numbers make.
 
-    Raises `LogError` as for a file.
+    Args:
+        columns: Arrays (n,), or sequences, by name; `time_s` is the time.
+        name: What errors call the log.
+
+    Raises:
+        LogError: `time_s` is missing, empty or not strictly increasing, or a column does not hold n numbers.
     """
     import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon reads no log
 
@@ -122,13 +141,20 @@ def read_log(
     rows_apart_s: float = math.inf,
     missing: Sequence[str] = (),
 ) -> Log:
-    """Read a log, only the columns in `only` if any are named.
+    """Read a log in the program's own form.
 
-    `accept_truncated` drops a last row that was cut off instead of refusing the log, `accept_damaged` the
-    rows of a recording that do not have the checksum they were recorded with. Rows further apart than
-    `rows_apart_s`, most of them, are not taken for seconds. Cells with a text in `missing` are missing, as
-    those with one of `MISSING_WORDS` are. Raises `LogError` with one sentence that names
-    the file, the row or column, and the remedy.
+    Args:
+        path: CSV, compressed CSV or Parquet.
+        only: Columns to read; empty for all.
+        accept_truncated: Drop a last row that was cut off, instead of refusing the file.
+        accept_damaged: Drop the rows of a recording whose checksum is wrong, instead of refusing the file.
+        rows_apart_s: Refuse a log most of whose rows are further apart, as its times are not in seconds.
+        missing: Texts of cells that are missing, besides `MISSING_WORDS`.
+
+    Raises:
+        LogError: The file is missing, unreadable, too large, cut off or damaged; a column is missing, a cell
+            is not a number, or the time does not increase. The sentence names the file, the row or column,
+            and the remedy.
     """
     path = Path(path)
     try:
@@ -157,7 +183,11 @@ def read_log(
 
 
 def suffix_of(path: Path) -> str:
-    """The kind of a log by its name, one of `SUFFIXES`; raises `LogError` for any other."""
+    """Return the kind of a log by its name, one of `SUFFIXES`.
+
+    Raises:
+        LogError: The name ends with none of them.
+    """
     for suffix in SUFFIXES:
         if path.name.endswith(suffix):
             return suffix
@@ -178,10 +208,19 @@ def _read_csv(
 
 
 def read_part(path: Path, first: bytes, data: bytes, only: Sequence[str]) -> tuple[Log | None, int]:
-    """Read whole blocks of a recording whose first line is `first`; only those at its beginning hold it.
+    """Read whole blocks of a recording; damaged ones are left out.
 
-    Returns the rows, or None without any, and the number of damaged blocks that were left out. Raises
-    `LogError`.
+    Args:
+        path: The recording, named in errors.
+        first: Its first line; only data from its beginning hold it too.
+        data: The bytes of the blocks.
+        only: Columns to read.
+
+    Returns:
+        The rows, or None without any, and the number of damaged blocks.
+
+    Raises:
+        LogError: A column is missing, or a cell is not a number.
     """
     header = _header(path, first)
     selected, begins = _selected(path, header, only), data.startswith(first)
@@ -217,9 +256,13 @@ def _parsed(
 
 
 def bytes_of(path: Path) -> tuple[bytes, bool]:
-    """Return the text of a log, and whether its end is missing: compressed data cut, or blank disk blocks.
+    """Return the text of a log, unpacked, and whether its end is missing.
 
-    Raises `LogError` for damaged compressed data, and for more than `MOST_LOG_BYTES` once unpacked.
+    The end is missing where compressed data are cut, or the disk left blank blocks after a power cut.
+
+    Raises:
+        LogError: Compressed data are damaged, or have more than 1 GiB once unpacked.
+        OSError: The file cannot be read.
     """
     data = path.read_bytes()
     if not path.name.lower().endswith(".gz"):
@@ -426,7 +469,7 @@ def _numbers(table: Any, name: str) -> FloatArray:
 
 
 def _going_back(time_s: FloatArray, rows: NDArray[np.intp], place: Callable[[int], str]) -> Iterator[str]:
-    """A sentence for each row whose time is not after that of the row before."""
+    """Yield a sentence for each row whose time does not exceed that of the row before."""
     for number, row in enumerate(rows):
         before_s, after_s = float(time_s[row - 1]), float(time_s[row])
         change = "repeats" if after_s == before_s else f"goes back from {before_s!r} to"

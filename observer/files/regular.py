@@ -25,15 +25,25 @@ MOST_LOG_BYTES = 1 << 30
 
 
 def one_line(reason: str) -> str:
-    """Return the first line of a library's message about a file; "?" replaces unprintable characters."""
+    """Return the first line of a library's message about a file, at most 200 characters.
+
+    "?" replaces unprintable characters, so that damaged bytes do not reach a terminal.
+    """
     first = reason.strip().split("\n", 1)[0][:200]
     return "".join(c if c.isprintable() else "?" for c in first)
 
 
 def refuse_irregular(path: Path, remedy: str, opened: int | None = None) -> None:
-    """Raise `OSError` if the path does not exist, `UserError` if it is a pipe, a device or a folder.
+    """Refuse a path that is not an ordinary file: reading a pipe or a device might never end.
 
-    `opened` is the descriptor of the file where that is open already.
+    Args:
+        path: The path.
+        remedy: What to give instead, for the error.
+        opened: The descriptor of the file where that is open already; None to look at the path.
+
+    Raises:
+        OSError: The path does not exist.
+        UserError: It is a pipe, a device or a folder.
     """
     mode = os.stat(path if opened is None else opened).st_mode
     if not stat.S_ISREG(mode):
@@ -42,7 +52,15 @@ def refuse_irregular(path: Path, remedy: str, opened: int | None = None) -> None
 
 
 def refuse_large(path: Path, size_bytes: int) -> None:
-    """Raise `LogError` for a log that needs more than `MOST_LOG_BYTES` of memory."""
+    """Refuse a log that needs more than 1 GiB of memory.
+
+    Args:
+        path: The log.
+        size_bytes: Its size once unpacked, as far as that is known.
+
+    Raises:
+        LogError: The size is larger.
+    """
     if size_bytes > MOST_LOG_BYTES:
         raise LogError(
             f"{path}: holds more than {MOST_LOG_BYTES >> 20} MiB once unpacked; split it into shorter logs"
@@ -50,9 +68,16 @@ def refuse_large(path: Path, size_bytes: int) -> None:
 
 
 def read_regular(path: Path, most_bytes: int, remedy: str) -> bytes:
-    """Read a file that is a file: a pipe would be waited for, a device may never end.
+    """Return the bytes of an ordinary file.
 
-    Raises `OSError`, or `UserError` if it is not a file of at most `most_bytes`.
+    Args:
+        path: The file.
+        most_bytes: The largest size.
+        remedy: What to give instead, for the error.
+
+    Raises:
+        OSError: The file cannot be read.
+        UserError: It is not an ordinary file, or is larger.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     with open(descriptor, "rb") as file:
@@ -64,7 +89,16 @@ def read_regular(path: Path, most_bytes: int, remedy: str) -> bytes:
 
 
 def read_toml(path: Path, remedy: str = "a configuration with --config") -> dict[str, Any]:
-    """Return the table of a TOML file. An error names `remedy`, the file to give. Raises `ConfigError`."""
+    """Return the table of a TOML file.
+
+    Args:
+        path: The file.
+        remedy: The kind of file to give, for the error.
+
+    Raises:
+        ConfigError: The file is missing, unreadable, not TOML, too large or too deeply nested. For a line
+            that is not TOML the sentence shows how to write it.
+    """
     text, data = "", b""
     try:
         data = read_regular(path, MOST_BYTES, "a TOML file")
@@ -114,9 +148,15 @@ def _extent(table: Any) -> tuple[int, int]:
 
 
 def read_named(path: Path, key: str, *, secret: bool = False) -> bytes:
-    """The bytes of a file that a configuration names under a key; a `secret` belongs to its owner alone.
+    """Return the bytes of a file that a configuration names.
 
-    Raises `ConfigError` where it cannot be read, or others can read it.
+    Args:
+        path: The file.
+        key: The key that names it, for the error.
+        secret: Whether it may be readable by its owner only.
+
+    Raises:
+        ConfigError: It cannot be read, or is secret and others can read it.
     """
     try:
         mode, data = path.stat().st_mode & 0o777, path.read_bytes()
@@ -135,7 +175,16 @@ def _text(path: Path, key: str, *, secret: bool = True) -> str:
 
 
 def read_password(path: Path, key: str, *, secret: bool = True) -> str:
-    """The password in a file, its first line. Raises `ConfigError` where there is none."""
+    """Return the password in a file, its first line without blanks around it.
+
+    Args:
+        path: The file.
+        key: The key that names it, for the error.
+        secret: Whether it may be readable by its owner only.
+
+    Raises:
+        ConfigError: The file cannot be read, is empty or not UTF-8, or others can read it.
+    """
     password = _text(path, key, secret=secret).split("\n", 1)[0].strip()
     if not password:
         raise ConfigError(f"{key}: {path} is empty; write the password into it")
@@ -143,7 +192,16 @@ def read_password(path: Path, key: str, *, secret: bool = True) -> str:
 
 
 def read_users(path: Path, key: str) -> dict[str, str]:
-    """Names and passwords from a file of `name:password` lines. Raises `ConfigError` where it is none."""
+    """Return passwords by name from a file of `name:password` lines, readable by its owner only.
+
+    Args:
+        path: The file.
+        key: The key that names it, for the error.
+
+    Raises:
+        ConfigError: The file cannot be read, others can read it, a line has another form, or no line has a
+            user.
+    """
     users = {}
     for number, line in enumerate(_text(path, key).splitlines(), 1):
         name, _, password = line.partition(":")

@@ -21,7 +21,11 @@ log = structlog.get_logger()
 
 
 def save_state(path: Path, data: bytes) -> str | None:
-    """Replace a state file, in a folder that is made; return None, or in a sentence why it was not done."""
+    """Replace a state file; its folder is made if it is missing.
+
+    Returns:
+        None, or a sentence why it was not done, with the remedy. Nothing is raised, since a service goes on.
+    """
     try:
         make_folder(path.parent)
         write_whole(path, data)
@@ -32,17 +36,24 @@ def save_state(path: Path, data: bytes) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class StateFile:
-    """A state file in JSON. `content` names what it holds, for the log; `version` is that of its format."""
+    """A state file in JSON.
+
+    Attributes:
+        path: The file.
+        content: Names what it holds, for the log of the service.
+        version: The version of its format; a file of another one is not used.
+    """
 
     path: Path
     content: str
     version: int
 
     def restore(self, take: Callable[[Mapping[str, Any]], None]) -> None:
-        """Call `take` with the document, if there is one.
+        """Call `take` with the document, if there is one; a file that cannot be used is logged and left.
 
-        `take` raises `ValueError`, `KeyError`, `TypeError` or `AttributeError` for a document that it cannot
-        use. This and a damaged file are logged.
+        Args:
+            take: Adopts the document. It raises `ValueError`, `KeyError`, `TypeError` or `AttributeError` for
+                one that it cannot use, before it changes anything.
         """
         try:
             document = json.loads(self.path.read_bytes())
@@ -56,10 +67,10 @@ class StateFile:
             log.warning(f"{self.content}: no state restored", reason=reason)
 
     def encoded(self, document: Mapping[str, Any]) -> bytes:
-        """Return a document as the file holds it."""
+        """Return a document with the version of the format, as the file holds it."""
         return json.dumps({_VERSION: self.version, **document}).encode()
 
     def save(self, data: bytes) -> None:
-        """Replace the file by an `encoded` document; a failure is logged."""
+        """Replace the file by an `encoded` document; a failure is logged, and the old file stays."""
         if (reason := save_state(self.path, data)) is not None:
             log.warning(f"{self.content}: state not saved", reason=reason)

@@ -21,9 +21,11 @@ _WITH_UNIT = re.compile(rf"({_NUMBER})\s*([^\d\s.\"',;\[\]{{}}][^\"',;\[\]{{}}]*
 
 
 def sentence(text: str, reason: str) -> str:
-    """Return which line of a text is not TOML, as it stands there, and what to write.
+    """Return the first line of a text that is not TOML, quoted, with its repair.
 
-    `reason` is what the parser says; it is repeated where no slip explains the line.
+    Args:
+        text: The text.
+        reason: The parser's message; it is repeated where no slip explains the line.
     """
     at_line = _AT_LINE.search(reason)
     if at_line is None:
@@ -63,9 +65,14 @@ def _repaired(lines: list[str], at: int, number: int) -> str:
 
 
 def without_quotes(key: str, text: str) -> str:
-    """Return the number that a text stands for, as the key's unit needs it; empty where it is none.
+    """Return the number that a text stands for, in the unit of a key.
 
-    `key` ends with its unit: `12 mm` of `length_m` is 0.012.
+    Args:
+        key: Ends with its unit, such as `length_m`.
+        text: A number, with a decimal comma or point, and perhaps a unit: `12 mm` of `length_m` is 0.012.
+
+    Returns:
+        The number as text; empty if the text is no number, or its unit cannot be converted.
     """
     match = re.fullmatch(rf"{_WITH_UNIT.pattern}|({_NUMBER})", text.strip())
     if match is None:
@@ -82,7 +89,9 @@ def without_quotes(key: str, text: str) -> str:
 
 
 def truth(text: str) -> str:
-    """Return `true` or `false` for a word that people write for it, empty for any other."""
+    """Return `true` or `false` for a word that people write for it, such as `yes` or `aus`; empty for any
+    other.
+    """
     word = text.strip().lower()
     return "true" if word in _YES else "false" if word in _NO else ""
 
@@ -135,7 +144,7 @@ _STRAIGHT = str.maketrans(
 
 
 def _value(change: Callable[[str, str], str]) -> Callable[[str], str]:
-    """A repair of what stands behind the first `=`, by its key."""
+    """Return a repair that changes the value after the first `=`, by its key."""
 
     def repair(code: str) -> str:
         head, equals, value = code.partition("=")

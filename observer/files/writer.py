@@ -22,17 +22,26 @@ Column = NDArray[np.float64] | NDArray[np.str_]
 
 
 class TableSink(Protocol):
-    """A writer of the blocks of a table."""
+    """A writer of the blocks of a table.
+
+    `TableWriter` makes a file of them, `TemporaryTable` keeps them for this process.
+    """
 
     def write(self, columns: Mapping[str, Column]) -> None:
-        """Append rows; every block has the same columns in the same order."""
+        """Append rows, arrays (K,) by name; every block has the same columns in the same order."""
 
 
 class TemporaryTable:
-    """Stores the blocks of a table in a temporary file: the estimates of a long log may not fit into memory.
+    """Stores the blocks of a table in a temporary file: the estimates of a long log may not fit into
+    memory.
 
-    The file has no name and vanishes with this object. After the `with` block `table` is the `pyarrow.Table`,
-    mapped from it. Raises `LogError` where the folder for temporary files has no room.
+    The file has no name and vanishes with this object, also if the process is killed.
+
+    Attributes:
+        table: The `pyarrow.Table`, mapped from the file; it exists after the `with` block.
+
+    Raises:
+        LogError: The folder for temporary files has no room.
     """
 
     def __enter__(self) -> TemporaryTable:
@@ -49,7 +58,11 @@ class TemporaryTable:
         return self
 
     def write(self, columns: Mapping[str, Column]) -> None:
-        """Append rows; every block has the same columns in the same order."""
+        """Append rows, arrays (K,) by name; every block has the same columns in the same order.
+
+        Raises:
+            LogError: The folder for temporary files has no room.
+        """
         import pyarrow as pa  # noqa: PLC0415
 
         block = arrow_table(columns)
@@ -74,7 +87,7 @@ class TemporaryTable:
             os.close(self._descriptor)
 
     def blocks(self) -> Iterator[Any]:
-        """Read the blocks from the file, one `pyarrow.Table` at a time."""
+        """Read the blocks from the file, one `pyarrow.Table` at a time; only after the `with` block."""
         import pyarrow as pa  # noqa: PLC0415
 
         for i in range(self._file.num_record_batches):
@@ -89,7 +102,7 @@ def _no_room(error: OSError) -> LogError:
 
 
 def arrow_table(columns: Mapping[str, Column]) -> Any:
-    """Return columns as a `pyarrow.Table`, in which NaN is null."""
+    """Return columns (K,) by name as a `pyarrow.Table`, in which NaN is null."""
     import pyarrow as pa  # noqa: PLC0415
 
     return pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
@@ -99,8 +112,10 @@ class TableWriter:
     """Writes blocks of columns as CSV, CSV.gz or Parquet, by the suffix of `path`.
 
     Numbers are written so that reading them gives the same bits; NaN is an empty cell. The file takes the
-    place of an older one when the `with` block ends without an exception, and vanishes otherwise. Raises
-    `LogError` where the file cannot be written.
+    place of an older one when the `with` block ends without an exception, and vanishes otherwise.
+
+    Raises:
+        LogError: The suffix is another, or the file cannot be written.
     """
 
     def __init__(self, path: Path, doubts: Sequence[str] = ()) -> None:
@@ -125,11 +140,21 @@ class TableWriter:
         return self
 
     def write(self, columns: Mapping[str, Column]) -> None:
-        """Append rows; every block has the same columns in the same order."""
+        """Append rows, arrays (K,) by name.
+
+        Raises:
+            ValueError: The columns differ from those of the first block.
+            LogError: The file cannot be written.
+        """
         self.write_arrow(arrow_table(columns))
 
     def write_arrow(self, table: Any) -> None:
-        """Append the rows of a `pyarrow.Table`."""
+        """Append the rows of a `pyarrow.Table`.
+
+        Raises:
+            ValueError: The columns differ from those of the first block.
+            LogError: The file cannot be written.
+        """
         names = tuple(table.column_names)
         first, self._names = self._names is None, self._names or names
         if names != self._names:
@@ -182,9 +207,16 @@ class TableWriter:
 def write_log(
     path: Path, time_s: FloatArray, columns: Mapping[str, Column], doubts: Sequence[str] = ()
 ) -> None:
-    """Write a whole log: `time_s` (n,), then `columns` of n cells each; NaN is an empty cell.
+    """Write a whole log.
 
-    `doubts` are sentences that every command shows which reads the log.
+    Args:
+        path: The file; its suffix chooses the format.
+        time_s: Times (n,), which become the first column.
+        columns: Cells (n,) by name; NaN is an empty cell.
+        doubts: Sentences that every command shows which reads the log.
+
+    Raises:
+        LogError: The suffix is unknown, or the file cannot be written.
     """
     with TableWriter(path, doubts) as writer:
         writer.write({TIME: time_s, **columns})

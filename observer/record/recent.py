@@ -38,7 +38,12 @@ _STAMP = re.compile(r"-(\d{8}T\d{6}Z)(?:-(\d+))?\.csv$")
 
 @dataclass(frozen=True, slots=True)
 class RecordedStretch:
-    """Frames without a long pause, and the file that they begin in."""
+    """Frames without a long pause.
+
+    Attributes:
+        path: The recording that they begin in.
+        frames: The frames that the service used, (K, c).
+    """
 
     path: Path
     frames: FrameBlock
@@ -50,17 +55,21 @@ class RecordedStretch:
 
     @property
     def begin_s(self) -> float:
-        """When it begins."""
+        """Time of the first frame, s since 1970."""
         return float(self.frames.time_s[0])
 
     @property
     def end_s(self) -> float:
-        """When it ends."""
+        """Time of the last frame, s since 1970."""
         return float(self.frames.time_s[-1])
 
 
 def duration_s(text: str) -> float:
-    """A duration such as 90min, 8h or 2d in seconds; raises `ConfigError`."""
+    """Return a duration such as 90min, 8h or 2d in seconds.
+
+    Raises:
+        ConfigError: The text has another form, or is 0.
+    """
     match = re.fullmatch(r"\s*(\d{1,6}(?:\.\d{1,6})?)\s*(min|h|d)\s*", text)
     if match is None or float(match[1]) == 0.0:
         raise ConfigError(
@@ -70,10 +79,20 @@ def duration_s(text: str) -> float:
 
 
 def stretches(record: RecordSettings, name: str, plan: AlignPlan, last_s: float) -> list[RecordedStretch]:
-    """The stretches of the last `last_s` seconds that a service called `name` has recorded, the oldest first.
+    """Return the stretches that a service has recorded recently, the oldest first.
 
-    Time counts back from the newest row. A row that is being written is left out. Raises `ConfigError` where
-    no service records, `LogError` where there is too little or a recording cannot be read.
+    Time counts back from the newest row. A row that is being written is left out, as are stretches that are
+    too short for a fit.
+
+    Args:
+        record: The `[record]` table.
+        name: `<machine>-<axis>`.
+        plan: The alignment by which frames are made.
+        last_s: Seconds before the newest row.
+
+    Raises:
+        ConfigError: `record.directory` is missing.
+        LogError: Nothing is recorded, every stretch is too short, or a recording cannot be read.
     """
     if record.directory is None:
         raise ConfigError("--recent: the configuration has no record.directory; add [record], or name logs")
@@ -117,7 +136,7 @@ def _order(file: Recording) -> tuple[str, int]:
 
 
 def _read(file: Recording, plan: AlignPlan) -> Log | None:
-    """A recording as far as it is whole, None where it holds no row or has gone meanwhile."""
+    """Return the whole rows of a recording; None if it has no row, or has been removed."""
     try:
         with file.path.open("rb") as opened:
             if opened.read(1_000_000).count(b"\n") < 2:
@@ -147,7 +166,7 @@ def _runs(logs: Sequence[Log]) -> Iterator[list[Log]]:
 
 
 def one_log(before: Log, after: Log) -> Log:
-    """Two recordings as one."""
+    """Return two recordings of the same channels as one; the second one follows in time."""
     late = [np.full(len(log), np.nan) if log.late_s is None else log.late_s for log in (before, after)]
     assert before.step is not None
     assert after.step is not None
@@ -185,7 +204,7 @@ SUFFIXES = (".asc", ".blf", ".trc", ".log", ".mf4", ".db")
 
 
 def is_can_recording(path: Path) -> bool:
-    """Whether a path names a CAN recording, compressed or not."""
+    """Return whether a path names a CAN recording by its suffix, compressed or not."""
     suffix = path.suffix.lower()
     return (path.with_suffix("").suffix.lower() if suffix == ".gz" else suffix) in SUFFIXES
 
@@ -193,8 +212,17 @@ def is_can_recording(path: Path) -> bool:
 def read_can_log(path: Path, config: Installation) -> Log:
     """Decode a recording by the configuration's CAN drivers, with a tick at each period.
 
-    `doubts` of the log name the lines that are damaged or cut off. Raises `LogError` where no frame can be
-    read or the time goes back, `ConfigError` where no CAN driver is configured.
+    Args:
+        path: The recording of one bus or several.
+        config: Its CAN drivers with their DBC files decode the frames.
+
+    Returns:
+        A log in the form of a recording of the service. Its `doubts` name the lines that are damaged or cut
+            off.
+
+    Raises:
+        ConfigError: No CAN driver is configured.
+        LogError: The file is missing, no frame can be decoded, or the time goes back.
     """
     decoded = [driver.decodes(path, name) for name, driver in config.drivers.items()]
     buses = [readings for readings in decoded if readings is not None]

@@ -52,8 +52,13 @@ log = structlog.get_logger()
 
 @dataclass(frozen=True, slots=True)
 class RecordStatus:
-    """The numbers of rows written and lost so far; `reason` says in one sentence what is wrong, None if
-    nothing is.
+    """The state of a recording.
+
+    Attributes:
+        path: The file that is being written; None before the first row.
+        rows_written: Rows handed to the system so far.
+        rows_dropped: Rows lost so far, since the disk refused them for too long.
+        reason: A sentence about what is wrong, with the remedy; None while all is well.
     """
 
     path: Path | None = None
@@ -63,8 +68,12 @@ class RecordStatus:
 
 
 class Companions(NamedTuple):
-    """The files beside a recording: `start` says where the service stood before the first file, `config` is
-    in force, and `pack` writes where the service stood after the last tick of a full file.
+    """The files beside a recording.
+
+    Attributes:
+        start: The checkpoint from which the service started; None after a cold start.
+        config: The document of the configuration in force; None for none.
+        pack: Makes the state after the last tick of a full file from what `tick` got; None for no such file.
     """
 
     start: bytes | None = None
@@ -75,10 +84,13 @@ class Companions(NamedTuple):
 class Recorder:
     """Writes readings and ticks to CSV files named by machine, axis and UTC start.
 
-    A file is complete by itself: when it has grown to `rotate_bytes` the next tick is its last row. All rows
+    Each file can be read alone: when it has grown to `rotate_bytes` the next tick is its last row. All rows
     are handed to the system at least every 0.2 s and to the disk at least every `sync_s`. Beside the first
-    file goes the start of `companions`, beside each file its configuration, and beside each that follows a
-    full one the state after that one's last tick. What `keep` does not keep is removed.
+    file goes the start of `companions`, beside each file its configuration. Beside each that follows a full
+    one goes the state after that one's last tick. `keep` removes old files.
+
+    The methods never block and never raise: rows wait in memory, up to 100,000, and further ones are dropped
+    and counted. They are for the thread of the loop.
     """
 
     def __init__(
@@ -117,32 +129,47 @@ class Recorder:
 
     @property
     def status(self) -> RecordStatus:
-        """The state of the recording."""
+        """The state of the recording; from any thread."""
         reason = self._refused or self._shortage
         return RecordStatus(self._file.path, self._written, self._dropped, reason)
 
     @property
     def alive(self) -> bool:
-        """Whether the thread that writes is there; without it nothing is recorded."""
+        """Whether the thread that writes is running; without it nothing is recorded."""
         return self._thread.is_alive()
 
     def reading(self, reading: Reading) -> None:
-        """Record a reading as the aligner uses it."""
+        """Record a reading as the aligner uses it, in a row with its values, faults and delay."""
         self._put(row_of_reading(reading, self._channels))
 
     def tick(self, time_s: float, standing: Callable[[], Any] | None = None) -> None:
-        """Record a tick; `standing` gives where the service stands after it, where a file ends with it."""
+        """Record a tick.
+
+        Args:
+            time_s: Its time, s since 1970.
+            standing: Returns the state of the service after it; called only where a file ends with this tick.
+        """
         row = f"{time_s!r},{',' * len(self._channels)}1,,\n".encode()
         is_full = self._size + len(row) >= self._rotate_bytes
         self._put(row, is_full, standing() if is_full and standing is not None else None)
 
     def command(self, time_s: float, name: str, outcome: str) -> None:
-        """Record a command and its outcome in a row without any value."""
+        """Record a command and its outcome in a row without any value.
+
+        Args:
+            time_s: When it was executed.
+            name: The command.
+            outcome: Its outcome in words.
+        """
         entry = f"{COMMAND_MARK}{name}={quote(outcome, safe=_PLAIN)}"
         self._put(f"{time_s!r},{',' * len(self._channels)},,{entry}\n".encode())
 
     def close(self, timeout_s: float = 1.0) -> bool:
-        """Write what is left and end; says whether all of it reached the disk in that time."""
+        """Write the rows that wait, and end the thread.
+
+        Returns:
+            Whether all rows reached the disk within `timeout_s`.
+        """
         self._closing.set()
         self._thread.join(timeout_s)
         return not self._thread.is_alive() and not self._queue and not self._held
@@ -226,7 +253,7 @@ class _Row(NamedTuple):
 
 
 class NoRecorder:
-    """Records nothing, for a service without recordings."""
+    """Records nothing, for a service without recordings; it has the methods of `Recorder`."""
 
     alive, status = True, None
 
@@ -240,19 +267,22 @@ class NoRecorder:
         """Leave a command out."""
 
     def close(self, _timeout_s: float = 1.0) -> bool:
-        """End at once."""
+        """Return True at once."""
         return True
 
 
 def header(channels: Sequence[str]) -> bytes:
-    """The first line of a recording."""
+    """Return the first line of a recording: `time_s`, the channels, `step`, `late_s`, `flags`."""
     line = io.StringIO()
     csv.writer(line, lineterminator="\n").writerow([TIME, *channels, STEP, LATE, FLAGS])
     return line.getvalue().encode()
 
 
 def row_of_reading(reading: Reading, channels: Sequence[str]) -> bytes:
-    """A reading as a row: the shortest decimals that read back to the same bits, faults by channel."""
+    """Return a reading as a row: the shortest decimals that read back to the same bits, faults by channel.
+
+    A channel that the reading lacks, and a NaN, are empty cells; only the NaN has a fault in `flags`.
+    """
     values = [reading.values.get(name, math.nan) for name in channels]
     cells = [repr(reading.time_s), *("" if math.isnan(value) else repr(value) for value in values)]
     late = repr(reading.late_s) if reading.late_s else ""
@@ -260,7 +290,10 @@ def row_of_reading(reading: Reading, channels: Sequence[str]) -> bytes:
 
 
 def flags_of(reading: Reading, channels: Sequence[str]) -> str:
-    """The faults of a reading as a `flags` cell; a value that is missing without a fault is one too."""
+    """Return the faults of a reading as a `flags` cell: `channel=fault`, separated by semicolons.
+
+    A value that is missing without a fault is one too. Names and faults are quoted as in a URL.
+    """
     flags = []
     for name in channels:
         if name in reading.values:
@@ -271,7 +304,12 @@ def flags_of(reading: Reading, channels: Sequence[str]) -> str:
 
 
 class Part:
-    """The file that is being written, if any; a refused write leaves no part of a row."""
+    """The file that is being written, if any; a refused write leaves no part of a row.
+
+    Attributes:
+        path: The file; None between two files.
+        size: Its size in bytes.
+    """
 
     def __init__(self) -> None:
         self.path: Path | None = None
@@ -280,7 +318,17 @@ class Part:
         self._crc = 0
 
     def open(self, directory: Path, name: str, first: bytes, companions: Mapping[str, bytes]) -> None:
-        """Begin a file named by `name` and the time in UTC with the line `first`, with others beside it."""
+        """Begin a file named by `name` and the time in UTC, and lock it.
+
+        Args:
+            directory: Is made if it is missing.
+            name: `<machine>-<axis>`.
+            first: The header.
+            companions: Content of the files beside it, by suffix.
+
+        Raises:
+            OSError: A file cannot be written; then no recording is left behind.
+        """
         make_folder(directory)
         stamp = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
         for number in range(1, 1000):
@@ -305,7 +353,15 @@ class Part:
         self._crc = zlib.crc32(first)
 
     def write(self, rows: bytes) -> None:
-        """Append rows as a block, all of it or, as far as the file can be cut back, nothing."""
+        """Append rows as a block with its checksum, all of it or, as far as the file can be cut back,
+        nothing.
+
+        Args:
+            rows: Whole lines.
+
+        Raises:
+            OSError: The disk refuses them.
+        """
         body = rows[:-1] if rows.endswith(b",\n") else rows[:-1] + b";"
         self._write(body + CHECKSUM + f"{zlib.crc32(body, self._crc):08x}\n".encode())
         self._crc = 0
@@ -322,16 +378,20 @@ class Part:
 
     @property
     def is_gone(self) -> bool:
-        """Whether somebody has deleted the file, so that what goes into it would be lost."""
+        """Whether somebody has deleted the file, so that rows written into it would be lost."""
         return self.path is not None and os.fstat(self._fd).st_nlink == 0
 
     def sync(self) -> None:
-        """Have everything on the disk."""
+        """Return once everything is on the disk.
+
+        Raises:
+            OSError: The disk refuses it.
+        """
         if self.path is not None:
             os.fsync(self._fd)
 
     def close(self) -> None:
-        """End the file, if there is one."""
+        """Close the file, if there is one, and release its lock."""
         if self.path is not None:
             os.close(self._fd)
             self.path = None

@@ -42,8 +42,12 @@ _LEAST_FREE_GB = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Retention:
-    """The files to keep: those younger than `keep_s`, `keep_bytes` in all, `free_bytes` of the disk left
-    free.
+    """The limits of the files to keep.
+
+    Attributes:
+        keep_s: Files whose last row is older are removed.
+        keep_bytes: Largest size of all files together.
+        free_bytes: Space of the disk to leave free, at most a tenth of the disk.
     """
 
     keep_s: float = math.inf
@@ -52,7 +56,7 @@ class Retention:
 
     @classmethod
     def of(cls, record: RecordSettings) -> Retention:
-        """As configured."""
+        """Return the limits of a `[record]` table; a key that is missing sets no limit."""
         return cls(
             math.inf if record.keep_days is None else record.keep_days * 86_400.0,
             math.inf if record.keep_GB is None else record.keep_GB * 1e9,
@@ -62,7 +66,13 @@ class Retention:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """One complete file: its size with its companion files, and when its last row was written."""
+    """One complete file.
+
+    Attributes:
+        path: The CSV file, or the file of steps.
+        size: Its size with its companion files, bytes.
+        ended_s: When its last row was written, s since 1970.
+    """
 
     path: Path
     size: int
@@ -72,10 +82,15 @@ class Recording:
 def to_remove(
     files: Iterable[Recording], keep: Retention, total: int, free: int, now_s: float, *, by_age: bool
 ) -> Iterator[Recording]:
-    """Give the files that are to go, the oldest first; without `by_age` the clock cannot be trusted yet.
+    """Yield the files to be removed, the oldest first.
 
-    `total` and `free` are the bytes of the disk; a small one is not to be emptied for what stays free on a
-    large one.
+    Args:
+        files: The complete files.
+        keep: The limits.
+        total: Bytes of the disk; of a small one at most a tenth is kept free.
+        free: Bytes of the disk that are free.
+        now_s: Time, s since 1970.
+        by_age: Whether ages count; not while the clock cannot be trusted yet.
     """
     ordered = sorted(files, key=lambda file: (file.ended_s, file.path.name))
     in_all, wanted_free = sum(file.size for file in ordered), min(keep.free_bytes, total / 10)
@@ -87,7 +102,23 @@ def to_remove(
 
 
 def tidy(folder: Path, name: str, keep: Retention, now_s: float, *, by_age: bool) -> tuple[Path, ...]:
-    """Remove what is not kept; returns what went. Raises `OSError`."""
+    """Remove recordings and files of steps beyond the limits, with their companions.
+
+    A file that is being written is never removed.
+
+    Args:
+        folder: The service's `record.directory`.
+        name: `<machine>-<axis>`; files of other names stay.
+        keep: The limits.
+        now_s: Time, s since 1970.
+        by_age: Whether ages count.
+
+    Returns:
+        The removed files, the oldest first.
+
+    Raises:
+        OSError: The folder cannot be read, or a file cannot be removed.
+    """
     removed, disk = [], shutil.disk_usage(folder)
     files = recordings(folder, name, rf"(\.csv|{re.escape(STEPS_SUFFIX)}(\.parquet)?)")
     for file in to_remove(files, keep, disk.total, disk.free, now_s, by_age=by_age):
@@ -100,7 +131,15 @@ def tidy(folder: Path, name: str, keep: Retention, now_s: float, *, by_age: bool
 
 
 def shortage(folder: Path, keep: Retention) -> str | None:
-    """Report a disk that is nearly full in a sentence, None while it is not. Raises `OSError`."""
+    """Return a sentence about a disk that is nearly full; None while it is not.
+
+    Args:
+        folder: A folder on the disk.
+        keep: Its `free_bytes` is the limit; 1 GB if that is 0, and a tenth of the disk at most.
+
+    Raises:
+        OSError: The disk cannot be asked.
+    """
     disk = shutil.disk_usage(folder)
     least = min(keep.free_bytes or _LEAST_FREE_GB * 1e9, disk.total / 10)
     if disk.free >= least:
@@ -112,7 +151,16 @@ def shortage(folder: Path, keep: Retention) -> str | None:
 
 
 def recordings(folder: Path, name: str, ending: str = r"\.csv") -> list[Recording]:
-    """The files that services of this name have written, without links."""
+    """Return the files that services of this name have written; links are left out.
+
+    Args:
+        folder: The service's `record.directory`.
+        name: `<machine>-<axis>`.
+        ending: Regular expression of the suffix.
+
+    Raises:
+        OSError: The folder cannot be read.
+    """
     file_name = re.compile(rf"{re.escape(name)}-\d{{8}}T\d{{6}}Z(-\d+)?{ending}")
     complete = []
     for path in folder.iterdir():
@@ -126,7 +174,7 @@ def recordings(folder: Path, name: str, ending: str = r"\.csv") -> list[Recordin
 
 
 def is_being_written(path: Path) -> bool:
-    """Whether a service holds the file open for writing; one that cannot be asked counts as held."""
+    """Return whether a service holds the file open for writing; one that cannot be asked counts as held."""
     try:
         return _is_locked(path)
     except FileNotFoundError:
@@ -136,9 +184,16 @@ def is_being_written(path: Path) -> bool:
 
 
 def refuse_shared(folder: Path, name: str) -> None:
-    """Raise `ConfigError` where a service of this name is recording into a folder, as far as locks show.
+    """Refuse a folder into which another service of this name is recording.
 
-    The network may not show it. The two would write over each other's checkpoint.
+    The two would write over each other's checkpoint. On a network drive locks may not show it.
+
+    Args:
+        folder: The configured `record.directory`.
+        name: `<machine>-<axis>`.
+
+    Raises:
+        ConfigError: A recording of this name is locked.
     """
     files: list[Recording] = []
     with suppress(OSError):  # not there yet, or not to be listed
@@ -170,15 +225,20 @@ def _size(path: Path) -> int:
 
 
 def sealed(document: bytes) -> bytes:
-    """A document `config`, JSON, with its checksum, as it stands beside a recording."""
+    """Return a document `config` with its checksum, in the form of the file beside a recording.
+
+    Args:
+        document: JSON.
+    """
     content = json.loads(document)
     return json.dumps({**content, "checksum": _checksum(content)}).encode()
 
 
 def recorded_config(path: Path) -> dict[str, Any]:
-    """The document `config` beside a recording, empty where there is none.
+    """Return the document `config` beside a recording; empty if there is no such file.
 
-    Raises `LogError` where it is damaged: it would shift the estimates unnoticed.
+    Raises:
+        LogError: It is damaged: it would shift the estimates unnoticed.
     """
     sidecar = path.with_suffix(CONFIG_SUFFIX)
     try:

@@ -17,7 +17,11 @@ _REFUSED = 2
 
 
 class PastProcess:
-    """Queries the past of an axis; from any thread, one query at a time."""
+    """Queries the past of an axis; from any thread, one query at a time.
+
+    At most four queries wait; a further one is refused at once. A query blocks its caller for up to 30 s of
+    reading, and never the service's loop.
+    """
 
     def __init__(self, folder: Path, name: str, in_force: str, period_s: float) -> None:
         """Take the recordings' folder, `<machine>-<axis>`, the hash of the configuration, and the period."""
@@ -28,7 +32,16 @@ class PastProcess:
         self._is_closed = False
 
     def ask(self, key: str, parameters: Mapping[str, str]) -> PastReply:
-        """Ask for a page of `estimate` or `readings`, and wait for the answer."""
+        """Ask for a page of `estimate` or `readings`, and wait for the answer.
+
+        Args:
+            key: `estimate` or `readings`.
+            parameters: `from`, `to` and `every`, as in the selector of the query.
+
+        Returns:
+            The page, CBOR for estimates and JSON for readings, or a sentence why there is none. Nothing is
+                raised.
+        """
         if not self._waiting.acquire(blocking=False):
             return PastReply(b"", "too many requests at once; ask again in a second")
         try:
@@ -57,7 +70,7 @@ class PastProcess:
         return PastReply(b"", "the query failed; ask for another span")
 
     def close(self) -> None:
-        """End what runs."""
+        """Kill a query that runs, and refuse all later ones."""
         self._is_closed = True
         if (child := self._child) is not None and child.poll() is None:
             child.kill()

@@ -25,7 +25,16 @@ Values = NDArray[np.float64]
 
 
 class ChannelBins(NamedTuple):
-    """Minimum, maximum, sum and number of each channel's values in n bins, (n, channels), and their times."""
+    """Minimum, maximum, sum and number of each channel's values in n bins.
+
+    Attributes:
+        channels: Names of the c columns.
+        time_s: Time of each bin, (n,).
+        least: Smallest values (n, c), NaN where a bin has none.
+        most: Largest values (n, c), NaN where a bin has none.
+        total: Sums (n, c).
+        number: Counts of values (n, c).
+    """
 
     channels: tuple[str, ...]
     time_s: Values
@@ -36,7 +45,17 @@ class ChannelBins(NamedTuple):
 
     @classmethod
     def of(cls, file: StepFile, from_s: float = -math.inf, to_s: float = math.inf) -> ChannelBins:
-        """Make each step of a file a bin of its own; a value that was missing counts as none."""
+        """Return each step of a file as a bin of its own; a missing value has the number 0.
+
+        Args:
+            file: Its channels are the columns.
+            from_s: First time.
+            to_s: End, itself excluded.
+
+        Raises:
+            LogError: The file is damaged.
+            FileNotFoundError: The file is gone.
+        """
         channels, (time_s, *columns) = read_columns(file, from_s, to_s)
         values = np.column_stack(columns) if columns else np.empty((len(time_s), 0))
         has_value = np.isfinite(values)
@@ -44,7 +63,12 @@ class ChannelBins(NamedTuple):
         return cls(channels, time_s, values, values, total, has_value.astype(float))
 
     def merged(self, keys: NDArray[np.int64], time_s: NDArray[Any] | None = None) -> ChannelBins:
-        """Return one bin for all of each key (n,), which ascend; NaN where none has a value."""
+        """Return one bin for all of each key.
+
+        Args:
+            keys: A key for each bin, ascending, (n,).
+            time_s: Times of the new bins; None for the first time of each.
+        """
         first = np.flatnonzero(np.r_[True, keys[1:] != keys[:-1]])
         ways = (np.fmin, np.fmax, np.add, np.add)
         merged = [way.reduceat(column, first) for way, column in zip(ways, self[2:], strict=True)]
@@ -56,11 +80,24 @@ def history(
 ) -> dict[str, Any]:
     """Return minimum, mean and maximum of each channel in each of `points` equal parts of a span.
 
-    The document is `{"from_s", "to_s", "read", "notes", "time_s", "channels"}`. `notes` are sentences about
-    damaged files, `time_s` is the middle of each part. `channels` has, by name, `least`, `mean` and `most`,
-    with None for a part without a value. Long parts consist of bins of a minute, which stay in memory. The
-    call ends after 0.35 s, and the next one continues. `read` is the share of the files read so far. Raises
-    `ValueError` for an invalid span, `LogError` where the folder cannot be read.
+    Long parts consist of bins of a minute, which stay in memory. The call ends after 0.35 s, and the next one
+    continues.
+
+    Args:
+        past: The published steps; None for a service without recordings.
+        from_s: First time, s since 1970.
+        to_s: End.
+        points: Number of parts, up to 2000.
+        clock: Measures the time spent, in s.
+
+    Returns:
+        `from_s`, `to_s`, `read`, `notes`, `time_s` and `channels`. `read` is the share of the files read so
+            far. `notes` are sentences about damaged files, `time_s` is the middle of each part. `channels`
+            has, by name, `least`, `mean` and `most`, with None for a part without a value.
+
+    Raises:
+        ValueError: The span or the number of points is invalid.
+        LogError: The folder cannot be read.
     """
     if not (-_MOST_S <= from_s <= to_s - _LEAST_S < to_s <= _MOST_S and 1 <= points <= MOST_POINTS):
         raise ValueError(

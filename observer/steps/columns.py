@@ -1,7 +1,7 @@
 """The columns of a published step, and their places in a stored row.
 
-A row has a fixed size: time, number, the value and age of each channel, the numbers of the estimate as
-float32 as in its message, and the qualities as codes.
+A row has a fixed size. It has time and number, the value and age of each channel, and the numbers of the
+estimate as float32, as in its message. Qualities are codes.
 """
 
 from __future__ import annotations
@@ -32,7 +32,12 @@ FIELDS = ("values", "age_s", "numbers", "codes")
 
 @dataclass(frozen=True, slots=True)
 class StepRows:
-    """Some published steps of one file, in the order of time: `rows` (K,) of `source.dtype`."""
+    """Some published steps of one file, in the order of time.
+
+    Attributes:
+        source: The common part of the file's steps.
+        rows: A structured array (K,) of `source.dtype`.
+    """
 
     source: StepSource
     rows: NDArray[Any]
@@ -42,17 +47,17 @@ class StepRows:
 
     @property
     def time_s(self) -> FloatArray:
-        """The time of each step, (K,)."""
+        """The time of each step, (K,), s since 1970."""
         time_s: FloatArray = self.rows["time_s"]
         return time_s
 
     def at(self, chosen: NDArray[Any] | slice) -> StepRows:
-        """Return some of the steps."""
+        """Return some of the steps, by a mask (K,), indices or a slice."""
         return StepRows(self.source, self.rows[chosen])
 
     @property
     def estimates(self) -> EstimateBlock:
-        """The estimates, as they were published: exact to float32."""
+        """The estimates of K steps, as they were published: numbers are exact to float32."""
         rows, source = self.rows, self.source
         columns = {
             name: rows["numbers"][:, place].astype(np.float64) for name, place in source.arrays.items()
@@ -68,7 +73,10 @@ class StepRows:
 
     @property
     def frames(self) -> FrameBlock:
-        """Value, quality and age of each channel; which of them were fresh is not stored."""
+        """Value, quality and age of each channel in K frames.
+
+        The fields `fresh`, `dt_s` and `path` are not stored: they are False, 0 and empty.
+        """
         rows, count = self.rows, len(self.rows)
         quality = rows["codes"][:, 1 + len(PARTS) + len(self.source.layout.sensors) :]
         fresh = np.zeros(rows["values"].shape, np.bool_)
@@ -84,7 +92,10 @@ class StepRows:
         )
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return a column by its name, (K,); NaN where the file has none of that name."""
+        """Return a column by its name, (K,); NaN where the file has none of that name.
+
+        Numbers of estimates are float32, values and ages float64, qualities codes.
+        """
         if name in ("time_s", "sequence"):
             return self.rows[name]
         if name not in self.source.places:
@@ -96,10 +107,13 @@ class StepRows:
 
 @dataclass(frozen=True, eq=False)
 class StepSource:
-    """The common part of all steps of a file: the layout of the estimates, the channels, and the document
-    `config`.
+    """The common part of all steps of a file.
 
-    `note` is a sentence on steps that are not as they were published, empty otherwise.
+    Attributes:
+        layout: Names and places of the estimates.
+        channels: Names of the channels.
+        config: The document `config` of the service, with its hash and instance.
+        note: A sentence on steps that are not as they were published; empty otherwise.
     """
 
     layout: Layout
@@ -109,7 +123,13 @@ class StepSource:
 
     @classmethod
     def of_json(cls, text: bytes | str) -> Self:
-        """Read the text of `to_json`; raises `ValueError`, `KeyError` or `TypeError` for another one."""
+        """Read the text of `to_json`.
+
+        Raises:
+            ValueError: The text is not JSON, or of another version of the format.
+            KeyError: An entry is missing.
+            TypeError: An entry has another type.
+        """
         document = json.loads(text)
         if document["format"] != _FORMAT:
             raise ValueError(f"format {document['format']} of another version")
@@ -120,7 +140,7 @@ class StepSource:
         return cls(Layout(**layout), tuple(document["channels"]), document["config"], document["note"])
 
     def to_json(self) -> str:
-        """Return all of it as one line of text."""
+        """Return all of it as one line of text, with the meaning of the quality codes."""
         layout = asdict(self.layout) | {"position_m": self.layout.position_m.tolist()}
         document = {"format": _FORMAT, "layout": layout, "channels": self.channels, "config": self.config}
         labels = {"quality": [q.label for q in EstimateQuality], "sensor_quality": [q.label for q in Quality]}
@@ -128,17 +148,20 @@ class StepSource:
 
     @property
     def digest(self) -> str:
-        """The hash of the configuration."""
+        """The hash of the configuration that made the steps; empty if unknown."""
         return str(self.config.get("hash", ""))
 
     @property
     def instance(self) -> str:
-        """The instance of the service."""
+        """The instance of the service that published the steps; empty if unknown."""
         return str(self.config.get("instance", ""))
 
     @cached_property
     def arrays(self) -> dict[str, slice]:
-        """The place of each array of an estimate among the numbers of a row."""
+        """The place of each array of an estimate among the numbers of a row.
+
+        An array that the layout lacks has an empty slice.
+        """
         layout, arrays, end = self.layout, dict[str, slice](), 0
         g, s = len(layout.position_m), len(layout.sensors)
         error = g if layout.has_error else 0
@@ -155,7 +178,9 @@ class StepSource:
 
     @cached_property
     def dtype(self) -> np.dtype[Any]:
-        """The type of a row."""
+        """The type of a row: time, number, values and ages (c,), numbers of the estimate as float32, and
+        codes.
+        """
         c, numbers = len(self.channels), self.arrays["learned_sigma"].stop
         codes = 1 + len(PARTS) + len(self.layout.sensors) + c
         return np.dtype(
@@ -183,7 +208,7 @@ class StepSource:
 
     @cached_property
     def value_names(self) -> tuple[str, ...]:
-        """The column of the values of each channel."""
+        """The column of the values of each channel, in the order of `channels`."""
         reserved = {"time_s", "sequence", *self._number_names(), *self._code_names()}
         return tuple(f"reading_{name}" if name in reserved else name for name in self.channels)
 
@@ -204,7 +229,13 @@ class StepSource:
         return names
 
     def rows(self, frames: FrameBlock, estimates: EstimateBlock, sequence: int) -> NDArray[Any]:
-        """Return K steps as rows; `sequence` is the number of the first."""
+        """Return K steps as rows.
+
+        Args:
+            frames: The frames, (K, c).
+            estimates: The estimates made of them; arrays that are empty become NaN.
+            sequence: Number of the first step.
+        """
         rows = np.zeros(len(frames), self.dtype)
         rows["time_s"], rows["sequence"] = frames.time_s, sequence + np.arange(len(frames))
         rows["values"], rows["age_s"] = frames.values, frames.age_s

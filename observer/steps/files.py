@@ -36,7 +36,13 @@ _STAMPED = re.compile(r"(.+)-(\d{8}T\d{6}Z)(?:-(\d+))?\.steps(?:\.parquet)?")
 
 
 class StepFile(NamedTuple):
-    """A file of steps, which are all from `from_s` on and before `to_s`."""
+    """A file of steps.
+
+    Attributes:
+        path: Its path, with `.steps` or `.steps.parquet` at its end.
+        from_s: Time of its first step, s since 1970, to the second below.
+        to_s: End of its hour; its steps are before it.
+    """
 
     path: Path
     from_s: float
@@ -44,12 +50,22 @@ class StepFile(NamedTuple):
 
     @property
     def is_packed(self) -> bool:
-        """Whether it is Parquet."""
+        """Whether it is Parquet, so that it does not change any more."""
         return self.path.suffix == _PACKED
 
 
 def step_files(folder: Path, name: str) -> list[StepFile]:
-    """Return the files of an axis in the order of time; raises `LogError` for an unreadable folder."""
+    """Return the files of an axis in the order of time; empty for a missing folder.
+
+    A file that is packed at this moment counts once.
+
+    Args:
+        folder: The folder of recordings.
+        name: `<machine>-<axis>`.
+
+    Raises:
+        LogError: The folder cannot be read.
+    """
     files: dict[str, tuple[float, int, Path]] = {}
     for file in _names(folder):  # the packed one of two that are the same comes last
         if (match := _STAMPED.fullmatch(file)) is not None and match[1] == name:
@@ -60,7 +76,11 @@ def step_files(folder: Path, name: str) -> list[StepFile]:
 
 
 def axes_of(folder: Path) -> list[str]:
-    """Return the names of the axes with steps in a folder; raises `LogError` for an unreadable folder."""
+    """Return the names of the axes with steps in a folder, sorted; empty for a missing folder.
+
+    Raises:
+        LogError: The folder cannot be read.
+    """
     return sorted({match[1] for file in _names(folder) if (match := _STAMPED.fullmatch(file))})
 
 
@@ -74,15 +94,23 @@ def _names(folder: Path) -> list[str]:
 
 
 def hour_end_s(time_s: float) -> float:
-    """Return the end of the hour that a time is in."""
+    """Return the end of the hour of UTC that a time is in, s since 1970."""
     return (time_s // FILE_S + 1.0) * FILE_S
 
 
 def read_steps(file: StepFile, from_s: float, to_s: float, *, backwards: bool = False) -> Iterator[StepRows]:
     """Yield the steps of a file from one time up to another, some thousand at most at once.
 
-    With `backwards` the later pieces come first, each in the order of time. A file that is gone has no step.
-    Raises `LogError` for a damaged file.
+    A file that is gone has no step.
+
+    Args:
+        file: The file, packed or not.
+        from_s: First time.
+        to_s: End, itself excluded.
+        backwards: The later pieces come first, each still in the order of time.
+
+    Raises:
+        LogError: The file is damaged, or pyarrow is missing for a packed one.
     """
     with suppress(FileNotFoundError), _in_words(file):  # packed or removed meanwhile
         pieces = _packed_pieces(file.path, from_s, to_s, backwards) if file.is_packed else None
@@ -95,10 +123,22 @@ def read_steps(file: StepFile, from_s: float, to_s: float, *, backwards: bool = 
 def read_columns(
     file: StepFile, from_s: float, to_s: float, names: Sequence[str] | None = None
 ) -> tuple[tuple[str, ...], list[NDArray[Any]]]:
-    """Return the channels of a file, and the columns `time_s` and `names` (K,) of a span.
+    """Return the channels of a file, and the columns `time_s` and `names` of a span.
 
-    Without `names` the columns are the values of all channels. A column that the file lacks is NaN. Raises
-    `LogError` for a damaged file, `FileNotFoundError` for one that is gone.
+    Only these columns are read from a packed file.
+
+    Args:
+        file: The file, packed or not.
+        from_s: First time.
+        to_s: End, itself excluded.
+        names: Columns as of `StepSource.places`; None for the values of all channels.
+
+    Returns:
+        The channels, and arrays (K,) with the time first. A column that the file lacks is NaN.
+
+    Raises:
+        LogError: The file is damaged, or pyarrow is missing for a packed one.
+        FileNotFoundError: The file is gone.
     """
     with _in_words(file):
         if not file.is_packed:
@@ -189,7 +229,12 @@ def _numbers(table: Any, name: str) -> NDArray[Any]:
 def pack(path: Path) -> None:
     """Make a Parquet file of a file of rows, whole or not at all; a file without a step is removed.
 
-    Raises `OSError`, `ValueError` for a damaged file, `ModuleNotFoundError` without pyarrow.
+    The modification time becomes that of the last step, so that retention by age is right.
+
+    Raises:
+        OSError: The files cannot be read or written.
+        ValueError: The file is damaged.
+        ModuleNotFoundError: pyarrow is not installed.
     """
     import pyarrow as pa  # noqa: PLC0415 - slow to import, and the daemon does without
     from pyarrow import parquet  # noqa: PLC0415
@@ -229,7 +274,12 @@ def _arrow(column: NDArray[Any]) -> Any:
 
 
 def pack_closed(folder: Path, name: str) -> None:
-    """Pack every file of rows that nobody writes; one that is damaged stays as it is. Raises `OSError`."""
+    """Pack every file of rows that nobody writes; a damaged one is left unchanged.
+
+    Raises:
+        OSError: A file cannot be written.
+        ModuleNotFoundError: pyarrow is not installed.
+    """
     for file in step_files(folder, name):
         if not file.is_packed and not is_being_written(file.path):
             with suppress(ValueError, KeyError, TypeError):
@@ -237,16 +287,28 @@ def pack_closed(folder: Path, name: str) -> None:
 
 
 class StepAppender:
-    """Appends rows of one source to files, a new one each hour. For one thread."""
+    """Appends rows of one source to files, a new one each hour. For one thread.
+
+    It locks the file that it writes, so that nobody packs or removes it.
+    """
 
     def __init__(self, folder: Path, name: str, source: StepSource) -> None:
         self._folder, self._name, self._source = folder, name, source
         self._fd, self._size, self._end_s, self._path = -1, 0, -math.inf, folder
 
     def append(self, rows: NDArray[Any]) -> int:
-        """Write the first rows, those of one hour, to the system; returns their number.
+        """Write the first rows, those of one hour, to the system.
 
-        Raises `OSError` with none of them written.
+        A file that somebody has deleted is begun anew.
+
+        Args:
+            rows: At least one row of `source.dtype`, in the order of time.
+
+        Returns:
+            The number of rows written.
+
+        Raises:
+            OSError: The disk refuses them; then none is written.
         """
         if self._fd >= 0 and os.fstat(self._fd).st_nlink == 0:
             self.close()  # somebody has deleted it
@@ -289,12 +351,16 @@ class StepAppender:
         self._size += len(data)
 
     def sync(self) -> None:
-        """Have everything on the disk. Raises `OSError`."""
+        """Return once everything is on the disk.
+
+        Raises:
+            OSError: The disk refuses it.
+        """
         if self._fd >= 0:
             os.fsync(self._fd)
 
     def close(self) -> None:
-        """End the file, if there is one."""
+        """Close the file, if there is one, and release its lock; the next row begins another."""
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1

@@ -25,9 +25,14 @@ _LATEST_S = 1e11
 
 
 def time_of(text: str, key: str) -> float:
-    """A moment in seconds since 1970, from such a number or ISO 8601, without a zone UTC.
+    """Return a moment in seconds since 1970.
 
-    Raises `ConfigError`.
+    Args:
+        text: Such a number, or ISO 8601; without a zone it is UTC.
+        key: Name of the parameter, for errors.
+
+    Raises:
+        ConfigError: The text is neither, or not finite.
     """
     try:
         time_s = float(text)
@@ -46,7 +51,13 @@ def time_of(text: str, key: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """The requested span: from one time to another, one step per `every_s`, all steps if that is 0."""
+    """The requested span.
+
+    Attributes:
+        from_s: First time, s since 1970.
+        to_s: End, itself excluded.
+        every_s: One step per interval of this length; 0 for all steps.
+    """
 
     from_s: float
     to_s: float
@@ -54,7 +65,15 @@ class Span:
 
     @classmethod
     def of(cls, parameters: dict[str, str], now_s: float) -> Span:
-        """The span that a query names; raises `ConfigError`."""
+        """Return the span that a query names.
+
+        Args:
+            parameters: `from`, and optionally `to` and `every`, as text.
+            now_s: End of a span without `to`.
+
+        Raises:
+            ConfigError: `from` is missing, a value is invalid, or the span is empty.
+        """
         if "from" not in parameters:
             raise ConfigError("to=… alone is not a span; give from=… too")
         begin_s = time_of(parameters["from"], "from")
@@ -73,7 +92,9 @@ class Span:
         return cls(begin_s, end_s, apart_s)
 
     def slot(self, time_s: float) -> float:
-        """Which interval of `every_s` a time is in."""
+        """Return the number of the interval of `every_s` that a time is in; the time itself without
+        intervals.
+        """
         return math.floor(time_s / self.every_s) if self.every_s else time_s
 
 
@@ -91,8 +112,17 @@ class _Step(NamedTuple):
 class PageOfSteps:
     """The steps of a span, one after the other, until the page is `full` or the configuration changes.
 
-    A time of more than `gap_s` between two steps is a gap. Afterwards `next_s` is where to continue, None at
-    the end of the span; `notes` and `gaps_s` describe it, and `source` tells the configuration.
+    A page ends after an hour at the latest. The attributes below `span` are complete after the iteration.
+
+    Attributes:
+        past: The published steps.
+        span: The requested span.
+        gap_s: A longer time between two steps is a gap.
+        notes: Sentences about files that are left out.
+        gaps_s: Begin and end of each gap.
+        source: The configuration of the steps; None without any step.
+        next_s: The time at which the next page continues; None at the end of the span.
+        full: Set by the reader to end the page before the next step.
     """
 
     past: Past
@@ -134,7 +164,11 @@ class PageOfSteps:
             self.gaps_s.append((last_s, end_s))
 
     def head(self, in_force: str) -> dict[str, Any]:
-        """Return the head of a page."""
+        """Return the head of a page: span, `next`, configuration, gaps and notes.
+
+        Args:
+            in_force: Hash of the configuration in force.
+        """
         digest = None if self.source is None else self.source.digest
         return {
             "from_s": self.span.from_s,
@@ -150,14 +184,24 @@ class PageOfSteps:
 
 @dataclass(frozen=True, slots=True)
 class Pages:
-    """The messages of an axis by time; `in_force` is the hash of the configuration in force."""
+    """The messages of an axis by time.
+
+    Attributes:
+        past: The published steps.
+        in_force: Hash of the configuration in force.
+        gap_s: A longer time between two steps is a gap.
+    """
 
     past: Past
     in_force: str = ""
     gap_s: float = 2.5
 
     def estimates(self, span: Span) -> bytes:
-        """Return a page of estimates, CBOR: `estimates` is an array of the published messages."""
+        """Return a page of estimates as CBOR: its head, and `estimates`, an array of the published
+        messages.
+
+        A page has about 1 MB.
+        """
         page, messages, size = PageOfSteps(self.past, span, self.gap_s), list[bytes](), 0
         for encoder, estimates, _, k, sequence in page:
             messages.append(encoder.cbor(estimates, k, sequence))
@@ -166,7 +210,10 @@ class Pages:
         return cbor2.dumps({**page.head(self.in_force), "estimates": []})[:-1] + array_of(messages)
 
     def readings(self, span: Span) -> bytes:
-        """Return a page of readings, JSON: `readings` is an array of the published messages."""
+        """Return a page of readings as JSON: its head, and `readings`, an array of the published messages.
+
+        A page has about 1 MB.
+        """
         page, messages, size = PageOfSteps(self.past, span, self.gap_s), list[bytes](), 0
         for encoder, _, frames, k, sequence in page:
             messages.append(encoder.readings(frames, k, sequence))
@@ -175,7 +222,15 @@ class Pages:
         return to_json({**page.head(self.in_force), "readings": []})[:-2] + b",".join(messages) + b"]}"
 
     def late(self, span: Span, keys: Sequence[str]) -> LatePage:
-        """Return the messages that were published on these keys at each step, marked as late."""
+        """Return the messages that were published at each step of a span, marked as late.
+
+        Args:
+            span: The span.
+            keys: `estimate`, `readings`, `heat`, `field`, `error` or `learned`.
+
+        Returns:
+            At most 500 steps. A machine without an expansion coefficient has no message `error`.
+        """
         page, steps = PageOfSteps(self.past, span, self.gap_s), list[tuple[float, dict[str, bytes]]]()
         for encoder, estimates, frames, k, sequence in page:
             messages: dict[str, bytes] = {}
@@ -192,7 +247,13 @@ class Pages:
 
 
 class LatePage(NamedTuple):
-    """Messages to be sent late: where to go on or None, sentences, and the messages by key of each step."""
+    """Messages to be sent late.
+
+    Attributes:
+        next_s: The time at which to continue; None at the end of the span.
+        notes: Sentences about files that are left out.
+        steps: Time and messages by key of each step.
+    """
 
     next_s: float | None
     notes: list[str]

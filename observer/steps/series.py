@@ -17,7 +17,14 @@ FIGURES = tuple(f for f in KEYS["estimate"].figures if f.node is not None and f.
 
 
 class Series(NamedTuple):
-    """Values of a node, the quality of each, and the time of the value that follows, None at the end."""
+    """Values of a node over time.
+
+    Attributes:
+        time_s: Times, s since 1970.
+        values: Values; lists for arrays, words for qualities.
+        quality: The quality of each value.
+        next_s: The time of the value that follows; None at the end.
+    """
 
     time_s: list[float]
     values: list[Any]
@@ -33,7 +40,11 @@ class _Column(NamedTuple):
 
 
 def has_history(node: tuple[str, ...]) -> bool:
-    """Whether a node, by its path below the axis, has a recorded past."""
+    """Return whether a node has a recorded past.
+
+    Args:
+        node: Its path below the axis.
+    """
     return any(_fits(figure, node) for figure in FIGURES)
 
 
@@ -71,9 +82,18 @@ def _values(column: _Column, block: EstimateBlock) -> tuple[Any, list[str]]:
 def series(
     past: Past, node: tuple[str, ...], from_s: float, to_s: float, most: int, *, backwards: bool
 ) -> Series:
-    """Return the first `most` values of a span, the last ones in reverse order if `backwards`.
+    """Return the first `most` values of a span.
 
-    The quality of a NaN is invalid.
+    A sensor's value is invalid at steps that did not use the sensor. Files whose configuration lacks the node
+    are left out.
+
+    Args:
+        past: The published steps.
+        node: Path of a node that `has_history`.
+        from_s: First time.
+        to_s: End, itself excluded.
+        most: Largest number of values.
+        backwards: Return the last values instead, in reverse order.
     """
     times_s: list[float] = []
     values: list[Any] = []

@@ -31,7 +31,13 @@ _PERIOD_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """A recording, and the times of its first and last row in s since 1970."""
+    """A recording that nobody writes any more.
+
+    Attributes:
+        path: The CSV file.
+        from_s: Time of its first row, s since 1970.
+        to_s: Time of its last whole row.
+    """
 
     path: Path
     from_s: float
@@ -39,7 +45,14 @@ class Recorded:
 
     @classmethod
     def of(cls, path: Path) -> Recorded | None:
-        """Return the times of a file, None if its first or last whole row has no time. Raises `OSError`."""
+        """Return the times of a file; None if its first or last whole row has no time, or the file is
+        gone.
+
+        Only the first two lines and the last 64 kB are read.
+
+        Raises:
+            OSError: The file cannot be read.
+        """
         with suppress(ValueError, FileNotFoundError), path.open("rb") as file:
             lines = [file.readline(_LINE_BYTES), file.readline(_LINE_BYTES)]
             file.seek(max(0, path.stat().st_size - _LINE_BYTES))
@@ -51,7 +64,15 @@ class Recorded:
 def tend(folder: Path, name: str) -> None:
     """Pack closed hours, and make the steps again that the recordings have and the past has not.
 
-    Without pyarrow the hours stay as they were written. Raises `OSError`, `LogError`.
+    Without pyarrow the hours stay as they were written. A recording that cannot be replayed gives no steps.
+
+    Args:
+        folder: The service's `record.directory`.
+        name: `<machine>-<axis>`.
+
+    Raises:
+        OSError: A file cannot be read or written.
+        LogError: The folder cannot be read.
     """
     with suppress(ModuleNotFoundError):
         pack_closed(folder, name)
@@ -70,10 +91,21 @@ def tend(folder: Path, name: str) -> None:
 
 
 def rebuild(past: Past, recorded: Recorded, after_s: float, before: Recorded | None) -> bool:
-    """Write the steps of a recording after a time; returns whether there were any.
+    """Write the steps of a recording after a time, by a replay from the state beside it.
 
-    `before` is the recording that precedes it. A recording without the configuration beside it gives no step.
-    Raises `UserError` for one that cannot be replayed.
+    Args:
+        past: Where the steps go.
+        recorded: A recording; without the configuration beside it no step is made.
+        after_s: Time of the last step that is stored.
+        before: The recording that precedes it; None for the first. If it belongs to the same run of the
+            service and the state is missing, the steps get a note that they differ from those published.
+
+    Returns:
+        Whether any step was written.
+
+    Raises:
+        UserError: The recording cannot be replayed, or its configuration is damaged.
+        OSError: The disk refuses the steps.
     """
     document = recorded_config(recorded.path)
     if "config" not in document:

@@ -35,8 +35,9 @@ log = structlog.get_logger()
 class PastWriter(StepObserver):
     """Appends every step to the file of its hour, and has closed hours packed.
 
-    Steps wait in memory while the disk refuses them; beyond a bound the oldest are dropped. The next start
-    makes them again from the readings.
+    Steps wait in memory while the disk refuses them; beyond 20,000 the oldest are dropped. The next start
+    makes them again from the readings. `follow` never blocks; a thread of its own writes, and a process of
+    low priority packs.
     """
 
     def __init__(self, folder: Path, name: str, source: StepSource) -> None:
@@ -53,28 +54,36 @@ class PastWriter(StepObserver):
         self._thread = threading.Thread(target=self._run, name="past", daemon=True)
 
     def begin(self) -> None:
-        """Start to write, and to tend what an earlier service has left."""
+        """Start the thread that writes; files that an earlier service left are tended 20 s later."""
         self._thread.start()
 
     def follow(self, step: Step) -> None:
-        """Take a step."""
+        """Queue a step to be written; called by the loop after it is published."""
         self._steps.append(step)
         self._awake.set()
 
     def notices(self) -> tuple[str, ...]:
-        """Report why steps are not written."""
+        """Return the reason why steps are not written at present, as at most one sentence with its remedy."""
         if not self._thread.is_alive() and not self._closing.is_set():
             return ("published steps: the thread that writes them has ended; restart the service",)
         return () if self._reason is None else (self._reason,)
 
     def finish(self, snapshot: Snapshot | None) -> None:
-        """Begin to end."""
+        """Tell the thread to write what waits and to end; returns at once.
+
+        Args:
+            snapshot: Not used here.
+        """
         del snapshot
         self._closing.set()
         self._awake.set()
 
     def finished(self, timeout_s: float) -> str | None:
-        """Wait until everything is written."""
+        """Wait until everything is written, and kill a packing that still runs.
+
+        Returns:
+            None, or a sentence if the thread does not end within `timeout_s`.
+        """
         if self._thread.ident is not None:
             self._thread.join(timeout_s)
         if self._tending is not None and self._tending.poll() is None:
