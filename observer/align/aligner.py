@@ -35,9 +35,13 @@ LATE_S = 1e-6  # a reading later than its row by less is in time: rows are a bit
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """A nut's position channel: its column, and the column of the speed that drives the nut times `lead_m`.
+    """A nut's position channel.
 
-    `speed` is −1 if speed or lead is not known, or if the nut is driven as well as the screw.
+    Attributes:
+        column: Its column among the channels.
+        speed: The column of the speed that drives the nut; −1 if speed or lead is not known, or if the nut is
+            driven as well as the screw.
+        lead_m: The lead in m, by which that speed moves the nut; NaN without.
     """
 
     column: int
@@ -75,7 +79,11 @@ class AlignPlan:
 
     @classmethod
     def of(cls, config: Config) -> AlignPlan:
-        """Return the plan of a configuration."""
+        """Return the plan of a configuration.
+
+        Intervals come from drivers and sensors. A channel whose interval is not configured has NaN, and it is
+        learnt.
+        """
         channels = config.channels
         never = {s.channel: math.inf for s in config.sensor if s.occasional}
         periods = config.sample_s | never
@@ -158,6 +166,8 @@ class Aligner:
     its heartbeat is overdue.
 
     After a warm start the first step begins at `last_tick_s`, the last tick before it.
+
+    Call `ingest` and `tick` in the order of time; it belongs to one thread.
     """
 
     def __init__(self, plan: AlignPlan, last_tick_s: float = math.nan) -> None:
@@ -217,7 +227,11 @@ class Aligner:
         return fault in _ABSENT or (fault is None and (math.isnan(value) or value == last_value))
 
     def ingest(self, reading: Reading) -> Reading:
-        """Take a reading; return it as used and to be recorded, in a row later than all before."""
+        """Take a reading; return it as used and to be recorded, in a row later than all before.
+
+        Unknown channels are left out. A reading that is not later than the last row gets the next possible
+        time, and its delay is recorded.
+        """
         row_s = time_s = reading.time_s
         if time_s <= self._last_s:
             row_s = math.nextafter(self._last_s, math.inf)
@@ -248,7 +262,11 @@ class Aligner:
         return values, faults
 
     def tick(self, time_s: float) -> FrameBlock:
-        """Return the frame of all readings up to `time_s`, as a block of one."""
+        """Return the frame of all readings up to `time_s`, as a block of one.
+
+        Args:
+            time_s: The time of the tick; a time before the last row is moved just after it.
+        """
         if time_s <= self._last_s:
             time_s = math.nextafter(self._last_s, math.inf)
         self._last_s = time_s
@@ -262,7 +280,13 @@ def frames_of_log(
 
     In a plain log each row is a tick at which every channel was read, so an empty cell is a missing value. In
     a channel that is regularly rarer than the rows, an empty cell is a missing value only when the channel is
-    overdue. `last_tick_s` is the last tick before a recording that continues from a warm start.
+    overdue.
+
+    Args:
+        log: The log; it is not changed.
+        plan: The plan of the configuration.
+        block: Most ticks in a block.
+        last_tick_s: The last tick before a recording that continues from a warm start; NaN without.
     """
     return (frames for frames, _ in blocks_of_log(log, plan, block, last_tick_s))
 
@@ -276,7 +300,12 @@ def blocks_of_log(
 ) -> Iterator[tuple[FrameBlock, bool]]:
     """Yield the frames of a log in blocks, each with whether the estimator was reset before its first frame.
 
-    For a part of a recording, `walk` is the one that has processed the part before.
+    Args:
+        log: The log; it is not changed.
+        plan: The plan of the configuration.
+        block: Most ticks in a block.
+        last_tick_s: The last tick before a recording that continues from a warm start; NaN without.
+        walk: For a part of a recording, the one that has processed the part before; None begins anew.
     """
     log = log if log.step is not None else with_passings(log, plan.passings)
     plan = plan.of_log(log)
@@ -361,8 +390,11 @@ def doubts(
     as missing values. They also name sensors without any value and places along a nut's way that are never
     read.
 
-    The `paths` are the nuts' paths in the log's frames, block by block. The channels with a value in these
-    frames are `read` (see `read_in`), None if that is not known.
+    Args:
+        log: The log.
+        paths: The nuts' paths in the log's frames, block by block.
+        config: The configuration.
+        read: The channels with a value in these frames (see `read_in`); None if that is not known.
     """
     words = [unread.text for unread in log.words if unread.column in config.channels]
     dead = [
@@ -382,10 +414,18 @@ def doubts(
 
 
 def refuse_empty(log: Log, config: Config, *, sensors: bool) -> None:
-    """Raise `LogError` if an input has no value in any row, or, with `sensors`, if no sensor has one.
+    """Reject a log whose inputs have no value.
 
     The cause is a wrong column or one that was never written. A recording of the service is accepted, since
     any channel may have been disconnected.
+
+    Args:
+        log: The log.
+        config: The configuration.
+        sensors: Whether at least one sensor must have a value.
+
+    Raises:
+        LogError: If an input has no value in any row, or none of the sensors has one; it names the columns.
     """
     if log.step is not None:
         return
@@ -406,10 +446,17 @@ def refuse_empty(log: Log, config: Config, *, sensors: bool) -> None:
 
 
 def refuse_implausible(log: Log, config: Config, *, laws: bool = False) -> None:
-    """Raise `LogError` if a temperature around the screw is beyond its limits in every row.
+    """Reject a log in which a required temperature is beyond its limits in every row.
 
-    With `laws` this also applies to the inputs of heat laws. Such a channel counts as missing, so the log
-    cannot be used.
+    Such a channel counts as missing, so the log cannot be used.
+
+    Args:
+        log: The log.
+        config: The configuration.
+        laws: Whether this also applies to the inputs of heat laws.
+
+    Raises:
+        LogError: It names the channel, its value and the likely unit.
     """
     required = {config.boundary.left.channel, config.boundary.right.channel, config.ambient.channel}
     if config.bed is not None:

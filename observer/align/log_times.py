@@ -35,10 +35,13 @@ MOVED = 10.0
 
 
 def intervals_s(log: Log, channels: tuple[str, ...], given_s: FloatArray) -> FloatArray:
-    """Return the time between the values of each channel (c,) of a log in s; NaN for one with a value in
+    """Return the time between the values of each channel of a log in s, (c,); NaN for one with a value in
     every row.
 
-    `given_s` (c,) are the configured intervals in s, NaN where the interval is to be learnt.
+    Args:
+        log: The log.
+        channels: The channels of the configuration, (c,).
+        given_s: The configured intervals in s, NaN where the interval is to be learnt, (c,).
     """
     interval_s = given_s.copy()
     for j in np.flatnonzero(np.isnan(given_s)):
@@ -66,9 +69,12 @@ def _learnt_s(time_s: FloatArray, has_value: BoolArray, *, joined: bool) -> floa
 
 
 def expected_cells(time_s: FloatArray, has_value: BoolArray, interval_s: float) -> BoolArray:
-    """Return which cells (n,) of a channel carry information: its values, and overdue ones.
+    """Return which cells of a channel carry information: its values, and overdue ones, (n,).
 
-    `has_value` (n,) marks the cells with a value.
+    Args:
+        time_s: The times of the rows, (n,).
+        has_value: Marks the cells with a value, (n,).
+        interval_s: The interval between values in s; NaN makes every cell one with information.
     """
     if np.isnan(interval_s):
         return np.ones(len(time_s), np.bool_)

@@ -39,7 +39,14 @@ class Sighting(NamedTuple):
 
 
 class Passing(NamedTuple):
-    """A quantity measured along a nut's way: its channels (n,) at the places (n,), in order."""
+    """A quantity measured along a nut's way.
+
+    Attributes:
+        measured: The channel of the measurement.
+        position: The channel of the nut's position.
+        channels: A channel for each of the n places, in order.
+        places_m: The places on the screw, in m, ascending.
+    """
 
     measured: str
     position: str
@@ -146,7 +153,10 @@ def never_read(log: Log, passings: Iterable[Passing], read: Set[str]) -> Iterato
     """Yield a sentence for each sensor with places that are never read: the places, the reason, and the
     remedy.
 
-    `read` are the channels that have a value in the frames of the log.
+    Args:
+        log: The log.
+        passings: The sensors that measure along a nut's way.
+        read: The channels that have a value in the frames of the log.
     """
     for passing in passings:
         if not {passing.measured, passing.position} <= set(log.channels):

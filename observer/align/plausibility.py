@@ -106,7 +106,14 @@ class Limits:
         )  # fmt: skip
 
     def sentence(self, channel: int, breach: Breach, value: float, ambient_degC: float) -> str:
-        """Return how a value violates its limits and, if recognisable, which unit it looks like."""
+        """Return how a value violates its limits and, if recognisable, which unit it looks like.
+
+        Args:
+            channel: The channel's number.
+            breach: The violated limit.
+            value: The value in the channel's own unit.
+            ambient_degC: The air's temperature; NaN if it is not known.
+        """
         air = f"the ambient {ambient_degC:.4g} °C"
         limit = {
             Breach.LOW: f"below {self.low[channel]:g}",
@@ -121,8 +128,12 @@ class Limits:
         return f"implausible: {value:.6g} is {limit}" + (f"; {hint}" if hint else "")
 
     def breaches(self, channel: int, value: Any, ambient_degC: float) -> Iterator[tuple[Breach, Any]]:
-        """Yield each limit for single values with whether a value violates it; for an array, which values
-        do.
+        """Yield each limit for single values with whether a value violates it; for an array, which values do.
+
+        Args:
+            channel: The channel's number.
+            value: A number or an array, in the channel's own unit.
+            ambient_degC: The air's temperature; with NaN the limits relative to it do not apply.
         """
         yield Breach.LOW, value < self.low[channel]
         yield Breach.HIGH, value > self.high[channel]
@@ -225,9 +236,16 @@ _LIKELY_BELOW_K = 15.0
 
 
 def unit_hint(kind: ChannelKind, value: float, low: float, high: float, ambient_degC: float) -> str | None:
-    """Return a sentence with every cause that explains a value outside `low` … `high`; None if none does.
+    """Return a sentence with every cause that explains a value outside its range; None if none does.
 
     The causes are units, signs and fault codes.
+
+    Args:
+        kind: The quantity.
+        value: The value in the channel's own unit.
+        low: The least usual value.
+        high: The largest usual value.
+        ambient_degC: The air's temperature; NaN counts as 22 °C.
     """
     if kind in TEMPERATURES:
         centre = 22.0 if math.isnan(ambient_degC) or not -20.0 < ambient_degC < 60.0 else ambient_degC
@@ -275,8 +293,15 @@ def motion_sentence(position: str, speed: str, ratio: float) -> str:
 
 
 def ambient_of_log_degC(config: Config, values: FloatArray, channels: Sequence[str]) -> float:
-    """Return the median of the ambient's channel in cells (n, c), else the configured value; NaN if
-    unknown.
+    """Return the air's temperature in a log, in °C.
+
+    Args:
+        config: The configuration.
+        values: The log's cells, (n, c).
+        channels: Their c channels.
+
+    Returns:
+        The median of the ambient's channel, else the configured value; NaN if unknown.
     """
     if config.ambient.channel not in channels:
         return math.nan if config.ambient.temperature_degC is None else config.ambient.temperature_degC
@@ -339,11 +364,17 @@ def implausible(
 
 
 def warm_enough(limits: Limits, j: int, values: FloatArray, air_degC: float) -> BoolArray:
-    """Return which values of channel j (n,) are credible although further above ambient than the limit.
+    """Return which values of channel j are credible although further above ambient than the limit, (n,).
 
-    `values` (n, c) have the columns of all channels. As in the compiled walk, a high value is credible in two
-    cases. The temperature may have risen there gradually. Or another thermocouple within its limit is nearer
-    to the value than to the same value read as °F.
+    As in the compiled walk, a high value is credible in two cases. The temperature may have risen there
+    gradually. Or another thermocouple within its limit is nearer to the value than to the same value read as
+    °F.
+
+    Args:
+        limits: The limits of c channels.
+        j: The channel's number.
+        values: The columns of all channels, (n, c).
+        air_degC: The air's temperature.
     """
     column, above_K = values[:, j], limits.above_K
     hot: BoolArray = (column - air_degC > above_K[j]) & (column - air_degC <= WARMED * above_K[j])
@@ -370,7 +401,12 @@ def stroke_of_m(config: Config, stroke_m: tuple[float, float] | None) -> float:
 def way_ratio(parts: Sequence[NutPath], stroke_m: float) -> float | None:
     """Return the nut's path over the path that speed and lead give, where samples are close enough.
 
-    None if the nut has moved less than one stroke.
+    Args:
+        parts: The nut's paths, block by block.
+        stroke_m: The length of its stroke, in m.
+
+    Returns:
+        1 if all units are right; None if the nut has moved less than one stroke.
     """
     driven_path_m, travelled_m = 0.0, 0.0
     for path in parts:

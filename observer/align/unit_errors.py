@@ -40,7 +40,13 @@ LIKE = 0.25
 
 
 class Misread(NamedTuple):
-    """A channel, its unit in a log, and its configured unit."""
+    """A channel that was converted.
+
+    Attributes:
+        channel: The channel.
+        unit: Its unit in the log, in words.
+        expected: Its configured unit.
+    """
 
     channel: str
     unit: str
@@ -60,7 +66,10 @@ def in_configured_units(
 ) -> tuple[Log, tuple[Misread, ...]]:
     """Return a log with every channel in its configured unit, and the channels that had to be converted.
 
-    `paths` are the nuts' paths in the frames of the unconverted log, if they are known.
+    Args:
+        log: The log; it is not changed.
+        config: The configuration.
+        paths: The nuts' paths in the frames of the unconverted log; None if they are not known.
     """
     misread = []
     limits = Limits.of(config)
@@ -88,7 +97,14 @@ _BEGIN_ANYWHERE = (ChannelKind.POSITION, ChannelKind.SPEED, ChannelKind.OTHER)
 
 
 def likely_unit(limits: Limits, j: int, column: FloatArray, air_degC: float) -> Unit | None:
-    """Return the unit in which a column (n,) of channel number j is plausible, or None."""
+    """Return the unit in which a channel's values are plausible; None if they leave a doubt.
+
+    Args:
+        limits: The limits of all channels.
+        j: The channel's number.
+        column: Its values, NaN where missing, (n,).
+        air_degC: The air's temperature.
+    """
     values = column[np.isfinite(column)]
     if len(values) == 0 or np.ptp(values) == 0.0:  # nothing, or a device's code for a fault
         return None

@@ -77,7 +77,12 @@ class Memory(NamedTuple):
 
 
 def nothing_yet(plan: Expected, last_tick_s: float = math.nan) -> Memory:
-    """Return the memory before the first row; `last_tick_s` is the last tick before a warm start."""
+    """Return the memory before the first row.
+
+    Args:
+        plan: The plan for c channels and P paths.
+        last_tick_s: The last tick before a warm start; NaN after a cold one.
+    """
     c = len(plan.noise_K)
     noise = np.zeros(c, state_type("ChannelNoise"))
     noise["last"] = np.nan
@@ -210,7 +215,11 @@ class Walk:
     ) -> None:
         """Begin before the first row, or continue from the `memory` of another walk.
 
-        `last_tick_s` is the last tick before a warm start.
+        Args:
+            channels: The c channels.
+            plan: What is expected of them.
+            last_tick_s: The last tick before a warm start; NaN after a cold one.
+            memory: The state after the rows before, which is copied; None begins anew.
         """
         self._plan = plan = packed(plan)
         self._channels, self._paths = channels, tuple(channels[column] for column in plan.position)
@@ -262,7 +271,17 @@ class Walk:
     def take(
         self, time_s: float, late_s: float, values: Mapping[str, float], faulted: Collection[str]
     ) -> bool:
-        """Queue a reading for the next tick; return whether all its values are floats of known channels."""
+        """Queue a reading for the next tick.
+
+        Args:
+            time_s: The time of its row.
+            late_s: Its delay in s.
+            values: Numbers by channel; unknown channels are skipped.
+            faulted: The channels with a fault.
+
+        Returns:
+            Whether all its values are floats of known channels.
+        """
         status: int = put_reading(self._live, time_s, late_s, values)
         if status < 0:
             self._widen()

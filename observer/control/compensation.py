@@ -39,7 +39,12 @@ _EPOCH_FROM_S = 1e8  # a smaller time counts from the start of a log
 
 @dataclass(frozen=True, slots=True)
 class CompensationLine:
-    """error(x) = `offset_um` + `slope_um_m` (x − reference), x in the machine's coordinates."""
+    """error(x) = `offset_um` + `slope_um_m` (x − reference), x in the machine's coordinates.
+
+    Attributes:
+        offset_um: The error at the reference, in µm.
+        slope_um_m: Its growth along the machine's axis, in µm/m.
+    """
 
     offset_um: float
     slope_um_m: float
@@ -49,14 +54,22 @@ class CompensationLine:
 class CompensationPlan:
     """Range and rate of a compensation.
 
-    - `screw_m`, `machine_m` (n,): the table's points on the screw, and in the machine's coordinates.
-    - `zero_m`, `direction`: the machine's zero on the screw, and the direction in which it counts, +1 or −1.
-    - `reference_m`, `reference`: the line's reference in the machine, and the table's point nearest to it.
-    - `fit` (2, n): gives a line's offset and slope by least squares.
-    - `hold_s`: the time for which values are held while an estimate may not be compensated.
-    - `bounded`: whether estimates have bounds; an unknown bound is a doubt then, and else σ decides.
-    - `zero_at_m`: the place on the screw at which the machine is zeroed; NaN: the nut's position.
-    - `absorbs_all`: whether a zero absorbs the whole error, or only the part that was not compensated.
+    Attributes:
+        screw_m: The table's n points on the screw, in m from its left end, (n,).
+        machine_m: The same points in the machine's coordinates, (n,).
+        zero_m: The machine's zero on the screw.
+        direction: The direction in which the machine counts, +1 or −1.
+        reference: The index of the table's point nearest to the line's reference.
+        reference_m: The line's reference in the machine.
+        fit: Gives a line's offset and slope from a table by least squares, (2, n).
+        rate_um_s: The largest change of a value, in µm/s.
+        gradient_um_m: The largest slope along the table, in µm/m.
+        limit_um: The largest error that is compensated, in µm.
+        hold_s: The time for which values are held while an estimate may not be compensated, in s.
+        period_s: The period of the estimates, in s.
+        bounded: Whether estimates have bounds; an unknown bound is a doubt then, and else σ decides.
+        zero_at_m: The place on the screw at which the machine is zeroed; NaN: the nut's position.
+        absorbs_all: Whether a zero absorbs the whole error, or only the part that was not compensated.
     """
 
     screw_m: FloatArray
@@ -78,14 +91,20 @@ class CompensationPlan:
 
 @dataclass(frozen=True, slots=True)
 class CompensationState:
-    """The values in force: `table_um` (n,), and `ends_um` (2,), the line's values at the travel's ends, µm.
+    """The values in force.
 
-    - `reason`: why it is off; None while it is armed.
-    - `time_s`: the time of the last step.
-    - `limited`: whether rate or gradient keep it from the estimate; the gradient cuts `cut_um` at most.
-    - `zero`: the zero from which it counts.
-    - `doubt`, `held_since_s`: while values are held, the reason and the begin; else empty and NaN.
-    - `released`, `released_s`: the last release as a sentence, and its time, until a person arms or disarms.
+    Attributes:
+        reason: Why it is off; None while it is armed.
+        time_s: The time of the last step; NaN before the first.
+        table_um: The table, in µm, (n,).
+        ends_um: The line's values at the travel's ends, in µm, (2,).
+        limited: Whether rate or gradient keep it from the estimate.
+        zero: The zero from which it counts.
+        cut_um: The largest difference to the error that the gradient limit causes, in µm.
+        held_since_s: Since when values are held; NaN while they are not.
+        doubt: The reason while values are held; else empty.
+        released: The last release as a sentence, until a person arms or disarms; empty without.
+        released_s: The time of that release; NaN without.
     """
 
     reason: str | None
@@ -119,7 +138,10 @@ class CompensationState:
 
 
 def plan_of(config: Config) -> CompensationPlan:
-    """Return the plan of a configuration; the travel is, unless given, the first stroke, else the screw."""
+    """Return the plan of a configuration.
+
+    The travel is `compensation.travel_m`, else the first stroke, else the whole screw.
+    """
     settings = config.compensation
     strokes = [s.stroke_m for s in config.source if s.stroke_m is not None]
     low, high = settings.travel_m or (strokes[0] if strokes else (0.0, config.screw.length_m))
@@ -154,7 +176,16 @@ def initial(plan: CompensationPlan) -> CompensationState:
 
 
 def table_of(plan: CompensationPlan, grid_m: FloatArray, error_um: FloatArray) -> FloatArray:
-    """Return the error at the table's points (n,) from that on the grid (g,), in the machine's direction."""
+    """Return the error at the table's points, in the machine's direction.
+
+    Args:
+        plan: The plan of n points.
+        grid_m: The estimate's grid on the screw, ascending, (g,).
+        error_um: The error on the grid, in µm, (g,).
+
+    Returns:
+        The error in µm, (n,), by linear interpolation.
+    """
     return np.asarray(plan.direction * np.interp(plan.screw_m, grid_m, error_um))
 
 
@@ -181,10 +212,16 @@ def _target(plan: CompensationPlan, zero: ZeroPoint, block: EstimateBlock, grid_
 def doubt_about(
     plan: CompensationPlan, zero: ZeroPoint, block: EstimateBlock, grid_m: FloatArray
 ) -> str | None:
-    """Return why an estimate, a block of one, may not be compensated; None if it may.
+    """Return why an estimate may not be compensated; None if it may.
 
     This is the only place that judges its quality, its size and its bound. The limit holds for the error and
     for that since the zero.
+
+    Args:
+        plan: The plan.
+        zero: The zero from which the error counts.
+        block: One estimate.
+        grid_m: Its grid on the screw, (g,).
     """
     quality = EstimateQuality(block.error_quality[0])
     if quality != EstimateQuality.GOOD or not np.isfinite(block.error_um[0]).all():
@@ -211,6 +248,10 @@ def line_of(plan: CompensationPlan, table_um: FloatArray) -> CompensationLine:
     """Return the line that fits a table best, by least squares over the travel, within the gradient limit.
 
     Where the slope is cut, the line keeps its value at the reference.
+
+    Args:
+        plan: The plan of n points.
+        table_um: The table, in µm, (n,).
     """
     offset_um, slope_um_m = plan.fit @ table_um
     limit = plan.gradient_um_m
@@ -218,7 +259,12 @@ def line_of(plan: CompensationPlan, table_um: FloatArray) -> CompensationLine:
 
 
 def within_gradient(plan: CompensationPlan, table_um: FloatArray) -> FloatArray:
-    """Return the table with no step between neighbours above the gradient limit, true at the reference."""
+    """Return the table with no step between neighbours above the gradient limit, true at the reference.
+
+    Args:
+        plan: The plan of n points.
+        table_um: The table, in µm, (n,).
+    """
     limits_um = plan.gradient_um_m * np.abs(np.diff(plan.machine_m))
     steps = np.clip(np.diff(table_um), -limits_um, limits_um)
     running = np.concatenate([[0.0], np.cumsum(steps)])
@@ -228,13 +274,13 @@ def within_gradient(plan: CompensationPlan, table_um: FloatArray) -> FloatArray:
 def toward(now_um: FloatArray, wanted_um: FloatArray, most_um: float) -> FloatArray:
     """Return values that go from `now_um` toward `wanted_um` by at most `most_um` each.
 
-    A limit of the gradient that both keep is kept on the way.
+    If both keep a limit of the gradient, the result keeps it too. All are in µm.
     """
     return now_um + np.clip(wanted_um - now_um, -most_um, most_um)
 
 
 def line_through(plan: CompensationPlan, ends_um: FloatArray) -> CompensationLine:
-    """Return the line through two values at the ends of the travel."""
+    """Return the line through two values at the ends of the travel, in µm, (2,)."""
     first_m, last_m = plan.machine_m[0], plan.machine_m[-1]
     slope_um_m = (ends_um[1] - ends_um[0]) / (last_m - first_m)
     return CompensationLine(float(ends_um[0] + slope_um_m * (plan.reference_m - first_m)), float(slope_um_m))
@@ -249,10 +295,18 @@ def advance(
     arm: bool = False,
     cause: str | None = None,
 ) -> CompensationState:
-    """Return the state after an estimate, a block of one; `arm` says that a person has armed it.
+    """Return the state after an estimate.
 
-    `cause` says why the estimate is not good, or may not be used, where that is known. Arming starts from the
-    values in force, which are zero once a release has ended.
+    An armed state follows the estimate, or holds its values while the estimate is in doubt. One that is off
+    goes to zero. Arming starts from the values in force, which are zero once a release has ended.
+
+    Args:
+        plan: The plan.
+        state: The state before.
+        block: One estimate, later than the state.
+        grid_m: Its grid on the screw, (g,).
+        arm: Whether a person has armed it.
+        cause: Why the estimate is not good, or may not be used; None where that is not known.
     """
     time_s = float(block.time_s[0])
     doubt = doubt_about(plan, state.zero, block, grid_m)
@@ -283,10 +337,16 @@ def advance(
 def hold(
     plan: CompensationPlan, state: CompensationState, time_s: float, doubt: str, *, latest: bool = True
 ) -> CompensationState:
-    """Return the state at a time at which the estimate may not be compensated, because of `doubt`.
+    """Return the state at a time at which the estimate may not be compensated.
 
-    An armed one holds its values, and is released once that has lasted for the hold time. Unless `latest`,
-    the doubt with which the hold began remains the reason.
+    An armed one holds its values, and is released once that has lasted for the hold time.
+
+    Args:
+        plan: The plan.
+        state: The state before.
+        time_s: The time.
+        doubt: The reason, as a clause.
+        latest: Whether `doubt` replaces the reason with which the hold began.
     """
     if not state.armed:
         return _toward_zero(plan, state, time_s)
@@ -345,7 +405,10 @@ def _late(plan: CompensationPlan, state: CompensationState, time_s: float) -> Co
 
 
 def valid_s(plan: CompensationPlan) -> float:
-    """Return how long values may be used without newer ones, s: until an estimate is late, then the hold."""
+    """Return how long values may be used without newer ones, in s: until an estimate is late, then the hold.
+
+    The published `valid_until_s` and the control's dead-man follow from it.
+    """
     return LATE_PERIODS * plan.period_s + plan.hold_s
 
 
@@ -383,11 +446,19 @@ def zeroed(
     at_m: float,
     by: str,
 ) -> CompensationState:
-    """Return the state after the machine has been set to zero at `at_m` on the screw, at an estimate's time.
+    """Return the state after the machine has been set to zero.
 
     If the zero absorbed only what the values in force had left, at `at_m` nothing changes, and an armed
     compensation stays armed. If it absorbed the whole error, an armed one is released. Where the error at
     `at_m` is not known, nothing can be armed until a zero whose error is known.
+
+    Args:
+        plan: The plan.
+        state: The state before.
+        block: The estimate at whose time the machine was zeroed.
+        grid_m: Its grid on the screw, (g,).
+        at_m: The place on the screw, in m; NaN if it is not known.
+        by: Who has zeroed it, for the reason.
     """
     if (refusal := _zero_refusal(plan, block, grid_m, at_m)) is not None:
         missed = replace(state, zero=replace(state.zero, missed=True))

@@ -31,7 +31,10 @@ from observer.process.clock import stepped
 
 
 class Compensator:
-    """Follows the estimates of one axis."""
+    """Follows the estimates of one axis, in the loop's thread; nothing in it waits.
+
+    Requests take effect with the next `step` or `fail`.
+    """
 
     def __init__(
         self,
@@ -42,7 +45,12 @@ class Compensator:
     ) -> None:
         """Plan the compensation of a configuration whose `[compensation]` is enabled.
 
-        `earlier_state` is that of an earlier service: its zero stays, and if it was armed this is a release.
+        Args:
+            config: The configuration.
+            grid_m: The grid of its estimates on the screw, (g,).
+            instance: Names the start of the service, in every document.
+            earlier_state: The state of an earlier service: its zero stays, and if it was armed this is a
+                release. None without one.
         """
         self._instance = instance
         self._plan = plan_of(config)
@@ -110,9 +118,13 @@ class Compensator:
     def step(
         self, block: EstimateBlock, frame: FrameBlock, sequence: int, cause: str | None = None
     ) -> dict[str, Any]:
-        """Follow an estimate, a block of one; return the document to publish.
+        """Follow an estimate; return the document to publish.
 
-        `cause` says why it may not be used although it is good, None where it may.
+        Args:
+            block: One estimate.
+            frame: The frame behind it, which gives the nut's position.
+            sequence: The estimate's number.
+            cause: Why it may not be used although it is good; None where it may.
         """
         without, self._arm_without = self._arm_without, None
         if self._zero_by is not None:
@@ -136,7 +148,10 @@ class Compensator:
         return document | self._doubts(block) | {"nut": self._nut(block, frame)}
 
     def fail(self, time_s: float, sequence: int, reason: str) -> dict[str, Any]:
-        """Take a step that gave no estimate; return the document to publish."""
+        """Take a step that gave no estimate; return the document to publish.
+
+        Values in force are held for the hold time. A request to arm or to zero is refused.
+        """
         if self._arm_without is not None and not self._state.armed:
             self._state = replace(self._state, reason=f"{reason}, so it cannot be armed")
         self._arm_without = None

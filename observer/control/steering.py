@@ -36,6 +36,13 @@ class Steering:
 
     `valid_s` is how long a document holds. A control may be out of reach for as long. `follow_s` is the time
     that it may take to report that it follows.
+
+    A control that fails is released, and `failure` says why until the next arming.
+
+    Args:
+        control: The control, used only in the thread that this starts.
+        valid_s: How long a document holds, in s.
+        follow_s: How long the control may take to follow, in s.
     """
 
     def __init__(self, control: ControlLink, valid_s: float, follow_s: float) -> None:
@@ -65,7 +72,11 @@ class Steering:
         return self._armed and self._holds_until_s is None and self.failure is None
 
     def take(self, document: Mapping[str, Any]) -> None:
-        """Take a document of the compensation; before one has values, the control is not touched at all."""
+        """Take a document of the compensation; returns at once.
+
+        Before a document has values, the control is not touched at all. A document that was not written yet
+        is replaced by the newer one.
+        """
         correction = None if document["error_um"] is None else correction_of(document)
         with self._changed:
             if correction is None and not self._armed:
@@ -77,7 +88,14 @@ class Steering:
             self._changed.notify()
 
     def close(self, timeout_s: float) -> bool:
-        """Release the control; False where that did not end in time, and its dead-man must do it."""
+        """Release the control, and end the thread.
+
+        Args:
+            timeout_s: The longest wait, in s.
+
+        Returns:
+            False if that did not end in time; the control's dead-man then ends the correction.
+        """
         with self._changed:
             self._closing = True
             self._changed.notify()
@@ -193,7 +211,9 @@ class NoControl:
 
 
 def correction_of(document: Mapping[str, Any]) -> AxisCorrection:
-    """The document of an armed compensation in a control's whole numbers."""
+    """Return the document of an armed compensation in a control's whole numbers: µm for places, nm for
+    errors.
+    """
     places_m = document["position_m"]
     return AxisCorrection(
         reference_um=round(1e6 * document["reference_m"]),

@@ -19,11 +19,17 @@ from observer.frames import EstimateBlock, FloatArray
 
 @dataclass(frozen=True, slots=True)
 class ZeroPoint:
-    """When, where and by whom a machine was set to zero, and the error that this absorbed, with σ and bound.
+    """When, where and by whom a machine was set to zero, and the error that this absorbed.
 
-    The position `at_m` and the `error_um` are along the screw, whatever the machine's own direction. Before
-    the first zero `time_s` is NaN and nothing is subtracted. `missed` means that the machine was set to zero
-    again while the error was unknown, so nothing can be compensated until it is set once more.
+    Attributes:
+        time_s: The time; NaN before the first zero, and nothing is subtracted then.
+        at_m: The place on the screw, in m from its left end.
+        error_um: The absorbed error along the screw, whatever the machine's own direction.
+        sigma_um: Its standard deviation.
+        bound_um: Its bound; NaN where that is not known.
+        by: Who has zeroed the machine.
+        missed: Whether it was set to zero again while the error was unknown; nothing can be compensated until
+            it is set once more.
     """
 
     time_s: float = math.nan
@@ -47,7 +53,10 @@ class ErrorSince(NamedTuple):
 
 
 def since(zero: ZeroPoint, block: EstimateBlock) -> ErrorSince:
-    """Return the error of an estimate, a block of one, since a zero."""
+    """Return the error of an estimate, a block of one, since a zero.
+
+    σ and bound are the sums of both moments', since the correlation of their errors is unknown.
+    """
     return ErrorSince(
         block.error_um[0] - zero.error_um,
         block.error_sigma_um[0] + zero.sigma_um,

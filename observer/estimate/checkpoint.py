@@ -42,16 +42,28 @@ log = structlog.get_logger()
 
 
 class UnfitError(Exception):
-    """A checkpoint cannot be resumed; the message gives the reason, to follow its name and a colon."""
+    """A checkpoint cannot be resumed; the message gives the reason, to follow its name and a colon.
+
+    A service starts cold then, so it is caught and logged.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """States of a pipeline after the step at `tick_s`: drive, estimator, open-loop residual, compensation.
+    """States of a pipeline after a step.
 
-    A snapshot of a recording that continues another one also contains the memories of the aligner (`walk`)
-    and the self-test (`test`), and the number of the next estimate. A restart does not use them. A snapshot
-    at the end of a process also contains `screw`, from which another model of the machine continues.
+    A restart uses neither `walk`, `test` nor `sequence`; they are for a recording that continues another one.
+
+    Attributes:
+        tick_s: The time of the step.
+        drive: The state of the drive.
+        estimator: The state of the estimator.
+        gap: The state of the open-loop residual; None without.
+        compensation: The state of the compensation; None without.
+        walk: The memory of the aligner; None without.
+        test: The state of the self-test; None without.
+        sequence: The number of the next estimate.
+        screw: At the end of a process, what another model of the machine continues from; None without.
     """
 
     tick_s: float
@@ -67,7 +79,18 @@ class Snapshot:
 
 @dataclass(frozen=True, slots=True)
 class CheckpointFit:
-    """Requirements on a checkpoint: digests of plant and compensation, and the states of a cold start."""
+    """Requirements on a checkpoint.
+
+    Attributes:
+        plant: The digest of the plant's part of the configuration.
+        drive: The drive's state at a cold start, whose shapes must fit.
+        estimator: The estimator's state at a cold start.
+        setup: The digest of the compensation's table.
+        compensation: The compensation's state at a cold start; None if it is not enabled.
+        gap: The residual's state at a cold start; None without.
+        walk: The aligner's memory at a cold start.
+        test: The self-test's state at a cold start.
+    """
 
     plant: str
     drive: Any
@@ -80,7 +103,11 @@ class CheckpointFit:
 
     @classmethod
     def of(cls, machine: MachineModel) -> CheckpointFit:
-        """Return the requirements of a machine. Raises `UserError` if its estimator cannot be designed."""
+        """Return the requirements of a machine.
+
+        Raises:
+            UserError: If its estimator cannot be designed.
+        """
         config, settings, gap = machine.config, machine.config.compensation, machine.gap()
         setup = hashlib.sha256(settings.model_dump_json().encode()).hexdigest()[:16]
         compensation_state = compensation.initial(compensation.plan_of(config)) if settings.enabled else None
@@ -97,7 +124,12 @@ class CheckpointFit:
 
 
 def pack(snapshot: Snapshot, fit: CheckpointFit) -> bytes:
-    """Return a snapshot as bytes, with the digests of plant and compensation from `fit`."""
+    """Return a snapshot as bytes; `unpack` gives it back to the last bit.
+
+    Args:
+        snapshot: The states.
+        fit: Gives the digests of plant and compensation.
+    """
     compensation_entry = (
         {"setup": fit.setup, "state": _plain(snapshot.compensation)} if snapshot.compensation else None
     )
@@ -120,9 +152,18 @@ def pack(snapshot: Snapshot, fit: CheckpointFit) -> bytes:
 
 
 def unpack(data: bytes, fit: CheckpointFit, machine: MachineModel | None = None) -> Snapshot:
-    """Return a snapshot from bytes; raises `UnfitError` if they are damaged or of another plant or version.
+    """Return a snapshot from bytes, which may come from anywhere.
 
-    With `machine`, a snapshot of another plant continues in that machine, where both have enough in common.
+    The compensation and the open-loop residual are left out if only they do not fit.
+
+    Args:
+        data: The content of a checkpoint.
+        fit: The requirements.
+        machine: With it, a snapshot of another plant continues in that machine, where both have enough in
+            common; None rejects it.
+
+    Raises:
+        UnfitError: If it is damaged, or of another plant or version.
     """
     document = _document(data)
     if document.get("version") != version("ballscrew-observer"):

@@ -17,9 +17,13 @@ from observer.model.simulate import simulate, start_from_sensors
 class OpenLoop:
     """A prediction by the heat laws alone, from the first frame on at which every input is known.
 
-    The screw starts at `start_degC`, or from its sensors, or at the temperature of the air. With the
-    `config`, the response to ends and air at other temperatures is that of a screw of many modes. Without it,
-    the response is that of the plant's modes.
+    Args:
+        plant: The plant.
+        drive: Turns frames into its inputs.
+        start_degC: The screw's temperature at the start, in °C; None takes it from the sensors, or from the
+            air if no sensor has a value.
+        config: With it, the response to ends and air at other temperatures is that of a screw of many modes;
+            None takes that of the plant's modes.
     """
 
     def __init__(
@@ -31,7 +35,12 @@ class OpenLoop:
         self._begun: Beginning | None = None
 
     def run(self, frames: FrameBlock) -> tuple[Inputs, FloatArray] | None:
-        """Return inputs and output rows (K, R) of the next frames, None before all inputs are known."""
+        """Predict over the next frames.
+
+        Returns:
+            Inputs, and output rows (K, R) in °C and µm, from the first complete frame on; None before all
+            inputs are known.
+        """
         self._drive_state, inputs = self._drive.run(self._drive_state, frames)
         if self._state is None:
             complete = np.flatnonzero(np.isfinite(inputs.z_end).all(axis=1))
@@ -63,7 +72,12 @@ _MOVED = 3.0
 
 
 class OpenLoopGap:
-    """The open-loop residual of each sensor over a log, and displacements with the wrong sign."""
+    """The open-loop residual of each sensor over a log, and displacements with the wrong sign.
+
+    Args:
+        plant: The plant.
+        drive: Turns frames into its inputs.
+    """
 
     def __init__(self, plant: Plant, drive: Drive) -> None:
         self._plant, self._loop = plant, OpenLoop(plant, drive)
@@ -72,7 +86,7 @@ class OpenLoopGap:
         self._products = np.zeros((5, plant.rows.sensors))
 
     def take(self, frames: FrameBlock) -> None:
-        """Take the next frames."""
+        """Take the next frames of the log, in order."""
         if (predicted := self._loop.run(frames)) is not None:
             inputs, rows = predicted
             prediction = rows[:, self._plant.rows.sensor_slice]
@@ -86,7 +100,10 @@ class OpenLoopGap:
 
     @property
     def opposed(self) -> dict[str, float]:
-        """The correlation with its prediction of each displacement sensor with the wrong sign."""
+        """The correlation with its prediction of each displacement sensor with the wrong sign, at most −0.5.
+
+        A sensor whose prediction hardly varies is not judged.
+        """
         y, p, yy, pp, yp = self._products / np.maximum(self._count, 1.0)
         moved = pp - p * p > _MOVED**2 * self._plant.noise_R_K2
         spread = np.sqrt(np.maximum((yy - y * y) * (pp - p * p), 1e-30))
@@ -101,12 +118,12 @@ class OpenLoopGap:
 
     @property
     def rms_K(self) -> dict[str, float | None]:
-        """The rms residual by thermocouple so far, None without a reading."""
+        """The rms residual by thermocouple so far, in K; None without a reading."""
         return self._rms("K")
 
     @property
     def rms_um(self) -> dict[str, float | None]:
-        """The rms residual by displacement sensor so far, None without a reading."""
+        """The rms residual by displacement sensor so far, in µm; None without a reading."""
         return self._rms("um")
 
     def _rms(self, unit: str) -> dict[str, float | None]:

@@ -48,11 +48,20 @@ class LiveStep(NamedTuple):
 class Live:
     """Steps for the frames of one aligner, in memory that is allocated once.
 
-    `parts` are drive, estimator and, if there is one, self-test; so are their states.
+    Attributes:
+        of: The memory layout of the frames that it takes.
+        parts: Drive, estimator and, if there is one, self-test; their states have the same order.
     """
 
     def __init__(self, drive: Drive, estimator: BlockEstimator, test: SelfTest | None, of: OfFrame) -> None:
-        """Allocate it for such frames."""
+        """Allocate it for the frames of one walk.
+
+        Args:
+            drive: Turns frames into inputs.
+            estimator: An estimator of blocks.
+            test: The self-test; None without.
+            of: The layout of the frames.
+        """
         self.of = of
         frame = Frame(of, of.channels, of.paths)
         self._drive = LiveDrive(drive, estimator.plant, frame)
@@ -66,7 +75,13 @@ class Live:
         self._fields = live_estimator.fields
 
     def step(self, data: bytes) -> EstimateBlock:
-        """Return the estimate of the next frame; after an exception the state of the parts is unknown."""
+        """Return the estimate of the next frame.
+
+        After an exception the state of the parts is unknown; the caller puts a copy back.
+
+        Args:
+            data: The bytes of a frame with the layout `of`.
+        """
         return EstimateBlock.of(self._fields, step_frame(self._record, data))
 
     @property
@@ -85,7 +100,15 @@ class FrameDrive(Protocol[State]):
         """Return the state before the first frame."""
 
     def run(self, state: State, frames: FrameBlock) -> tuple[State, Inputs]:
-        """Take K steps; a run of K is, to the last bit, K runs of one."""
+        """Take K steps; a run of K is, to the last bit, K runs of one.
+
+        Args:
+            state: The state before the first of them; it is not changed.
+            frames: K frames.
+
+        Returns:
+            The state after the last one, and the inputs of the K steps.
+        """
 
 
 class Pipeline(Generic[State]):
@@ -93,6 +116,11 @@ class Pipeline(Generic[State]):
 
     A single frame from the walk is stepped in place (see `Live`), by the same kernels. The monitor `gap`
     compares readings with an open-loop prediction, without influence on the estimator.
+
+    Blocks of any length give the same estimates to the last bit. It belongs to one thread.
+
+    Attributes:
+        gap: The monitor of the open-loop residual; None without.
     """
 
     def __init__(
@@ -104,9 +132,16 @@ class Pipeline(Generic[State]):
         shown: ShownHeats | None = None,
         occasional: Mapping[int, str] = MappingProxyType({}),
     ) -> None:
-        """Begin before the first frame; without a self-test every quality is that of the estimator.
+        """Begin before the first frame.
 
-        `occasional` maps the numbers of sensors that are read only occasionally to their channels.
+        Args:
+            drive: Turns frames into inputs.
+            estimator: Turns inputs into estimates.
+            self_test: Lowers the quality of doubtful estimates; without it every quality is that of the
+                estimator.
+            gap: The monitor of the open-loop residual; None without.
+            shown: The heats that estimates show; None shows the estimated ones.
+            occasional: The channels of sensors that are read only occasionally, by the sensors' numbers.
         """
         self._drive, self._estimator, self._test, self.gap = drive, estimator, self_test, gap
         self._shown, self._occasional = shown, occasional
@@ -129,7 +164,14 @@ class Pipeline(Generic[State]):
         return [self._estimator.initial(), *([] if self._test is None else [self._test.initial()])]
 
     def step(self, frames: FrameBlock) -> EstimateBlock:
-        """Return the estimates of the next frames; an exception leaves the states unchanged."""
+        """Return the estimates of the next frames; an exception leaves the states unchanged.
+
+        Args:
+            frames: K frames, later than all before.
+
+        Returns:
+            K estimates, with the shown heats and their quality.
+        """
         estimates = self._estimates(frames)
         if self._occasional:
             estimates = _never_read(frames, estimates, self._occasional)
@@ -221,14 +263,17 @@ class Pipeline(Generic[State]):
         return (*self._past, *test_history, *screening_history(self._estimator.layout, self._states[1]))
 
     def reset(self) -> None:
-        """Restart the estimator; the drive's memory of the nut's path stays."""
+        """Restart the estimator and the self-test; the drive's memory of the nut's path stays."""
         self._past = self.history
         self._states[1:], self._is_live = self._begin(), False
         if self.gap is not None:
             self.gap.reset()
 
     def snapshot(self) -> tuple[State, EstimatorState, GapState | None]:
-        """Return copies of the states of drive and estimator, and the state of the open-loop residual."""
+        """Return copies of the states of drive and estimator, and the state of the open-loop residual.
+
+        The last is None without that monitor.
+        """
         self._settle()
         return self._states[0], self._states[1], None if self.gap is None else self.gap.state
 
@@ -245,7 +290,14 @@ class Pipeline(Generic[State]):
         gap: GapState | None = None,
         test: SelfTestState | None = None,
     ) -> None:
-        """Continue from the state of another pipeline of the same parts, including its self-test if given."""
+        """Continue from the state of another pipeline of the same parts.
+
+        Args:
+            drive: The state of the drive.
+            estimator: The state of the estimator.
+            gap: The state of the open-loop residual; None leaves it as it is.
+            test: The state of the self-test; None leaves it as it is.
+        """
         self._settle()
         self._states[:2], self._is_live = [drive, estimator], False
         if self._test is not None and test is not None:
@@ -272,7 +324,13 @@ def _never_read(frames: FrameBlock, estimates: EstimateBlock, occasional: Mappin
 class MachineModel:
     """A configuration with the plant, the drive and the expectations of its channels that follow from it.
 
-    Each part is built once; all parts are stateless.
+    Each part is built once; all parts are stateless, so several pipelines may share them.
+
+    Attributes:
+        config: The configuration.
+        plant: Its plant.
+        drive: Turns frames into inputs of the plant.
+        plan: How each channel is expected to deliver its values.
     """
 
     config: Config
@@ -282,7 +340,16 @@ class MachineModel:
 
     @classmethod
     def of(cls, config: Config, *, learns: bool = False) -> MachineModel:
-        """Build the parts of a configuration; with `learns`, including learnt and considered parameters."""
+        """Build the parts of a configuration.
+
+        Args:
+            config: A checked configuration.
+            learns: Whether the plant includes learnt and considered parameters, where the estimator allows
+                them.
+
+        Raises:
+            ConfigError: If no plant can be built of it.
+        """
         plant = build_plant(config, learns=learns and config.estimator.allows)
         return cls(config, plant, Drive(config, plant), AlignPlan.of(config))
 
@@ -323,21 +390,30 @@ class MachineModel:
         return build_estimator(self.plant, self.config.estimator, integrity if integrity.enabled else None)
 
     def estimator(self) -> Estimator:
-        """Return the designed estimator. Raises `UserError` if no reliable gain exists."""
+        """Return the estimator, designed at the first call.
+
+        Raises:
+            UserError: If no reliable gain exists; it names the sensors and the remedy.
+        """
         return self._estimator
 
     def self_test(self) -> SelfTest:
-        """Return the self-test, which compares the estimates with the model and the laws."""
+        """Return a new self-test, which compares the estimates with the model and the laws."""
         return SelfTest(self.plant, self.with_law)
 
     def gap(self) -> GapWatch | None:
-        """Return the monitor of the open-loop residual, None if a heat lacks a law."""
+        """Return a new monitor of the open-loop residual; None if a heat lacks a law."""
         return None if self._tolerant is None else GapWatch(self._tolerant, self.plant.layout.sensors)
 
     def pipeline(self, estimator: Estimator | None = None) -> Pipeline[Any]:
-        """Return a pipeline from frames to estimates with their quality; `estimator` replaces the default.
+        """Return a new pipeline from frames to estimates with their quality.
 
-        Raises `ConfigError` if a displacement is a nonlinear function of the state.
+        Args:
+            estimator: Replaces the configured one; None takes that.
+
+        Raises:
+            ConfigError: If a displacement is a nonlinear function of the state.
+            UserError: If no reliable gain exists.
         """
         restraint, moved = self.plant.rows.restraint, self.plant.layout.displacements
         if moved and restraint is not None and not restraint.linear:

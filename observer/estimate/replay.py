@@ -46,7 +46,14 @@ def estimates_of(
 ) -> Iterator[tuple[FrameBlock, EstimateBlock]]:
     """Yield the frames of a log in blocks, with their estimates.
 
-    The pipeline begins cold or from `start`. `progress` receives the number of processed rows and the total.
+    Resets that a recording contains are repeated.
+
+    Args:
+        log: The log.
+        plan: The plan of its channels.
+        pipeline: A pipeline that has not stepped yet.
+        progress: Receives the number of processed rows and the total, after each block.
+        start: Where the pipeline begins; None begins cold.
     """
     walk = None
     if start is not None:
@@ -65,7 +72,18 @@ def estimates_of(
 
 
 def start_of(log: Log, fit: CheckpointFit) -> tuple[Snapshot | None, str]:
-    """Return the snapshot at the start of a recording, None after a cold start, and a sentence about it."""
+    """Return the snapshot at the start of a recording.
+
+    It is looked for beside the recording, under the recording's name. A snapshot that does not fit is left
+    out.
+
+    Args:
+        log: The log.
+        fit: The requirements on the snapshot.
+
+    Returns:
+        The snapshot, None after a cold start, and a clause about it for the summary.
+    """
     suffix = next((s for s in SUFFIXES if log.path.name.endswith(s)), log.path.suffix)
     stem = log.path.name.removesuffix(suffix)
     candidates = (log.path.with_name(stem + end) for end in (START_SUFFIX, STATE_SUFFIX))
@@ -137,7 +155,9 @@ def _mean(total: FloatArray, count: FloatArray) -> list[float | None]:
 
 
 def heat_columns(layout: Layout, estimates: EstimateBlock | HeatHistory) -> dict[str, Column]:
-    """Return time and heats as the columns of a table; those of estimates include bounds."""
+    """Return time in s and heats in W as the columns of a table, (K,) each; those of estimates include
+    bounds.
+    """
     columns: dict[str, Column] = {TIME: estimates.time_s}
     for j, name in enumerate(layout.sources):
         columns[f"heat_{name}_W"] = estimates.heat_W[:, j]
@@ -148,7 +168,10 @@ def heat_columns(layout: Layout, estimates: EstimateBlock | HeatHistory) -> dict
 
 
 def result_columns(layout: Layout, block: EstimateBlock) -> dict[str, Column]:
-    """Return the columns of `estimates.csv` for a block."""
+    """Return the columns of `estimates.csv` for a block, (K,) each, by name and in their order.
+
+    Units end the names; qualities are words.
+    """
     columns = heat_columns(layout, block)
     columns |= layout.along(
         field__degC=block.field_degC, field__sigma_K=block.field_sigma_K, field__bound_K=block.field_bound_K
@@ -185,7 +208,21 @@ def write_estimates(
 ) -> dict[str, Any]:
     """Write the estimates of a log into a table, and return their summary.
 
-    `follow` receives every block with its frames. Raises `LogError` if the log gives no estimate.
+    Args:
+        sink: Takes the columns of each block.
+        log: The log.
+        plan: The plan of its channels.
+        pipeline: A pipeline that has not stepped yet.
+        progress: Receives the number of processed rows and the total.
+        start: Where the pipeline begins; None begins cold.
+        follow: Receives every block with its frames.
+
+    Returns:
+        The summary: rows, duration, steps by quality, mean heats, innovations, and the reasons for steps that
+        are not good.
+
+    Raises:
+        LogError: If the log gives no estimate.
     """
     layout, not_good = pipeline.layout, NotGood(plan.channels)
     counts, times = [], []
@@ -207,7 +244,7 @@ def write_estimates(
 
 
 def nut_paths(config: Config, log: Log) -> Mapping[str, str]:
-    """Return the quality of the nut's path in the log, by moving source."""
+    """Return the quality of the nut's path in the log, by moving source, as `judge_path` names it."""
     paths = {}
     for source in config.source:
         if source.position_channel is not None:
@@ -218,7 +255,9 @@ def nut_paths(config: Config, log: Log) -> Mapping[str, str]:
 
 
 def speeds(config: Config, log: Log) -> Mapping[str, float]:
-    """Return the mean absolute speed over the log, rpm, by source with a speed."""
+    """Return the mean absolute speed over the log, in rpm, by source with a speed; a column without a value
+    is left out.
+    """
     speeds_rpm = {}
     for source in config.source:
         if source.speed_channel is not None:
@@ -240,9 +279,16 @@ def inputs_of(log: Iterable[FrameBlock], drive: Drive) -> list[Inputs]:
 def history_summary(
     layout: Layout, history: HeatHistory, log: Log, extra: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the summary of the heats over a log, with the entries of `extra`.
+    """Return the summary of the heats over a log.
 
-    Raises `LogError` if no heat can be estimated from the log.
+    Args:
+        layout: The names of sources and sensors.
+        history: The heats with their σ and residuals.
+        log: The log.
+        extra: Further entries.
+
+    Raises:
+        LogError: If no heat can be estimated from the log.
     """
     if not np.isfinite(history.heat_W).any():
         raise LogError(
@@ -279,7 +325,11 @@ def _by_name(names: tuple[str, ...], values: FloatArray) -> dict[str, float | No
 
 
 def program_of(log: Log, config: Config) -> Log:
-    """Return a log as a program, with missing values for sensors that it lacks. Raises `LogError`."""
+    """Return a log as a program, with missing values for sensors that it lacks.
+
+    Raises:
+        LogError: If it lacks an input; it names the column.
+    """
     lacking = config.sensor_channels - set(log.channels)
     present_channels = [c for c in config.channels if c not in lacking]
     log = log.with_channels(present_channels)
@@ -295,7 +345,19 @@ def program_of(log: Log, config: Config) -> Log:
 def simulated_columns(
     config: Config, plant: Plant, log: Log, time_s: FloatArray, law_W: FloatArray, rows: FloatArray
 ) -> dict[str, FloatArray]:
-    """Return the columns of a simulated log: sensors, inputs, heats, field, thermal error."""
+    """Return the columns of a simulated log: sensors, inputs, heats, field, thermal error.
+
+    Args:
+        config: The configuration.
+        plant: Its plant.
+        log: The program.
+        time_s: The times of the K steps, a part of the program's.
+        law_W: The heats of all sources, (K, m).
+        rows: The plant's outputs, (K, R).
+
+    Returns:
+        Columns (K,) by name; displacements are in the unit of their channel.
+    """
     meaning, layout = plant.rows, plant.layout
     columns = {s.channel: rows[:, i] / s.channel_scale for i, s in enumerate(config.sensor) if not s.along}
     at = np.searchsorted(log.time_s, time_s)

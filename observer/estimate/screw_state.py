@@ -16,7 +16,21 @@ from observer.frames import BoolArray, EstimateBlock, FloatArray, FrameBlock, In
 
 @dataclass(frozen=True, slots=True)
 class ScrewState:
-    """Field and heats with their covariance, as in `Carried`, and the frame (1, c) that the step followed."""
+    """Field and heats with their covariance, as in `Carried`, and the frame that the step followed.
+
+    Attributes:
+        position_m: The places of the field on the screw, in m.
+        heats: The names of the heats in `value`.
+        lags: The names of the sources whose lags follow.
+        value: Temperatures in °C, heats and lags in W.
+        covariance: Their covariance.
+        channels: The c channels of the frame.
+        dt_s: The length of the frame, (1,).
+        values: Its values, (1, c).
+        fresh: Which channels had a new value, (1, c).
+        quality: The qualities of the channels, (1, c).
+        age_s: The ages of the values, (1, c).
+    """
 
     position_m: FloatArray
     heats: tuple[str, ...]
@@ -35,7 +49,14 @@ class ScrewState:
         cls, machine: MachineModel, state: EstimatorState, inputs: Inputs, estimate: EstimateBlock,
         frame: FrameBlock,
     ) -> ScrewState | None:  # fmt: skip
-        """Return the state after a step; None before the first estimate or with other estimator states."""
+        """Return the state after a step.
+
+        Returns:
+            None before the first estimate, or if the estimator's states are not those of the plant.
+
+        Raises:
+            UserError: If the machine's estimator cannot be designed.
+        """
         if not isinstance(machine.estimator(), CarriesOver):
             return None
         carried = carry_from(machine.plant, state, inputs, estimate)
@@ -48,8 +69,15 @@ class ScrewState:
     def continued(self, machine: MachineModel, tick_s: float) -> tuple[Any, EstimatorState] | None:
         """Return the states of drive and estimator of another model with this field and these heats.
 
-        Learnt parameters and counters start again. None if the two models have nothing in common, or if the
-        states of the estimator are not the plant's.
+        Learnt parameters and counters start again.
+
+        Args:
+            machine: The machine with the other model.
+            tick_s: The time of the step.
+
+        Returns:
+            None if the two models have nothing in common, or if the states of the estimator are not the
+            plant's.
         """
         estimator = machine.estimator()
         if not isinstance(estimator, CarriesOver) or not set(machine.config.channels) <= set(self.channels):

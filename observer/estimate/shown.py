@@ -14,10 +14,13 @@ from observer.model.plant import Plant
 
 
 class ShownHeats(NamedTuple):
-    """The `names` of the shown heats, in the order of the configuration.
+    """The shown heats, in the order of the configuration.
 
-    Each is the fraction `part` of a `column` of the estimate. The estimated heats are the shown columns
-    `estimated_columns`.
+    Attributes:
+        names: The names of the sources.
+        column: The column of the estimate from which each comes, (shown,).
+        part: The fraction of that column, (shown,).
+        estimated_columns: The shown columns that are the estimated heats, (m_e,).
     """
 
     names: tuple[str, ...]
@@ -45,7 +48,7 @@ class ShownHeats(NamedTuple):
         return len(self.names) > len(self.estimated_columns)
 
     def heats(self, heat_W: FloatArray) -> FloatArray:
-        """Return shown heats or their σ from those of the estimate (K, m_e)."""
+        """Return shown heats or their σ in W, (K, shown), from those of the estimate, (K, m_e)."""
         return np.asarray(heat_W[:, self.column] * self.part)
 
     def layout(self, layout: Layout) -> Layout:
@@ -59,7 +62,7 @@ class ShownHeats(NamedTuple):
         return _with_heats(block, self.heats)
 
     def estimated(self, block: EstimateBlock) -> EstimateBlock:
-        """Return the estimator's block of shown estimates."""
+        """Return the estimator's block of shown estimates: the inverse of `block`."""
         if not self.changes:
             return block
         return _with_heats(block, lambda heats: heats[:, self.estimated_columns])

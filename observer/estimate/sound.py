@@ -24,16 +24,26 @@ SCREENED_S = 1.0
 
 
 class SoundFrames(NamedTuple):
-    """The frames of a log without its doubtful parts, and a sentence for each omitted part."""
+    """The frames of a log without its doubtful parts.
+
+    Attributes:
+        frames: The frames.
+        left_out: A sentence for each omitted part: the log, its duration, and the reason.
+    """
 
     frames: FrameBlock
     left_out: tuple[str, ...]
 
 
 def sound_frames(config: Config, blocks: Sequence[FrameBlock], name: str) -> SoundFrames:
-    """Return the sound part of the frames of a log; the sentences contain its `name`.
+    """Return the sound part of the frames of a log.
 
     The frames are unchanged if no row or every row is doubtful.
+
+    Args:
+        config: The configuration.
+        blocks: The frames of the log, in order.
+        name: The log's name, for the sentences.
     """
     frames, machine = joined(blocks), MachineModel.of(config, learns=True)
     _, inputs = machine.drive.run(machine.drive.initial(), frames)

@@ -25,7 +25,14 @@ log = structlog.get_logger()
 class Commands:
     """Makes the estimator and the observers of one service carry out its commands.
 
-    `reset` restarts the estimator; `record(time_s, kind, outcome)` records a command.
+    It is used in the loop's thread. Every command gets one answer, one line in the log and one row in the
+    recording.
+
+    Args:
+        period_s: The period of the ticks in s; a command older than two periods and 5 s is refused.
+        reset: Restarts the estimator.
+        observers: Asked in this order whether a command is for them.
+        record: Records a command, as `record(time_s, kind, outcome)`.
     """
 
     def __init__(
@@ -40,7 +47,14 @@ class Commands:
         self._obeyed: list[tuple[Command, Answer]] = []
 
     def before_step(self, commands: Iterable[Command], tick_s: float) -> None:
-        """Obey the commands that came since the last step; `tick_s` is the time of the next one."""
+        """Obey the commands that came since the last step.
+
+        A reset is done and answered at once. Others take effect in the step and are answered by `after_step`.
+
+        Args:
+            commands: The commands, oldest first. One that has `refused` is only logged and recorded.
+            tick_s: The time of the next step, in s of the service's clock.
+        """
         time_s = math.nextafter(tick_s, -math.inf)  # the row of a reset stands before the tick's
         for command in commands:
             if command.refused is not None:
@@ -60,7 +74,11 @@ class Commands:
         return answers or [lambda: (False, _NOBODY.get(command.kind, ""))]
 
     def after_step(self, tick_s: float) -> None:
-        """Answer the commands whose outcome is known after the step; the others wait for the next one."""
+        """Answer the commands whose outcome is known after the step; the others wait for the next one.
+
+        Args:
+            tick_s: The time of the step, in s of the service's clock.
+        """
         obeyed, self._obeyed = self._obeyed, []
         for command, answer in obeyed:
             if (outcome := answer()) is None:

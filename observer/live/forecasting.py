@@ -30,38 +30,65 @@ log = structlog.get_logger()
 
 
 class Learner:
-    """Gathers what drove a plant, and the heats, in bins."""
+    """Gathers what drove a plant, and the heats, in bins.
+
+    Args:
+        machine: The machine, whose moving sources and shown heats are gathered.
+    """
 
     def __init__(self, machine: MachineModel) -> None:
         self._moving, self._shown = [m.index for m in machine.plant.moving], machine.shown
         self._parts: Bins | None = None
 
     def take(self, inputs: Inputs, block: EstimateBlock) -> None:
-        """Take consecutive steps."""
+        """Take consecutive steps.
+
+        Args:
+            inputs: The inputs of K steps.
+            block: Their estimates, of the same K steps.
+        """
         bins = binned(inputs, self._shown.estimated(block), self._moving)
         self._parts = bins if self._parts is None else joined([self._parts, bins])
 
     @property
     def bins(self) -> Bins:
-        """The last bins. Raises `ValueError` before the first step."""
+        """The bins of the steps so far; old ones fall out.
+
+        Raises:
+            ValueError: Before the first step.
+        """
         if self._parts is None:
             raise ValueError("the program is not known yet; it is learnt in the first minute")
         return self._parts
 
 
 def is_wanted(machine: MachineModel) -> bool:
-    """Whether a forecast is computed: as configured, else where every estimated heat has a law."""
+    """Whether a forecast is computed.
+
+    The key `forecast.enabled` decides. Without it a forecast is computed if every estimated heat has a law.
+    """
     is_enabled = machine.config.forecast.enabled
     return (machine.gap() is not None) if is_enabled is None else is_enabled
 
 
 class Forecaster(StepObserver):
-    """Computes forecasts periodically from the newest state; no method waits for it."""
+    """Computes forecasts periodically from the newest state; no method waits for it.
+
+    A forecast that fails is logged and left out. Its document then has the reason in place of values.
+
+    Steps that the thread has not gathered yet are held in memory, 200 000 at most.
+    """
 
     def __init__(
         self, machine: MachineModel, instance: str, publish: Callable[[Mapping[str, Any]], None]
     ) -> None:
-        """`publish` is called in the forecaster's own thread with each document."""
+        """Prepare; nothing runs before `begin`.
+
+        Args:
+            machine: The machine with its plant and configuration.
+            instance: Names the start of the service, in every document.
+            publish: Called in the forecaster's own thread with each document.
+        """
         self._machine, self._instance, self._publish = machine, instance, publish
         self._settings = machine.config.forecast
         self._learner = Learner(machine)
@@ -126,7 +153,18 @@ class Forecaster(StepObserver):
 
 
 def program_bins(program: Log, machine: MachineModel) -> Bins:
-    """The bins of a program (see `program_of`). Raises `LogError` where an input never has a value."""
+    """Return the bins of a program (see `program_of`).
+
+    Args:
+        program: A log with every input that the model needs.
+        machine: The machine that is to run it.
+
+    Returns:
+        Bins of the estimated sources, in the order of the program.
+
+    Raises:
+        LogError: If an input never has a value.
+    """
     moving, state, parts = [m.index for m in machine.plant.moving], machine.drive.initial(), []
     for frames in frames_of_log(program, machine.plan):
         state, inputs = machine.drive.run(state, frames)
@@ -140,7 +178,10 @@ def program_bins(program: Log, machine: MachineModel) -> Bins:
 
 
 def forecast_columns(layout: Layout, prediction: Forecast) -> dict[str, FloatArray]:
-    """The columns of `forecast.csv`, named as those of `estimates.csv`."""
+    """Return the columns of `forecast.csv`, named as those of `estimates.csv`.
+
+    Each is (K,): temperatures in °C with σ in K and, with an expansion coefficient, errors with σ in µm.
+    """
     a = prediction.ahead
     columns = layout.along(field__degC=a.field_degC, field__sigma_K=a.field_sigma_K)
     if layout.has_error:

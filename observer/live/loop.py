@@ -48,16 +48,18 @@ log = structlog.get_logger()
 
 
 class Clock(Protocol):
-    """The loop's clock."""
+    """The loop's clock, which a computer whose time is set does not disturb."""
 
     def now(self) -> float:
-        """Seconds since the epoch, ever increasing."""
+        """Return seconds since the epoch, ever increasing."""
 
     def offset_s(self) -> float:
-        """How far the computer's clock is ahead."""
+        """Return how far the computer's clock is ahead of this one, in s; not 0 after the computer's time was
+        set.
+        """
 
     async def sleep_until(self, time_s: float) -> None:
-        """Wait until a time."""
+        """Wait until a time in s of this clock; returns at once for a time in the past."""
 
 
 class Publisher(Protocol):
@@ -65,37 +67,63 @@ class Publisher(Protocol):
 
     @property
     def status(self) -> PublishStatus:
-        """The state of publishing."""
+        """The state of publishing: connection, counts, problems."""
 
     def start(self) -> None:
-        """Begin to open the session."""
+        """Begin to open the session; returns at once, and the session is opened again for ever."""
 
     def commands(self) -> list[Command]:
-        """Give the commands that came since the last call."""
+        """Return the commands that came since the last call, oldest first."""
 
     def publish(self, block: EstimateBlock, sequence: int) -> None:
-        """Publish a block of one estimate."""
+        """Publish a block of one estimate; without a connection it is dropped and counted.
+
+        Args:
+            block: One estimate.
+            sequence: Its number.
+        """
 
     def readings(self, frame: FrameBlock, sequence: int) -> None:
-        """Publish the readings behind the estimate of this number: a frame of one step."""
+        """Publish the readings behind the estimate of this number.
+
+        Args:
+            frame: A frame of one step.
+            sequence: The estimate's number.
+        """
 
     def document(self, key: str, document: Mapping[str, Any]) -> None:
-        """Publish a document under a key; called by any thread."""
+        """Publish a document under a key; from any thread.
+
+        Args:
+            key: The key below the axis.
+            document: Plain data without NaN.
+        """
 
     def close(self, timeout_s: float) -> bool:
-        """End the session."""
+        """End the session, waiting at most `timeout_s`; return whether it ended in that time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Service:
     """The parts of a service.
 
-    `notify` reports to the service manager (`sd_notify`), `observers` follow each step in their order.
-    `instance` names a start, `start` is the state that the pipeline continues from, None if cold. With
-    `alone` it verifies before the first tick that no other service has the axis. `sensors` maps sensors'
-    channels to their names, `options` name the machine and axis to a command; `nut_channel` is that of the
-    nut's position, None where none is read. `restarts` says when the process is to be executed anew, None
-    never; `restarted` gives the time and reason of the last time for health, None without one.
+    Attributes:
+        drivers: The sources of readings.
+        plan: How readings become frames.
+        pipeline: Turns frames into estimates.
+        publisher: Where estimates and documents go.
+        clock: The clock of ticks and readings.
+        notify: Reports to the service manager (`sd_notify`).
+        recorder: Records readings and commands.
+        observers: Follow each step, in their order.
+        instance: Names a start.
+        start: The state from which the pipeline continues; None if cold.
+        restarts: Decides when the process is to be executed anew; None never.
+        restarted: Time and reason of the last restart, for health; None without one.
+        alone: Whether it verifies before the first tick that no other service has the axis.
+        sensors: The names of sensors by channel.
+        options: The options that name the machine and axis to a command.
+        nut_channel: The channel of the nut's position; None where none is read.
     """
 
     drivers: tuple[Driver, ...]
@@ -117,10 +145,21 @@ class Service:
 
 
 async def serve(service: Service, when_ready: Callable[[], None] | None = None) -> str:
-    """Serve until cancelled or until a restart is due, then end every part; returns the restart's reason.
+    """Serve until cancelled or until a restart is due, then end every part.
 
-    After a cancellation that takes 1.7 s at most. `when_ready` is called before the first tick. Raises
-    `UserError` where another service has the axis already.
+    After a cancellation that takes 1.7 s at most. Before a restart, recording and checkpoint have 4 s.
+
+    A step that fails is logged and published as invalid; the loop goes on, and the watchdog is not pinged.
+
+    Args:
+        service: The parts; each is used once.
+        when_ready: Called before the first tick; None for nothing.
+
+    Returns:
+        The reason of the restart.
+
+    Raises:
+        UserError: If another service has the axis already.
     """
     cycles = _Cycles(service)
     service.publisher.start()

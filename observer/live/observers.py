@@ -37,11 +37,17 @@ log = structlog.get_logger()
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """The loop's inputs and outputs at a tick at `now_s` of its clock; blocks of one.
+    """The loop's inputs and outputs at a tick; all blocks have one step.
 
-    `sequence` is the estimate's number, `clock_offset_s` how far the computer's clock is ahead. `snapshot`
-    gives the state of the pipeline after the step, None before the first estimate; it may only
-    be called in `follow`.
+    Attributes:
+        frame: The frame.
+        inputs: What drove the plant in it.
+        estimate: The estimate, as published.
+        sequence: The estimate's number.
+        now_s: The time in s of the loop's clock.
+        clock_offset_s: How far the computer's clock is ahead, in s.
+        snapshot: Gives the state of the pipeline after the step, None before the first estimate; it may only
+            be called in `follow`.
     """
 
     frame: FrameBlock
@@ -54,50 +60,77 @@ class Step:
 
 
 class StepObserver:
-    """Follows the loop; hooks that a subclass leaves out do nothing. Only `finished` may wait."""
+    """Follows the loop; hooks that a subclass leaves out do nothing.
+
+    All hooks are called in the loop's thread, and only `finished` may wait. A hook must not raise.
+    """
 
     def begin(self) -> None:
-        """Start, before the first tick."""
+        """Start threads and the like, before the first tick."""
 
     def hear(self, reading: Reading) -> None:
-        """Take a reading as it comes, before the tick."""
+        """Take a reading as it comes, before the tick reduces it to one value a channel."""
 
     def asks(self) -> list[Command]:
-        """Commands that follow from readings, to be obeyed by all before the next step."""
+        """Return commands that follow from readings; all observers obey them before the next step."""
         return []
 
     def follow(self, step: Step) -> None:
         """Take a step that succeeded, once its estimate is published."""
 
     def miss(self, time_s: float, sequence: int, reason: str) -> None:
-        """Note that the step of a tick has failed."""
+        """Note that the step of a tick has failed.
+
+        Args:
+            time_s: The time of the tick.
+            sequence: The number that the estimate would have had.
+            reason: The error in words.
+        """
 
     def obey(self, command: Command) -> Answer | None:
-        """Carry out a command; returns the answer, None where the command is not for this observer."""
+        """Carry out a command with the next step.
+
+        Returns:
+            A function that gives the outcome, or None while that is not known; None where the command is not
+            for this observer.
+        """
 
     def report(self, time_s: float, conditions: tuple[Condition, ...]) -> None:
-        """Take the conditions of a health report."""
+        """Take the conditions of a health report; called twice a second, and when something changes.
+
+        Args:
+            time_s: The time of the report.
+            conditions: All of them, in the order of the report.
+        """
 
     def notices(self) -> tuple[str, ...]:
-        """Reasons for health, in words."""
+        """Return sentences that become reasons of health."""
         return ()
 
     def conditions(self) -> tuple[Condition, ...]:
-        """Problems for health and alarms; a change of them is reported at once."""
+        """Return problems for health and alarms; a change of them is reported at once."""
         return ()
 
     def remember(self, snapshot: Snapshot) -> Snapshot:
-        """Add what a restart is to continue from."""
+        """Return the snapshot with the state from which this observer continues after a restart."""
         return snapshot
 
     def finish(self, snapshot: Snapshot | None) -> None:
-        """End; `snapshot` is where the pipeline stands."""
+        """Begin to end; `finished` waits for it.
+
+        Args:
+            snapshot: The state of the pipeline; None before the first estimate.
+        """
 
     def set_clock(self, by_s: float) -> None:
-        """Move everything that lasts by the step of the computer's clock, before a restart."""
+        """Move everything that lasts by the step of the computer's clock, in s, before a restart."""
 
     def finished(self, timeout_s: float) -> str | None:
-        """Wait for the end, at most so long; returns what was not done by then."""
+        """Wait for the end, at most `timeout_s`.
+
+        Returns:
+            A sentence on what was not done by then; None if all was.
+        """
         del timeout_s
         return None
 
@@ -105,7 +138,12 @@ class StepObserver:
 class CompensationObserver(StepObserver):
     """Publishes the compensation after each step, has it written to the control, and arms and disarms it.
 
-    `rival` returns who else publishes as this service, None without; `signal` reports a new zero.
+    Args:
+        compensator: Follows the estimates.
+        publish: Publishes a document of the compensation.
+        rival: Returns who else publishes as this service; None without.
+        control: Writes the values to a control.
+        signal: Reports a new zero; None without such a channel.
     """
 
     def __init__(
@@ -135,7 +173,11 @@ class CompensationObserver(StepObserver):
         return [] if self._signal is None else self._signal.commands()
 
     def follow(self, step: Step) -> None:
-        """Take an estimate."""
+        """Take an estimate, publish the correction and hand it to the control.
+
+        Another publisher, a control that does not follow and a clock that was set release the compensation
+        first.
+        """
         compensator = self._compensator
         compensator.see_clock(step.clock_offset_s)
         if (rival := self._rival()) is not None:
@@ -217,7 +259,14 @@ class CompensationObserver(StepObserver):
 
 
 class AlarmObserver(StepObserver):
-    """Publishes alarms on change and every five seconds; `air` is the column of the ambient in `z_end`."""
+    """Publishes alarms on change and every five seconds.
+
+    Args:
+        desk: Learns usual heats, and raises alarms.
+        publish: Publishes the document of alarms.
+        air: The column of the ambient in `z_end`.
+        instance: Names the start of the service.
+    """
 
     def __init__(self, desk: AlarmDesk, publish: Publish, air: int, instance: str) -> None:
         self._desk, self._publish, self._air, self._instance = desk, publish, air, instance
@@ -253,10 +302,18 @@ class AlarmObserver(StepObserver):
 def stored(
     path: Path, fit: CheckpointFit, now_s: float, oldest_s: float, machine: MachineModel | None = None
 ) -> tuple[Snapshot | None, GapState | None, CompensationState | None]:
-    """The service's state when it last ran, None for a cold start; the log says which and why.
+    """Return the service's state when it last ran; whether and why the start is cold is logged.
 
-    Also the last known state of the prediction's gap and of the compensation, however old; None without.
-    With `machine`, a state of another model continues in that machine.
+    Args:
+        path: The checkpoint.
+        fit: What a checkpoint must belong to.
+        now_s: The present time in s since 1970.
+        oldest_s: The largest age, in s, of a state that is continued.
+        machine: With it, a state of another model of the same screw continues in this machine; None without.
+
+    Returns:
+        The state, None for a cold start. Also the last known state of the prediction's gap and of the
+        compensation, however old; None without.
     """
     gap: GapState | None = None
     compensation: CompensationState | None = None
@@ -275,8 +332,14 @@ def stored(
 class Keeper(StepObserver):
     """Writes the newest snapshot to one file, at most every `period_s`, and the last one at the end.
 
-    Each is written in a thread of its own; a period in which the one before is not written yet is left out.
-    With `machine`, the last one also says what another model of the screw continues from.
+    Each is written in a thread of its own; a period in which the one before is not written yet is left out. A
+    file that cannot be written is a reason of health, and is tried again.
+
+    Args:
+        path: The checkpoint.
+        fit: What the checkpoint belongs to.
+        period_s: The shortest interval between two of them, in s.
+        machine: With it, the last one also holds the state of the screw, from which another model continues.
     """
 
     def __init__(

@@ -58,10 +58,19 @@ class _DriverReadings:
 
 
 def look(drivers: Sequence[Driver], implausible: Implausible, look_s: float = LOOK_S) -> dict[str, Any]:
-    """Run drivers until each of their channels has arrived, or for `look_s`; return the readings as plain
-    data.
+    """Run drivers until each of their channels has arrived, or for `look_s`.
 
-    `implausible(channel, value)` says why a value cannot be right, None where it may be.
+    It blocks, in an event loop of its own. Nothing is sent that a normal run would not send.
+
+    Args:
+        drivers: Drivers that have not run yet.
+        implausible: Says by channel and value why a value cannot be right; None where it may be.
+        look_s: The longest look, in s; one and a half periods of the slowest driver if that is longer, up to
+            15 s.
+
+    Returns:
+        Plain data: `good`, and for each driver its state, rate in Hz, last error, and for each channel value,
+        fault, age in s and remedy.
     """
     return asyncio.run(_look(drivers, implausible, look_s))
 

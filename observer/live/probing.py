@@ -24,7 +24,14 @@ def is_advised(config: Config) -> bool:
 
 
 class ProbingAdvisor(StepObserver):
-    """Publishes every five seconds whether to probe now, and the gain in σ."""
+    """Publishes every five seconds whether to probe now, and the gain in σ.
+
+    Args:
+        config: A configuration for which `is_advised` holds.
+        plant: Its plant.
+        instance: Names the start of the service.
+        publish: Publishes the document of `probing`.
+    """
 
     def __init__(
         self, config: Config, plant: Plant, instance: str, publish: Callable[[Mapping[str, Any]], None]
@@ -35,7 +42,7 @@ class ProbingAdvisor(StepObserver):
         self._looked_s = -math.inf
 
     def follow(self, step: Step) -> None:
-        """Take a step of the loop."""
+        """Take a step of the loop; without an estimate nothing is published."""
         if step.now_s - self._looked_s < PERIOD_S:
             return
         snapshot = step.snapshot()
@@ -51,10 +58,21 @@ class ProbingAdvisor(StepObserver):
 def advice(
     plant: Plant, P: FloatArray, sensor: int, estimate: EstimateBlock, needs_um: float
 ) -> dict[str, Any]:
-    """Return the document of `probing` for the last step of an estimate, with its covariance P (n, n).
+    """Return the document of `probing` for the last step of an estimate.
 
-    The thermal error is known to within its bound, or to 2 σ where no bound is known; probing reduces
-    that by the same factor as σ.
+    The thermal error is known to within its bound, or to 2 σ where no bound is known; probing reduces that by
+    the same factor as σ.
+
+    Args:
+        plant: The plant.
+        P: The covariance of its states, (n, n).
+        sensor: The index of the probe among the sensors.
+        estimate: Estimates, of which the last one counts.
+        needs_um: The uncertainty that the part allows, in µm.
+
+    Returns:
+        Plain data: the advice, the place in m where the error is least certain, and its uncertainty in µm
+        before and after a probing.
     """
     sigma_um, bound_um = estimate.error_sigma_um[-1], estimate.error_bound_um[-1]
     within_um = np.where(np.isfinite(bound_um), bound_um, 2.0 * sigma_um)

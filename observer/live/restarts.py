@@ -27,17 +27,23 @@ log = structlog.get_logger()
 
 
 class Restarts:
-    """Watches for both. `reload` may be called from any thread.
+    """Watches the configuration and the computer's clock.
 
-    `table` is the configuration in force, and once a changed one is valid that one.
+    A wrong configuration is a reason of health for ten minutes, and the one in force stays.
+
+    Attributes:
+        table: The configuration in force, and once a changed one is valid that one.
     """
 
     def __init__(
         self, check: Callable[[], Table], table: Table | None = None, adoption_record: Path | None = None
     ) -> None:
-        """Take the function that reads and checks the configuration; it raises `UserError` for a wrong one.
+        """Start a thread that watches.
 
-        It is called at each `reload`, and when the record of an adoption changes.
+        Args:
+            check: Reads and checks the configuration, in that thread; it raises `UserError` for a wrong one.
+            table: The configuration in force; None for an empty one.
+            adoption_record: A file whose change also calls `check`; None without.
         """
         self.table = table or {}
         self._check, self._record = check, adoption_record
@@ -50,7 +56,10 @@ class Restarts:
         threading.Thread(target=self._watch, name="reload", daemon=True).start()
 
     def reload(self) -> None:
-        """Check the configuration, beside the running service; if asked meanwhile, once more."""
+        """Have the configuration checked, beside the running service; from any thread, or a signal's handler.
+
+        A request that comes while one is being checked is checked after it.
+        """
         self._requested.set()
 
     @property
@@ -93,7 +102,17 @@ class Restarts:
         log.error("configuration rejected; the one in force stays", reason=why)
 
     def due(self, now_s: float, offset_s: float) -> str | None:
-        """Why a restart is due at a time of the service, None if none is."""
+        """Return why a restart is due.
+
+        A clock that was set counts once its offset has been stable for 3 s.
+
+        Args:
+            now_s: The time of the service.
+            offset_s: How far the computer's clock is ahead, in s.
+
+        Returns:
+            The reason in words; None if no restart is due.
+        """
         if self._reason is not None:
             return self._reason
         why = stepped(offset_s)

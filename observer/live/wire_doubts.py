@@ -56,7 +56,11 @@ class _Module:
 def wires_of(config: Installation) -> dict[str, Any]:
     """Return what every device delivers within a few seconds, the content of `observer check --wires --json`.
 
-    Raises `UserError` for a file that a driver cannot use.
+    It runs the drivers as the service does, so the service must not run at the same time where a device
+    accepts one connection only.
+
+    Raises:
+        UserError: If a file that a driver names cannot be used.
     """
     limits, column = Limits.of(config), {name: j for j, name in enumerate(config.channels)}
 
@@ -76,7 +80,15 @@ def wires_of(config: Installation) -> dict[str, Any]:
 
 
 def doubt_values(config: Installation, result: dict[str, Any]) -> None:
-    """Mark in the findings of a look which values cannot be right, each with its remedy."""
+    """Mark in the findings of a look which values cannot be right, each with its remedy.
+
+    Values are compared with the air, with each other, and with the stroke. Other units and byte orders are
+    tried where they would make all values usual.
+
+    Args:
+        config: The configuration that the drivers come from.
+        result: What `look` returned; it is changed.
+    """
     sensors = [s.channel for s in config.sensor if s.kind == "temperature"]
     channels = dict.fromkeys([*sensors, config.ambient.channel or ""])
     by_channel = {name: one for d in result["drivers"].values() for name, one in d["channels"].items()}

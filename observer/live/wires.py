@@ -31,14 +31,22 @@ log = structlog.get_logger()
 
 
 def take_short_turns() -> None:
-    """Make computing threads yield after 1 ms: time stamps must not wait."""
+    """Make computing threads yield after 1 ms instead of 5 ms: time stamps must not wait. It holds for the
+    process.
+    """
     sys.setswitchinterval(_TURN_S)
 
 
 class Wires:
-    """Runs drivers from `start` to `close`; `take` is called on the event loop on which this was made.
+    """Runs drivers from `start` to `close`.
 
-    A driver that fails is started again. Readings that find the queue full are counted as its drops.
+    A driver that fails is started again after a second. Readings that find the queue full are counted as its
+    drops.
+
+    Args:
+        drivers: Drivers that have not run yet.
+        now: The service's clock in s; it is called in the drivers' thread.
+        take: Called with the driver's name and each reading, on the event loop on which this was made.
     """
 
     def __init__(self, drivers: tuple[Driver, ...], now: Clock, take: Callable[[str, Reading], None]) -> None:
@@ -55,7 +63,7 @@ class Wires:
         self._thread = threading.Thread(target=self._live, name="wires", daemon=True)
 
     def start(self) -> None:
-        """Begin to read."""
+        """Begin to read; returns at once."""
         self._beat_s = time.monotonic()
         self._thread.start()
 
@@ -74,13 +82,20 @@ class Wires:
         }
 
     def drain(self) -> None:
-        """Take everything that waits, in order; on the receiving event loop."""
+        """Take everything that waits, in order; to be called on the receiving event loop."""
         self._called = False
         while self._waiting:
             self._take(*self._waiting.popleft())
 
     def close(self, timeout_s: float) -> bool:
-        """End the drivers and take what they delivered last; False where one of them does not end in time."""
+        """End the drivers and take what they delivered last.
+
+        Args:
+            timeout_s: The longest wait, in s.
+
+        Returns:
+            False if one of them did not end in time; it is left to its daemon thread.
+        """
         with contextlib.suppress(RuntimeError):  # the thread's event loop has ended by itself
             self._loop.call_soon_threadsafe(self._closing.set)
         self._thread.join(timeout_s)

@@ -14,10 +14,18 @@ _HIGH = 0.5
 
 
 class ZeroSignal:
-    """Watches one channel's readings as they come, before the tick reduces them to one value."""
+    """Watches one channel's readings as they come, before the tick reduces them to one value.
+
+    A rise above 0.5 is a new zero. Pulses shorter than a tick are seen.
+    """
 
     def __init__(self, channel: str, late_s: float) -> None:
-        """Take the channel, and the time without a value after which it is lost."""
+        """Begin without a value.
+
+        Args:
+            channel: The channel that rises.
+            late_s: The time without a value, in s, after which it is lost.
+        """
         self._channel, self._late_s = channel, late_s
         self._was_high: bool | None = None
         self._heard_s = -math.inf
@@ -25,7 +33,7 @@ class ZeroSignal:
 
     @classmethod
     def of(cls, config: Installation) -> ZeroSignal | None:
-        """The signal of a configuration, None without."""
+        """Return the signal of a configuration; None without `compensation.zero_channel`."""
         channel = config.compensation.zero_channel
         if channel is None:
             return None
@@ -42,13 +50,20 @@ class ZeroSignal:
         self._was_high, self._heard_s = is_high, reading.time_s
 
     def commands(self) -> list[Command]:
-        """The command requested by a rise since the last call."""
+        """Return the command requested by a rise since the last call; several rises are one command."""
         risen, self._risen = self._risen, False
         by = plain_name(f"{self._channel}@signal")
         return [Command("zero", by, time.monotonic(), _answered)] if risen else []
 
     def lost(self, now_s: float) -> str | None:
-        """Why a rise could have been missed, in a sentence; None while the channel comes."""
+        """Return why a rise could have been missed.
+
+        Args:
+            now_s: The time of the service.
+
+        Returns:
+            A sentence with the channel; None while the channel comes.
+        """
         if now_s - self._heard_s <= self._late_s:
             return None
         return f"{self._channel}, which reports a new zero, has no value"

@@ -17,8 +17,13 @@ SEVERITIES: tuple[Severity, ...] = get_args(Severity)
 class AlarmClass(NamedTuple):
     """A class of alarms, with its life by ISA-18.2 (2016).
 
-    An alarm is raised once its condition has held for `on_s` and returns to normal once it has not held for
-    `off_s`. A `latched` one stays until somebody acknowledges it.
+    Attributes:
+        name: The name in the configuration and in documents.
+        severity: How bad it is, by EPICS.
+        on_s: How long the condition must hold, in s, before the alarm is raised.
+        off_s: How long it must not hold, in s, before the alarm returns to normal.
+        latched: Whether it stays until somebody acknowledges it.
+        remedy: What a maintenance engineer does about it.
     """
 
     name: AlarmKind
@@ -92,7 +97,12 @@ ALARM_CLASSES: dict[str, AlarmClass] = {
 
 
 class ChannelFault(NamedTuple):
-    """A fault that a driver or the aligner reports of a channel: its remedy, and its alarm if it has one."""
+    """A fault that a driver or the aligner reports of a channel.
+
+    Attributes:
+        remedy: What a maintenance engineer does about it.
+        alarm: The class of its alarm; None if another alarm covers it.
+    """
 
     remedy: str
     alarm: AlarmClass | None = SENSOR_FAULT_ALARM
@@ -179,13 +189,25 @@ _OTHER_FAULT = ChannelFault("look up this fault in the device's table and its ma
 
 
 def channel_fault(name: str) -> ChannelFault:
-    """Return the record of a channel's fault; one that no table lists points to the device's manual."""
+    """Return the record of a channel's fault; one that no table lists points to the device's manual.
+
+    Args:
+        name: The fault's name, in lower case with underscores.
+    """
     is_exception = name.startswith("exception_") and name[10:].isdigit()
     return CHANNEL_FAULTS.get(name, _OTHER_EXCEPTION if is_exception else _OTHER_FAULT)
 
 
 def remedy_for(fault: str | None, implausible: str | None) -> str | None:
-    """Return the remedy for a fault or an implausible value of a channel, None with neither."""
+    """Return the remedy for a fault or an implausible value of a channel.
+
+    Args:
+        fault: The fault's name; None without one. It takes precedence.
+        implausible: Why the value cannot be right; None if it may be.
+
+    Returns:
+        A sentence without full stop; None with neither.
+    """
     if fault is not None:
         return channel_fault(fault).remedy
     if implausible is not None:

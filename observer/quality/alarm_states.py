@@ -20,9 +20,14 @@ State = Literal["pending", "unacknowledged", "acknowledged", "returned"]
 
 @dataclass(frozen=True, slots=True)
 class AlarmCause:
-    """The cause of an alarm: kind and target, the reason in words, and the figures behind it.
+    """The cause of an alarm.
 
-    `name` distinguishes causes of one kind and target.
+    Attributes:
+        kind: The name of its class.
+        target: The sensor, source, driver or part that it concerns.
+        reason: The condition in words.
+        name: Distinguishes causes of one kind and target; None if there is only one.
+        evidence: The figures behind it, by name; None without.
     """
 
     kind: str
@@ -33,13 +38,24 @@ class AlarmCause:
 
     @property
     def id(self) -> str:
-        """The alarm's id: the same whenever the same condition returns."""
+        """The alarm's id: the same whenever the same condition returns.
+
+        It consists of letters, digits and _.-, so that it can be part of a key or a topic.
+        """
         return _NOT_IN_AN_ID.sub("_", ".".join(filter(None, (self.kind, self.target, self.name))))
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """An alarm: its state, and its condition with the times it began and was last seen."""
+    """An alarm.
+
+    Attributes:
+        state: `pending` before it is raised, then `unacknowledged`, `acknowledged`, or `returned` to normal
+            but not acknowledged.
+        since_s: When its condition began, in s of the service's clock.
+        seen_s: When its condition last held.
+        condition: The cause, with the figures of that moment.
+    """
 
     state: State
     since_s: float
@@ -62,7 +78,15 @@ Alarms = Mapping[str, Alarm]
 
 
 def advance(alarms: Alarms, causes: Iterable[AlarmCause], time_s: float) -> dict[str, Alarm]:
-    """Return the alarms at `time_s`, from the earlier alarms and the present causes."""
+    """Return the alarms at a time.
+
+    An alarm whose condition returns before it was acknowledged keeps its id and begins anew.
+
+    Args:
+        alarms: The earlier alarms by id.
+        causes: All present causes.
+        time_s: The time in s of the service's clock, later than before.
+    """
     holding = {cause.id: cause for cause in causes}
     remaining = {
         name: after
@@ -75,7 +99,12 @@ def advance(alarms: Alarms, causes: Iterable[AlarmCause], time_s: float) -> dict
 
 
 def acknowledged(alarms: Alarms, name: str | None = None) -> dict[str, Alarm]:
-    """Return the alarms after one, or all, were acknowledged; returned ones are gone then."""
+    """Return the alarms after one, or all, were acknowledged; returned ones are gone then.
+
+    Args:
+        alarms: The alarms by id.
+        name: The id of the alarm; None for all. Alarms that are not raised stay as they are.
+    """
     selected = {n for n, alarm in alarms.items() if name in (None, n) and alarm.is_raised}
     return {
         n: replace(alarm, state="acknowledged") if n in selected else alarm
@@ -109,7 +138,12 @@ def _without(alarm: Alarm, time_s: float) -> Alarm | None:
 
 
 def moved(alarm: Alarm, by_s: float) -> Alarm:
-    """The alarm with all its times moved by `by_s`, for a service that takes over a new time."""
+    """Return the alarm with all its times moved, for a service that takes over a new time.
+
+    Args:
+        alarm: The alarm.
+        by_s: The step of the computer's clock, in s.
+    """
     evidence = alarm.condition.evidence
     if evidence is not None and evidence.get("since_s") is not None:
         evidence = {**evidence, "since_s": evidence["since_s"] + by_s}
@@ -118,7 +152,13 @@ def moved(alarm: Alarm, by_s: float) -> Alarm:
 
 
 def alarm_of(plain: Mapping[str, Any]) -> Alarm:
-    """An alarm from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is not one."""
+    """Return an alarm from plain data, as a state file holds it.
+
+    Raises:
+        ValueError: If its class or a number is unknown.
+        KeyError: If an entry is missing.
+        TypeError: If an entry has another type, or there is one too many.
+    """
     condition = AlarmCause(**plain["condition"])
     if condition.kind not in ALARM_CLASSES:
         raise ValueError(f"kind {condition.kind}")
@@ -134,7 +174,14 @@ _SURE = 1 / 3
 
 
 class KnownOffset(NamedTuple):
-    """The learnt offset of a sensor after `hours`: its usual value and its present one."""
+    """The learnt offset of a sensor.
+
+    Attributes:
+        hours: Hours of good estimates so far.
+        usual_K: The mean over the first hours, in K.
+        now_K: The smoothed present offset, in K.
+        moved: Whether both differ by more than the limit.
+    """
 
     hours: float = 0.0
     usual_K: float = 0.0
@@ -145,7 +192,16 @@ class KnownOffset(NamedTuple):
 def taken(
     offset: KnownOffset, offset_K: float, sigma_K: float, hours: float, learn_h: float, limit_K: float
 ) -> KnownOffset:
-    """Return the learnt offset after another `hours`; an uncertain estimate is ignored."""
+    """Return the learnt offset after another time of good estimates; an uncertain estimate is ignored.
+
+    Args:
+        offset: The offset before.
+        offset_K: The estimate's offset, in K.
+        sigma_K: Its standard deviation; above a third of the limit the estimate is ignored.
+        hours: The time since the last one, in h.
+        learn_h: How long the usual value is learnt, in h; nothing is judged before.
+        limit_K: The difference from which the sensor counts as moved; it has a hysteresis.
+    """
     if not sigma_K < _SURE * limit_K:
         return offset
     total_h = offset.hours + hours
@@ -158,7 +214,13 @@ def taken(
 
 
 def offset_of(plain: Mapping[str, Any]) -> KnownOffset:
-    """An offset from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is not one."""
+    """Return an offset from plain data, as a state file holds it.
+
+    Raises:
+        ValueError: If a number is missing or not finite.
+        KeyError: If an entry is missing.
+        TypeError: If an entry has another type.
+    """
     hours, usual_K, now_K = (float(plain[key]) for key in ("hours", "usual_K", "now_K"))
     if not math.isfinite(hours + usual_K + now_K):
         raise ValueError("an offset is not a number")

@@ -33,8 +33,13 @@ log = structlog.get_logger()
 
 
 class BandedSource(NamedTuple):
-    """A source with a law: name, index among the estimated ones, its table of the configuration, and the
-    channels that its law reads.
+    """An estimated source with a law.
+
+    Attributes:
+        name: The source's name.
+        column: Its index among the estimated sources.
+        law: Its table of the configuration as JSON; another table makes the learnt heat invalid.
+        channels: The channels that its law reads.
     """
 
     name: str
@@ -44,7 +49,13 @@ class BandedSource(NamedTuple):
 
 
 class KnownSensor(NamedTuple):
-    """A sensor: name, index of its offset among the learnt parameters, table of the configuration."""
+    """A sensor.
+
+    Attributes:
+        name: The sensor's name.
+        learned: The index of its offset among the learnt parameters; None if that is not learnt.
+        table: Its table of the configuration as JSON; another table makes the learnt offset invalid.
+    """
 
     name: str
     learned: int | None
@@ -52,12 +63,22 @@ class KnownSensor(NamedTuple):
 
 
 class AlarmDesk:
-    """Learns usual heats and offsets from every estimate; raises alarms from the conditions of a report."""
+    """Learns usual heats and offsets from every estimate; raises alarms from the conditions of a report.
+
+    It is used in the loop's thread. The state file is written in a thread of its own, so no call but `close`
+    waits.
+    """
 
     def __init__(self, config: Config, layout: Layout, settings: AlarmSettings, file: Path | None) -> None:
         """Begin from the state in `file`, if there is one; its alarms are not announced again.
 
-        `layout` is that of the estimates.
+        Learnt heats and offsets are kept as long as the tables of source and sensor are the same.
+
+        Args:
+            config: The configuration of sources and sensors.
+            layout: The layout of the estimates.
+            settings: The table `[alarms]`.
+            file: The state file; None keeps nothing.
         """
         self._settings = settings
         self._sensors = {s.channel: s.name for s in config.sensor}
@@ -85,7 +106,15 @@ class AlarmDesk:
             self._file.restore(self._take)
 
     def see(self, estimate: EstimateBlock, frame: FrameBlock, air_degC: float) -> None:
-        """Take one estimate, to learn the usual heats and offsets."""
+        """Take one estimate, to learn the usual heats and offsets.
+
+        Only good and degraded estimates count, and only while the source's law gives enough heat.
+
+        Args:
+            estimate: One estimate.
+            frame: The frame behind it.
+            air_degC: The air's temperature in °C; NaN leaves the heats out.
+        """
         dt_s = float(frame.dt_s[0])
         if estimate.quality[0] not in _BELIEVED or not 0.0 < dt_s <= _MOST_STEP_S:
             return
@@ -125,7 +154,15 @@ class AlarmDesk:
                 )  # fmt: skip
 
     def look(self, time_s: float, conditions: tuple[Condition, ...]) -> bool:
-        """Update the alarms from the conditions of a report; returns whether to publish a change at once."""
+        """Update the alarms from the conditions of a report.
+
+        Args:
+            time_s: The time of the report.
+            conditions: All of them.
+
+        Returns:
+            Whether a raised alarm has changed, so that the document is to be published at once.
+        """
         causes = map(self._cause, (*conditions, *self._disagreeing(), *self._heats()))
         holding = [cause for cause in causes if cause is not None and cause.kind not in self._settings.off]
         self._alarms = advance(self._alarms, holding, time_s)
@@ -144,12 +181,19 @@ class AlarmDesk:
         return {name: alarm.state for name, alarm in self._alarms.items() if alarm.is_raised}
 
     def move(self, by_s: float) -> None:
-        """Move all times by the step of the computer's clock."""
+        """Move all times by the step of the computer's clock, in s."""
         self._alarms = {name: alarm_states.moved(alarm, by_s) for name, alarm in self._alarms.items()}
         self._bands = {n: band._replace(at_s=band.at_s + by_s) for n, band in self._bands.items()}
 
     def acknowledge(self, name: str | None) -> str | None:
-        """Acknowledge an alarm, or all; returns None, or a sentence why that is not possible."""
+        """Acknowledge an alarm.
+
+        Args:
+            name: Its id; None for all.
+
+        Returns:
+            None if that is done, else a sentence with the alarms that there are.
+        """
         raised = [n for n, alarm in self._alarms.items() if alarm.is_raised]
         if name is not None and name not in raised:
             names = ", ".join(raised) or "none"
@@ -158,7 +202,11 @@ class AlarmDesk:
         return None
 
     def document(self, time_s: float) -> dict[str, Any]:
-        """The published document: the raised alarms, the worst first, and the state of the heats."""
+        """Return the published document: the raised alarms, the worst first, and the state of the heats.
+
+        Args:
+            time_s: The time of the document, in s of the service's clock.
+        """
         raised = sorted(self._raised, key=lambda name: self._alarms[name].rank)
         return {
             "time_s": time_s,
@@ -167,7 +215,14 @@ class AlarmDesk:
         }
 
     def close(self, timeout_s: float) -> bool:
-        """Write the file; returns whether that was done in time."""
+        """Write the file.
+
+        Args:
+            timeout_s: The longest wait, in s.
+
+        Returns:
+            Whether that was done in time.
+        """
         self._keep(math.inf, now=True)
         if self._writing is not None:
             self._writing.join(timeout_s)

@@ -56,7 +56,16 @@ _LEAST_RATIO = 0.02
 
 
 class Window(NamedTuple):
-    """A window of running that ended at `time_s`: means over it, of a law whose largest heat is `most_W`."""
+    """Means over a window of running.
+
+    Attributes:
+        time_s: When the window ended.
+        heat_W: The estimated heat.
+        sigma_W: Its standard deviation.
+        law_W: The heat by the law.
+        rise_K: The mean temperature of the screw above the air.
+        most_W: The largest heat of the law so far.
+    """
 
     time_s: float
     heat_W: float
@@ -69,14 +78,22 @@ class Window(NamedTuple):
 class Band(NamedTuple):
     """The usual heat of one source, as learnt, and the present residual.
 
-    - `theta` (3,) with covariance `P` (3, 3); `spread2`: the variance of a window about them.
-    - `running_h`: the hours of running of all windows; `most_W`: the largest heat of the law.
-    - `left`: the smoothed residual, `slow`: the same with a longer time constant; `ran_in`: the least value
-      of it while the machine ran in, at most 0.
-    - `line` (5,): the fading sums 1, t, t², y, t y of a line through the residual, t in days after `at_s`.
-    - `side`: +1 above the band, -1 below, 0 within.
-    - `unsure_h`: the hours of running since the last window that counted; `unsure`: the σ of the estimate in
-      the last of them, relative to the heat.
+    Residuals are logarithms of the heat over the law, less the learnt ones.
+
+    Attributes:
+        theta: The learnt parameters θ, (3,).
+        P: Their covariance, (3, 3).
+        spread2: The variance of a window about them.
+        running_h: Hours of running of all windows.
+        left: The smoothed residual.
+        slow: The same with a longer time constant.
+        ran_in: The least value of `slow` while the machine ran in, at most 0.
+        line: Fading sums 1, t, t², y, t y of a line through the residual, t in days after `at_s`, (5,).
+        at_s: The time of the last window; NaN before the first.
+        side: +1 above the band, −1 below, 0 within.
+        most_W: The largest heat of the law.
+        unsure_h: Hours of running since the last window that counted.
+        unsure: The σ of the estimate in the last of them, relative to the heat.
     """
 
     theta: FloatArray
@@ -95,16 +112,22 @@ class Band(NamedTuple):
 
 
 def nothing_known() -> Band:
-    """Return the band before the first window."""
+    """Return the band before the first window; the prior σ of θ are 1, 0.2 and 0.1."""
     return Band(
         np.zeros(3), np.diag(_PRIOR_SIGMA**2), 0.01, 0.0, 0.0, 0.0, 0.0, np.zeros(5), math.nan, 0, 0.0
     )
 
 
 def learnt(band: Band, window: Window, learn_h: float, deadband: float) -> Band:
-    """Return the band after a window; beyond `learn_h` hours of running it is only compared.
+    """Return the band after a window.
 
-    `deadband` is how much more than usual, as a part of it, a heat has to be.
+    A window with too little heat or too uncertain an estimate is not compared.
+
+    Args:
+        band: The band before.
+        window: Means over the window.
+        learn_h: Hours of running during which θ is learnt; beyond them the band is only compared.
+        deadband: How much more than usual, as a fraction, a heat has to be.
     """
     band = band._replace(most_W=max(band.most_W, window.law_W, window.most_W))
     if window.law_W <= LEAST_SHARE * band.most_W:
@@ -124,15 +147,20 @@ def learnt(band: Band, window: Window, learn_h: float, deadband: float) -> Band:
 
 
 def more_than_usual(band: Band) -> float:
-    """Return the logarithm of the heat over what is usual, of a machine that has run in."""
+    """Return the logarithm of the heat over the usual one, of a machine that has run in."""
     return band.left - band.ran_in
 
 
 def are_off_together(bands: Sequence[Band], learn_h: float, deadband: float) -> bool:
-    """Return whether several heats have left their bands to one side: one has, and no other would be within
-    its band again there.
+    """Return whether several heats have left their bands to one side.
 
-    No nut and no bearing wears as all others do at once, so this is something that they share.
+    One has, and no other would be within its band again there. No nut and no bearing wears as all others do
+    at once, so they have a common cause.
+
+    Args:
+        bands: The bands of the heats that share an input.
+        learn_h: Hours of running during which a band is learnt; False before all are.
+        deadband: How much more than usual, as a fraction, a heat has to be.
     """
     excess = [more_than_usual(band) for band in bands]
     limit = [CLEAR * _limit(band, None, deadband) for band in bands]
@@ -142,7 +170,12 @@ def are_off_together(bands: Sequence[Band], learn_h: float, deadband: float) -> 
 
 
 def sigma_of(band: Band, phi: FloatArray | None = None) -> float:
-    """Return the σ of the smoothed residual, from the estimates and the band."""
+    """Return the σ of the smoothed residual, from the estimates and the band.
+
+    Args:
+        band: The band.
+        phi: The features of a window, (3,); None for the largest heat of the law at no rise.
+    """
     phi = np.array([1.0, 0.0, 0.0]) if phi is None else phi
     return math.sqrt(band.spread2 * ALIKE_H / SMOOTH_H + float(phi @ band.P @ phi) + _FLOOR**2)
 
@@ -158,7 +191,7 @@ def why_unsure(band: Band) -> str | None:
 
 
 def trend_per_day(band: Band) -> float | None:
-    """Return by how much of itself the heat grows a day; None during the first day."""
+    """Return by how much of itself the heat grows a day, as a logarithm; None during the first day."""
     n, t, tt, y, ty = band.line
     spread = n * tt - t * t
     if n <= 0.0 or spread < (LEAST_DAYS * n) ** 2 / 12.0:
@@ -215,14 +248,20 @@ def _limit(band: Band, phi: FloatArray | None, deadband: float) -> float:
 
 
 def plain_of(band: Band) -> dict[str, Any]:
-    """The band as plain data, for a file."""
+    """Return the band as plain data, for a state file."""
     plain = band._asdict()
     lists = {key: value.tolist() for key, value in plain.items() if isinstance(value, np.ndarray)}
     return plain | lists | {"at_s": None if math.isnan(band.at_s) else band.at_s}
 
 
 def band_of(plain: Mapping[str, Any]) -> Band:
-    """A band from plain data; raises `ValueError`, `KeyError` or `TypeError` where it is not one."""
+    """Return a band from plain data, as a state file holds it.
+
+    Raises:
+        ValueError: If an array has another shape or is not finite.
+        KeyError: If an entry is missing.
+        TypeError: If an entry has another type.
+    """
     values: dict[str, Any] = {}
     for key, like in nothing_known()._asdict().items():
         if key in Band._field_defaults and key not in plain:

@@ -24,15 +24,29 @@ from observer.record.recorder import RecordStatus
 class Facts:
     """The facts behind conditions and a health report, gathered at one moment.
 
-    - `frame`, `estimate`: those of the last cycle, None before the first; `failure`: the error of that cycle.
-    - `had_estimate`: whether there has been a valid estimate.
-    - `findings`: those of the self-test and the screening; `observed`: problems beside the estimates, such as
-      those of the compensation; `notices`: further reasons, in words.
-    - `gap`: the figures of the open-loop prediction; `departure`: the part beyond its tolerances.
-    - `sensors`: the names of sensors by channel; `used_sensors`: those that the last estimate uses.
-    - `service`: the options that name the machine and axis to a command.
-    - `error_known_to_um`: half of the 95 % interval of the thermal error at the nut, or the largest along the
-      screw where the place of the nut is unknown.
+    Attributes:
+        time_s: The moment, in s of the service's clock.
+        frame: The frame of the last cycle; None before the first.
+        faults: The present fault of each faulty channel.
+        estimate: The quality of the last estimate; None before the first.
+        had_estimate: Whether there has been a valid estimate.
+        failure: The error of the last cycle; None without.
+        cycles: Estimates so far.
+        overruns: Ticks that were missed.
+        drivers: The status of each driver, and its readings so far.
+        record: The state of the recording; None if nothing is recorded.
+        publish: The state of publishing.
+        clock_offset_s: How far the computer's clock is ahead.
+        findings: Those of the self-test and the screening.
+        notices: Further reasons, in words.
+        gap: The figures of the open-loop prediction; None before an hour of work.
+        departure: The part of its residual beyond the tolerances; None without.
+        sensors: The names of sensors by channel.
+        used_sensors: Those that the last estimate uses.
+        observed: Problems beside the estimates, such as those of the compensation.
+        service: The options that name the machine and axis to a command.
+        error_known_to_um: Half of the 95 % interval of the thermal error at the nut, or the largest along the
+            screw where the place of the nut is unknown; None if it is not known.
     """
 
     time_s: float
@@ -59,13 +73,18 @@ class Facts:
 
     @property
     def degraded_sensors(self) -> tuple[str, ...]:
-        """The names of the sensors that the last estimate does not use."""
+        """The names of the sensors that the last estimate does not use; all of them after a failed step."""
         used = frozenset() if self.failure else self.used_sensors
         return tuple(name for name in self.sensors.values() if name not in used)
 
 
 def of_finding(finding: Finding, service: str = "") -> Condition:
-    """Return the condition of a finding; `service` are the options of a command."""
+    """Return the condition of a finding.
+
+    Args:
+        finding: One of the self-test or the screening.
+        service: The options that name the machine and axis, for a remedy that is a command.
+    """
     detail = service if finding.fault is Fault.LEAPT else ""
     return Condition(
         KIND_OF_FAULT[finding.fault], finding.subject, detail, finding.since_s, finding.value,
@@ -86,12 +105,22 @@ def of_departure(departure: Departure) -> Condition:
 
 
 def of_channel(name: str, quality: Quality, fault: str | None = None) -> Condition:
-    """Return the condition of a channel that is not good, by quality and fault."""
+    """Return the condition of a channel that is not good.
+
+    Args:
+        name: The channel.
+        quality: Its quality, not good.
+        fault: Its fault; None if it has none, as for a stale value.
+    """
     return Condition(ConditionKind.CHANNEL, name, fault or "", quality=quality)
 
 
 def conditions(facts: Facts) -> tuple[Condition, ...]:
-    """Return all problems; an unexplained one only if no other one concerns field and thermal error."""
+    """Return all problems, in a fixed order of their kinds.
+
+    An estimate that is not good always has a reason: one is added if no other problem concerns field and
+    thermal error.
+    """
     problems = tuple(_problems(facts))
     is_explained = not all(condition.kind.value.is_beside_the_error for condition in problems)
     return problems if is_explained else (*problems, *_unexplained(facts))

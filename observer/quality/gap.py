@@ -46,14 +46,23 @@ _DWELL, _COOL = PHASES.index("dwell"), PHASES.index("cool_down")
 
 @dataclass(frozen=True, slots=True)
 class GapState:
-    """The state after a step that ended at `time_s`, NaN before the first or after a break.
+    """The state after a step, for s sensors.
 
-    - `x`, `theta`, `P`: those of `TolerantState`.
-    - `sums` (phases, s, 3): the fading integrals of gap², allowed² and time. `waiting` (s, 3): those of a
-      standstill of `stood_s` that may be a dwell or a cool-down.
-    - `judged_s`: the time of work; `most_W`: the largest heat of any law.
-    - `rise_K`: the mean rise of the sensors; `fastest_K_s`: its fastest growth.
-    - `last_s`: since when a gap is reported, NaN without one, at sensor number `sensor` in `phase`.
+    Attributes:
+        time_s: When the step ended; NaN before the first or after a break.
+        x: The prediction's states, those of `TolerantState`.
+        theta: Its parameters.
+        P: Their covariance.
+        sums: Fading integrals of gap², allowed² and time, in K² s and s, (phases, s, 3).
+        waiting: The same over a standstill that may be a dwell or a cool-down, (s, 3).
+        stood_s: How long that standstill has lasted.
+        judged_s: The time of work.
+        rise_K: The mean rise of the sensors above the air; NaN before two steps.
+        fastest_K_s: Its fastest growth, which fades over days.
+        most_W: The largest heat of any law.
+        last_s: Since when a gap is reported; NaN without one.
+        sensor: The index of the sensor with the largest ratio then; −1 without.
+        phase: The index of the phase in which that is largest; −1 without.
     """
 
     time_s: float
@@ -73,7 +82,15 @@ class GapState:
 
 
 class Departure(NamedTuple):
-    """A gap beyond the allowed one: sensor, onset, the phase in which it is largest, and its size."""
+    """A gap beyond the allowed one.
+
+    Attributes:
+        sensor: The sensor at which it is largest.
+        since_s: When it began.
+        phase: The phase of work in which it is largest, one of `PHASES`.
+        rms_K: Its root mean square, in K.
+        allowed_K: The root mean square that the tolerances allow.
+    """
 
     sensor: str
     since_s: float
@@ -83,10 +100,19 @@ class Departure(NamedTuple):
 
 
 class GapWatch:
-    """Watches the gap; `figures` and `departure` describe it, `state` is what a checkpoint keeps."""
+    """Watches the gap; nothing that it does influences an estimate.
+
+    Attributes:
+        state: The state that a checkpoint keeps.
+    """
 
     def __init__(self, tolerant: Tolerant, sensors: tuple[str, ...]) -> None:
-        """Begin with nothing known of the machine."""
+        """Begin with nothing known of the machine.
+
+        Args:
+            tolerant: The prediction with the tolerances of its parameters.
+            sensors: The names of the s sensors.
+        """
         self._tolerant = tolerant
         self._sensors = sensors
         self.state = self.initial()
@@ -96,7 +122,7 @@ class GapWatch:
         self._departures: list[Departure] = []
 
     def initial(self) -> GapState:
-        """The state before the first input."""
+        """Return the state before the first input."""
         s, begin = len(self._sensors), self._tolerant.initial()
         unknown = math.nan
         return GapState(
@@ -105,7 +131,7 @@ class GapWatch:
         )  # fmt: skip
 
     def restore(self, state: GapState) -> None:
-        """Go on from a state."""
+        """Continue from a state; inputs of the minute that was not complete are dropped."""
         self.state, self._parts, self._minute = state, [], math.nan
 
     def reset(self) -> None:
@@ -113,7 +139,10 @@ class GapWatch:
         self.restore(replace(self.state, time_s=math.nan))
 
     def take(self, inputs: Inputs) -> None:
-        """Take the inputs of K steps of the estimator, in order."""
+        """Take the inputs of K steps of the estimator, in order.
+
+        The prediction advances once a minute of the inputs' time, so the last minute waits for its end.
+        """
         minutes = np.floor(inputs.time_s / STEP_S)
         turns = np.flatnonzero(np.diff(minutes)) + 1 if len(inputs) > 1 else ()
         edges = [0, *map(int, turns), len(inputs)]
@@ -195,12 +224,12 @@ class GapWatch:
 
     @property
     def of_allowed(self) -> float:
-        """The largest ratio of any sensor's gap to the allowed one."""
+        """The largest ratio of any sensor's gap to the allowed one; 0 before there is enough work or rest."""
         return float(np.max(_ratios(self.state.sums), initial=0.0))
 
     @property
     def departure(self) -> Departure | None:
-        """The departure reported now, None without."""
+        """The departure reported now; None without. It begins at a ratio of 1.3 and ends at 1."""
         state = self.state
         if math.isnan(state.last_s):
             return None
@@ -213,8 +242,8 @@ class GapWatch:
 
     @property
     def history(self) -> dict[str, Any]:
-        """For the summary of a replay: the figures at the end, the largest gap over what was allowed of any
-        sensor, and every departure.
+        """For the summary of a replay: the figures at the end, the largest ratio of any sensor, and every
+        departure.
         """
         departures = [
             {"sensor": d.sensor, "since_s": d.since_s, "phase": d.phase, "rms_K": round(d.rms_K, 3),
@@ -225,7 +254,9 @@ class GapWatch:
 
     @property
     def figures(self) -> dict[str, Any] | None:
-        """For health, None before an hour of work."""
+        """The figures for health: hours, gap and allowed gap in K rms, by sensor and in all; None before an
+        hour of work.
+        """
         state = self.state
         work = state.sums[_REST + 1 :].sum(axis=0)
         if state.judged_s < 3600.0 * LEAST_H or not work[:, 2].any():

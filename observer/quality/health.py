@@ -21,14 +21,18 @@ _DIGITS, _DIGITS_OF_DISPLACEMENT = 4, 9
 class Health:
     """A health report.
 
-    - `state`: `starting`, `good`, `degraded`, `stale` or `invalid`.
-    - `quality`: that of the estimates, `invalid` before the first.
-    - `conditions`: the reasons for both; `reasons` has their sentences.
-    - `channels`: `quality`, `age_s` of the last usable value (None before the first) and `fault` of each. A
-      fresh channel that the estimate does not use has the quality `excluded`. Its `excess` has a `value`, a
-      standard deviation `sigma` (None while unknown) and a `unit`.
-    - `degraded_sensors`: the sensors that the last estimate does not use, of `sensors` in all.
-    - `error_known_to_um`: half of the 95 % interval of the thermal error at the nut.
+    Attributes:
+        time_s: The time of the report.
+        state: `starting`, `good`, `degraded`, `stale` or `invalid`.
+        quality: That of the estimates, `invalid` before the first.
+        conditions: The reasons for both.
+        channels: `quality`, `age_s` of the last usable value (None before the first) and `fault` of each. A
+            fresh channel that the estimate does not use has the quality `excluded`. Its `excess` has a
+            `value`, a standard deviation `sigma` (None while unknown) and a `unit`.
+        counts: Counts of drivers, cycles, publishing and recording, by name.
+        sensors: How many sensors are configured.
+        degraded_sensors: The sensors that the last estimate does not use.
+        error_known_to_um: Half of the 95 % interval of the thermal error at the nut; None if it is not known.
     """
 
     time_s: float
@@ -54,7 +58,7 @@ class Health:
         return self.state, self.quality, identities, channels, self.degraded_sensors
 
     def document(self) -> dict[str, Any]:
-        """The published form of the report."""
+        """Return the published form of the report, the document of the key `health`."""
         head = {"time_s": self.time_s, "state": self.state, "quality": self.quality, "reasons": self.reasons}
         sensors = {
             "sensors_used": self.sensors - len(self.degraded_sensors),
@@ -67,7 +71,11 @@ class Health:
 
 
 def assess(facts: Facts) -> Health:
-    """Return the health report of the facts."""
+    """Return the health report of the facts.
+
+    The state is that of the estimates, but degraded instead of good where a problem concerns them. Problems
+    of the compensation, of one heat alone, or of sensors that are not used do not change it.
+    """
     problems = conditions(facts)
     record = facts.record or RecordStatus()
     counts = {

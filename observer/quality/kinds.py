@@ -35,10 +35,17 @@ from observer.quality.alarm_classes import (
 class Condition:
     """One problem.
 
-    - `about`: the sensor, channel, source or driver; `other`: a second sensor with the same problem.
-    - `detail`: a fault or a phase in one word, or a reported text.
-    - `value`, `expected` (NaN without), `unit` and `returns_s`: those of `Finding`.
-    - `quality`: that of a channel or of the estimate.
+    Attributes:
+        kind: Its kind, with sentence and alarm.
+        about: The sensor, channel, source or driver; empty if it concerns the whole service.
+        detail: A fault or a phase in one word, or a reported text.
+        since_s: When it began; NaN if that is not known.
+        value: Its figure, with the meaning and unit of its kind; NaN without.
+        expected: The figure to compare with; NaN without.
+        other: A second sensor with the same problem; empty without.
+        quality: That of a channel or of the estimate; None for other kinds.
+        unit: The unit of a sensor's figures, `K` or `um`.
+        returns_s: In how many seconds an excluded sensor is used again; NaN while that is open.
     """
 
     kind: ConditionKind
@@ -54,7 +61,10 @@ class Condition:
 
     @property
     def identity(self) -> tuple[Any, ...]:
-        """The identity of the condition, whatever its present figures."""
+        """The identity of the condition, whatever its present figures.
+
+        A report whose identities have changed is published at once.
+        """
         is_returning = math.isfinite(self.returns_s)
         return self.kind, self.about, self.other, self.detail, self.quality, is_returning
 
@@ -78,7 +88,11 @@ _EPOCH_FROM_S = 1e8  # a smaller time counts from the start of a log
 
 
 def clock(time_s: float) -> str:
-    """Return the hour and minute of an epoch time, or seconds for a time that counts from a log's start."""
+    """Return the hour and minute of an epoch time, or seconds for a time that counts from a log's start.
+
+    Args:
+        time_s: The time; below 1e8 s it counts from the start of a log.
+    """
     if time_s < _EPOCH_FROM_S:
         return f"{time_s:.0f} s"
     return f"{datetime.fromtimestamp(time_s).astimezone():%H:%M}"
@@ -185,13 +199,17 @@ _FIGURES = ("value", "expected", "since_s")
 class KindRecord:
     """The description of a kind of condition.
 
-    - `sentence` returns the text of one condition.
-    - `alarm`: the class of the alarm that it raises, if any, from a value of `alarm_from` on. `target` is the
-      alarm's target if the condition names nothing, and `alarm_name` distinguishes several of one target.
-    - `figures`: the names of the condition's value, expected value and time in the alarm.
-    - `fault`: the finding of the self-test or the screening that has this kind.
-    - `excess_unit`: the unit of the excess of a channel that the condition excludes.
-    - `is_beside_the_error`: field and thermal error are unaffected.
+    Attributes:
+        sentence: Returns the text of one condition, with its remedy and without full stop.
+        alarm: The class of the alarm that it raises; None for a reason of health only.
+        target: The alarm's target if the condition names nothing.
+        alarm_name: Distinguishes several alarms of one target; None without.
+        alarm_from: The condition's value from which the alarm is raised.
+        figures: The names of the condition's value, expected value and time in the alarm.
+        fault: The finding of the self-test or the screening that has this kind; None without.
+        excess_unit: The unit of the excess of a channel that the condition excludes; None if it excludes
+            none.
+        is_beside_the_error: Whether field and thermal error are unaffected.
     """
 
     sentence: Sentence
@@ -211,7 +229,7 @@ def _test(fault: Fault, sentence: Sentence, **fields: Any) -> KindRecord:
 
 
 class ConditionKind(Enum):
-    """All kinds of conditions."""
+    """All kinds of conditions; the value of each is its record."""
 
     STEP_FAILED = KindRecord(
         lambda c: f"the estimator's step failed: {c.detail}", ESTIMATE_ALARM, target="estimator"

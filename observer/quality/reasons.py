@@ -14,17 +14,24 @@ from observer.quality.kinds import Condition, ConditionKind
 
 
 class NotGood:
-    """Counts the steps of a log that are not good, for each condition, block by block."""
+    """Counts the steps of a log that are not good, for each condition, block by block.
+
+    Every step that is not good has at least one reason.
+    """
 
     def __init__(self, channels: Sequence[str]) -> None:
-        """Begin before the first step."""
+        """Begin before the first step.
+
+        Args:
+            channels: The channels of the frames, in their order.
+        """
         self._channels = channels
         self._steps = np.zeros((len(channels), len(Quality)), dtype=np.int64)
         self._is_starting = True
         self._conditions: Counter[Condition] = Counter()
 
     def take(self, frames: FrameBlock, block: EstimateBlock) -> None:
-        """Add the frames of a block and its estimates."""
+        """Add the frames of a block and its estimates, both of the same K steps."""
         qualities = frames.quality[block.quality != EstimateQuality.GOOD]
         for quality in Quality:
             self._steps[:, quality] += np.count_nonzero(qualities == quality, axis=0)
