@@ -435,4 +435,6 @@ def speed_channel(machine: Description, named_channel: str | None, kind: str) ->
     for channel in (named_channel, *(s.speed_channel for s in machine.source)):
         if channel is not None:
             return channel
-    raise ConfigError(f'effect "{kind}": no source has a speed_channel; name it in the effect')
+    raise ConfigError(
+        f'effect "{kind}": no source has a speed_channel; give the effect its own speed_channel'
+    )

@@ -184,7 +184,8 @@ class FrictionSpeed(EffectTable):
 
         if base.named_source(machine, self.target, self.kind).law not in SPEED_LAWS:
             raise ConfigError(
-                f'effect "{self.kind}": the law of "{self.target}" does not go with speed; remove the effect'
+                f'effect "{self.kind}": the law of "{self.target}" does not depend on speed; name another '
+                "source, or remove the effect"
             )
         return (LawFactor(self.target, factor),)
 
@@ -244,7 +245,7 @@ class Dwell(EffectTable):
         source = base.named_source(machine, self.target, self.kind)
         if source.shape != "nut":
             raise ConfigError(
-                f'effect "{self.kind}": target "{source.name}" is no nut; name a source of that shape'
+                f'effect "{self.kind}": target "{source.name}" is no nut; name a source of shape = "nut"'
             )
         base.heats_screw(source, self.kind)
         return (StrokeEnds(source.name, self.fraction),)

@@ -223,9 +223,13 @@ def _refuse_unknown(plant: Plant, state: EstimatorState) -> None:
     """Raise `ValueError` if the state has no finite estimate with a covariance."""
     n = len(plant.decay_1_s) + int(plant.estimated.sum()) + plant.learnt
     if not state.started or state.x_hat.shape != (n,) or state.P.shape != (n, n):
-        raise ValueError("there is no estimate with a covariance to go ahead from")
+        raise ValueError(
+            "a forecast needs an estimate with its σ, and there is none yet; wait for readings of all sensors"
+        )
     if not (np.isfinite(state.x_hat).all() and np.isfinite(state.P).all()):
-        raise ValueError("the estimate is not a number")
+        raise ValueError(
+            "the estimate is not finite, so there is no forecast; check the readings and the configuration"
+        )
 
 
 def _of_means(P: FloatArray, heats: slice, sigma_W: FloatArray, is_idle: BoolArray) -> FloatArray:

@@ -181,7 +181,7 @@ def learnt(bins: Bins) -> Program:
         ValueError: If they cover less than a minute.
     """
     if len(bins.dt_s) < FEWEST:
-        raise ValueError("the program is not known yet; it is learnt in the first minute")
+        raise ValueError("the program is not known yet; wait for a minute of operation")
     total_W = bins.total_W
     if total_W[-_LAST:].max() <= _IDLE_W and period_bins(total_W) is None:
         now = bins.at(slice(-_LAST, None))
@@ -212,7 +212,7 @@ def repeating(bins: Bins, past: Bins) -> Program:
         ValueError: If `past` covers less than a minute.
     """
     if len(past.dt_s) < FEWEST:
-        raise ValueError("the heats are not known yet; they are learnt in the first minute")
+        raise ValueError("the heats are not known yet; wait for a minute of operation")
     whole_s = float(bins.dt_s.sum())
     return Program("given", whole_s, f"the program that is given, {whole_s / 60:.3g} min", bins, past, 0.0)
 

@@ -57,8 +57,8 @@ def refuse_bent(plant: Plant) -> None:
     c = plant.coupling
     if c.radiation > 0.0 or c.rising > 0.0 or c.fades.per_K.any():
         raise UserError(
-            "radiation, natural convection or friction that fades bends the way from heats to temperatures, "
-            "and conjugate-gradient needs a straight one; use --method smoother"
+            "conjugate-gradient needs temperatures that are linear in the heats, but an [[effect]] adds "
+            "radiation, natural convection or fading friction; use --method smoother"
         )
 
 
@@ -223,9 +223,9 @@ def stepwise(plant: Plant, log: Readings) -> Callable[[FloatArray], tuple[FloatA
     """
     if plant.coupling.active:
         raise UserError(
-            "a body rides on a nut that moves, or an effect changes the plant with speed, temperature or "
-            "time, and --gradient central-differences needs one that stays as it is; use --gradient adjoint, "
-            "or --method smoother"
+            "--gradient central-differences needs a machine that does not change in time, but a body moves "
+            "with a nut, or an [[effect]] depends on speed, temperature or time; use --gradient adjoint, or "
+            "--method smoother"
         )
     plant, u = plant.sensors_only(), log.inputs
     lengths_s, index = np.unique(quantise(u.dt_s), return_inverse=True)

@@ -58,7 +58,7 @@ class Learner:
             ValueError: Before the first step.
         """
         if self._parts is None:
-            raise ValueError("the program is not known yet; it is learnt in the first minute")
+            raise ValueError("the program is not known yet; wait for a minute of operation")
         return self._parts
 
 

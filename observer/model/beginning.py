@@ -41,11 +41,20 @@ class Response(NamedTuple):
 
     @classmethod
     def of(cls, plant: Plant, step_K: FloatArray) -> Response:
-        """Return the response of a plant to a step (p,) of its known inputs."""
+        """Return the response of a plant to a step of its known inputs.
+
+        Args:
+            plant: The model.
+            step_K: Change of each known input, K, (p,).
+        """
         return cls(plant.decay_1_s, plant.E @ step_K, plant.rows.C, plant.rows.F @ step_K)
 
     def after(self, time_s: FloatArray) -> FloatArray:
-        """Return the rows (K, R) at times (K,) after the step."""
+        """Return the rows at times after the step, °C or µm beyond those before it, (K, R).
+
+        Args:
+            time_s: Times since the step, s, (K,).
+        """
         return held_s(self.decay_1_s, time_s[:, None]) * self.drives @ self.C.T + self.at_once
 
 
@@ -69,7 +78,14 @@ class Beginning(NamedTuple):
     lasts_s: float
 
     def add_to(self, rows: FloatArray, time_s: FloatArray) -> None:
-        """Write the start into output rows (K, R) at times (K,), and add the difference of both responses."""
+        """Write the start into output rows, and add the difference of both responses.
+
+        Rows up to `begin_s` become those of the start. Later ones are corrected for `lasts_s`.
+
+        Args:
+            rows: Output rows of a simulation with the reduced plant, (K, R), changed in place.
+            time_s: Their times, s, (K,).
+        """
         after_s = time_s - self.begin_s
         rows[after_s <= 0.0] = self.rows
         lacking = np.flatnonzero((after_s > 0.0) & (after_s < self.lasts_s))
@@ -82,8 +98,12 @@ def beginning(
 ) -> Beginning:
     """Return the start of a screw at one temperature, its lags empty: no heat has acted yet.
 
-    `z` (p,) are the known inputs from `begin_s` on; until then ends and air had the screw's temperature.
-    Without a configuration, `reference` is None.
+    Args:
+        plant: The model.
+        config: Its configuration, for a plant with many modes. None makes no correction.
+        temperature_degC: Temperature of the screw at the start, °C. Until `begin_s` ends and air have it too.
+        z: Known inputs from `begin_s` on, (p,).
+        begin_s: Time at which the known inputs begin to act, s.
     """
     columns = plant.known
     before = z.copy()

@@ -28,7 +28,14 @@ class _Arguments:
 
 
 def cached(size: int) -> Callable[[Callable[P, FloatArray]], Callable[P, FloatArray]]:
-    """Return a decorator that caches the last `size` results of a function; each caller gets a copy."""
+    """Return a decorator that caches results of a function that returns one array.
+
+    Arguments are compared by their pickled bytes, arrays included. Each caller gets a copy. Calling the
+    function with keyword arguments raises `TypeError`.
+
+    Args:
+        size: Number of results that are stored; the one unused for longest goes first.
+    """
 
     def decorate(function: Callable[P, FloatArray]) -> Callable[P, FloatArray]:
         @lru_cache(maxsize=size)

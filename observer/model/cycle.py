@@ -37,7 +37,13 @@ SWEEP_PHASES = 8
 
 
 class Sweep(NamedTuple):
-    """A nut's motion to and fro between two places, m, at a speed, m/s; at zero speed it rests midway."""
+    """A nut's motion to and fro between two places.
+
+    Attributes:
+        low_m: Lower end, m.
+        high_m: Upper end, m.
+        speed_m_s: Speed, m/s; at zero speed it rests midway.
+    """
 
     low_m: float
     high_m: float
@@ -45,7 +51,7 @@ class Sweep(NamedTuple):
 
     @property
     def middle_m(self) -> float:
-        """The middle of both places."""
+        """Middle of both ends, m."""
         return 0.5 * (self.low_m + self.high_m)
 
 
@@ -73,9 +79,15 @@ def ripple(
 ) -> Ripple:
     """Return the readings of sensors in the periodic steady state of a sweep, by Fourier series.
 
-    `decay_1_s` (N,) are the rates of the modes. `C` and `slope_C` (s, N) are the sensors' rows of T and
-    ∂T/∂x, `lag_s` (s,) their lags. Each mode answers a harmonic by 1/(λ + iω), the column of the lag by g/(g
-    + iω).
+    Each mode answers a harmonic by 1/(λ + iω), the column of the lag by g/(g + iω).
+
+    Args:
+        table: Table of the nut.
+        sweep: Its motion, at a speed above zero.
+        decay_1_s: Decay rates λ of the modes, 1/s, (N,).
+        C: Rows of the sensors, (s, N).
+        slope_C: Rows of ∂T/∂x at the sensors, 1/m, (s, N).
+        lag_s: Lags of the sensors, s, (s,).
     """
     N, s = len(decay_1_s), len(C)
     way = np.abs((np.arange(_PLACES) + 0.5) / (_PLACES / 2) - 1.0)
@@ -111,12 +123,12 @@ class Stage(NamedTuple):
     """A stretch of time with constant inputs.
 
     Attributes:
-        duration_s: Its length.
-        law_W: Each source's heat by its law, (m,).
-        heat_W: The heat taken as true, (m,).
+        duration_s: Its length, s.
+        law_W: Each source's heat by its law, W, (m,).
+        heat_W: The heat taken as true, W, (m,); larger than the law's for a source without one.
         z: The known inputs, °C, (p,).
-        loss_1_s: Rate of the losses by speed and by radiation, the same along the screw.
-        drawn_degC: The temperature that these losses approach.
+        loss_1_s: Rate of the losses by speed and by radiation, 1/s, the same along the screw.
+        drawn_degC: The temperature that these losses approach, °C.
         sweeps: Motions of the moving sources, (M,); None if the samples do not resolve them.
     """
 
@@ -130,10 +142,15 @@ class Stage(NamedTuple):
 
 
 def standard_shift(config: Config, plant: Plant) -> tuple[Stage, ...]:
-    """Return the stages of the standard shift of a configuration and its plant.
+    """Return the stages of the standard shift: 5 min rest, 90 min work, 10 min dwell, 30 min work, 60 min
+    rest.
 
-    While the machine works, a source without a law, or with a law of a measured power, has its
-    `initial_sigma_W`.
+    The machine works at 1000 rpm in air at its constant temperature, or 20 °C. Meanwhile a source without a
+    law, or with a law of a measured power, has its `initial_sigma_W`.
+
+    Args:
+        config: The machine.
+        plant: Its model.
     """
     return tuple(_stage(config, plant, duration_s, share * SPEED_RPM) for duration_s, share in SHIFT)
 

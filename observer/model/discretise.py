@@ -50,15 +50,25 @@ class StepMatrices(NamedTuple):
 
 
 def quantise(dt_s: FloatArray) -> FloatArray:
-    """Round steps to whole microseconds: epoch seconds in double precision resolve 2.4e-7 s."""
+    """Return steps rounded to whole microseconds: epoch seconds in double precision resolve 2.4e-7 s.
+
+    Args:
+        dt_s: Lengths of steps, s, any shape.
+    """
     return np.rint(dt_s * TICKS_PER_S) / TICKS_PER_S
 
 
 def step_matrices(plant: Plant, dt_s: float) -> StepMatrices:
-    """Discretise the plant exactly over `dt_s`.
+    """Return the exact step of a plant.
 
-    Raises `ValueError` for a negative or non-finite step: time must not run backwards.
     Source: Van Loan (1978) for the covariance's definition; written out for a diagonal plant.
+
+    Args:
+        plant: The model; its couplings are not part of the step.
+        dt_s: Length of the step, s. 0 gives the identity without noise.
+
+    Raises:
+        ValueError: If the length is negative or not finite: time must not run backwards.
     """
     if not (np.isfinite(dt_s) and dt_s >= 0.0):
         raise ValueError(f"a step of {dt_s} s cannot be taken; times must increase")
@@ -80,9 +90,16 @@ def step_matrices(plant: Plant, dt_s: float) -> StepMatrices:
 
 
 def augmented(plant: Plant, step: StepMatrices) -> tuple[FloatArray, FloatArray]:
-    """Dense transition Ad and noise Qd, both (n, n), of the pair [x | δ] with the plant's own (mean) columns.
+    """Return the dense step of the pair [x | δ] with the plant's own (mean) columns.
 
     Ad = [[diag e, G], [0, diag γ]] with G_ij = B_ij couple_ji. Couplings of the states are not included.
+
+    Args:
+        plant: The model.
+        step: Its step.
+
+    Returns:
+        Transition Ad and noise Qd, both (n, n) with n = n_x + m_e.
     """
     B = plant.B[:, plant.estimated]
     n_x, m_e = B.shape
@@ -97,7 +114,13 @@ def augmented(plant: Plant, step: StepMatrices) -> tuple[FloatArray, FloatArray]
 
 
 def fixed_noise(plant: Plant, step: StepMatrices, walking: np.typing.NDArray[np.bool_]) -> FloatArray:
-    """Covariance (n_x, n_x) left by the field's own noise and the walks of the heats `walking` (m_e,)."""
+    """Return the covariance left by the field's own noise and the walks of some heats, (n_x, n_x).
+
+    Args:
+        plant: The model, with mean columns for moving nuts.
+        step: Its step.
+        walking: True for heats whose walk counts, (m_e,).
+    """
     Q = plant.field_noise_Q * step.dt_s
     columns = plant.B[:, plant.estimated].T
     for j in np.flatnonzero(walking):

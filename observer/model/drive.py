@@ -52,7 +52,16 @@ class DriveState:
 
 
 class Driving(NamedTuple):
-    """The inputs of the open loop in K steps; each as in `Inputs`."""
+    """The inputs of the open loop in K steps.
+
+    Attributes:
+        law_W: Heats by law, mean over each step, W, (K, m).
+        law_jump_W: Their change since the step before, W, (K, m).
+        z_start: Known inputs at the beginning of each step, °C, (K, p).
+        z_end: Known inputs at its end, °C, (K, p).
+        loss_1_s: Rate of the uniform loss by speed, 1/s, (K,).
+        loss_degC: Temperature that it approaches, °C, (K,).
+    """
 
     law_W: FloatArray
     law_jump_W: FloatArray
@@ -63,10 +72,24 @@ class Driving(NamedTuple):
 
 
 class Drive:
-    """The plant's reading of the channels; has no state of its own."""
+    """The plant's reading of the channels; has no state of its own.
+
+    Attributes:
+        losses: Losses that depend on the speed.
+        displaces: Whether a sensor measures displacement.
+        read: Record of `ColumnsRead` for the last channels; None before any.
+    """
 
     def __init__(self, config: Config, plant: Plant) -> None:
-        """Assign the channels to the inputs."""
+        """Assign the channels to the inputs.
+
+        Args:
+            config: The machine with its effects.
+            plant: Its model.
+
+        Raises:
+            ConfigError: If an effect is impossible on this machine.
+        """
         machine = realise(config)
         config = machine.config
         self._plant = plant
@@ -112,7 +135,7 @@ class Drive:
         self.read: Any = None
 
     def initial(self) -> DriveState:
-        """Return the state before the first frame."""
+        """Return the state before the first frame: constants known, channels NaN."""
         z = np.array([np.nan if fixed is None else fixed for fixed in self._known_fixed])
         return DriveState(
             law_W=np.full(len(self._laws), np.nan),
@@ -125,7 +148,15 @@ class Drive:
         )
 
     def run(self, state: DriveState, frames: FrameBlock) -> tuple[DriveState, Inputs]:
-        """Return the state after K frames and the inputs of the K steps they end."""
+        """Return the state after K frames and the inputs of the K steps they end.
+
+        Args:
+            state: The state after the frame before.
+            frames: At least one frame with all channels that the model reads.
+
+        Raises:
+            KeyError: If a channel that the model reads is missing.
+        """
         desk, begin_s, running_s = self._driven(state, frames)
         nuts, turns, moving_B, moving_C = self._nuts(state, frames)
         inputs = Inputs(
@@ -137,7 +168,11 @@ class Drive:
         return DriveState(desk.law[-1], desk.z[-1], nuts, turns, begin_s, last_s, running_s), inputs
 
     def open_loop(self, frames: FrameBlock) -> Driving:
-        """Return the inputs of a plant in a log from its first frame on, without columns of nuts."""
+        """Return the inputs of a plant in a log, without readings and columns of nuts.
+
+        Args:
+            frames: The log from its first frame on; running times begin at 0.
+        """
         desk, _, _ = self._driven(self.initial(), frames)
         losses = self.loss(frames.values, desk.z_end[:, self._known.ambient])
         return Driving(desk.law_W, desk.jump_W, desk.z_start, desk.z_end, *losses)
@@ -153,10 +188,16 @@ class Drive:
         return desk, begin_s, running_s
 
     def displace(self, time_s: FloatArray, y_degC: FloatArray, usable: BoolArray, begin_s: float) -> None:
-        """Convert the readings (K, s) of displacements to µm, in place, and mark which of them are usable.
+        """Convert the readings of displacements to µm, in place, and mark which of them are usable.
 
         An estimate starts from temperatures. So a displacement is usable after the first frame, once a
         thermocouple has had a value.
+
+        Args:
+            time_s: Times of the frames, s, (K,).
+            y_degC: Readings in the units of their channels, (K, s).
+            usable: True for readings that may correct, (K, s), changed in place.
+            begin_s: Time of the first frame, s.
         """
         if self.displaces:
             thermal = self._plant.thermal
@@ -165,7 +206,11 @@ class Drive:
             usable[:, ~thermal] &= started[:, None]
 
     def set_channels(self, channels: tuple[str, ...]) -> None:
-        """Find the columns of frames with these channels."""
+        """Find the columns of frames with these channels; nothing happens for the same tuple as before.
+
+        Raises:
+            KeyError: If a channel that the model reads is missing.
+        """
         if channels is not self._channels:
             self._channels, self.read = channels, record(self._places(channels))
 
@@ -197,9 +242,17 @@ class Drive:
         running_s: FloatArray,
         sources: Sequence[int],
     ) -> FloatArray:
-        """Fill in the heats by some laws at each tick, (K, m), W, NaN before the first value.
+        """Fill in the heats by some laws at each tick, W, NaN before the first value.
 
-        Returns the running time of each law, (m,), s.
+        Args:
+            law: Heats of all m sources, W, (K, m), changed in place.
+            values: Values of the channels, (K, channels).
+            dt_s: Lengths of the steps, s, (K,).
+            running_s: Running time of each law before, s, (m,).
+            sources: Numbers of the sources to compute.
+
+        Returns:
+            The running time of each law after the last tick, s, (m,).
         """
         for j in sources:
             read = [values[:, i] for i in self._law_columns[j]] or [np.zeros(len(values))]
@@ -214,7 +267,11 @@ class Drive:
         return running_s
 
     def products(self) -> tuple[Products, list[int]]:
-        """Return the laws as products, and the numbers of those that are not constant products."""
+        """Return the laws as products for the kernel, and the numbers of those that are not constant
+        products.
+
+        The latter are computed by `heats`.
+        """
         laws = [
             law if isinstance(law, Product) and not factors else Product(NO_PRODUCT, ())
             for (_, law), factors in zip(self._laws, self._factors, strict=True)
@@ -230,9 +287,13 @@ class Drive:
         return products, [j for j, law in enumerate(laws) if law.base == NO_PRODUCT]
 
     def loss(self, values: FloatArray, ambient_degC: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the rate (K,) of the losses by speed, 1/s, and the temperature (K,) that they approach, °C.
+        """Return the rate of the losses by speed, 1/s, (K,), and the temperature that they approach, °C,
+        (K,).
 
-        A measured temperature is replaced by the ambient's before its first value.
+        Args:
+            values: Values of the channels, (K, channels). A missing speed counts as 0. A measured temperature
+                is replaced by the ambient's before its first value.
+            ambient_degC: Temperature of the air, °C, (K,).
         """
         rate, drawn = np.zeros(len(values)), np.zeros(len(values))
         if not self.losses:
@@ -329,7 +390,13 @@ def _desk(frames: FrameBlock, state: DriveState, s: int) -> DriveDesk:
 
 
 class Products(NamedTuple):
-    """Laws as products (see `law.Product`): `base`, `column` (m,), `factors` (m, f), padded with 1."""
+    """Laws as products (see `law.Product`) for the kernel.
+
+    Attributes:
+        base: Code of the base of each law, (m,); `NO_PRODUCT` for other laws.
+        column: Column of the law's channel, (m,).
+        factors: Factors, (m, f), padded with 1.
+    """
 
     base: NDArray[np.int64]
     column: NDArray[np.int64]
@@ -339,7 +406,19 @@ class Products(NamedTuple):
 def turned(
     source: MovingSource, turn: Records, dt_s: FloatArray, path: NutPath, B: FloatArray, C: FloatArray
 ) -> tuple[Records, FloatArray, FloatArray]:
-    """The averaged columns of a nut; a share `ends_fraction` of its heat enters at the reversals."""
+    """Return the averaged columns of a nut of which a share of the heat enters at the reversals.
+
+    Args:
+        source: The nut; the share is its `ends_fraction`.
+        turn: Memory of its path.
+        dt_s: Lengths of the steps, s, (K,).
+        path: Samples of its position.
+        B: Input columns along the path, (K, n_x).
+        C: Output columns along the path, (K, R).
+
+    Returns:
+        The memory after the last step, and the columns.
+    """
     turn, ends_B, ends_C = moving.columns_at_ends(source.table, turn, dt_s, path)
     return turn, B + source.ends_fraction * (ends_B - B), C + source.ends_fraction * (ends_C - C)
 

@@ -22,14 +22,16 @@ Law = Callable[..., FloatArray]
 class Product:
     """A law that is a product of factors and a base.
 
-    The base is the size of its channel (a speed), the channel itself, or 1.
+    Attributes:
+        base: Code of the base: the size of its channel (a speed), the channel itself, or 1.
+        factors: The factors, multiplied in this order by Python and kernels alike.
     """
 
     base: int
     factors: tuple[float, ...]
 
     def __call__(self, channel: FloatArray) -> FloatArray:
-        """Heat in W (k,); kernels multiply in the same order."""
+        """Return the heat, W, (k,), for the values of its channel, (k,)."""
         heat_W = np.abs(channel) if self.base == OF_SPEED else channel
         if self.base == OF_NOTHING:
             heat_W = np.ones_like(channel)
@@ -59,6 +61,11 @@ def heat_law(source: Source, sources: Sequence[Source], screw_m: float) -> Law:
     - Part of another source: scale · its heat / ratio (Kim et al., eqs. 28 and 29).
 
     Without a law, the heat is 0 W. A law without channels takes one array, for its shape.
+
+    Args:
+        source: The source with its law.
+        sources: All sources, for a law that follows another.
+        screw_m: Length of the screw, m, for `stroke_share`.
     """
     if source.law == "heat_of":
         other = heat_law(owner(source, sources), sources, screw_m)

@@ -166,10 +166,14 @@ class LearningArrays(NamedTuple):
     def drives(
         self, x: FloatArray, B: FloatArray, law_W: FloatArray, heat_W: FloatArray, z: FloatArray
     ) -> FloatArray:
-        """Return c (n_x, L) at a state x (n_x,).
+        """Return c, the effect of one unit of each parameter on dx/dt, (n_x, L).
 
-        `B` (n_x, m) are the input columns, `law_W` and `heat_W` (m,) the heats by law and in fact, `z` (p,)
-        the known inputs.
+        Args:
+            x: States of the plant, (n_x,).
+            B: Input columns of the heats, (n_x, m).
+            law_W: Heats by law, W, (m,).
+            heat_W: Heats in fact, W, (m,).
+            z: Known inputs, (p,).
         """
         turned = len(self.V) > 0
         if turned:
@@ -185,21 +189,34 @@ class LearningArrays(NamedTuple):
         return np.asarray(self.inverse @ c.T if turned else c.T)
 
     def feedback(self, theta: FloatArray) -> FloatArray:
-        """Return ∂(c θ)/∂x (n_x, n_x) at parameters θ (L,)."""
+        """Return ∂(c θ)/∂x, 1/s, (n_x, n_x), at parameters θ.
+
+        Args:
+            theta: The parameters, (L,).
+        """
         A = np.diag(theta @ self.rate_1_s) + (self.into.T * theta) @ self.feedback_row
         return self.inverse @ A @ self.V if len(self.V) else A
 
     def in_basis(self, V: FloatArray, inverse: FloatArray) -> LearningArrays:
-        """Return the same for the states ξ, x = V ξ (n_x, n_x)."""
+        """Return the same for other states ξ with x = V ξ.
+
+        Args:
+            V: The basis, (n_x, n_x).
+            inverse: Its inverse, (n_x, n_x).
+        """
         row = self.row @ V
         if len(self.V):
             V, inverse = self.V @ V, inverse @ self.inverse
         return self._replace(V=V, inverse=inverse, row=row)
 
     def described_on(self, V: FloatArray, inverse: FloatArray) -> LearningArrays:
-        """Return the same, described on the states V x (n_x, n_x).
+        """Return the same, described on the states V x.
 
         `rate_1_s` and `heats`, which act on each state separately, are described on V x already.
+
+        Args:
+            V: The map, (n_x, n_x).
+            inverse: Its inverse, (n_x, n_x).
         """
         return self._replace(
             into=self.into @ V.T,
@@ -211,9 +228,13 @@ class LearningArrays(NamedTuple):
         )
 
     def entries(self, x: FloatArray, z: FloatArray) -> FloatArray:
-        """Return C x + F z + d (L,) at a state and known inputs (p,).
+        """Return C x + F z + d, the effect of one unit of each parameter on its sensor, K or µm, (L,).
 
         The entries of lags need more than these, and are 0 here.
+
+        Args:
+            x: States of the plant, (n_x,).
+            z: Known inputs, (p,).
         """
         return np.asarray(self.row @ x + self.row_known @ z + self.shift_K)
 
@@ -222,14 +243,22 @@ _PER_PARAMETER = ("kind", "of", "sigma", "heated", *Change._fields)
 
 
 def of_parameters(arrays: LearningArrays, selected: NDArray[np.int64]) -> LearningArrays:
-    """Return the arrays of the `selected` parameters (r,) in that order, the machine's first; all learnt."""
+    """Return the arrays of some parameters; all of them are learnt.
+
+    Args:
+        arrays: The arrays.
+        selected: Numbers of the parameters in the new order, the machine's first, (r,).
+    """
     fields = {name: getattr(arrays, name)[selected] for name in _PER_PARAMETER}
     machine = int((selected < arrays.machine).sum())
     return arrays._replace(machine=machine, considered=np.zeros(0, np.int64), **fields)
 
 
 def joined(arrays: LearningArrays, added: LearningArrays) -> LearningArrays:
-    """Return the arrays with additional parameters at their end."""
+    """Return the arrays with additional parameters at their end.
+
+    The numbers of the machine's and of considered parameters stay those of `arrays`.
+    """
     fields: dict[str, Any] = {
         name: np.concatenate([getattr(arrays, name), getattr(added, name)]) for name in _PER_PARAMETER
     }
@@ -257,9 +286,11 @@ class Learning:
     wander_s: float = WANDER_S
 
     def estimates(self, x: FloatArray, P: FloatArray) -> dict[str, tuple[float, float]]:
-        """Return the learnt values with their σ, by name.
+        """Return the learnt values with their σ, by name, in the units of the names.
 
-        `x` (L,) are the parameters' states, the last of an estimator's, and `P` (L, L) their covariance.
+        Args:
+            x: States of the parameters, the last of an estimator's, (L,).
+            P: Their covariance, (L, L).
         """
         value = self.value + self.unit * x[self.states]
         sigma = self.unit * np.sqrt(np.diag(P)[self.states])
@@ -267,7 +298,12 @@ class Learning:
 
 
 def no_change(n_x: int, inputs: int) -> Change:
-    """Return a change without effect."""
+    """Return a change without effect.
+
+    Args:
+        n_x: Number of states of the plant.
+        inputs: Number of its known inputs.
+    """
     zeros = np.zeros(n_x)
     no_inputs = np.zeros((inputs, n_x))
     return Change(zeros, zeros, zeros, zeros, -1, -1, -1, no_inputs, zeros, zeros, np.zeros(inputs), 0.0, 0.0)
@@ -282,10 +318,16 @@ def learning_of(
     ambient: int = 0,
     rest_P: FloatArray | None = None,
 ) -> Learning:
-    """Return the states of parameters, for a plant of n_x states with `inputs` known inputs.
+    """Return the states of parameters, those of the machine first.
 
-    Parameters with a kind in `learnt` are learnt, the others considered. `rest_P` is as in `LearningArrays`,
-    None if no screw rests.
+    Args:
+        parameters: The parameters.
+        learnt: Keys of `[tolerance]`, or `law`, whose parameters are learnt; the others are considered.
+        n_x: Number of states of the plant.
+        inputs: Number of its known inputs.
+        ambient: Column of the ambient among them.
+        rest_P: Covariance of a screw's temperature against the air's after a night, K², (n_x, n_x). None if
+            no screw rests.
     """
     parameters = sorted(parameters, key=lambda p: p.kind.of_a_sensor)
     unchanged = no_change(n_x, inputs)

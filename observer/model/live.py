@@ -17,10 +17,22 @@ from observer.model.rod.moving import NutDesk
 
 
 class Frame:
-    """The memory of one frame (see `align.walk.Frames`), with a record of each position's samples."""
+    """The memory of one frame (see `align.walk.Frames`), with a record of each position's samples.
+
+    Attributes:
+        bundle: All arrays of the frame in one piece of memory.
+        channels: Names of the channels.
+        paths: Record of the samples of each position channel.
+    """
 
     def __init__(self, fields: Fields, channels: tuple[str, ...], positions: Sequence[str]) -> None:
-        """Allocate the memory."""
+        """Allocate the memory.
+
+        Args:
+            fields: Names, types and shapes of the frame's arrays.
+            channels: Names of the channels.
+            positions: Names of the position channels.
+        """
         self.bundle, self.channels = Bundle(fields), channels
         samples, offset = self.bundle["samples"], self.bundle["offset"]
         self._samples, self._offset = (
@@ -33,14 +45,24 @@ class Frame:
         }
 
     def path(self, channel: str) -> NutPath:
-        """Return the samples of a position."""
+        """Return the samples of a position since the frame before, as views.
+
+        Args:
+            channel: The position channel.
+        """
         offset = self._offset[channel]
         time_s, position_m, driven_m_s, speed_age_s = self._samples[channel][:, : offset[-1]]
         return NutPath(time_s, position_m, offset, driven_m_s, speed_age_s)
 
 
 class LiveNut(NamedTuple):
-    """A nut's table, its desk and its samples, as records."""
+    """A nut for the kernel.
+
+    Attributes:
+        table: Record of its `NutTable`.
+        desk: Record of its `NutDesk`.
+        path: Record of the samples of its position.
+    """
 
     table: Any
     desk: Any
@@ -48,9 +70,19 @@ class LiveNut(NamedTuple):
 
 
 class DriveTick(NamedTuple):
-    """The argument of the kernel: `octets` are the frame's.
+    """The argument of the kernel for one frame.
 
-    `before` and `after` are the steps in Python before and after the kernel's own.
+    Attributes:
+        octets: Bytes of the frame.
+        read: Record of `ColumnsRead`.
+        laws: Laws as products.
+        desk: Inputs and outputs of the kernel.
+        dt_s: Length of the step, s, (1,).
+        moment: Times of the first and of the last frame, s, (2,).
+        nuts: Records of `LiveNut`.
+        inputs: Record of the resulting `Inputs`.
+        before: Step in Python before the kernel's own, or None.
+        after: Step in Python after it, or None.
     """
 
     octets: Any
@@ -68,11 +100,23 @@ class DriveTick(NamedTuple):
 class LiveDrive:
     """Converts frames to inputs by the same kernels as `Drive.run`.
 
-    `inputs` are those of the last frame, and `record` is the argument of `kernels.step_frame`.
+    Attributes:
+        inputs: Inputs of the last frame, overwritten by the next.
+        inputs_record: The same as a record.
+        record: Argument of `kernels.step_frame`.
     """
 
     def __init__(self, drive: Drive, plant: Plant, frame: Frame) -> None:
-        """Allocate the memory for the frames of `frame`."""
+        """Allocate the memory.
+
+        Args:
+            drive: The plant's reading of the channels.
+            plant: The model.
+            frame: Memory of the frames.
+
+        Raises:
+            KeyError: If the frame lacks a channel that the model reads.
+        """
         self._drive, self._plant, self._frame = drive, plant, frame
         drive.set_channels(frame.channels)
         laws, self._others = drive.products()
@@ -144,12 +188,12 @@ class LiveDrive:
         self._turns = (*self._turns[:i], turn, *self._turns[i + 1 :])
 
     def keep_inputs(self) -> Inputs:
-        """Return a copy of the inputs of the last frame."""
+        """Return a copy of the inputs of the last frame, for whoever uses them after the next one."""
         data = self._inputs.octets.tobytes()
         return Inputs._make(self._inputs.fields.columns(data, Inputs._fields))
 
     def keep(self) -> tuple[bytes, tuple[Records, ...]]:
-        """Return a checkpoint for `put_back`."""
+        """Return a checkpoint for `put_back`, so that a frame can be repeated."""
         return self._bundle.octets.tobytes(), self._turns
 
     def put_back(self, checkpoint: tuple[bytes, tuple[Records, ...]]) -> None:
@@ -159,7 +203,7 @@ class LiveDrive:
 
     @property
     def state(self) -> DriveState:
-        """The state after the last frame."""
+        """The state after the last frame, a copy as `Drive.run` takes it."""
         bundle = self._bundle
         begin_s, last_s = bundle["moment"].tolist()
         nuts = tuple(map(moving.state_of, self._nuts))
@@ -174,7 +218,7 @@ class LiveDrive:
         )
 
     def take(self, state: DriveState) -> None:
-        """Replace the state."""
+        """Replace the state, as after a restart from a checkpoint."""
         for name, array in _arrays(state).items():
             self._bundle[name][...] = array
         self._turns = state.turns

@@ -15,14 +15,29 @@ from observer.tables.sections import Boundary, Source
 
 
 class Realised(NamedTuple):
-    """A configuration with its effects' films, ends and heats in place, and the terms that remain."""
+    """A configuration with its effects' films, ends and heats in place.
+
+    Attributes:
+        config: The changed configuration.
+        terms: The terms that remain: those of inputs and of coupled states.
+    """
 
     config: Config
     terms: tuple[Term, ...]
 
 
 def realise(config: Config) -> Realised:
-    """Apply the terms that change the machine. Raises `ConfigError` if an effect is impossible."""
+    """Return a configuration with those effects applied that change the machine before the plant is built.
+
+    A film law becomes a number, a law's rotation becomes a loss by speed, and linked sources get places on
+    the screw.
+
+    Args:
+        config: The machine with its effects.
+
+    Raises:
+        ConfigError: If an effect is impossible on this machine.
+    """
     terms = (*terms_of(config), *_turning(config))
     config = _with(config, surface=_number(config))
     for term in terms:

@@ -33,8 +33,13 @@ def with_rough_network(
 ) -> Plant:
     """Return a plant with nodes, with all the parameters that its estimator learns or considers.
 
-    The links of `config` lead to places on the screw, those `described` to the sources there. `constant` is
-    added to the plant's generator.
+    Args:
+        plant: The model with its couplings, not yet in its own modes.
+        config: The machine, whose links lead to places on the screw.
+        described: Links as configured, which lead to the sources there and carry tolerances and names.
+        terms: Terms of the effects.
+        constant: Constant couplings that are added to the plant's generator.
+        modes: Modes of the screw.
     """
     network_modes = node_modes(attached(config, terms).network)
     node_states = _NodeStates(plant, config, network_modes)

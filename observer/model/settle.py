@@ -76,7 +76,7 @@ class SettledPlant(NamedTuple):
 def needed_channels(config: Config) -> tuple[str, ...]:
     """Return the channels that a steady state needs values of: all inputs of the model except positions.
 
-    A nut without a position runs over its stroke.
+    Sensors' channels are needed only if a law reads them. A nut without a position runs over its stroke.
     """
     machine = realise(config).config
     spare = config.sensor_channels | {s.position_channel for s in machine.source}
@@ -85,9 +85,15 @@ def needed_channels(config: Config) -> tuple[str, ...]:
 
 
 def check_inputs(config: Config, values: Mapping[str, Any], place: str) -> None:
-    """Raise `ConfigError` if a channel is not an input of the model, or its value not a finite number.
+    """Check the values of channels.
 
-    `place` is named in errors.
+    Args:
+        config: The machine.
+        values: Values by channel, as read from a file or an argument.
+        place: Where they come from, as errors name it.
+
+    Raises:
+        ConfigError: If a channel is not an input of the model, or its value not a finite number.
     """
     sensors = config.sensor_channels
     inputs = [c for c in config.channels if c not in sensors]
@@ -104,12 +110,23 @@ def check_inputs(config: Config, values: Mapping[str, Any], place: str) -> None:
 def point_of(config: Config, plant: Plant, values: Mapping[str, float]) -> OperatingPoint:
     """Return the operating point at which channels have constant values.
 
-    A nut is at the value of its position channel, or runs over its whole stroke without one. Raises
-    `ConfigError` for an input without a value, and if the configuration has no steady state.
+    Effects that fade with the running time have faded.
+
+    Args:
+        config: The machine.
+        plant: Its model.
+        values: Values by channel. A nut is at the value of its position channel, or runs over its whole
+            stroke without one.
+
+    Raises:
+        ConfigError: If an input has no value, if the air drifts, or if a nut that covers the film leaves the
+            screw.
     """
     refuse_drift(config)
     if missing := [c for c in needed_channels(config) if c not in values]:
-        raise ConfigError(f"the steady state needs a value of {', '.join(missing)}; give each one")
+        raise ConfigError(
+            f"the steady state needs a value of {', '.join(missing)}; give each a constant value"
+        )
     for source in config.source:
         place_m = values.get(source.position_channel or "")
         if source.covers_film and place_m is not None and not covers_only(source, config.screw, place_m):
@@ -130,10 +147,14 @@ def point_of(config: Config, plant: Plant, values: Mapping[str, float]) -> Opera
 
 
 def refuse_drift(config: Config) -> None:
-    """Raise `ConfigError` if the air drifts without end, so that nothing settles."""
+    """Refuse a machine whose air drifts without end, so that nothing settles.
+
+    Raises:
+        ConfigError: If an effect lets the air drift.
+    """
     if any(isinstance(t, AmbientShift) and t.rate_K_h for t in realise(config).terms):
         raise ConfigError(
-            "there is no steady state while an effect lets the air drift; remove its rate of drift"
+            "there is no steady state while an [[effect]] lets the air drift; remove it, or set rate_K_h = 0"
         )
 
 
@@ -158,6 +179,10 @@ def mean_point(plant: Plant, blocks: Sequence[Inputs]) -> OperatingPoint:
 
     It gives the average of a linear plant that repeats these steps and has settled. The column of a nut is
     the mean weighted by its heat.
+
+    Args:
+        plant: The model.
+        blocks: Consecutive blocks of inputs; steps with unknown inputs are left out.
     """
     dt_s, law_W, z_start, z_end, B, C, loss_1_s, loss_degC = (
         np.concatenate([getattr(block, name) for block in blocks])
@@ -186,7 +211,15 @@ def mean_point(plant: Plant, blocks: Sequence[Inputs]) -> OperatingPoint:
 
 
 def settled(plant: Plant, point: OperatingPoint) -> SettledPlant:
-    """Return the steady state of a plant at an operating point. Raises `ConfigError` if it has none."""
+    """Return the steady state of a plant at an operating point.
+
+    Args:
+        plant: The model.
+        point: Constant inputs.
+
+    Raises:
+        ConfigError: If no heat leaves the machine, or if fading heats find no balance.
+    """
     plant = _at_point(plant, point)
     c, A_1_s, screw = plant.coupling, generator(plant), on_the_screw(plant)
     x: FloatArray = plant.uniform * float(point.z[plant.known.ambient])
@@ -204,7 +237,8 @@ def settled(plant: Plant, point: OperatingPoint) -> SettledPlant:
         if moved <= _STILL * max(1.0, float(np.abs(plant.rows.C @ x).max())):
             return SettledPlant(x, plant.rows.C @ x + plant.rows.F @ point.z, heat_W, 1.0 / slowest_1_s)
     raise ConfigError(
-        "the heats, which fade as the screw warms, find no balance; lower the effect's share per kelvin"
+        "there is no steady state: the heats that fade as the screw warms find no balance; lower per_K of "
+        'the [[effect]] "friction_fade"'
     )
 
 

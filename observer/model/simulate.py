@@ -21,7 +21,16 @@ _REGISTER = 8
 
 
 class AdvancePlant(NamedTuple):
-    """The plant's data for the open loop, W states with the padding (see `kernels.advance`)."""
+    """The plant's data for the open loop, with states padded to W (see `kernels.advance`).
+
+    Attributes:
+        modes: Number of modes.
+        B: Input columns of the heats as rows, (m, W).
+        E: Input columns of those known inputs that act on states, as rows, (p, W).
+        source: Sources of estimated heats; empty, because no heat is a state here.
+        moving: Sources of the moving columns, (M,).
+        coupling: Couplings of the states.
+    """
 
     modes: int
     B: FloatArray
@@ -78,14 +87,21 @@ class OpenLoopMarch(NamedTuple):
 
 
 def start(plant: Plant, temperature_degC: float, law_W: FloatArray) -> FloatArray:
-    """Return the state of a screw at one temperature, its lags settled at the heats (m,)."""
+    """Return the state of a screw at one temperature, its lags settled at the heats, (n_x,).
+
+    Args:
+        plant: The model.
+        temperature_degC: The temperature, °C.
+        law_W: Heats of all sources, W, (m,).
+    """
     return plant.uniform * temperature_degC + law_W @ plant.lags
 
 
 def start_from_sensors(
     plant: Plant, y_degC: FloatArray, noise_R_K2: FloatArray, law_W: FloatArray, z: FloatArray
 ) -> FloatArray:
-    """Return the most probable state of a screw from the readings `y_degC`, its lags settled at the heats.
+    """Return the most probable state of a screw from the readings of its sensors, its lags settled at the
+    heats.
 
         x = x̄ + P Cᵀ (C P Cᵀ + R)⁻¹ (y − C x̄ − F z)
 
@@ -93,12 +109,19 @@ def start_from_sensors(
     sensors differ by more than the prior expects (Rasmussen & Williams 2006, eq. 2.25). Displacements, whose
     zero is still unknown, are not used.
 
-    Takes `y_degC`, `noise_R_K2` (s,), a sensor without a value as NaN; `law_W` (m,); `z` (p,). Raises
-    `ValueError` if no thermocouple has a value.
+    Args:
+        plant: The model.
+        y_degC: Readings, °C, (s,), NaN for a sensor without a value.
+        noise_R_K2: Variances of the readings, K², (s,).
+        law_W: Heats of all sources, W, (m,).
+        z: Known inputs, (p,).
+
+    Raises:
+        ValueError: If no thermocouple has a value.
     """
     sensors = np.flatnonzero(np.isfinite(y_degC) & plant.thermal)
     if len(sensors) == 0:
-        raise ValueError("no sensor has a value to start from")
+        raise ValueError("no thermocouple has a value to start from; check the channels of [[sensor]]")
     C, y = plant.rows.C[sensors], y_degC[sensors]
     x = start(plant, float(np.mean(y)), law_W)
     PC = plant.smooth_P @ C.T
@@ -111,12 +134,20 @@ def start_from_sensors(
 def simulate(
     plant: Plant, state: FloatArray, inputs: Inputs, sweep: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the state after K steps and the output rows (K, R) at their ends, in °C and µm.
+    """Return the state after K steps and the output rows at their ends.
 
     Exact for heats constant and known inputs linear over each step. Time-varying couplings are of second
-    order in the step (see `coupling`). `sweep` (K, M, e, N) are shapes of the screw for each step and moving
-    source. Their squares add up to the covariance of the source's input column over the step. None if
-    unknown.
+    order in the step (see `coupling`).
+
+    Args:
+        plant: The model.
+        state: State before the first step, (n_x,).
+        inputs: K steps; readings are not used.
+        sweep: Shapes of the screw for each step and moving source, (K, M, e, N). Their squares add up to the
+            covariance of the source's input column over the step. None if unknown.
+
+    Returns:
+        The state, (n_x,), and the rows in °C and µm, (K, R).
     """
     rows, x = np.empty((len(inputs), len(plant.rows.C))), state
     output_matrix = np.vstack([_lagless(plant), plant.rows.F.T])
@@ -147,10 +178,10 @@ class Means(NamedTuple):
 
 
 def simulate_means(plant: Plant, state: FloatArray, inputs: Inputs, sweep: FloatArray | None = None) -> Means:
-    """Return the output rows of K steps as means too, in °C and µm; else as `simulate`.
+    """Return the output rows of K steps as means too, in °C and µm.
 
-    A mode of the rate λ has on average completed the share w of its change over a step. With u = λ dt,
-    w = 1/(1 - e⁻ᵘ) - 1/u: half for a slow mode, nearly all for a fast one.
+    A mode of the rate λ has on average completed the share w of its change over a step. With u = λ dt, w =
+    1/(1 - e⁻ᵘ) - 1/u: half for a slow mode, nearly all for a fast one. Arguments as in `simulate`.
     """
     rows = np.empty((3, len(inputs), len(plant.rows.C)))
     out = Means(rows[0], rows[1], rows[2], passed_W=np.empty((len(inputs), len(plant.moving))))

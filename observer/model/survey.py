@@ -25,9 +25,12 @@ CLOSE_STEPS = 200
 
 
 class Survey(NamedTuple):
-    """A machine's plant with a sensor on each node, and its grid (g,), m.
+    """A machine's plant with a sensor on each node.
 
-    After the grid, the plant's field has close places from end to end.
+    Attributes:
+        config: The configuration with these sensors and without supports.
+        plant: Its model. After the grid, its field has close places from end to end.
+        grid_m: Grid of the original configuration, m, (g,).
     """
 
     config: Config
@@ -36,7 +39,12 @@ class Survey(NamedTuple):
 
 
 class Growth(NamedTuple):
-    """Growth of the free screw in µm: up to each place, (K, g), and of the whole screw, (K,)."""
+    """Growth of the free screw.
+
+    Attributes:
+        along_um: Growth up to each place of the grid, µm, (K, g).
+        whole_um: Growth of the whole screw, µm, (K,).
+    """
 
     along_um: FloatArray
     whole_um: FloatArray
@@ -45,7 +53,11 @@ class Growth(NamedTuple):
 def survey_of(config: Config) -> Survey:
     """Return the survey of a configuration, without its probes, which read the thermal error.
 
-    Raises `ConfigError`.
+    Args:
+        config: The machine. Supports are left out, because displacements follow from the free growth.
+
+    Raises:
+        ConfigError: If an effect is impossible on this machine.
     """
     warm = tuple(s for s in config.sensor if s.kind == "temperature")
     moved = {s.name for s in config.sensor} - {s.name for s in warm}
@@ -76,7 +88,15 @@ def _free(name: str, taken: set[str]) -> str:
 
 
 def growth_of(survey: Survey, rows: FloatArray) -> Growth | None:
-    """Return the free growth in output rows (K, R); None without an expansion coefficient."""
+    """Return the free growth in output rows.
+
+    Args:
+        survey: The survey.
+        rows: Output rows of its plant, (K, R).
+
+    Returns:
+        The growth; None without an expansion coefficient.
+    """
     along_um = rows[:, survey.plant.rows.error_slice]
     if not along_um.shape[1]:
         return None
@@ -84,7 +104,15 @@ def growth_of(survey: Survey, rows: FloatArray) -> Growth | None:
 
 
 def displaced(restraint: Restraint | None, growth: Growth) -> tuple[FloatArray, FloatArray]:
-    """Return the thermal error (K, g), µm, and the axial force (K,), N, tension positive."""
+    """Return thermal error and axial force between supports.
+
+    Args:
+        restraint: The supports; None for a free screw.
+        growth: Growth of the free screw.
+
+    Returns:
+        The error, µm, (K, g), and the force, N, (K,), tension positive.
+    """
     error_um = displacement_um(restraint, growth.along_um, growth.whole_um)
     return error_um, np.zeros_like(growth.whole_um) if restraint is None else force_N(
         restraint, growth.whole_um

@@ -122,9 +122,9 @@ class HeatLaw(Section):
     def _one_law(self) -> HeatLaw:
         laws = [key for key in LAWS if getattr(self, key) is not None]
         if len(laws) > 1:
-            raise ValueError(f"only one heat law per source, here {' and '.join(laws)}")
+            raise ValueError(f"only one heat law per source, here {' and '.join(laws)}; remove all but one")
         if laws and laws[0] in SPEED_LAWS and self.speed_channel is None:
-            raise ValueError(f"{laws[0]} needs speed_channel")
+            raise ValueError(f"{laws[0]} needs speed_channel; give the channel of the screw's speed")
         if self.follows and self.heat_of is None:
             raise ValueError("follows needs to know which heat; give heat_of and heat_ratio, or remove it")
         if self.drive_channel is not None and self.heat_W is None:
@@ -137,7 +137,9 @@ class HeatLaw(Section):
         if self.nut_speed_channel is not None and not turning:
             raise ValueError("nut_speed_channel belongs to torque_Nm or nut_friction; remove it")
         if self.nut_torque_Nm is not None and (self.torque_Nm is None or self.nut_speed_channel is None):
-            raise ValueError("nut_torque_Nm needs torque_Nm and nut_speed_channel beside it")
+            raise ValueError(
+                "nut_torque_Nm needs torque_Nm and nut_speed_channel too; give both, or remove it"
+            )
         if self.stroke_share and not turning:
             raise ValueError("stroke_share belongs to torque_Nm or nut_friction; remove it")
         if self.duty != 1.0 and self.law not in SPEED_LAWS:
@@ -207,7 +209,7 @@ class Surface(Section):
             )
         for key, law in (("facing", "wall"), ("height_m", "wall"), ("gap_m", "taylor-gap")):
             if (getattr(self, key) is not None) != (self.law == law):
-                raise ValueError(f'{key} belongs to law = "{law}", and is needed there')
+                raise ValueError(f'{key} belongs to law = "{law}", and is needed there; give both or neither')
         self._turning_is_given_once()
         self._thread_is_complete()
         return self
@@ -231,7 +233,10 @@ class Surface(Section):
         thread = ("thread_lead_m", "ball_radius_m", "land_m")
         missing = [key for key in thread if getattr(self, key) is None]
         if missing and (len(missing) < len(thread) or self.fin_efficiency is not None):
-            raise ValueError(f"a thread needs {', '.join(thread)} together; {missing[0]} is missing")
+            raise ValueError(
+                f"a thread needs {', '.join(thread)} together; {missing[0]} is missing; give it, or remove "
+                "the others"
+            )
 
 
 def _exactly_one(

@@ -91,7 +91,7 @@ class Link(Section):
     @model_validator(mode="after")
     def _described_in_one_way(self) -> Link:
         if self.between[0] == self.between[1]:
-            raise ValueError(f'between names "{self.between[0]}" twice; a link needs two places')
+            raise ValueError(f'between names "{self.between[0]}" twice; name two different places')
         stated = self.model_fields_set - {"between", *OPTIONAL}
         if stated not in [set(way) for way in WAYS]:
             ways = "; or ".join(", ".join(way) for way in WAYS)
@@ -131,7 +131,7 @@ def check_places(
                     "source on the screw; fix the name"
                 )
         if not any(end in names for end in one.between):
-            raise ValueError(f"link {' – '.join(one.between)}: one of the two is to be a node")
+            raise ValueError(f"link {' – '.join(one.between)}: neither is a node; name one of [[node]]")
     for name in names:
         if not any(name in one.between for one in link):
             raise ValueError(f'node "{name}" has no link; give it one, or remove it')
@@ -167,9 +167,13 @@ class Boundary(Section):
     @model_validator(mode="after")
     def _complete(self) -> Boundary:
         if (self.kind == "convective") != (self.coefficient_W_m2K is not None):
-            raise ValueError('coefficient_W_m2K belongs to kind = "convective", and is needed there')
+            raise ValueError(
+                'coefficient_W_m2K belongs to kind = "convective", and is needed there; give both or neither'
+            )
         if (self.kind == "prescribed") != (self.channel is not None):
-            raise ValueError('channel belongs to kind = "prescribed", and is needed there')
+            raise ValueError(
+                'channel belongs to kind = "prescribed", and is needed there; give both or neither'
+            )
         return self
 
 
@@ -233,7 +237,7 @@ class Source(HeatLaw):
         ]
         for key in required:
             if getattr(self, key) is None:
-                raise ValueError(f'shape = "{self.shape}" needs {key}')
+                raise ValueError(f'shape = "{self.shape}" needs {key}; give it, or another shape')
         belongs = {
             "length_m": "nut", "stroke_m": "nut", "position_channel": "nut", "lead_m": "nut",
             "position_m": "point", "from_m": "band", "to_m": "band",
@@ -244,7 +248,7 @@ class Source(HeatLaw):
         if self.covers_film and self.shape != "nut":
             raise ValueError(f'covers_film belongs to shape = "nut", not "{self.shape}"')
         if self.shape == "nut" and self.stroke_m is None and self.position_channel is None:
-            raise ValueError("a nut needs position_channel or stroke_m")
+            raise ValueError("a nut needs position_channel or stroke_m; give one of them")
         for low, high in (self.stroke_m or (None, None), (self.from_m, self.to_m)):
             if low is not None and high is not None and not low < high:
                 raise ValueError(
@@ -282,7 +286,7 @@ class Source(HeatLaw):
     @model_validator(mode="after")
     def _law_is_complete(self) -> Source:
         if self.law is None and not self.estimate:
-            raise ValueError(f"estimate = false needs a heat law ({', '.join(LAWS[:-1])} or {LAWS[-1]})")
+            raise ValueError(f"estimate = false needs a heat law; give one of {', '.join(LAWS)}")
         if self.stroke_share and self.stroke_m is None:
             raise ValueError("stroke_share is the stroke's part of the screw; give stroke_m")
         if self.nut_friction is not None and (self.nut_friction.lead_m is None) == (self.lead_m is None):

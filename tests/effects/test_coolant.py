@@ -66,7 +66,7 @@ def test_a_coolant_that_always_flows_needs_no_speed() -> None:
     heater = [{"name": "heater", "shape": "point", "position_m": 0.1, "power_channel": "heater_W"}]
     own = {"kind": "coolant", "conductance_W_K": G_W_K, "inlet_degC": 12.0, "while_standing": True}
     assert parse(table(source=heater, effect=[own])).channels[-1] == "heater_W"
-    with pytest.raises(ConfigError, match="name it in the effect"):
+    with pytest.raises(ConfigError, match="its own speed_channel"):
         build_plant(parse(table(source=heater, effect=[own | {"while_standing": False}])))
 
 

@@ -136,7 +136,7 @@ def test_the_time_of_settling_has_a_band_as_wide_as_what_is_not_known() -> None:
 
 
 def test_too_little_is_no_program() -> None:
-    with pytest.raises(ValueError, match="first minute"):
+    with pytest.raises(ValueError, match="wait for a minute"):
         learnt(bins_of(np.ones(5)))
 
 
@@ -169,7 +169,7 @@ def test_a_forecast_of_a_doubtful_estimate_is_doubtful() -> None:
 
 def test_no_forecast_without_an_estimate() -> None:
     plant, program = rod(), learnt(bins_of(np.full(60, 40.0)))
-    with pytest.raises(ValueError, match="no estimate"):
+    with pytest.raises(ValueError, match="needs an estimate"):
         runner(plant, CONFIG.estimator, replace(at_degC(plant, 20.0), started=False), program)
 
 

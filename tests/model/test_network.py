@@ -204,7 +204,7 @@ TIED = {"between": ["block", "heater"], "conductance_W_K": 2.0}
         ({"node": [BLOCK], "link": [TIED, TIED | {"between": ["block", "bed"]}]}, '"bed" is neither a node'),
         (
             {"node": [BLOCK], "link": [TIED, TIED | {"between": ["ambient", "heater"]}]},
-            "one of the two is to",
+            "neither is a node",
         ),
         ({"node": [BLOCK], "link": [TIED | {"between": ["block", "block"]}]}, 'names "block" twice'),
         ({"node": [BLOCK], "link": [TIED | {"area_m2": 1.0}]}, "the keys of one way to describe a link"),

@@ -32,13 +32,13 @@ _EVALUATIONS = 1500
 
 
 class MountedScrew(NamedTuple):
-    """A mounting and its results.
+    """A mounting and its results over all moments.
 
     Attributes:
         supports: The supports.
-        error_um: The largest thermal error by size in the travel, with its sign.
-        position_m: Its place.
-        force_N: The largest axial force by size, tension positive.
+        error_um: The largest thermal error by size in the travel, with its sign, µm.
+        position_m: Its place, m.
+        force_N: The largest axial force by size, N, tension positive.
     """
 
     supports: Supports
@@ -48,7 +48,7 @@ class MountedScrew(NamedTuple):
 
     @property
     def size_um(self) -> float:
-        """The error by size."""
+        """Magnitude of the error, µm."""
         return abs(self.error_um)
 
 
@@ -79,7 +79,12 @@ class MountingProblem(NamedTuple):
 def best_of_each(problem: MountingProblem, configured: Supports | None) -> list[MountedScrew]:
     """Return the best of each mounting, the smallest error first.
 
-    Stiffness and modulus are those of the `configured` supports; the default is rigid.
+    Preload and clearance of a screw held at both ends are searched: the preload up to where the growth no
+    longer loses it, the clearance up to the growth. Mountings above the permitted force are left out.
+
+    Args:
+        problem: The screw and its growth.
+        configured: Supports whose stiffness and modulus are taken. None takes rigid ones.
     """
     candidates = [_best(problem, supports) for supports in _mountings(configured)]
     allowed = [
@@ -156,7 +161,12 @@ def _cost_um(problem: MountingProblem, restraint: Restraint, scale_N: float) -> 
 
 
 def judged(problem: MountingProblem, supports: Supports) -> MountedScrew:
-    """Return a screw between given supports, over all moments."""
+    """Return a screw between given supports, over all moments.
+
+    Args:
+        problem: The screw and its growth.
+        supports: The supports with preload and clearance.
+    """
     restraint = problem.restraint(supports)
     error_um = displacement_um(restraint, problem.along_um, problem.whole_um)
     sizes = np.where(problem.travel, np.abs(error_um), -1.0)

@@ -29,7 +29,7 @@ from observer.kernels.path import SAMPLES_PER_TRAVERSE
 
 
 def no_path_yet() -> Records:
-    """Return the memory (1,) of a nut's path before its first sample (see `kernels/states.pxd`)."""
+    """Return the memory of a nut's path before its first sample, (1,), as in `kernels/states.pxd`."""
     path = np.zeros(1, state_type("PathMemory"))
     for name in ("time_s", "here_m", "low_m", "high_m", "driven_m_s", "far_m"):
         path[name] = np.nan
@@ -37,8 +37,16 @@ def no_path_yet() -> Records:
 
 
 def reversals(state: Records, path: NutPath, stroke_m: float) -> tuple[Records, FloatArray]:
-    """Return the state after K steps, and after each the places (K, 2) of the last reversals; NaN before
-    them.
+    """Follow a nut's path, and return the places where it turned round.
+
+    Args:
+        state: Memory of the path.
+        path: Samples of K steps.
+        stroke_m: Length of the stroke, m.
+
+    Returns:
+        The memory after K steps. Places of the last two reversals after each step, m, (K, 2), NaN before
+        them.
     """
     state, ends_m = state.copy(), np.empty((len(path.offset) - 1, 2))
     follow_path(state, record(path), stroke_m, ends_m)
@@ -92,7 +100,7 @@ class NutTable:
 
     @property
     def states(self) -> int:
-        """The length of the resulting input columns."""
+        """Length of the resulting input columns."""
         return len(self.turn) or len(self.mean_B)
 
     def of_lag(self) -> NutTable:
@@ -125,13 +133,21 @@ class NutState:
 
 
 def start(table: NutTable) -> NutState:
-    """Return the state before the first position."""
+    """Return the state before the first position: the nut is spread over its stroke."""
     B, C = table.mean_B.copy(), table.mean_C.copy()
     return NutState(no_path_yet(), 0.0, B, C, np.zeros_like(B), np.zeros_like(C))
 
 
 class NutDesk(NamedTuple):
-    """Arguments of the averages: the state, changed in place, the columns of K steps, and scratch."""
+    """Arguments of the averages for the kernel.
+
+    Attributes:
+        path: Memory of the nut's motion, and then the fields of `NutState`; all are changed in place.
+        out_B: Input columns of K steps, (K, n_x).
+        out_C: Output columns of K steps, (K, R).
+        step_B: Scratch, (n_x,).
+        step_C: Scratch, (R,).
+    """
 
     path: Records
     weight_s: FloatArray
@@ -162,10 +178,17 @@ def state_of(desk: NutDesk) -> NutState:
 def columns(
     table: NutTable, state: NutState, dt_s: FloatArray, path: NutPath
 ) -> tuple[NutState, FloatArray, FloatArray]:
-    """Average the nut's columns over K steps.
+    """Return the nut's columns averaged over K steps.
 
-    Returns the state after the last step, the input columns (K, n_x) and the output columns of the source's
-    lag (K, R).
+    Args:
+        table: Table of the nut.
+        state: Its state before the steps.
+        dt_s: Lengths of the steps, s, (K,).
+        path: Samples of its position.
+
+    Returns:
+        The state after the last step, the input columns, (K, n_x), and the output columns of the source's
+        lag, (K, R).
     """
     k, B, C = len(dt_s), len(state.B), len(state.C)
     arrays = {name: array.copy() for name, array in arrays_of(state).items()}
@@ -181,7 +204,15 @@ def columns(
 
 
 def columns_at(table: NutTable, places_m: Sequence[float]) -> tuple[FloatArray, FloatArray]:
-    """Return the columns (n_x,), (R,) of a nut that rests at each of some places for equal times."""
+    """Return the columns of a nut that rests at each of some places for equal times.
+
+    Args:
+        table: Table of the nut.
+        places_m: Positions of its centre, m, at least one.
+
+    Returns:
+        Input column, (n_x,), and output column of the source's lag, (R,).
+    """
     B, C = table.mean_B.copy(), np.zeros_like(table.mean_C)
     B[: len(table.mu_1_m)] = 0.0
     nut = record(table)
@@ -195,9 +226,17 @@ def columns_at_ends(
 ) -> tuple[Records, FloatArray, FloatArray]:
     """Return the columns of a nut that rests at both ends of its actual stroke for equal times.
 
-    The stroke of the configuration is the longest; a machine may run over part of it. Returns the state after
-    the last step, the input columns (K, n_x), and the output columns of the source's lag (K, R). Before the
-    first reversals, they are those of the nut spread over its stroke.
+    The stroke of the configuration is the longest; a machine may run over part of it.
+
+    Args:
+        table: Table of the nut.
+        state: Memory of its path.
+        dt_s: Lengths of the steps, s, (K,).
+        path: Samples of its position.
+
+    Returns:
+        The memory after the last step, the input columns, (K, n_x), and the output columns of the source's
+        lag, (K, R). Before the first reversals, they are those of the nut spread over its stroke.
     """
     state, ends_m = reversals(state, path, table.stroke_m)
     B, C = np.empty((len(dt_s), table.states)), np.empty((len(dt_s), len(table.mean_C)))
@@ -213,9 +252,17 @@ def columns_at_ends(
 def from_unknown(
     table: NutTable, dt_s: FloatArray, path: NutPath, *, at_ends: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the columns (K, n_x), (K, R) of a nut from its first sample on.
+    """Return the columns of a nut from its first sample on.
 
-    They are averaged along its path or, with `at_ends`, as in `columns_at_ends`.
+    Args:
+        table: Table of the nut.
+        dt_s: Lengths of the steps, s, (K,).
+        path: Samples of its position.
+        at_ends: Whether the nut rests at the ends of its stroke, as in `columns_at_ends`. Otherwise columns
+            are averaged along its path.
+
+    Returns:
+        Input columns, (K, n_x), and output columns, (K, R).
     """
     if at_ends:
         return columns_at_ends(table, no_path_yet(), dt_s, path)[1:]
@@ -231,6 +278,10 @@ def judge_path(position_m: FloatArray, stroke_m: float) -> PathRegime:
     "path": enough samples for every traverse. "points": fewer, but they cover the stroke. "undetermined":
     fewer and in step with the motion, so that they show a few places only; the log does not determine the
     footprint.
+
+    Args:
+        position_m: Positions in consecutive samples, m, NaN without one.
+        stroke_m: Length of the stroke, m.
     """
     position = position_m[np.isfinite(position_m)]
     jumps = np.abs(np.diff(position))

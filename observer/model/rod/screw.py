@@ -25,11 +25,15 @@ SpeedFilm = Callable[[FloatArray], FloatArray]
 
 
 def surface_film_W_m2K(surface: Surface, diameter_m: float) -> float:
-    """Return the base film: the number given, or convection and radiation by the law.
+    """Return the base film: the number given, or convection and radiation by the law, W/m²K.
 
     Radiation and natural convection are those at the rise `rise_K`, turning at the speed `speed_rpm`. With
     speed 0 this is the film at standstill; a speed channel then adds `turning_film`. The practice factor and
     the thread multiply convection only.
+
+    Args:
+        surface: The table `[surface]`.
+        diameter_m: Outer diameter of the screw, m.
     """
     if surface.law is None:
         return surface.convection_W_m2K
@@ -41,10 +45,17 @@ def surface_film_W_m2K(surface: Surface, diameter_m: float) -> float:
 
 
 def turning_film(surface: Surface, diameter_m: float) -> SpeedFilm | None:
-    """Return the additional film of a turning screw, W/(m² K) from speeds in rpm; None without one.
+    """Return the additional film of a turning screw.
 
     A cylinder in free air adds its own film. A screw in a tube adds the transport of the vortices beyond
     conduction through the air gap.
+
+    Args:
+        surface: The table `[surface]`.
+        diameter_m: Outer diameter of the screw, m.
+
+    Returns:
+        A function from speeds, rpm, to films, W/m²K; None if the law has no rotation.
     """
     air, raised = _air(surface), _raised(surface, diameter_m)
     if surface.law in ("rotating-cylinder", "kendoush"):
@@ -103,7 +114,11 @@ def _raised(surface: Surface, diameter_m: float) -> float:
 
 
 class End(NamedTuple):
-    """One end of the rod: `biot_1_m` = h_end / k; 0 is insulated, infinity is a prescribed temperature."""
+    """One end of the rod.
+
+    Attributes:
+        biot_1_m: H = h_end / k, 1/m; 0 is insulated, infinity is a prescribed temperature.
+    """
 
     biot_1_m: float
 
@@ -132,7 +147,12 @@ class Profile(NamedTuple):
     perimeter: tuple[float, ...]
 
     def at(self, values: tuple[float, ...], x_m: FloatArray) -> FloatArray:
-        """Return of values (S,) those of the pieces in which places (k,) lie."""
+        """Return the values of the sections in which places lie, (k,).
+
+        Args:
+            values: A value of each section, (S,).
+            x_m: Positions, m, (k,); an edge belongs to the section to its right.
+        """
         return np.asarray(values)[np.searchsorted(self.edges_m[1:-1], x_m, side="right")]
 
 
@@ -159,18 +179,23 @@ class Rod(NamedTuple):
 
     @property
     def edges_m(self) -> tuple[float, ...]:
-        """The edges between sections."""
+        """Edges between sections, m; none for a uniform rod."""
         return () if self.profile is None else self.profile.edges_m[1:-1]
 
     @property
     def storage_m(self) -> float:
-        """The length of a rod of the cross-section A that stores as much."""
+        """Length of a rod of the cross-section A that stores as much, m."""
         if self.profile is None:
             return self.length_m
         return float(np.diff(self.profile.edges_m) @ self.profile.area)
 
     def wetted_m(self, from_m: float, to_m: float) -> float:
-        """Return the length of a rod of the perimeter P with the surface of a stretch."""
+        """Return the length of a rod of the perimeter P with the surface of a stretch, m.
+
+        Args:
+            from_m: Beginning of the stretch, m.
+            to_m: Its end, m.
+        """
         if self.profile is None:
             return to_m - from_m
         inside = np.clip(self.profile.edges_m, from_m, to_m)
@@ -227,12 +252,19 @@ def biot_number(screw: Screw, film_W_m2K: float) -> float:
 
     V/S is d/4 of a solid screw, and the largest of the sections. Below 0.1 the temperature across a body is
     nearly uniform (Incropera & DeWitt 2007, eq. 5.10).
+
+    Args:
+        screw: Its diameters and conductivity.
+        film_W_m2K: The film coefficient.
     """
     volume_m = max(piece.area_m2 / (math.pi * piece.diameter_m) for piece in screw.pieces)
     return film.biot(film_W_m2K, volume_m, screw.conductivity_W_mK)
 
 
 def surface_rate(screw: Screw) -> float:
-    """P/(ρ c A): the rate of loss per film coefficient, 1/s per W/m²K; 4/(ρ c d) of a solid screw."""
+    """Return P/(ρ c A): the rate of loss per film coefficient, 1/s per W/m²K; 4/(ρ c d) of a solid screw.
+
+    Diameter and bore are the screw's own, without its sections.
+    """
     solid = 4 / (screw.density_kg_m3 * screw.specific_heat_J_kgK * screw.diameter_m)
     return solid / (1.0 - (screw.bore_m / screw.diameter_m) ** 2)

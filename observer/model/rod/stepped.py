@@ -19,16 +19,28 @@ from observer.model.rod.screw import End, Profile, Rod
 
 
 def cosines_needed(count: int) -> int:
-    """The number of cosines for `count` modes; further cosines only round the kinks at the edges."""
+    """Return the number of cosines for `count` modes; further cosines only round the kinks at the edges."""
     return max(160, min(4 * count, count + 100))
 
 
 def galerkin_modes(
     rod: Rod, mu_1_m: FloatArray, phase: FloatArray, scale: FloatArray, count: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the rates (N,), 1/s, and the shapes (M, N) of the first `count` modes of a stepped rod.
+    """Return the first modes of a stepped rod.
 
-    The shapes combine M cosines scale · cos(μ x − phase) that meet its ends.
+    Args:
+        rod: A rod with a profile.
+        mu_1_m: Wave numbers of M cosines scale · cos(μ x − phase) that meet its ends, 1/m, (M,).
+        phase: Their phases, (M,).
+        scale: Their amplitudes, (M,).
+        count: Number N of modes, at most M.
+
+    Returns:
+        Decay rates, 1/s, (N,), ascending, and shapes as combinations of the cosines, (M, N). Shapes are
+        normalised to ∫ a v² dx = α, as are those of a uniform rod.
+
+    Raises:
+        ValueError: If the rod is uniform.
     """
     from scipy.linalg import eigh  # noqa: PLC0415  (start-up: a uniform screw needs none)
 
@@ -139,7 +151,16 @@ def _end_solutions(rod: Rod) -> tuple[_Fin, _Fin]:
 
 
 def stepped_source_field(rod: Rod, a_m: float, b_m: float, x_m: FloatArray) -> FloatArray:
-    """Steady rise at places (k,) in K per W of a source from a to b, as `modes.source_field`."""
+    """Return the steady rise at places per watt of a source, K/W, (k,), as `modes.source_field`.
+
+    Without any loss it is the rise relative to the drifting mean.
+
+    Args:
+        rod: A rod with a profile.
+        a_m: Beginning of the source, m.
+        b_m: Its end, m; equal to `a_m` for a point.
+        x_m: Places, m, (k,).
+    """
     if rod.floating:
         return _floating_field(rod, a_m, b_m, x_m)
     (left, right), L, x = _end_solutions(rod), rod.length_m, np.asarray(x_m, dtype=float)
@@ -156,7 +177,13 @@ def stepped_source_field(rod: Rod, a_m: float, b_m: float, x_m: FloatArray) -> F
 
 
 def stepped_end_field(rod: Rod, side: str, x_m: FloatArray) -> FloatArray:
-    """Steady field (k,) in K per K of the prescribed end `side`."""
+    """Return the steady field per kelvin of a prescribed end, K/K, (k,).
+
+    Args:
+        rod: A rod with a profile.
+        side: `"left"`, else the right end is taken.
+        x_m: Places, m, (k,).
+    """
     (left, right), L = _end_solutions(rod), rod.length_m
     if side == "left":
         return np.asarray(right.value(L - np.asarray(x_m)) / right.value(L))

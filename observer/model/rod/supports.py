@@ -63,7 +63,15 @@ class Restraint(NamedTuple):
 
 
 def restraint_of(supports: Supports, screw: Screw, grid_m: FloatArray) -> Restraint:
-    """Return the restraint of a configuration's supports at positions (g,) of a screw."""
+    """Return the restraint of supports at positions of a screw.
+
+    If only one support holds, the screw grows away from it. If both slide, it grows from its middle.
+
+    Args:
+        supports: The table `[supports]`.
+        screw: The screw, whose stiffness counts between two holding supports.
+        grid_m: Positions on the screw, m, (g,).
+    """
     screw_m_N = screw.length_m / (supports.elastic_modulus_Pa * screw.spring_area_m2)
     left, right = _compliances_m_N(supports)
     share = screw.spring_share(grid_m)
@@ -93,28 +101,46 @@ def _inverse(stiffness_N_m: float | None) -> float:
 
 
 def held_back_um(restraint: Restraint, growth_um: FloatArray) -> FloatArray:
-    """Return H(D), the restrained part of the free screw's growth."""
+    """Return H(D), the restrained part of the free screw's growth, µm.
+
+    Args:
+        restraint: The supports.
+        growth_um: Growth D of the whole free screw, µm, any shape.
+    """
     pulled = np.minimum(growth_um, restraint.lost_um)
     return np.asarray(pulled + np.maximum(growth_um - restraint.lost_um - restraint.gap_um, 0.0))
 
 
 def taken_off_um(restraint: Restraint, growth_um: FloatArray) -> FloatArray:
-    """Return the reduction (…, g) of the free growth at each place, from that of the whole screw, (…, 1)."""
+    """Return the reduction of the free growth at each place, µm, (…, g).
+
+    Args:
+        restraint: The supports.
+        growth_um: Growth of the whole free screw, µm, (…, 1).
+    """
     held_um = held_back_um(restraint, growth_um)
     return np.asarray(restraint.hold * held_um + restraint.leaves_left * (growth_um - held_um))
 
 
 def force_N(restraint: Restraint, growth_um: FloatArray) -> FloatArray:
-    """Return the axial force in the screw, tension positive: N = j_Σ (D_1 − H(D)).
+    """Return the axial force in the screw, N, tension positive: N = j_Σ (D_1 − H(D)).
 
     The bearings of the supports carry it in addition to the load of the drive.
+
+    Args:
+        restraint: The supports.
+        growth_um: Growth of the whole free screw, µm, any shape.
     """
     return np.asarray(restraint.stiffness_N_um * (restraint.lost_um - held_back_um(restraint, growth_um)))
 
 
 def displacement_um(restraint: Restraint | None, growth_um: FloatArray, whole_um: FloatArray) -> FloatArray:
-    """Return the displacement U (K, g) from the free screw's growth up to each place, (K, g), and that of the
-    whole screw, (K,).
+    """Return the displacement U at each place, µm, (K, g).
+
+    Args:
+        restraint: The supports; None leaves the free growth.
+        growth_um: Growth of the free screw up to each place, µm, (K, g).
+        whole_um: Growth of the whole free screw, µm, (K,).
     """
     if restraint is None:
         return growth_um
@@ -124,10 +150,15 @@ def displacement_um(restraint: Restraint | None, growth_um: FloatArray, whole_um
 def restrained_rows(restraint: Restraint | None, free: FloatArray) -> FloatArray:
     """Return the rows of the thermal error from those of the free growth.
 
-    `free` (g + 1, …) is the growth from x = 0 to each grid point, then to the screw's end. Returns g rows
-    that are linear in the temperature. With a clearance, these are followed by g rows for a screw without the
-    second support. If both ends are held, the last row is the growth of the whole free screw. `fold` makes
-    the error from all of these, and `tension` the force.
+    `fold` makes the error from all of these, and `tension` the force.
+
+    Args:
+        restraint: The supports; None leaves the free growth.
+        free: Growth from x = 0 to each grid point, then to the screw's end, (g + 1, …).
+
+    Returns:
+        g rows that are linear in the temperature. With a clearance, these are followed by g rows for a screw
+        without the second support. If both ends are held, the last row is the growth of the whole free screw.
     """
     growth, whole = free[:-1], free[-1:]
     if restraint is None:
@@ -139,11 +170,15 @@ def restrained_rows(restraint: Restraint | None, free: FloatArray) -> FloatArray
 
 
 def fold(restraint: Restraint | None, value: FloatArray, sigma: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return error and σ (K, g) from the values of `restrained_rows` and their σ, (K, g), (K, g + 1) or (K, 2
-    g + 1).
+    """Return error and σ, µm, (K, g), from the values of `restrained_rows` and their σ.
 
     H is linearised at the estimate. The σ is that of the held rows where H follows the growth, and that of
     the free rows where H is constant. Within two σ of a bend, it is the larger of both.
+
+    Args:
+        restraint: The supports; None returns the arguments.
+        value: Values of the rows, µm, (K, g), (K, g + 1) or (K, 2 g + 1).
+        sigma: Their σ, µm, of the same shape.
     """
     if restraint is None or value.shape[1] == 0:
         return value, sigma
@@ -188,10 +223,16 @@ def _about_gap(restraint: Restraint, growth: FloatArray, sigma: FloatArray) -> t
 def error_at(
     position_m: FloatArray, grid_m: FloatArray, error_um: FloatArray, sigma_um: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the thermal error at a position of each step, as of the nut, and its σ; (K,) from (K, g).
+    """Return the thermal error at a position of each step, as of the nut, and its σ, µm, (K,).
 
-    Linear between grid points; the σ between two points is at most the interpolated one. A position beyond
-    the grid gets the value at its end; NaN gives NaN.
+    Linear between grid points; the σ between two points is at most the interpolated one.
+
+    Args:
+        position_m: The position in each step, m, (K,). Beyond the grid it gets the value at its end; NaN
+            gives NaN.
+        grid_m: Grid points, m, (g,), two or more.
+        error_um: Thermal error, µm, (K, g).
+        sigma_um: Its σ, µm, (K, g).
     """
     place = np.interp(position_m, grid_m, np.arange(len(grid_m), dtype=float))
     is_known = np.isfinite(place)
