@@ -61,6 +61,7 @@ TABLES = {
     "plain": {},
     "laws": {"source": SOURCES},
     "effects": {"effect": EFFECTS},
+    "still air": {"effect": [{"kind": "natural_convection", "coefficient_W_m2K": 8.0}]},
     "learning": {"tolerance": {}},
     "learning, with a limit of the bound": {"tolerance": {}, "integrity": {"limit_um": 1000.0}},
     "supports with a gap": {"supports": GAP},

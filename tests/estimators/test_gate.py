@@ -95,27 +95,6 @@ def test_a_single_outlier_of_rows_far_apart_does_not_open_the_state(kind, engine
     assert opened == [False, False, True]
 
 
-def test_a_slow_sensor_is_neither_degraded_nor_stale_between_its_samples():
-    plant = rod()
-    u = quiet(plant)
-    u.usable[:, :] = False
-    u.usable[::10] = True
-    _, block = run(plant, u)
-    assert (block.quality == EstimateQuality.GOOD).all()
-    assert (block.sensor_quality == Quality.GOOD).all()
-    assert np.isnan(block.innovation_K[5]).all()
-
-
-def test_a_refused_slow_sensor_stays_marked_between_its_samples():
-    plant = rod()
-    u = quiet(plant)
-    u.usable[:, 1] = np.arange(200) % 10 == 0
-    u.y_degC[100:140, 1] = -150.0
-    _, block = run(plant, u)
-    assert (block.sensor_quality[100:140, 1] == Quality.REJECTED).all()
-    assert (block.sensor_quality[140:, 1] == Quality.GOOD).all()
-
-
 @pytest.mark.parametrize(("kind", "engine"), ENGINES)
 def test_without_any_good_sensor_the_estimate_is_stale_after_two_steps(kind, engine):
     plant = rod()
@@ -127,31 +106,3 @@ def test_without_any_good_sensor_the_estimate_is_stale_after_two_steps(kind, eng
     assert (block.quality[102:150] == EstimateQuality.STALE).all()
     assert (block.quality[150:] == EstimateQuality.GOOD).all()
     assert (np.diff(block.heat_sigma_W[100:150], axis=0) > 0).all()
-
-
-def test_stale_channels_make_the_estimate_stale_at_once():
-    plant = rod()
-    u = quiet(plant)
-    u.usable[100:] = False
-    u.quality[100:] = Quality.STALE
-    _, block = run(plant, u)
-    assert (block.quality[100:] == EstimateQuality.STALE).all()
-
-
-def test_a_missing_input_degrades():
-    plant = rod()
-    u = quiet(plant)
-    u.degraded[50:60] = True
-    _, block = run(plant, u)
-    assert (block.quality[50:60] == EstimateQuality.DEGRADED).all()
-    assert block.quality[60] == EstimateQuality.GOOD
-
-
-def test_quality_only_gets_worse():
-    plant = rod()
-    u = quiet(plant)
-    u.quality[50:60, 0] = Quality.STALE
-    u.usable[50:60, 0] = False
-    _, block = run(plant, u)
-    assert (block.sensor_quality >= u.quality).all()
-    assert (block.sensor_quality[50:60, 0] == Quality.STALE).all()

@@ -1,7 +1,7 @@
 """The compiled Kalman filter against a textbook filter, filterpy, and properties it must have."""
 
 import itertools
-from dataclasses import replace
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -10,11 +10,10 @@ from hypothesis import strategies as st
 
 from observer.estimators import build_estimator
 from observer.estimators.kalman import KalmanEstimator
-from observer.estimators.specification import Belief, Columns, correct, predict, transition
-from observer.frames import EstimateQuality, Inputs, Quality
+from observer.frames import EstimateBlock, EstimateQuality, Inputs, Quality
 from observer.model.discretise import augmented, step_matrices
-from observer.model.plant import OutputRows
 from observer.tables.estimator import EstimatorSettings
+from tests.bits.shared import EVERY, learning
 from tests.logs.inputs import inputs
 from tests.logs.plants import rod
 
@@ -26,42 +25,8 @@ def run(plant, u, **settings_):
     return estimator.run(estimator.initial(), u)
 
 
-def cut(u, part):
-    return u.part(part.start, part.stop)
-
-
 def nut_path(steps):
     return 0.3 + 0.2 * np.sin(1.7 * np.arange(steps))
-
-
-def textbook(plant, u, x, P):
-    """The specification's predict and correct from a given state after step 0."""
-    n_x, s, belief, heats = len(plant.decay_1_s), plant.rows.sensors, Belief(x, P), []
-    H = np.hstack([plant.rows.C[:s], np.zeros((s, len(x) - n_x))])
-    for k in range(1, len(u)):
-        step = transition(plant, u, k, belief.x, Columns(plant.B, np.zeros((n_x, 0))))
-        good = u.usable[k]
-        belief = correct(
-            predict(belief, step.F, step.forced, step.Q), H[good], u.y_degC[k][good],
-            np.diag(plant.noise_R_K2[good]),
-        ).belief  # fmt: skip
-        heats.append(u.law_W[k] + belief.x[n_x:])
-    return belief.x, belief.P, np.array(heats)
-
-
-@pytest.mark.parametrize("uneven", [False, True])
-@pytest.mark.parametrize("heat_rate", [0.0, 5e-3])
-def test_equals_the_textbook_filter(uneven, heat_rate):
-    plant = rod(heat_rate_1_s=heat_rate)
-    u = inputs(plant, steps=150, uneven=uneven)
-    estimator = KalmanEstimator(plant, EstimatorSettings(gate_sigma=1e9))
-    first, _ = estimator.run(estimator.initial(), cut(u, slice(0, 1)))
-    last, block = estimator.run(first, cut(u, slice(1, None)))
-    x, P, heats = textbook(plant, u, first.x_hat.copy(), first.P.copy())
-    # 1e-10 of the largest entry: rounding of sums in another order, on the large entries of a modal P
-    np.testing.assert_allclose(block.heat_W, heats, rtol=1e-10, atol=1e-10 * np.abs(heats).max())
-    np.testing.assert_allclose(last.x_hat, x, rtol=0, atol=1e-10 * np.abs(x).max())
-    np.testing.assert_allclose(last.P, P, rtol=0, atol=1e-10 * np.abs(first.P).max())
 
 
 @pytest.mark.parametrize("moving", [(), (1,)])
@@ -81,49 +46,33 @@ def test_equals_filterpy(moving, estimated):
     np.testing.assert_allclose(state.P, other.P, rtol=0, atol=1e-9 * np.abs(other.P).max())
 
 
-@pytest.mark.parametrize(
-    ("kind", "engine"), [("kalman", "compiled"), ("kalman", "constant"), ("luenberger", "compiled")]
-)
+@pytest.mark.parametrize("learns", [False, True])
+@pytest.mark.parametrize("how", [{}, {"engine": "constant"}, {"kind": "luenberger", "bandwidth_1_s": 0.005}])
 @settings(max_examples=8)
 @given(cuts=st.lists(st.integers(1, 119), max_size=6, unique=True), seed=st.integers(0, 3))
-def test_a_block_is_its_steps_to_the_last_bit(kind, engine, cuts, seed):
-    plant = rod(moving=(1,) if seed % 2 else ())
-    u = inputs(plant, steps=120, seed=seed, nut_m=nut_path(120), uneven=seed >= 2)
-    estimator = build_estimator(plant, EstimatorSettings(kind=kind, engine=engine, bandwidth_1_s=0.005))
-    whole_state, whole = estimator.run(estimator.initial(), u)
-    # A fresh object, so that nothing remembered by the first can help.
-    estimator = build_estimator(plant, EstimatorSettings(kind=kind, engine=engine, bandwidth_1_s=0.005))
-    edges = [0, *sorted(cuts), 120] if cuts else list(range(121))
-    state, blocks = estimator.initial(), []
-    for a, b in itertools.pairwise(edges):
-        state, block = estimator.run(state, cut(u, slice(a, b)))
-        blocks.append(block)
-    for name in (*FIELDS, "sensor_quality", "quality"):
-        joined = np.concatenate([getattr(b, name) for b in blocks])
-        assert joined.tobytes() == getattr(whole, name).tobytes(), name
-    assert state.P.tobytes() == whole_state.P.tobytes()
-    assert state.x_hat.tobytes() == whole_state.x_hat.tobytes()
-    assert (state.silent, state.started) == (whole_state.silent, whole_state.started)
-
-
-def test_masking_a_sensor_is_deleting_its_row():
-    plant = rod()
-    u = inputs(plant, steps=100, missing=0.0)
-    u.usable[:, 2] = False
-    keep = [0, 1, 3]
-    rows = np.array([0, 1, 3, *range(4, len(plant.rows.C))])
-    fewer = replace(
-        plant,
-        rows=OutputRows(plant.rows.C[rows], plant.rows.F[rows], 3, plant.rows.grid),
-        noise_R_K2=plant.noise_R_K2[keep],
-        thermal=plant.thermal[keep],
-        layout=replace(plant.layout, sensors=("t0", "t1", "t3")),
-    )
-    short = u._replace(y_degC=u.y_degC[:, keep], usable=u.usable[:, keep], quality=u.quality[:, keep])
-    masked, deleted = run(plant, u), run(fewer, short)
-    assert masked[1].heat_W.tobytes() == deleted[1].heat_W.tobytes()
-    assert masked[0].P.tobytes() == deleted[0].P.tobytes()
-    assert np.isnan(masked[1].innovation_K[:, 2]).all()
+def test_a_block_is_its_steps_to_the_last_bit(how, learns, cuts, seed):
+    if learns:
+        _, plant, u = learning(EVERY, resting=seed % 2 == 0, steps=120)
+    else:
+        plant = rod(moving=(1,) if seed % 2 else ())
+        u = inputs(plant, steps=120, seed=seed, nut_m=nut_path(120), uneven=seed >= 2)
+    edges, results = [0, *sorted(cuts), 120] if cuts else list(range(121)), []
+    for pieces in ([0, 120], edges):
+        # A fresh object, so that nothing remembered by the first can help.
+        estimator = build_estimator(plant, EstimatorSettings(**how))
+        state, blocks = estimator.initial(), []
+        for a, b in itertools.pairwise(pieces):
+            state, block = estimator.run(state, u.part(a, b))
+            blocks.append(block)
+        columns = {
+            f.name: np.concatenate([getattr(b, f.name) for b in blocks]) for f in fields(EstimateBlock)
+        }
+        arrays = {n: getattr(state, n) for n in ("x_hat", "P", "around", "suspect", "refused_s", "opened_K")}
+        results.append((columns | arrays, state.silent, state.started))
+    (whole, *flags), (joined, *joined_flags) = results
+    assert flags == joined_flags
+    for name, array in whole.items():
+        assert array.tobytes() == joined[name].tobytes(), name
 
 
 def test_a_plant_cut_to_its_sensors_has_the_same_heats():

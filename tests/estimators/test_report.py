@@ -57,10 +57,9 @@ def test_likelihood_is_that_of_the_joint_normal_distribution():
     plant = rod(law_uncertainty=0.3)
     u = inputs(plant, steps=12, missing=0.2, dt_s=20.0, seed=3)
     from observer.estimators.kalman import KalmanEstimator
-    from tests.estimators.test_kalman import cut
 
     estimator = KalmanEstimator(plant, EstimatorSettings(gate_sigma=1e9))
-    first, _ = estimator.run(estimator.initial(), cut(u, slice(0, 1)))
+    first, _ = estimator.run(estimator.initial(), u.part(0, 1))
     Ad, Qd = augmented(plant, step_matrices(plant, 20.0))
     step, n_x = step_matrices(plant, 20.0), len(plant.decay_1_s)
     H = np.hstack([plant.rows.C[:4], np.zeros((4, 3))])

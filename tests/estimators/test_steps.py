@@ -77,9 +77,11 @@ def uneven(plant, steps=STEPS):
     return u
 
 
-@pytest.mark.parametrize("moving", [(), (0,), (1,), (0, 2)])
-def test_every_step_is_the_textbooks(moving):
-    plant = small(moving, heat_rate_1_s=1e-3)
+@pytest.mark.parametrize(
+    ("moving", "rate_1_s"), [((), 0.0), ((), 1e-3), ((0,), 1e-3), ((1,), 0.0), ((0, 2), 1e-3)]
+)
+def test_every_step_is_the_textbooks(moving, rate_1_s):
+    plant = small(moving, heat_rate_1_s=rate_1_s)
     n_x, s = len(plant.decay_1_s), plant.rows.sensors
     u = uneven(plant)
     estimator = KalmanEstimator(plant, EstimatorSettings(gate_sigma=WIDE))

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 import observer
-from observer.estimators.filterpy_engine import FilterpyEstimator
-from observer.estimators.kalman import KalmanEstimator
 from observer.files.logs import read_log
 from observer.files.writer import write_log
 from observer.installation import load, parse
@@ -27,7 +25,7 @@ from tests.reference.node_cases import (
     measured_power,
     on_nodes,
 )  # fmt: skip
-from tests.reference.service_path import inputs_of, open_loop, replay
+from tests.reference.service_path import open_loop, replay
 from tests.truth.bar import shuttle_m
 
 REACHABLE = ("left_housing", "right_housing", "nut_body")
@@ -117,21 +115,6 @@ def test_sensors_on_both_housings_and_the_nut_determine_heats_and_field(
     off_K = (found.field_degC - truth.field_degC)[late]
     assert np.sqrt((off_K**2).mean()) < 0.4
     assert (np.abs(off_K) < 1.96 * found.field_sigma_K[late]).mean() > field_coverage
-
-
-def test_the_two_engines_agree_on_nodes() -> None:
-    truth, position_m = case(0.166)
-    columns = {f"{n}_degC": truth.body_degC[:, NAMES.index(n)] for n in REACHABLE}
-    log = truth.log(columns, 0.05, position_m)
-    made = config(True, on_nodes(0.05, REACHABLE), by_speed(0.8))
-    plant = build_plant(made)
-    inputs = inputs_of(made, plant, log)[0].part(0, 15)
-    compiled, plain = (E(plant, made.estimator) for E in (KalmanEstimator, FilterpyEstimator))
-    _, ours = compiled.run(compiled.initial(), inputs)
-    _, theirs = plain.run(plain.initial(), inputs)
-    np.testing.assert_allclose(ours.heat_W, theirs.heat_W, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(ours.field_degC, theirs.field_degC, rtol=0, atol=1e-7)
-    np.testing.assert_allclose(ours.field_sigma_K, theirs.field_sigma_K, rtol=1e-6)
 
 
 def test_an_attached_mass_is_a_network_of_one_node() -> None:
