@@ -155,7 +155,10 @@ class ModbusSession:
             await self._line.open()
 
     async def close(self) -> None:
-        """End the use of the line; the last driver's end closes the connection. A second call has no effect."""
+        """End the use of the line; the last driver's end closes the connection.
+
+        A second call has no effect.
+        """
         if self._line is not None:
             self._release(self._blocks)
             self._line.leave(self._table.unit_id)

@@ -99,7 +99,7 @@ class RateLimitedTable:
         return None
 
     def stop(self, reason: int) -> None:
-        """Ramp to zero, and accept no table until it has been switched off, unless `reason` is `NO_REASON`."""
+        """Ramp to zero. Accept no table until it has been switched off, unless `reason` is `NO_REASON`."""
         self.state, self.reason = TO_ZERO, reason
         self.target_um = [0.0] * len(self.now_um)
 
