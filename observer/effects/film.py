@@ -69,7 +69,7 @@ class SpeedConvection(EffectTable):
     kind: Literal["speed_convection"]
     #: factor on the rotating cylinder’s film; 1 is the correlation
     gain: Annotated[Finite, Field(ge=0, le=10)]
-    #: channel of the screw’s speed in rpm; without it, the first that a source reads
+    #: channel of the screw’s speed in rpm; – is the first that a source reads
     speed_channel: Channel | None = None
 
     parameters = {"gain": Fitted("1", 0.1)}
@@ -222,7 +222,7 @@ class Coolant(EffectTable):
     inlet_degC: Temperature | None = None  #: temperature of the coolant where it enters
     inlet_channel: Channel | None = None  #: the channel that measures it
     while_standing: Flag = False  #: it flows while the screw stands, too
-    #: channel of the screw’s speed in rpm; without it, the first that a source reads
+    #: channel of the screw’s speed in rpm; – is the first that a source reads
     speed_channel: Channel | None = None
 
     parameters = {

@@ -29,7 +29,7 @@ class EndHeat(EffectTable):
     kind: Literal["end_heat"]
     target: End  #: `left` or `right`
     heat_W_rpm: Annotated[Finite, Field(ge=-1, le=1)]  #: extra heat per speed, W per rpm
-    #: channel of the screw’s speed in rpm; without it, the first that a source reads
+    #: channel of the screw’s speed in rpm; – is the first that a source reads
     speed_channel: Channel | None = None
 
     parameters = {"heat_W_rpm": Fitted("W/rpm", 1e-3)}
@@ -61,7 +61,7 @@ class MotorHeat(EffectTable):
     kind: Literal["motor_heat"]
     target: End  #: `left` or `right`
     heat_W: Annotated[Finite, Field(ge=-500, le=500)]  #: heat in W; negative takes heat out
-    drive_channel: Channel | None = None  #: the heat flows while this channel is not 0; without it, always
+    drive_channel: Channel | None = None  #: the heat flows while this channel is not 0; – is always
 
     parameters = {"heat_W": Fitted("W", 2.0, low=0.0)}
     targets = "end"

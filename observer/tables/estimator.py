@@ -87,7 +87,7 @@ class EstimatorSettings(Section):
     engine: Literal["compiled", "filterpy", "constant"] = "compiled"
     #: a measurement further than this from its prediction is rejected
     gate_sigma: Annotated[Positive, Field(ge=0.1)] = 5.0
-    initial_sigma_K: Rise = 2.0  #: standard deviation of the unknown field at the start
+    initial_sigma_K: Rise = 2.0  #: σ of the unknown field at the start
     #: random walk of the field beyond the sources: K after 1 s, grows with √t; 0 takes the model as exact
     field_noise_K_sqrt_s: Annotated[NonNegative, Field(le=1000)] = 0.002
     #: compiled kalman and `identify`: what of `[tolerance]` is [learnt](../explanation/learning.md), the
@@ -98,7 +98,8 @@ class EstimatorSettings(Section):
     # Luenberger
     #: luenberger: `"bandwidth"` moves the slow poles only; `"kim"` is the paper's rule
     pole_rule: Literal["bandwidth", "kim"] = "bandwidth"
-    #: luenberger: rate at which errors decay; – is the rate with the smallest σ of the heats
+    #: luenberger: rate at which errors decay; – is where the largest steady σ of a heat,
+    #: relative to its `initial_sigma_W`, is smallest
     bandwidth_1_s: Annotated[Positive, Field(ge=1e-9, le=1e4)] | None = None
 
     @property

@@ -32,7 +32,7 @@ class Node(Section):
 
     name: quantities.Name  #: the name that sources, links and sensors use
     capacity_J_K: quantities.Capacity  #: heat capacity: mass times specific heat
-    #: standard deviation of its capacity, relative; – is `tolerance.capacity`
+    #: σ of its capacity, relative; – is `tolerance.capacity`
     tolerance: Tolerated | None = None
 
 
@@ -78,7 +78,7 @@ class Link(Section):
 
     #: multiplies the conductance described, as fitted by `observer calibrate`
     factor: Annotated[quantities.Positive, Field(ge=1e-3, le=1e3)] = 1.0
-    #: standard deviation of its conductance, relative; – is `tolerance.link`
+    #: σ of its conductance, relative; – is `tolerance.link`
     tolerance: Tolerated | None = None
 
     @property
@@ -214,11 +214,11 @@ class Source(HeatLaw):
     random_walk_W_sqrt_s: quantities.HeatSigma = 0.1
     #: time constant with which that deviation decays; – is a pure random walk
     time_constant_s: quantities.Duration | None = None
-    #: relative standard deviation of the law's scale; a jump of the law adds this part of it to σ; – is 0.2,
+    #: relative σ of the law's scale; a jump of the law adds this part of it to σ; – is 0.2,
     #: and 0.3 where [no thermocouple sits on the
     #: screw](../explanation/learning.md#without-a-sensor-on-the-screw)
     law_uncertainty: quantities.Factor | None = None
-    #: `forecast` from a log: relative standard deviation of the scale after run-in, from `calibrate`; – is
+    #: `forecast` from a log: relative σ of the scale after run-in, from `calibrate`; – is
     #: `law_uncertainty`
     scale_tolerance: quantities.Factor | None = None
     #: `forecast` from a log: extra friction when work begins, relative to the law, from `calibrate`; with the
@@ -226,8 +226,8 @@ class Source(HeatLaw):
     run_in: Annotated[quantities.Finite, Field(ge=-1, le=10)] | None = None
     #: time constant with which that fades
     run_in_s: quantities.Duration | None = None
-    run_in_tolerance: quantities.Factor | None = None  #: standard deviation of `run_in`
-    #: standard deviation of the heat at the start
+    run_in_tolerance: quantities.Factor | None = None  #: σ of `run_in`
+    #: σ of the heat at the start
     initial_sigma_W: Annotated[quantities.HeatSigma, Field(gt=0)] = 30.0
 
     @model_validator(mode="after")

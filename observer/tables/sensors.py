@@ -44,16 +44,16 @@ def refuse_foreign_keys(table: Section, kind: SensorKind) -> None:
 class Measuring(Section):
     """How well something measures, be it mounted or only a candidate."""
 
-    noise_K: quantities.Noise = 0.1  #: standard deviation of its noise
-    #: standard deviation of its offset; – is `tolerance.offset_K`
+    noise_K: quantities.Noise = 0.1  #: σ of its noise
+    #: σ of its offset; – is `tolerance.offset_K`
     offset_K: Annotated[quantities.NonNegative, Field(le=50)] | None = None
     #: the part of its rise above the air [that it shows](../how-to/choose-sensors.md#a-part-of-the-rise)
     shows: quantities.PartOfRise = 1.0
-    #: standard deviation of that part, relative; – is `tolerance.gain`
+    #: σ of that part, relative; – is `tolerance.gain`
     shows_tolerance: quantities.Share | None = None
-    #: displacement: standard deviation of its noise
+    #: displacement: σ of its noise
     noise_um: Annotated[quantities.Positive, Field(ge=1e-4, le=1000)] = 1.0
-    #: displacement: standard deviation of its zero
+    #: displacement: σ of its zero
     zero_um: Annotated[quantities.NonNegative, Field(le=10_000)] = 5.0
 
 

@@ -77,6 +77,8 @@ TABLES: dict[str, dict[str, type[BaseModel]]] = {
     "devices.md": DEVICES,
     "effects.md": {f"`{effect.named()}`": effect for effect in LIBRARY},
 }
+SHARED = {"`[[candidate]]`": "`[[sensor]]`", "`modbus_rtu`": "`modbus_tcp`", "`canopen`": "`can`"}
+"""Tables that refer to another table for the keys that are the same there."""
 _HEAD = "| key | default | meaning |\n|---|---|---|\n"
 _ROWS = re.compile(r"(?m)(^\| key \| payload \|.*\n\|[-|]+\n)((?:\|.*\n)*)")
 _ROW = re.compile(r"^\| `(\w+)` \| (.*?) \| (.*) \|$", re.M)
@@ -108,23 +110,47 @@ def default(field: FieldInfo) -> str:
     return "–" if value is None else f"`{json.dumps(value, default=str)}`"
 
 
-def table(model: type[BaseModel], page: dict[str, str]) -> str:
-    """The table of a class, its keys in the order of those that the `page` has already, by meaning."""
+def rows(model: type[BaseModel], page: dict[str, str]) -> dict[str, str]:
+    """The rows of a class by key, in the order of those that the `page` has already, by meaning."""
     keys = {field.alias or name: (name, field) for name, field in model.model_fields.items()}
-    rows = []
+    made = {}
     if issubclass(model, EffectTable):
         keys.pop("kind")  # the heading is its value
     for key in [*(k for k in page if k in keys), *(k for k in keys if k not in page)]:
         name, field = keys[key]
         said = (meanings(c).get(name) for c in model.__mro__ if c not in (BaseModel, object))
-        rows.append(f"| `{key}` | {default(field)} | {next(filter(None, said), page.get(key, ''))} |\n")
-    return _HEAD + "".join(rows)
+        meaning, value = next(filter(None, said), ""), default(field)
+        if value == "–":  # a text that ends in "; – is …" gives the default in words
+            meaning, _, words = meaning.partition("; – is ")
+            value = words or value
+        made[key] = f"| `{key}` | {value} | {meaning or page.get(key, '')} |\n"
+    return made
 
 
-def section_of(page: str, title: str, model: type[BaseModel], text: str) -> str:
+def table(title: str, model: type[BaseModel], text: str, texts: dict[str, str]) -> str:
+    """The table of a class whose heading stands over `text`; keys that another table has share a row."""
+    page = dict(_meanings_of(text))
+    if (other := SHARED.get(title)) is None:
+        return _HEAD + "".join(rows(model, page).values())
+    tables = {heading: section for kinds in TABLES.values() for heading, section in kinds.items()}
+    elsewhere = rows(tables[other], _meanings_of(texts[other]))
+    own = rows(model, page | {k: v for k, v in _meanings_of(texts[other]).items() if k not in page})
+    same = [key for key in model.model_fields if key in own and elsewhere.get(key) == own[key]]
+    keys, link = ", ".join(f"`{key}`" for key in same), re.sub("[^a-z_]", "", other)
+    last = f"| {keys} | | as in [{other}](#{link}) |\n" if same else ""
+    return _HEAD + "".join(row for key, row in own.items() if key not in same) + last
+
+
+def _meanings_of(text: str) -> dict[str, str]:
+    """The meanings of the keys of the table in a text."""
+    return {key: meaning for key, _, meaning in _ROW.findall(text.partition(_HEAD)[2])}
+
+
+def section_of(page: str, title: str, model: type[BaseModel], texts: dict[str, str]) -> str:
     """The text under a heading, with its table, and with what the class of an effect says of it."""
+    text = texts[title]
     before, _, after = text.partition(_HEAD)
-    own = table(model, {key: meaning for key, _, meaning in _ROW.findall(after)})
+    own = table(title, model, text, texts)
     prose = "".join(re.split(r"(?m)^(?!\|)", after, maxsplit=1)[1:])
     if page != "effects.md":
         return before + own + prose
@@ -149,10 +175,10 @@ def written(page: str) -> str:
     head, *parts = re.split(r"(?m)^## ", (REFERENCE / page).read_text(encoding="utf-8"))
     texts = dict(part.split("\n", 1) for part in parts)
     tables, made = TABLES[page], []
-    for title in tables if page == "effects.md" else texts | tables:
-        text = texts.get(title, f"\n{tables[title].__doc__}\n\n{_HEAD}" if title in tables else "")
-        if title in tables:
-            text = section_of(page, title, tables[title], text)
+    for title in tables:
+        texts.setdefault(title, f"\n{tables[title].__doc__}\n\n{_HEAD}")
+    for title in tables if page == "effects.md" else texts:
+        text = section_of(page, title, tables[title], texts) if title in tables else texts[title]
         made.append(f"## {title}\n{text.rstrip()}\n")
     return head + "\n".join(made)
 
