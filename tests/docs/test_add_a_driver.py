@@ -1,8 +1,9 @@
-"""The page that shows how to add a driver: its file, named by the configuration, works."""
+"""The driver of the page that shows how to add one: named by the configuration, it works."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,10 +12,9 @@ import pytest
 
 from observer.errors import ConfigError
 from observer.installation import load
-from tests.docs.console import blocks
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "how-to" / "add-a-driver.md"
+EXAMPLE = ROOT / "docs" / "examples" / "one_wire.py"
 KIND = "one_wire:OneWireSettings"
 NUMBER = "28-0316a2794f10"
 MACHINE = """
@@ -34,9 +34,8 @@ specific_heat_J_kgK = 480
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A folder on the path of modules, with the page's file."""
-    (driver,) = (body for _, language, body in blocks(PAGE) if language == "python")
-    (tmp_path / "one_wire.py").write_text(driver, encoding="utf-8")
+    """A folder on the path of modules, with the example."""
+    shutil.copy(EXAMPLE, tmp_path)
     return tmp_path
 
 

@@ -132,12 +132,6 @@ def test_a_page_of_use_fits_two_screens() -> None:
     assert not {page: count for page, count in lines.items() if count > 80}
 
 
-def test_a_program_that_a_page_shows_is_the_one_beside_it() -> None:
-    shown = {body for page in PAGES for _, language, body in blocks(page) if language == "c"}
-    for example in (DOCS / "examples").glob("*.c"):
-        assert example.read_text(encoding="utf-8").rstrip("\n") in shown
-
-
 @pytest.mark.parametrize("path", sorted((DOCS / "examples").glob("*.toml")), ids=lambda p: p.name)
 def test_an_example_configuration_is_usable_with_its_files(path: Path) -> None:
     assert examine(path).sensor
