@@ -155,7 +155,9 @@ class Config(Description):
         return self
 
     def contradictions(self) -> list[str]:
-        """Contradictions, a sentence each."""
+        """Return contradictions between tables, a sentence each with the remedy; empty for a consistent
+        machine.
+        """
         return [
             *_beyond_the_screw(self),
             *_too_much_work(self),
@@ -169,7 +171,11 @@ class Config(Description):
         ]
 
     def remade(self, table: dict[str, Any]) -> Self:
-        """Return a configuration of the same kind from another table, checked again; raises `ConfigError`."""
+        """Return a configuration of the same kind from another table, checked again.
+
+        Raises:
+            ConfigError: The table is not a valid configuration.
+        """
         try:
             return self.model_validate(table)
         except ValidationError as error:
@@ -177,7 +183,10 @@ class Config(Description):
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Every channel the model reads, each once, in the order of the configuration."""
+        """Every channel the model reads, each once, in the order of the configuration.
+
+        Columns of frames are in this order.
+        """
         names = [s.channel for s in self.sensor]
         names += [s.measured_channel for s in self.sensor]
         for source in self.source:
@@ -195,12 +204,16 @@ class Config(Description):
 
     @property
     def derived_channels(self) -> frozenset[str]:
-        """The channels that no driver delivers: they follow from others."""
+        """The channels that no driver delivers, since they follow from others: displacements along a nut's
+        way.
+        """
         return frozenset(s.channel for s in self.sensor if s.along is not None)
 
     @property
     def learnt(self) -> tuple[str, ...]:
-        """What is learnt; nothing by an estimator with a gain that knows of heats and field alone."""
+        """The kinds of parameters that are learnt; empty for an estimator whose gain covers heats and
+        field only.
+        """
         if not self.estimator.learns:
             return ()
         if self.estimator.learn is not None:
@@ -208,7 +221,11 @@ class Config(Description):
         return LEARNT if self.screw_is_seen else (*LEARNT, "law")
 
     def resting_on_laws(self) -> Self:
-        """Return it with its heat laws known and learnt as where no thermocouple sits on the screw."""
+        """Return the configuration for use without a thermocouple on the screw.
+
+        The heat laws are then learnt, and have the uncertainty of laws that no sensor checks unless one is
+        given.
+        """
         learn = (*LEARNT, "law") if self.estimator.learn is None else self.estimator.learn
         unseen = [
             s.model_copy(update={"law_uncertainty": UNSEEN_LAW_UNCERTAINTY})
@@ -230,30 +247,34 @@ class Config(Description):
 
     @property
     def needs_um(self) -> float | None:
-        """How well the part needs the thermal error to be known; None where nothing is said."""
+        """The accuracy of the thermal error that the part needs, µm, at 95 %; None where nothing is said."""
         return self.probing.needs_um or self.integrity.limit_um
 
     @property
     def sample_s(self) -> dict[str, float]:
-        """How often each channel comes, where that is known."""
+        """The period of each channel in s, where that is known; here of none, as a machine has no drivers."""
         return {}
 
     @property
     def heartbeats_s(self) -> dict[str, float]:
-        """The longest silence of each channel that sends only on change."""
+        """The longest silence in s of each channel that sends only on change."""
         return {name: one.heartbeat_s for name, one in self.limits.items() if one.heartbeat_s is not None}
 
     @property
     def plant_digest(self) -> str:
-        """A hash of everything that gives an estimator's state its meaning: the tables of this class, except
-        those that do not change the model.
+        """A hash of everything that gives an estimator's state its meaning, 16 hexadecimal digits.
+
+        It leaves out the tables that do not change the model, so a checkpoint outlives a change of these.
         """
         tables = Config.model_fields.keys() - _BESIDE_THE_MODEL
         return hashlib.sha256(self.model_dump_json(include=tables).encode()).hexdigest()[:16]
 
     @property
     def digest(self) -> str:
-        """A hash of the configuration in force, whatever the order in which the code declares its values."""
+        """A hash of the configuration in force, 16 hexadecimal digits.
+
+        The order in which the code declares its values does not change it. A command to the service names it.
+        """
         values = self.model_dump(mode="json", exclude={"log", "candidate"})
         return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
@@ -395,7 +416,10 @@ def _following_what(config: Config) -> Iterator[str]:
 
 
 def untied(config: Config) -> Config:
-    """Return the configuration with every heat independent; by their laws alone, nothing changes."""
+    """Return the configuration with every heat independent of the others.
+
+    Predictions by the laws alone are the same.
+    """
     if not any(s.follows for s in config.source):
         return config
     apart = tuple(s.model_copy(update={"follows": False}) for s in config.source)
@@ -403,7 +427,7 @@ def untied(config: Config) -> Config:
 
 
 def effect_problems(config: Config) -> list[str]:
-    """Why effects cannot apply to this machine, a sentence each."""
+    """Return why effects cannot apply to this machine, a sentence each; empty where all can."""
     problems = []
     for effect in config.effect:
         try:

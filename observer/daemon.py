@@ -54,10 +54,17 @@ log = structlog.get_logger()
 
 
 def serve_file(path: Path, seconds: float | None = None) -> None:
-    """Run the daemon with a configuration file, as `serve`.
+    """Run the daemon with a configuration file until it is stopped, as `serve`.
 
     The process is executed anew when SIGHUP asks to read the file again, when a configuration was adopted,
     and when the computer's clock was set. The new process gets the checked configuration.
+
+    Args:
+        path: The configuration.
+        seconds: Ends the service so long after its first tick; None for no limit.
+
+    Raises:
+        UserError: The configuration cannot be used, or a port or the axis is taken.
     """
     restart = restarted()
     table = read_toml(path) if restart is None else restart.table
@@ -79,7 +86,15 @@ def serve(
 ) -> None:
     """Run the daemon until it is stopped; the caller leaves the process afterwards.
 
-    `restarts` says when the process is to be executed anew, `restart` why this one was.
+    Args:
+        config: A checked configuration.
+        seconds: Ends the service so long after its first tick; None for no limit.
+        restarts: Decides when the process is executed anew; None for never.
+        restart: Why this process was; None for a first start.
+
+    Raises:
+        UserError: A port is taken, a channel has no driver, or the folder for recordings cannot be written or
+            is in use. Also if another service has the axis.
     """
     refuse_taken(config.publish.listens, "publish.listen")
     ready, clock = _Ready.of(config), ServiceClock()
@@ -123,8 +138,10 @@ def _checked(path: Path, in_force: Installation) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class _Start:
-    """The state from which a service continues: a snapshot, None for a cold start, which then has the state
-    of the prediction's gap and of the compensation; and why the process was executed anew, if it was.
+    """The state from which a service continues.
+
+    A cold start has no snapshot, but the state of the prediction's gap and of the compensation. `restart` has
+    the reason if the process was executed anew.
     """
 
     snapshot: Snapshot | None = None
@@ -246,13 +263,18 @@ def _control(config: Installation) -> Steering | NoControl:
 
 
 def run(service: Service, seconds: float | None = None) -> None:
-    """Run a service until SIGTERM, SIGINT or for `seconds` from its first tick on; to be called from the main
-    thread.
+    """Run a service until SIGTERM, SIGINT or for `seconds` from its first tick on.
 
-    After a signal the process is left by force, with the recording written, where the parts do not end in
-    time. Where a restart is due, the process is executed anew. The caller should then `leave`, because a
-    library's threads may hang at the interpreter's exit. Raises `UserError` where another service has the
-    axis already.
+    To be called from the main thread. After a signal the process is left by force, with the recording
+    written, where the parts do not end in time. Where a restart is due, the process is executed anew. The
+    caller should then `leave`, because a library's threads may hang at the interpreter's exit.
+
+    Args:
+        service: The parts, not yet started.
+        seconds: None for no limit.
+
+    Raises:
+        UserError: Another service has the axis already.
     """
     take_short_turns()
     with StopSignals(lambda: service.recorder.close(0.1)) as signals:

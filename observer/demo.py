@@ -43,10 +43,21 @@ def run_demo(
     record: Path | None = None,
     sensors: Literal["screw", "housings"] = "screw",
 ) -> int:
-    """Run the demo until Ctrl-C or for `seconds`; returns the exit code. Raises `UserError`.
+    """Run the demo until Ctrl-C or for `seconds`.
 
-    `page` is where its page listens, by its default on the first free port; None is without. It records into
-    the folder `record`, or into one that is removed at the end. `sensors` says where its thermocouples are.
+    Args:
+        seconds: None for no limit.
+        listen: Zenoh endpoint of the demo's router.
+        plain: Show a line a second instead of the live table.
+        page: Where its page listens, by its default on the first free port; None is without.
+        record: Folder for the recordings, which are kept; None for one that is removed at the end.
+        sensors: Where its thermocouples are: on the screw, or on nut and housings.
+
+    Returns:
+        The exit code, 0.
+
+    Raises:
+        UserError: A port is taken, the folder cannot be made, or the simulated machine does not start.
     """
     import logging
 
@@ -90,7 +101,15 @@ def run_demo(
 
 @contextlib.contextmanager
 def recordings(record: Path | None) -> Iterator[Path]:
-    """Give the folder to record into, `record` or one that is removed. Raises `UserError`."""
+    """Give the folder to record into.
+
+    Args:
+        record: The folder, which is made if it is missing; None for one that is removed after the block, also
+            after SIGTERM.
+
+    Raises:
+        UserError: The folder cannot be made.
+    """
     if record is None:
         # until the service handles signals itself; without this the folder would stay
         before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
@@ -108,7 +127,9 @@ def recordings(record: Path | None) -> Iterator[Path]:
 
 
 def free_page() -> Page | None:
-    """A page on the first free port from the default on; None without what it needs, or without a port."""
+    """Return a page on the first of 100 ports from the default on; None without its packages or a free
+    port.
+    """
     if not has_extra("page"):
         return None
     host, first = host_and_port(Page().listen)
@@ -121,9 +142,15 @@ def free_page() -> Page | None:
 
 @contextlib.contextmanager
 def live_view(listen: str, machine: str, axis: str, plain: bool) -> Iterator[None]:
-    """Show what is published, by a process of its own that ends when its standard input closes.
+    """Show published messages during the block, by a process of its own that ends when its input closes.
 
-    If it ends before, the service continues and reports that.
+    If it ends before, the service continues and reports that on standard error.
+
+    Args:
+        listen: Zenoh endpoint of the service.
+        machine: Name of the machine.
+        axis: Name of the axis.
+        plain: A line a second instead of the live table.
     """
     with _child("observer.view", listen, machine, axis, *["--plain"] * plain, end_s=VIEW_END_S) as view:
         ending = threading.Event()
@@ -174,8 +201,10 @@ def _restore_cursor() -> None:
 
 
 def demo_file(sensors: str) -> Path:
-    """Return the configuration of the demo with its thermocouples on screw or housings: beside the source, or
-    where an installed package keeps it.
+    """Return the configuration of the demo: beside the source, or where an installed package keeps it.
+
+    Args:
+        sensors: `screw` or `housings`, the place of its thermocouples.
     """
     name = _FILES[sensors]
     checked_out = Path(__file__).parent.parent / "config" / name
@@ -185,7 +214,17 @@ def demo_file(sensors: str) -> Path:
 
 @contextlib.contextmanager
 def simulated_machine(*options: str) -> Iterator[dict[str, Any]]:
-    """Start the simulated machine; yields its wires, and ends it by closing its standard input."""
+    """Start the simulated machine for the block, and end it by closing its standard input.
+
+    Args:
+        options: Those of `python -m drivers.simulated`.
+
+    Yields:
+        Its wires: `modbus_port`, `can_device` and others, as the machine prints them.
+
+    Raises:
+        UserError: It does not start within 20 s.
+    """
     with _child("drivers.simulated", *options, end_s=3.0, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         ready, _, _ = select.select([process.stdout], [], [], START_S)
@@ -196,7 +235,13 @@ def simulated_machine(*options: str) -> Iterator[dict[str, Any]]:
 
 
 def connected(config: Installation, wires: Mapping[str, Any], listen: str) -> Installation:
-    """Return the demo's configuration with the wires that the simulated machine has."""
+    """Return the demo's configuration with the wires that the simulated machine has.
+
+    Args:
+        config: The demo's configuration.
+        wires: As `simulated_machine` gives them.
+        listen: Zenoh endpoint of the router.
+    """
     thermocouples, axis = config.drivers["thermocouples"], config.drivers["axis"]
     return config.model_copy(
         update={

@@ -31,7 +31,11 @@ class ConfigError(UserError):
 
 
 class SeveralError(ValueError):
-    """The problems that one check of a table found, a sentence each."""
+    """The problems that one check of a table found.
+
+    Attributes:
+        problems: A sentence each, without the place.
+    """
 
     def __init__(self, problems: Sequence[str]) -> None:
         super().__init__("; ".join(problems))
@@ -39,7 +43,11 @@ class SeveralError(ValueError):
 
 
 def raise_all(problems: Sequence[str]) -> None:
-    """Raise `SeveralError` where there are problems."""
+    """Raise all problems of a check at once.
+
+    Raises:
+        SeveralError: There is at least one problem.
+    """
     if problems:
         raise SeveralError(problems)
 
@@ -49,13 +57,22 @@ class LogError(UserError):
 
 
 def meant(word: str, choices: Iterable[str]) -> str:
-    """Ask for the known name that is closest to one given, in brackets after a blank; nothing if none is."""
+    """Return “ (did you mean …?)” with the choice closest to a word; empty if none is close."""
     close = difflib.get_close_matches(word, list(choices), n=1)
     return f" (did you mean {close[0]}?)" if close else ""
 
 
 def check_choice(option: str, value: object, choices: Sequence[str]) -> None:
-    """Raise `UserError` if the value of an option is not one of its choices."""
+    """Refuse a value of an option that is not one of its choices.
+
+    Args:
+        option: Its name, for the error.
+        value: The given value.
+        choices: All that are allowed.
+
+    Raises:
+        UserError: The value is another; the sentence lists the choices.
+    """
     if value not in choices:
         raise UserError(
             f"{option} = {value!r} is not known{meant(str(value), choices)}; give {' or '.join(choices)}"
@@ -63,7 +80,7 @@ def check_choice(option: str, value: object, choices: Sequence[str]) -> None:
 
 
 def has_extra(name: str) -> bool:
-    """Whether the packages of an extra are installed."""
+    """Return whether the packages of an extra are installed, without importing them."""
     return all(importlib.util.find_spec(module) is not None for module in EXTRAS[name])
 
 
@@ -73,7 +90,12 @@ def extra_remedy(extra: str) -> str:
 
 
 def install_remedy(command: str, error: ModuleNotFoundError) -> str | None:
-    """How to install a missing package; None if no extra contains it, which is a defect."""
+    """Return how to install a missing package; None if no extra contains it, which is a defect.
+
+    Args:
+        command: The command or function that needs it, for the sentence.
+        error: The failed import.
+    """
     missing = (error.name or "").partition(".")[0]
     for extra, modules in EXTRAS.items():
         if missing in modules:

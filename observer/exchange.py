@@ -17,14 +17,20 @@ JSON_ENCODING = "application/json"
 class KeyFigure:
     """A value of a document, or one for each entry of a table, as metrics, OPC UA and the page show it.
 
-    `path` leads to it, its names separated by dots; `*` is every entry of a table. In a document of columns
-    `by` is the column of their names. `words` describe it.
-
-    `metric` is its name for Prometheus after `ballscrew_`, with `label` for the entry, in base units by
-    `factor`, and with the document's quality as a label too if `labelled`; a `counter` only grows. Text
-    counts as 1 if it is `good`, else 0. `node` is its place in OPC UA below the axis, `{}` the entry's name;
-    without `{}` a column is one array. `used` is the column of qualities by which OPC UA marks single values.
-    `part` is that part of an estimate whose quality is the figure's, empty where the whole counts.
+    Attributes:
+        path: Leads to the value, its names separated by dots; `*` is every entry of a table.
+        words: Describe it, a sentence.
+        metric: Its name for Prometheus after `ballscrew_`; None for no metric. Text counts as 1 if it is
+            `good`, else 0.
+        node: Its place in OPC UA below the axis, `{}` the entry's name; None for no node. Without `{}` a
+            column is one array.
+        by: In a document of columns, the column of their names; None for others.
+        label: The label of the metric that has the entry's name.
+        factor: From the document's unit to the metric's base unit.
+        labelled: Whether the metric also has the document's quality as a label.
+        counter: Whether the value only grows.
+        used: The column of qualities by which OPC UA marks single values; None for none.
+        part: The part of an estimate whose quality is the figure's; empty where the whole counts.
     """
 
     path: str
@@ -40,12 +46,21 @@ class KeyFigure:
     part: str = ""
 
     def quality(self, document: Mapping[str, Any]) -> str | None:
-        """The quality of the figure in a message: that of its part where the message rates parts."""
+        """Return the quality of the figure in a message: that of its part where the message rates parts.
+
+        Returns:
+            None for a message without any quality.
+        """
         quality: str | None = document.get(f"{self.part}_quality", document.get("quality"))
         return quality
 
     def rows(self, document: Mapping[str, Any]) -> list[tuple[str, Any]]:
-        """The values with the names of their entries, `""` for a single one; None where it is not known."""
+        """Return the values in a document with the names of their entries.
+
+        Returns:
+            Pairs of name and value. The name is empty for a single value, a position has four digits, and the
+                value is None where it is unknown. A document without the figure has no pairs.
+        """
         if self.by is not None:
             names, values = document.get(self.by, ()), document.get(self.path, ())
             return [(_entry(name), value) for name, value in zip(names, values, strict=False)]
@@ -65,16 +80,22 @@ def _entry(name: Any) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """A key below `ballscrew/<machine>/<axis>/` that `holds` something and is published `sent`.
+    """A key below `ballscrew/<machine>/<axis>/`.
 
-    `sent` is None for one that only answers. One made of each step is published at most `rate_Hz` times a
-    second, or as often as that setting of `[publish]` says. `query_answer` describes the answer to a query
-    of any role that may query (`publish.session`), None if there is no answer. It exists if the service has
-    what it `needs`. An MQTT broker, and a gateway that starts late, get the last message of a `retained` key
-    at once.
-
-    With `rated` its `quality` is that of its figures. The page shows one at most every `page_every_s`: where
-    there is a `panel` for it, else its figures in a table.
+    Attributes:
+        holds: Describes its payload.
+        sent: Describes when it is published; None for one that only answers.
+        rate_Hz: Largest rate of one made of each step, or the name of that setting in `[publish]`; None for
+            every step.
+        encoding: Of its payload.
+        query_answer: Describes the answer to a query of any role that may query (`publish.session`); None if
+            there is no answer.
+        retained: Whether an MQTT broker, and a gateway that starts late, get its last message at once.
+        needs: What the service must have for the key to exist; None for every service.
+        rated: Whether its `quality` is that of its figures.
+        page_every_s: Least interval at which the page shows it.
+        panel: Whether the page has a panel for it; if not, its figures are in a table.
+        figures: The values that metrics, OPC UA and the page show.
     """
 
     holds: str
@@ -309,7 +330,13 @@ _NAME_LENGTH = 64
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Whether a command was done, why or why not in words, and when (service time)."""
+    """The outcome of a command.
+
+    Attributes:
+        done: Whether it was done.
+        text: Why or why not, in words.
+        time_s: When, in the service's time, s since 1970.
+    """
 
     done: bool
     text: str
@@ -318,11 +345,16 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One of `KINDS`, sent by `by` (as they call themselves).
+    """A command to the service.
 
-    `refused` is the reason if it was rejected already and is only to be recorded. `asked_s` is the
-    moment on the monotonic clock. `answer` takes the outcome from any thread and waits for nothing. `about`
-    is the alarm that is acknowledged, None for all; `without` the sensors that arming may do without.
+    Attributes:
+        kind: One of `KINDS`.
+        by: The sender's name, as they call themselves.
+        asked_s: When it came, on the monotonic clock.
+        answer: Takes the outcome, from any thread, and waits for nothing.
+        refused: The reason if it was rejected already and is only to be recorded; else None.
+        about: The alarm that is acknowledged; None for all.
+        without: The sensors that arming may do without.
     """
 
     kind: str
@@ -335,34 +367,49 @@ class Command:
 
 
 def plain_name(text: str, most: int = _NAME_LENGTH) -> str:
-    """A name safe for a log: short, and of letters, digits and `_.@-` only."""
+    """Return a name safe for a log: at most `most` letters, digits and `_.@-`, others replaced by `_`."""
     return _STRANGE.sub("_", text[:most])
 
 
 class PastReply(NamedTuple):
-    """A page of the past, or the reason for its absence."""
+    """An answer about the past.
+
+    Attributes:
+        payload: The page; empty without one.
+        reason: Why there is no page, a sentence; None with one.
+    """
 
     payload: bytes
     reason: str | None = None
 
 
 class PastAccess(Protocol):
-    """Access to the past."""
+    """Access to the past, for the publisher's queries."""
 
     def ask(self, key: str, parameters: Mapping[str, str]) -> PastReply:
-        """Ask for a page of a key, and wait for the answer; from any thread."""
+        """Return a page of a key, or the reason for its absence; blocks, and may be called from any
+        thread.
+        """
 
     def close(self) -> None:
-        """End."""
+        """End what runs, and answer no further query."""
 
 
 @dataclass(frozen=True, slots=True)
 class PublishStatus:
-    """The state of publishing; `reason` is one sentence on what is wrong, None if nothing is.
+    """The state of publishing.
 
-    `settled` says that the first attempt at a session has ended. `taken` is a sentence if another service
-    has the axis, `rival` one if another program publishes on its keys. Without `alive` queries are no
-    longer answered. `unsent` is what outlets still have to send late: `steps`, and their `duration_s`.
+    Attributes:
+        connected: Whether a Zenoh session is open.
+        published: Messages sent so far.
+        dropped: Messages lost so far.
+        reconnects: Sessions after the first.
+        reason: A sentence on what is wrong; None if nothing is.
+        settled: Whether the first attempt at a session has ended.
+        taken: A sentence if another service has the axis; else None.
+        rival: A sentence if another program publishes on its keys; else None.
+        alive: Whether queries are answered.
+        unsent: By outlet, what it still has to send late: `steps`, and their `duration_s`.
     """
 
     connected: bool = False

@@ -1,9 +1,9 @@
 """The frozen records that flow through the program: reading → frame → inputs → estimate.
 
-A reading is what a driver delivers, a frame is what the estimator's clock makes of all readings since
-its last tick, an estimate is what goes to subscribers. Frames and estimates come in blocks of K steps
-with a leading axis: the live service runs blocks of one step, a replay runs blocks of thousands, both
-through the same compiled code, so both give the same bits.
+A reading is what a driver delivers, a frame is what the estimator's clock makes of all readings since its
+last tick, an estimate is what goes to subscribers. Frames and estimates come in blocks of K steps with a
+leading axis. The live service runs blocks of one step, a replay runs blocks of thousands. Both run through
+the same compiled code, so both give the same bits.
 """
 
 from __future__ import annotations
@@ -23,7 +23,11 @@ QualityArray = NDArray[np.int8]
 
 
 def contiguous(array: Any, dtype: Any = np.float64) -> Any:
-    """Bring an array into the one layout that compiled code is compiled for."""
+    """Return an array in the one layout that compiled code takes: contiguous, writeable, of the given
+    type.
+
+    An array that has it is not copied.
+    """
     array = np.ascontiguousarray(array, dtype)
     return array if array.flags.writeable else array.copy()
 
@@ -56,11 +60,14 @@ class EstimateQuality(_Labelled):
 
 
 class NutPath(NamedTuple):
-    """All samples of one position channel in K frames.
+    """All n samples of one position channel in K frames.
 
-    `time_s`, `position_m`, `driven_m_s` (n,): when the nut was where, and the screw's speed times its lead
-    then (NaN where unknown), from a reading that was `speed_age_s` (n,) older; `offset` (K+1,), so that the
-    samples of step k are `[offset[k]:offset[k+1]]`, the newest last.
+    Attributes:
+        time_s: When the nut was there, (n,), s.
+        position_m: Where it was, (n,).
+        offset: The samples of step k are `[offset[k]:offset[k+1]]`, the newest last, (K+1,).
+        driven_m_s: The screw's speed times its lead at that time, (n,), NaN where unknown.
+        speed_age_s: How much older the reading of that speed was, (n,).
     """
 
     time_s: FloatArray
@@ -72,12 +79,13 @@ class NutPath(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One driver's reading at one moment; `time_s` is that moment as far as it is known, not the time of
-    processing.
+    """One driver's reading at one moment.
 
-    `values` maps channel names to values in the unit that ends the name; a value that cannot be used is
-    NaN and has its reason in `faults` ("open_circuit", "over_range", "timeout", …). As a row of a recording,
-    in the order in which readings were used, it was true `late_s` before `time_s`.
+    Attributes:
+        time_s: That moment as far as it is known, not the time of processing, s since 1970.
+        values: Values by channel, in the unit that ends the channel's name; NaN for one that cannot be used.
+        faults: The reason of each NaN ("open_circuit", "over_range", "timeout", …) by channel.
+        late_s: For a row of a recording, in the order of use: how long before `time_s` it was true.
     """
 
     time_s: float
@@ -120,13 +128,19 @@ _new, _keep = object.__new__, _Cut.kept.__set__  # type: ignore[attr-defined, mi
 class FrameBlock(_Cut):
     """K frames: every channel's latest value and quality at each tick of the estimator.
 
-    Shapes: `time_s`, `dt_s` (K,); `values`, `fresh`, `quality`, `age_s` (K, c) in the order of `channels`.
-    `fresh` says that a usable value arrived since the tick before; a value that is not fresh is the
-    last usable one (NaN before the first) and is never used twice as a measurement. `dt_s[0]` of the
-    first frame of a run is 0.
+    A value that is not fresh is the last usable one (NaN before the first) and is never used twice as a
+    measurement. Between two ticks a fast channel may deliver several samples. Those of the position channels
+    are kept in `path`.
 
-    Between two ticks a fast channel may deliver several samples. Those of the position channels are kept
-    in `path`.
+    Attributes:
+        channels: Names of the c channels.
+        time_s: Time of each tick, (K,), s since 1970 or since the log's zero.
+        dt_s: Time since the tick before, (K,); 0 at the first frame of a run.
+        values: Latest values (K, c), in the channels' units.
+        fresh: Whether a usable value arrived since the tick before, (K, c).
+        quality: Codes of `Quality`, (K, c).
+        age_s: Age of the latest values, (K, c); infinite before the first.
+        path: The samples of each position channel.
     """
 
     channels: tuple[str, ...]
@@ -170,17 +184,25 @@ class _InputColumns(NamedTuple):
 
 
 class Inputs(_InputColumns):
-    """K steps of everything that drives a plant; what an estimator's `run` takes.
+    """K steps of everything that drives a plant; the argument of an estimator's `run`.
 
-    Shapes, with n_x states, m sources, p known inputs, s sensors, R output rows, M moving sources:
-    `time_s`, `dt_s` (K,); `y_degC` (K, s); `usable` (K, s), the measurements that may correct;
-    `quality` (K, s), what was known of each sensor before the estimator's own gate; `law_W` (K, m), each
-    source's heat by its law, mean over the step; `law_jump_W` (K, m), its change since the step before;
-    `z_start`, `z_end` (K, p), the known inputs at both ends of the step, linear in between;
-    `moving_B` (K, M, n_x), the input column of each moving source over the step; `moving_C` (K, M, R), the
-    output column of its lag state; `degraded` (K,), 1 where some input that the model needs was
-    missing or held, 2 where the place of a nut is not known;
-    `loss_1_s`, `loss_degC` (K,), the rate of a uniform loss that goes with speed, and what it draws to.
+    n_x states, m sources, p known inputs, s sensors, R output rows, M moving sources.
+
+    Attributes:
+        time_s: End of each step, (K,).
+        dt_s: Its length, (K,).
+        y_degC: Measurements (K, s), of a displacement in µm.
+        usable: The measurements that may correct, (K, s).
+        quality: Quality of each sensor before the estimator's own gate, (K, s).
+        law_W: Each source's heat by its law, mean over the step, (K, m).
+        law_jump_W: Its change since the step before, (K, m).
+        z_start: The known inputs at the begin of the step, (K, p); linear in between.
+        z_end: The known inputs at its end, (K, p).
+        moving_B: The input column of each moving source over the step, (K, M, n_x).
+        moving_C: The output column of its lag state, (K, M, R).
+        degraded: 1 where a required input was missing or held, 2 where the place of a nut is unknown, (K,).
+        loss_1_s: Rate of a uniform loss that goes with speed, (K,).
+        loss_degC: The temperature that this loss draws to, (K,).
     """
 
     __slots__ = ()
@@ -194,18 +216,27 @@ class Inputs(_InputColumns):
 
     @classmethod
     def joined(cls, blocks: Sequence[Inputs]) -> Self:
-        """Return consecutive blocks as one."""
+        """Return consecutive blocks of one plant as one."""
         return cls._make(np.concatenate(column) for column in zip(*blocks, strict=True))
 
     @classmethod
     def empty(cls, sources: int, inputs: int, sensors: int, moving: int, states: int, rows: int) -> Self:
-        """Return one step for a plant of these sizes, nothing in it."""
+        """Return one step of zeros for a plant of these sizes.
+
+        Args:
+            sources: m.
+            inputs: p.
+            sensors: s.
+            moving: M.
+            states: n_x.
+            rows: R.
+        """
         one, laws, z = (1,), (1, sources), (1, inputs)
         y, B, C = (1, sensors), (1, moving, states), (1, moving, rows)
         return cls._make(map(np.zeros, (one, one, y, y, y, laws, laws, z, z, B, C, one, one, one), _KINDS))
 
     def part(self, begin: int, end: int | None = None) -> Self:
-        """Return the steps from `begin` up to `end`, as views."""
+        """Return the steps from `begin` up to `end`, as views; None for `end` takes all that follow."""
         return self._make(column[begin:end] for column in self)
 
     def packed(self) -> Self:
@@ -229,9 +260,16 @@ FORCE = ("force_N", "force_sigma_N", "force_bound_N")
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What the columns of an estimate are: names of the estimated sources, grid, sensors, what is learnt;
-    which sensors measure `displacements`: their innovations are in µm; whether there is an axial force in the
-    screw, which is held at both ends.
+    """Names and places of an estimate's columns.
+
+    Attributes:
+        sources: Names of the m_e estimated sources.
+        position_m: The grid, (g,).
+        sensors: Names of the s sensors.
+        has_error: Whether there is a thermal error, which needs an expansion coefficient.
+        learned: Keys of the l learnt parameters.
+        displacements: The sensors that measure displacements, whose innovations are in µm.
+        has_force: Whether there is an axial force, as in a screw held at both ends.
     """
 
     sources: tuple[str, ...]
@@ -244,12 +282,18 @@ class Layout:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """The unit of each sensor's innovation, K or um."""
+        """The unit of each sensor's innovation, `K` or `um`, (s,)."""
         return tuple("um" if name in self.displacements else "K" for name in self.sensors)
 
     def along(self, **tables: FloatArray) -> dict[str, FloatArray]:
-        """Return values (K, g) along the screw as columns, place by place: of `field__degC`, those called
-        `field_0_degC`, `field_50_degC` …, by the position in mm.
+        """Return values along the screw as columns, place by place.
+
+        Args:
+            tables: Values (K, g) by a name with `__` at the place of the position.
+
+        Returns:
+            Columns (K,): those of `field__degC` are called `field_0_degC`, `field_50_degC` …, by the position
+                in mm.
         """
         return {
             name.replace("__", f"_{1000 * x_m:.10g}_"): values[:, j]
@@ -268,17 +312,31 @@ PARTS = ("heat", "field", "error")
 class EstimateBlock(_Cut):
     """K estimates.
 
-    Shapes, with m_e estimated sources, g grid points, s sensors: `heat_W`, `heat_sigma_W` (K, m_e);
-    `field_degC`, `field_sigma_K` (K, g); `error_um`, `error_sigma_um` (K, g), or (K, 0) without an expansion
-    coefficient; `force_N`, `force_sigma_N`, `force_bound_N` (K, 1), the axial force, tension positive, or (K,
-    0) where the screw is not held at both ends; `innovation_K` (K, s), of a displacement in µm, and its
-    standard deviation `innovation_sigma_K`, NaN where no value arrived; `sensor_quality` (K, s); `quality`
-    (K,), of type `EstimateQuality`, of field and error, and `part_quality` (K, 3), of each of `PARTS`: the
-    heats, the field and the thermal error; `law_W` (K, m_e), each heat by its law at the temperature of the
-    moment; `learned`, `learned_sigma` (K, l), what has been learnt of the machine, in the units of its names;
-    `heat_bound_W` (K, m_e), `field_bound_K` (K, g) and `error_bound_um` like the error, the largest error of
-    each (see `observer.estimators.bank`), NaN where no bound is known, as everywhere in a block that is made
-    without them.
+    m_e estimated sources, g grid points, s sensors, l learnt parameters. Bounds that are left out are filled
+    with NaN, and qualities of parts with the estimate's quality.
+
+    Attributes:
+        time_s: Time of each step, (K,).
+        heat_W: Heats (K, m_e).
+        heat_sigma_W: Their standard deviations (K, m_e).
+        field_degC: Temperatures (K, g).
+        field_sigma_K: Their standard deviations (K, g).
+        error_um: Thermal error (K, g), or (K, 0) without an expansion coefficient.
+        error_sigma_um: Its standard deviation, likewise.
+        innovation_K: Innovations (K, s), of a displacement in µm; NaN where no value arrived.
+        sensor_quality: Codes of `Quality`, (K, s).
+        quality: Codes of `EstimateQuality`, of field and error, (K,).
+        innovation_sigma_K: Standard deviations of the innovations (K, s).
+        law_W: Each heat by its law at the present temperature, (K, m_e).
+        learned: Learnt parameters (K, l), in the units of their keys.
+        learned_sigma: Their standard deviations (K, l).
+        heat_bound_W: Largest error of each heat (K, m_e), see `observer.estimators.bank`; NaN if unknown.
+        field_bound_K: Largest error of each temperature (K, g), likewise.
+        error_bound_um: Largest error of the thermal error, likewise.
+        part_quality: Codes of `EstimateQuality` for each of `PARTS`, (K, 3).
+        force_N: Axial force (K, 1), tension positive; (K, 0) unless the screw is held at both ends.
+        force_sigma_N: Its standard deviation, likewise.
+        force_bound_N: Its largest error, likewise.
     """
 
     time_s: FloatArray
@@ -328,7 +386,9 @@ class EstimateBlock(_Cut):
     def error_known_to_um(self, grid_m: FloatArray, nut_m: float) -> FloatArray:
         """Return half of the 95 % interval of the thermal error at a place, (K,); NaN without an error.
 
-        Where `nut_m` is NaN it is the largest along the grid (g,).
+        Args:
+            grid_m: The grid (g,).
+            nut_m: The place; NaN for the largest along the grid.
         """
         if not self.error_sigma_um.shape[1]:
             return np.full(len(self.time_s), np.nan)
@@ -339,7 +399,7 @@ class EstimateBlock(_Cut):
 
     @property
     def used(self) -> BoolArray:
-        """Which sensors each estimate uses, (K, s).
+        """Whether each estimate uses each sensor, (K, s).
 
         A sensor is used while its reading is fresh and accepted and the sensor is not excluded. Between two
         samples of a slow sensor the last one counts. An invalid estimate uses none.
@@ -356,7 +416,7 @@ class EstimateBlock(_Cut):
 
     @classmethod
     def joined(cls, blocks: Sequence[EstimateBlock]) -> Self:
-        """Return consecutive blocks as one."""
+        """Return consecutive blocks of one layout as one."""
         names = cls.__dataclass_fields__
         return cls(**{name: np.concatenate([getattr(block, name) for block in blocks]) for name in names})
 

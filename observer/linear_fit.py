@@ -1,8 +1,9 @@
 """Linear least squares of whitened measurements, the one form that every fit of this project takes.
 
-The measurements are b = A θ + T z + e: the parameters θ are sought, the errors e have variance 1, and so have
-the nuisance parameters z. `Marginal` takes T z out of all columns, `LinearFit` then gives θ, its covariance
+The measurements are b = A θ + T z + e. The parameters θ are sought. The errors e have variance 1, and so have
+the nuisance parameters z. `Marginal` takes T z out of all columns. `LinearFit` then gives θ, its covariance
 and the remaining squares. Both are pure functions of arrays without units: whitening divides by the noise.
+
 Sources: Lawson and Hanson (1974) for the triangle; Bierman (1977) for a prior as further rows.
 """
 
@@ -22,6 +23,10 @@ class Marginal(NamedTuple):
     """The map (I + T Tᵀ)^{-1/2} = I − Q diag(1 − 1/√(1 + σ²)) Qᵀ for nuisances T = Q diag(σ) Vᵀ, (n, t).
 
     The squares of mapped residuals are those that remain with the most probable z, plus |z|².
+
+    Attributes:
+        Q: Left singular vectors of T, (n, min(n, t)).
+        taken: 1 − 1/√(1 + σ²), the part of each direction that the nuisances take.
     """
 
     Q: FloatArray
@@ -39,7 +44,13 @@ class Marginal(NamedTuple):
 
 
 class LinearFit(NamedTuple):
-    """The sum of squares |b − A θ|² as |d − R θ|² + `floor`, with R (r, p), d (r,) and r ≤ p."""
+    """The sum of squares |b − A θ|² in the form |d − R θ|² + `floor`.
+
+    Attributes:
+        R: Upper triangle (r, p), r ≤ p.
+        d: Right side (r,).
+        floor: Squares that no θ removes.
+    """
 
     R: FloatArray
     d: FloatArray
@@ -47,10 +58,13 @@ class LinearFit(NamedTuple):
 
     @classmethod
     def of(cls, A: FloatArray, b: FloatArray, prior_weight: FloatArray | float = 0.0) -> LinearFit:
-        """Return the fit of A (n, p) to b (n,).
+        """Return the fit of A (n, p) to b (n,), by a QR decomposition of [A, b].
 
-        `prior_weight` (p,) is one over the standard deviation of each parameter about 0 before the fit; 0
-        where nothing is known of it.
+        Args:
+            A: Whitened derivatives.
+            b: Whitened measurements.
+            prior_weight: One over the standard deviation of each parameter about 0 before the fit, (p,); 0
+                where nothing is known of it.
         """
         p = A.shape[1]
         rows = np.column_stack([A, b])
@@ -62,21 +76,30 @@ class LinearFit(NamedTuple):
 
     @classmethod
     def of_information(cls, information: FloatArray, gradient: FloatArray) -> LinearFit:
-        """Return the fit whose normal equations are `information` θ = `gradient`, (p, p) and (p,).
+        """Return the fit with given normal equations, by a Cholesky decomposition.
 
-        Its `floor` is unknown and stands as 0. `LinAlgError` unless `information` is positive definite.
+        Its `floor` is unknown and stands as 0.
+
+        Args:
+            information: Aᵀ A with any prior, (p, p).
+            gradient: Aᵀ b, (p,).
+
+        Raises:
+            numpy.linalg.LinAlgError: `information` is not positive definite.
         """
         R = np.asarray(np.linalg.cholesky(information).T)
         return cls(R, np.asarray(np.linalg.solve(R.T, gradient)))
 
     @property
     def step(self) -> FloatArray:
-        """The shortest θ (p,) with the least sum of squares."""
+        """The shortest θ (p,) with the least sum of squares; undetermined directions stay 0."""
         return np.asarray(np.linalg.lstsq(self.R, self.d, rcond=LEAST_SINGULAR)[0])
 
     @property
     def covariance(self) -> FloatArray:
-        """The covariance (p, p) of θ."""
+        """The covariance (p, p) of θ, by the pseudo-inverse; undetermined directions have no variance in
+        it.
+        """
         return np.asarray(np.linalg.pinv(self.R.T @ self.R))
 
     @property
@@ -86,14 +109,19 @@ class LinearFit(NamedTuple):
 
     @property
     def deviance(self) -> float:
-        """The least sum of squares."""
+        """The least sum of squares, |d − R θ|² + `floor` at `step`."""
         return self.floor + float(np.sum((self.d - self.R @ self.step) ** 2))
 
     def bounded_step(self, low: FloatArray, high: FloatArray, damping: float = 0.0) -> FloatArray:
-        """Return the θ (p,) between `low` and `high` that minimises |b − A θ|² + `damping` |D θ|².
+        """Return the θ (p,) between bounds that minimises |b − A θ|² + `damping` |D θ|².
 
         D are the lengths of A's columns (Levenberg 1944; Marquardt 1963). θ = 0 is always allowed, and bounds
         are met to 1e-12.
+
+        Args:
+            low: Lower bounds (p,).
+            high: Upper bounds (p,).
+            damping: 0 for none.
         """
         from scipy.optimize import lsq_linear  # noqa: PLC0415 - slow to import
 
@@ -104,7 +132,12 @@ class LinearFit(NamedTuple):
 
 
 def unabsorbed(A: FloatArray, columns: FloatArray) -> FloatArray:
-    """Return the part of columns (n,) or (n, c) that no combination of the columns of A (n, p) can make."""
+    """Return the part of columns that no combination of the columns of A can make.
+
+    Args:
+        A: Basis (n, p), of full rank.
+        columns: (n,) or (n, c); the result has the same shape.
+    """
     Q = np.linalg.qr(A)[0]
     for _ in range(2):  # twice is enough (Giraud, Langou & Rozložník 2005)
         columns = columns - Q @ (Q.T @ columns)

@@ -9,7 +9,9 @@ from contextlib import contextmanager
 
 @contextmanager
 def blocked(*numbers: signal.Signals) -> Iterator[None]:
-    """Block signals; threads and processes started within never receive them."""
+    """Block signals in this thread during the block; threads and processes started within never receive
+    them.
+    """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:
         yield

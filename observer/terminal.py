@@ -49,12 +49,16 @@ def echo(text: str, *, err: bool = False) -> None:
 
 
 def print_for_people(text: RenderableType) -> None:
-    """Print a table or a text of rich, which names from files cannot style."""
+    """Print a table or a text of rich, which names from files cannot style; control characters become
+    escapes.
+    """
     printable_console().print(text)
 
 
 def printable_console() -> Console:
-    """Return a console of rich that writes control characters of a text as escapes."""
+    """Return a console of rich that writes control characters of a text as escapes, and highlights
+    nothing.
+    """
     from rich.console import Console
     from rich.segment import Segment
 

@@ -21,14 +21,20 @@ RAD_S_PER_RPM = math.pi / 30
 
 
 class Unit(NamedTuple):
-    """A unit.
+    """A unit; a value in the base unit is (value + `shift`) · `factor` / `divisor`.
 
-    - `name`: the one that pint understands.
-    - A value in the base unit `base`, if there is one, is (value + `shift`) · `factor` / `divisor`.
-    - `suffixes`: the ends of names, the one of the configuration first.
-    - `symbol`, by default the first suffix; `words`, for sentences, by default the symbol.
-    - `spellings`: those of recorders, in lower case.
-    - `si`: exponents, factor and offset in SI base units, for units of results.
+    Attributes:
+        name: The name that pint understands.
+        base: Name of the base unit of its quantity; empty if there is none.
+        factor: Base units in `divisor` of this unit.
+        divisor: Keeps decimal factors exact.
+        shift: Added before the factor, as of °F.
+        suffixes: Ends of names in this unit, the one of the configuration first.
+        symbol: By default the first suffix.
+        words: For sentences; by default the symbol.
+        spellings: Those of recorders, in lower case.
+        si: Exponents, factor and offset in SI base units, for units of results; None for a unit of inputs
+            only.
     """
 
     name: str
@@ -49,7 +55,7 @@ class Unit(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """The unit as people write it."""
+        """The unit as people write it: its symbol, else its suffix, else its name."""
         return self.symbol or self.suffix or self.name
 
     @property
@@ -59,11 +65,11 @@ class Unit(NamedTuple):
 
     @property
     def size(self) -> float:
-        """The size of the unit in base units."""
+        """The size of the unit in base units, without its shift."""
         return self.factor / self.divisor
 
     def to_base(self, value: Values) -> Values:
-        """Return a value, or values, in the base unit."""
+        """Return a value, or an array of values, in the base unit, with the shift of temperatures."""
         return (value + self.shift) * self.factor / self.divisor
 
 
@@ -126,25 +132,31 @@ _DEGREE = re.compile(r"^(?:[Ââ]?[°º˚∘⁰]|\*|\?|\ufffd)\s*(?=[CcFfKk])|[�
 
 
 def unit_of(name: str) -> str:
-    """Return the suffix of the unit that ends a signal's name, empty if none of ours does."""
+    """Return the suffix of the unit that ends a signal's name, as `degC` of `t1_degC`; empty if none of
+    ours does.
+    """
     stem, _, suffix = name.rpartition("_")
     unit = BY_SUFFIX.get(suffix)
     return suffix if stem and unit is not None and unit.si is not None and suffix == unit.suffix else ""
 
 
 def symbol_of(name: str) -> str:
-    """Return the symbol of the unit that ends a signal's name, empty if none of ours does."""
+    """Return the symbol of the unit that ends a signal's name, as `°C` of `t1_degC`; empty if none of ours
+    does.
+    """
     suffix = unit_of(name)
     return BY_SUFFIX[suffix].shown if suffix else ""
 
 
 def spelled(text: str) -> Unit | None:
-    """Return the unit of which a text is a usual spelling, None for any other text."""
+    """Return the unit of which a text is a usual spelling, with any kind of degree sign; None for any
+    other text.
+    """
     plain = unicodedata.normalize("NFKC", _DEGREE.sub("deg", text.strip().strip("[]")))
     plain = _DEGREE.sub("deg", plain).casefold()
     return _BY_SPELLING.get(re.sub(r"[\s._]", "", plain))
 
 
 def others_of(base: str) -> tuple[Unit, ...]:
-    """Return the units that convert to a base unit, other than itself."""
+    """Return the units that convert to a base unit, other than itself; empty for an empty name."""
     return tuple(unit for unit in UNITS if base and unit.base == base != unit.name)

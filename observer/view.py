@@ -23,7 +23,20 @@ PLAIN_S = 1.0
 
 
 def watch(endpoint: str, machine: str, axis: str, seconds: float | None, client: Client | None = None) -> int:
-    """Show a running service until Ctrl-C or for `seconds`; returns the exit code."""
+    """Show a running service until Ctrl-C or for `seconds`.
+
+    It waits for a router that is not there yet. Without a terminal it prints a line a second.
+
+    Args:
+        endpoint: Zenoh endpoint of the service or a router.
+        machine: Name of the machine; `*` for any.
+        axis: Name of the axis; `*` for any.
+        seconds: None for no limit.
+        client: Credentials; None without any.
+
+    Returns:
+        The exit code: 0, or 2 if nothing came, with the reason on standard error.
+    """
     stop = threading.Event()
     if seconds is not None:
         timer = threading.Timer(seconds, stop.set)
@@ -86,7 +99,7 @@ def _show(subscription: Subscription, plain: bool, stop: threading.Event) -> Non
 
 
 def main() -> None:
-    """Show an axis until the standard input closes."""
+    """Show an axis until the standard input closes; the process is left without waiting for threads."""
     from observer.process.shutdown import leave
 
     parser = argparse.ArgumentParser(prog="python -m observer.view")

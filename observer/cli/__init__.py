@@ -1,4 +1,8 @@
-"""The command line; the work of its verbs is in `library`, `demo` and `report`."""
+"""The command line; the work of its verbs is in `library`, `demo` and `report`.
+
+A verb's docstring is its text in `--help`. Verbs import what they need when they run, so that the command
+starts quickly.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +56,11 @@ _INTERRUPTED = 130
 
 
 def main() -> None:
-    """Run the command line. Problems the user can fix end in one sentence and exit code 2, Ctrl-C in 130."""
+    """Run the command line.
+
+    Exit codes: 0 where all is well, 1 where a verb says so, 2 after a problem that the user can fix, 130
+    after Ctrl-C. Such a problem is one sentence on standard error. A traceback appears for a defect only.
+    """
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, shutdown.arriving(shutdown.interrupting()))
     try:

@@ -21,14 +21,19 @@ _BORDER = 3
 
 
 def case_as_table(case: CaseFigures) -> RenderableType:
-    """One case, from top to bottom."""
+    """Return one case as a table for a terminal, from top to bottom."""
     return cases_as_table([case])
 
 
 def cases_as_table(
     cases: Sequence[CaseFigures], unknown: Sequence[LeftUnknown | None] = ()
 ) -> RenderableType:
-    """Return cases side by side, a column each, in as many tables as the width of the terminal needs."""
+    """Return cases side by side, a column each, in as many tables as the width of the terminal needs.
+
+    Args:
+        cases: At least one. Long names are listed above and replaced by numbers.
+        unknown: The σ that remain, in the same order, None for a case without; empty for none.
+    """
     names = [case.name for case in cases]
     captions: list[str] = []
     if sum(map(len, names)) > _ROOM:
@@ -103,7 +108,9 @@ def _last(case: CaseFigures) -> float | None:
 
 
 def comparison_as_text(comparison: Comparison) -> RenderableType:
-    """Variants side by side, then the best way to mount each."""
+    """Return variants side by side, then the best way to mount each; variants with the same result share a
+    table.
+    """
     from rich.console import Group
 
     unknown = [comparison.unknown.get(case.name) for case in comparison.cases] if comparison.unknown else ()

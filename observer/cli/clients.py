@@ -154,7 +154,9 @@ def arm(
     """Arm the compensation of one axis; exit code 0 if it is then armed and its control follows, else 1."""
     names = [name for text in without or () for name in text.split(",")]
     if strange := [name for name in names if not re.fullmatch(r"[A-Za-z0-9_.-]{1,64}", name)]:
-        raise UserError(f"--without: {strange[0]!r} is not the name of a sensor")
+        raise UserError(
+            f"--without: {strange[0]!r} is not the name of a sensor; names consist of letters, digits and _.-"
+        )
     parameters = {"without": ",".join(names)} if names else None
     _give("arm", _address(connect, machine, axis, client), timeout_s, config_hash, parameters)
 

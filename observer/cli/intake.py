@@ -91,7 +91,7 @@ def _channel_and_column(text: str) -> tuple[str, str]:
     """Return the channel and the column of `CHANNEL=COLUMN`. Raises `UserError`."""
     channel, mark, column = text.partition("=")
     if not mark or not channel.strip() or not column.strip():
-        raise UserError(f"--column: {text!r} is no CHANNEL=COLUMN, as t1_degC=Temp1 or t1_degC=Temp1@degF")
+        raise UserError(f"--column: {text!r}: write CHANNEL=COLUMN, as t1_degC=Temp1 or t1_degC=Temp1@degF")
     return channel.strip(), column
 
 

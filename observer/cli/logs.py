@@ -191,7 +191,9 @@ def simulate(
         echo(f"written to {output}: steady.csv, steady.json, steady.png")
         return
     if at:
-        raise UserError("simulate: --at belongs to --steady; a program has its inputs as columns")
+        raise UserError(
+            "simulate: --at belongs to --steady; leave it out, as a program has its inputs as columns"
+        )
     if program is None:
         raise UserError("simulate: give --program, a log of the input channels, or --steady")
     suffix_of(output)

@@ -19,7 +19,13 @@ from observer.errors import UserError
 def with_parameters(
     verb: Callable[..., None], extra: Iterable[Parameter] = (), without: Collection[str] = ("answers",)
 ) -> Callable[..., None]:
-    """Return a verb whose signature has `extra` options, and lacks those named in `without`."""
+    """Return a verb whose signature, which typer reads, has other options; the function itself is changed.
+
+    Args:
+        verb: The function.
+        extra: Options to add.
+        without: Parameters to leave out.
+    """
     verb_signature = signature(verb, eval_str=True)
     options = [option for name, option in verb_signature.parameters.items() if name not in without]
     verb.__signature__ = verb_signature.replace(parameters=[*options, *extra])  # type: ignore[attr-defined]
@@ -39,7 +45,11 @@ SecondsOption = Annotated[
 
 
 def endpoint(option: typer.CallbackParam, text: str) -> str:
-    """Reject an invalid endpoint before anything is started."""
+    """Return an endpoint unchanged, before anything is started.
+
+    Raises:
+        UserError: It is not a Zenoh endpoint; the sentence names the option.
+    """
     from observer.tables.publishing import checked_endpoint
 
     try:
@@ -54,7 +64,11 @@ ConnectOption = Annotated[
 
 
 def picture(path: Path | None) -> None:
-    """Reject a name that is not a picture's before anything is computed."""
+    """Check the name of a picture before anything is computed.
+
+    Raises:
+        UserError: Its suffix is not .png, .svg or .pdf.
+    """
     if path is not None and path.suffix not in (".png", ".svg", ".pdf"):
         raise UserError(f"--plot: {path}: give the name of a picture, ending in .png, .svg or .pdf")
 
@@ -84,7 +98,11 @@ HashOption = Annotated[
 
 
 def assignments(texts: Iterable[str]) -> dict[str, float]:
-    """Return `name=value` options as numbers by name. Raises `UserError`."""
+    """Return `name=value` options as numbers by name; a repeated name takes its last value.
+
+    Raises:
+        UserError: A text has another form, or its value is not a number.
+    """
     values: dict[str, float] = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -104,7 +122,7 @@ def _flag(name: str, option: str, words: str) -> Parameter:
 
 
 def quietable(verb: Callable[..., None]) -> Callable[..., None]:
-    """Give a verb an option to print nothing but warnings and errors."""
+    """Return a verb with the option `--quiet`, which prints nothing but warnings and errors."""
 
     @wraps(verb)
     def run(*, quiet: bool, **arguments: Any) -> None:
@@ -116,7 +134,7 @@ def quietable(verb: Callable[..., None]) -> Callable[..., None]:
 
 
 def accepting(verb: Callable[..., None]) -> Callable[..., None]:
-    """Give a verb that passes `**accept` to the reader of logs the options for it."""
+    """Return a verb that passes `**accept` to the reader of logs, with the options `--accept-…` for it."""
     options = {
         "accept_truncated": "Drop a last row that was cut off.",
         "accept_damaged": "Drop rows whose checksum is wrong.",

@@ -30,19 +30,19 @@ _REGIMES = {
 
 
 def print_error(error: UserError) -> None:
-    """Print the sentence of the error that ends a command, on standard error."""
+    """Print the sentence of the error that ends a command on standard error, after all earlier output."""
     sys.stdout.flush()
     echo(_fitted(f"observer: {error}", sys.stderr), err=True)
 
 
 def warn(sentences: list[str]) -> None:
-    """Print each sentence as a warning, on standard error."""
+    """Print each sentence as a warning, on standard error, wrapped to the terminal's width."""
     for sentence in sentences:
         echo(_fitted(f"warning: {sentence}", sys.stderr), err=True)
 
 
 def show_sentence(sentence: str) -> None:
-    """Print a sentence."""
+    """Print a sentence on standard output, wrapped to the terminal's width."""
     echo(_fitted(sentence, sys.stdout))
 
 
@@ -61,7 +61,11 @@ def _fitted(text: str, stream: TextIO) -> str:
 
 
 def warn_of_paths(regimes: dict[str, str]) -> None:
-    """Print the nuts whose path is not in the log."""
+    """Warn of the nuts whose path is not in the log.
+
+    Args:
+        regimes: By source, `path`, `points` or `undetermined`, as in `summary.json`.
+    """
     for name, regime in regimes.items():
         if regime != "path":
             echo(f"warning: {_REGIMES[regime].format(name=name)}", err=True)
@@ -75,7 +79,9 @@ class _Shown:
 
 @contextmanager
 def silent() -> Iterator[None]:
-    """Show no progress and print no prose; warnings and errors, on standard error, remain."""
+    """Show no progress and print no prose during the block; warnings and errors, on standard error,
+    remain.
+    """
     _Shown.progress = False
     try:
         with redirect_stdout(StringIO()):
@@ -86,8 +92,15 @@ def silent() -> Iterator[None]:
 
 @contextmanager
 def counting(name: str, doing: str, afterwards: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar for work of known length: call with the rows done and their total; `doing` and
-    `afterwards` name the work until all are done, and afterwards.
+    """Show a bar for work of known length during the block, if standard error is a terminal.
+
+    Args:
+        name: The command.
+        doing: Names the work until all rows are done.
+        afterwards: Names the work after that.
+
+    Yields:
+        A function to call with the rows done and their total.
     """
     with _bar() as bar:
         task = bar.add_task(f"{name}: reading", total=None)
@@ -101,9 +114,15 @@ def counting(name: str, doing: str, afterwards: str) -> Iterator[Callable[[int, 
 
 @contextmanager
 def advancing(name: str) -> Iterator[Callable[..., None]]:
-    """Show a bar for work in stages: call with the stage and, where known, the fraction done.
+    """Show a bar for work in stages during the block.
 
-    Where no terminal shows a bar, long work prints a line every `LINE_S`.
+    Where no terminal shows a bar, long work prints a line every 10 s.
+
+    Args:
+        name: The command.
+
+    Yields:
+        A function to call with the stage and, where known, the fraction done.
     """
     from rich.markup import escape
 
@@ -121,7 +140,12 @@ def advancing(name: str) -> Iterator[Callable[..., None]]:
 
 
 def lines(name: str, clock: Callable[[], float] = time.monotonic) -> Callable[[str], None]:
-    """Return a function that prints the stage of long work to standard error, at most every `LINE_S`."""
+    """Return a function that prints the stage of long work to standard error, at most every 10 s.
+
+    Args:
+        name: The command.
+        clock: Gives the time in s.
+    """
     begun_s = last_s = clock()
 
     def print_line(text: str) -> None:
@@ -145,7 +169,13 @@ def _bar() -> Progress:
 
 
 def show(result: Any, as_json: bool, as_text: Callable[[Any], RenderableType]) -> None:
-    """Print a result, as JSON for programs or as text for people."""
+    """Print a result, as JSON for programs or as text for people.
+
+    Args:
+        result: The document, or an object that `as_text` lays out.
+        as_json: Print JSON; `result` must then be a document.
+        as_text: Lays it out for a terminal.
+    """
     if as_json:
         echo(result_text(result))
         return

@@ -104,7 +104,7 @@ def read_toml(path: Path, remedy: str = "a configuration with --config") -> dict
         data = read_regular(path, MOST_BYTES, "a TOML file")
         text = data.decode("utf-8-sig")  # some editors mark UTF-8 at its beginning
         if _LONG_KEY.search(text):
-            raise ConfigError(f"{path}: holds more than {MOST_DEPTH} nested tables; a configuration is flat")
+            raise ConfigError(f"{path}: holds more than {MOST_DEPTH} nested tables; give each a [name]")
         table = tomllib.loads(text)
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file; give the path of {remedy}") from None
@@ -119,12 +119,12 @@ def read_toml(path: Path, remedy: str = "a configuration with --config") -> dict
     except UserError as error:
         raise ConfigError(str(error)) from None
     except RecursionError:
-        raise ConfigError(f"{path}: tables nested without end; a configuration is flat") from None
+        raise ConfigError(f"{path}: tables nested without end; give each a [name] of its own") from None
     except ValueError as error:  # not TOML, a number of thousands of digits, a path that no file can have
         raise ConfigError(f"{path}: {slip_sentence(text, one_line(str(error)))}") from None
     depth, entries = _extent(table)
     if depth > MOST_DEPTH:
-        raise ConfigError(f"{path}: holds more than {MOST_DEPTH} nested tables; a configuration is flat")
+        raise ConfigError(f"{path}: holds more than {MOST_DEPTH} nested tables; give each a [name]")
     if entries > MOST_ENTRIES:
         raise ConfigError(f"{path}: holds more than {MOST_ENTRIES} keys and values; give {remedy}")
     return table

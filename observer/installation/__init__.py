@@ -1,7 +1,7 @@
 """The configuration file: the machine, and the drivers that deliver its channels.
 
-The file is TOML with the unit in the name of each key. `load` returns frozen objects; problems are described
-in sentences.
+The file is TOML with the unit in the name of each key. `load` returns frozen objects. All problems of a file
+are reported at once, a sentence each.
 """
 
 from __future__ import annotations
@@ -32,7 +32,10 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Installation(Config):
-    """A whole configuration: the machine, its drivers, and the service's outputs."""
+    """A whole configuration: the machine, its drivers, and the service's outputs.
+
+    It is `Config`, which mathematics reads, with the tables that only a service needs.
+    """
 
     drivers: dict[Name, DriverSettings] = Field(default_factory=dict, max_length=64)
     publish: Publish = Publish()
@@ -45,7 +48,11 @@ class Installation(Config):
     opcua: Opcua | None = None
 
     def contradictions(self) -> list[str]:
-        """Contradictions, a sentence each."""
+        """Return contradictions between tables, a sentence each with the remedy.
+
+        Beside those of `Config` these are: channels that two drivers deliver, and drivers that share a wire
+        with other settings. A CAN bus that is reopened while its senders are quiet is one too.
+        """
         return [
             *super().contradictions(),
             *_delivered_twice(self),
@@ -55,7 +62,9 @@ class Installation(Config):
 
     @property
     def sample_s(self) -> dict[str, float]:
-        """The period of each channel, from the tables of its driver."""
+        """The period of each channel in s, from the tables of its driver; a channel without a known period
+        is absent.
+        """
         return {
             channel: driver.sample_s
             for driver in self.drivers.values()
@@ -64,9 +73,12 @@ class Installation(Config):
         }
 
     def open_drivers(self) -> tuple[Driver, ...]:
-        """Return all drivers, opened.
+        """Return all drivers, opened; their devices are connected later, in the drivers' own threads.
 
         A CAN bus whose senders all send only on change is reopened only after their longest heartbeat.
+
+        Raises:
+            UserError: A file that a driver names, such as a DBC, cannot be used.
         """
         return tuple(
             settings.open(name)
@@ -77,7 +89,7 @@ class Installation(Config):
 
     @property
     def checkpoint_file(self) -> Path | None:
-        """The file of the service's checkpoint, None where it saves none."""
+        """The file of the service's checkpoint, `<machine>-<axis>.checkpoint`; None where it saves none."""
         place, name = self.checkpoint.place(self.record), self.machine
         return None if place is None else place / f"{name.name}-{name.axis}.checkpoint"
 
@@ -92,7 +104,7 @@ class Installation(Config):
     def undelivered(self) -> list[str]:
         """Return a sentence that names the channels in use that no driver delivers; empty without any.
 
-        Empty, too, where a driver does not list its channels.
+        Empty, too, where a driver does not list its channels. Derived channels need no driver.
         """
         offers = [driver.delivered for driver in self.drivers.values()]
         offered = {channel for offer in offers for channel in offer or ()}
@@ -159,23 +171,48 @@ def _reopened_too_soon(config: Installation) -> Iterator[str]:
 def load(path: Path) -> Installation:
     """Read and check a configuration file.
 
-    Raises `ConfigError`, a sentence for each problem that names the file, the key and the remedy.
+    Files that it names, such as a DBC, are not opened; `examine` does that.
+
+    Raises:
+        ConfigError: The file cannot be read, or is invalid; a sentence for each problem names the file, the
+            key and the remedy.
     """
     return parse(read_toml(path), str(path))
 
 
 def load_client(path: Path) -> Client:
-    """Read and check a client's credentials; raises `ConfigError`."""
+    """Read and check a client's credentials.
+
+    Raises:
+        ConfigError: The file cannot be read, or is invalid.
+    """
     return _checked(Client, read_toml(path, "a client's file with --client"), str(path))
 
 
 def load_candidates(path: Path, config: Config) -> tuple[SensorCandidate, ...]:
-    """Read and check a file of candidates for sensors on a machine; raises `ConfigError`."""
+    """Read and check a file of candidates for sensors on a machine.
+
+    Args:
+        path: TOML with `[[candidate]]` tables.
+        config: The machine whose screw and nodes carry them.
+
+    Raises:
+        ConfigError: The file cannot be read, a key is invalid, or a place is not on the screw or on a node.
+    """
     return parse_candidates(read_toml(path, "a file of [[candidate]] tables"), str(path), config)
 
 
 def parse_candidates(table: dict[str, Any], place: str, config: Config) -> tuple[SensorCandidate, ...]:
-    """Check candidates given as a table; `place` is named in errors (`ConfigError`)."""
+    """Check candidates given as a table.
+
+    Args:
+        table: The content of a file of candidates.
+        place: The file, named in errors.
+        config: The machine whose screw and nodes carry them.
+
+    Raises:
+        ConfigError: A key is invalid, or a place is not on the screw or on a node.
+    """
     candidates = _checked(CandidateFile, table, place).candidate
     nodes = [node.name for node in config.node]
     if problems := list(candidate_problems(candidates, config.screw.length_m, nodes)):
@@ -184,7 +221,15 @@ def parse_candidates(table: dict[str, Any], place: str, config: Config) -> tuple
 
 
 def parse(table: dict[str, Any], place: str = "configuration") -> Installation:
-    """Check a configuration given as a table; `place` is named in errors (`ConfigError`)."""
+    """Check a configuration given as a table.
+
+    Args:
+        table: The content of a file.
+        place: The file, named in errors.
+
+    Raises:
+        ConfigError: Keys are unknown, missing or out of range, or contradict each other; a sentence for each.
+    """
     config = _checked(Installation, table, place)
     if problems := effect_problems(config):
         raise ConfigError(as_message(place, problems))
@@ -201,9 +246,15 @@ def _checked(model: type[Model], table: dict[str, Any], place: str) -> Model:
 def write_back(text: str, values: Mapping[str, float]) -> str:
     """Return the text with the values of the given keys replaced or added.
 
-    Keys are dotted; a source is addressed by its name, a link by the names of its ends. Comments, order and
-    spacing stay. Values are rounded to five digits, far below any interval. Raises `ConfigError` for a source
-    or link that the text does not have.
+    Comments, order and spacing stay. Values are rounded to five digits, far below any interval.
+
+    Args:
+        text: A configuration file.
+        values: Values by dotted key. A source is addressed by its name, as in `source.nut.torque_Nm`, a link
+            by the names of its ends.
+
+    Raises:
+        ConfigError: The text does not have such a source or link.
     """
     document = tomlkit.parse(text.removeprefix("\ufeff"))
     for key, value in values.items():
@@ -213,7 +264,10 @@ def write_back(text: str, values: Mapping[str, float]) -> str:
 
 
 def with_effects(text: str, effects: Sequence[EffectTable]) -> str:
-    """Return the text with an `[[effect]]` table added for each effect."""
+    """Return the text with an `[[effect]]` table added for each effect; unchanged without any.
+
+    Comments, order and spacing stay. Values are rounded to five digits.
+    """
     if not effects:
         return text
     document = tomlkit.parse(text.removeprefix("\ufeff"))
@@ -235,7 +289,9 @@ def _owner(document: Any, key: str) -> tuple[Any, str]:
         for entry in section:
             if (entry["name"] if "name" in entry else "-".join(entry["between"])) == name:
                 return entry, last
-        raise ConfigError(f'{key}: the configuration has no {head} called "{name}"')
+        raise ConfigError(
+            f'{key}: the configuration has no {head} called "{name}"; search again with the one in force'
+        )
     for part in middle:
         section = section.setdefault(part, tomlkit.table())
     return section, last

@@ -27,8 +27,12 @@ RESULTS = ("result.json", "calibration.json", "learned.json")
 class Adoption(BaseModel):
     """The record of an adopted configuration.
 
-    `before` names the file of the configuration that was replaced; `before_sha256` and `sha256` are the
-    digests of both files.
+    Attributes:
+        adopted_s: When it was adopted, s since 1970.
+        state: `undone` once the previous configuration is back.
+        before: Name of the file, beside the configuration, with the one that was replaced.
+        before_sha256: Digest of that file.
+        sha256: Digest of the adopted configuration.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -40,15 +44,16 @@ class Adoption(BaseModel):
     sha256: str
 
     def sentence(self) -> str:
-        """The record in words."""
+        """Return when it was adopted, in UTC, and whether it is undone."""
         text = f"adopted {datetime.fromtimestamp(self.adopted_s, UTC):%Y-%m-%d %H:%M} UTC"
         return f"{text}, undone since" if self.state == "undone" else text
 
 
 def adoption_of(config: Path) -> Adoption | None:
-    """Return the record of the last adoption in place of a configuration, None without one.
+    """Return the record of the last adoption in place of a configuration; None without one.
 
-    Raises `ConfigError` where the record cannot be read or is invalid.
+    Raises:
+        ConfigError: The record cannot be read, or is invalid.
     """
     path = record_of(config)
     try:
@@ -66,9 +71,19 @@ def adoption_of(config: Path) -> Adoption | None:
 def adopt(folder: Path, config: Path, now_s: float, *, candidate: bool = False) -> Adoption:
     """Replace a configuration by the one that a search or a calibration wrote into a folder.
 
-    `candidate` takes `candidate.toml`, which explains part of an unknown gap. Raises `UserError` where the
-    folder has no such file, or where `config` has changed since the search. It is also raised where the new
-    one cannot be loaded or is of another machine, or a file cannot be written.
+    The previous one is kept beside it. All files change or none, the record last, which a running service
+    sees.
+
+    Args:
+        folder: The folder with `result.json`, `calibration.json` or `learned.json`.
+        config: The configuration in force; a link is followed.
+        now_s: Time of the adoption, s since 1970.
+        candidate: Take `candidate.toml`, which explains part of an unknown gap.
+
+    Raises:
+        ConfigError: The folder has no such configuration, `config` has changed since the search, or the new
+            one is invalid or of another machine.
+        UserError: A file cannot be written.
     """
     config = config.resolve()
     path = _adoptable(folder, config, candidate=candidate)
@@ -83,10 +98,11 @@ def adopt(folder: Path, config: Path, now_s: float, *, candidate: bool = False) 
 
 
 def undo(config: Path) -> Adoption:
-    """Restore the configuration from before the last adoption; return the new record.
+    """Restore the configuration from before the last adoption, and return the new record.
 
-    Raises `UserError` without an adoption, or where a file is missing or cannot be written. It is also raised
-    where the configuration has changed since the adoption; that one is kept then.
+    Raises:
+        UserError: Nothing was adopted, it is undone already, the configuration has changed since, or a file
+            is missing or cannot be written. The configuration is kept then.
     """
     config = config.resolve()
     adoption = adoption_of(config)
@@ -108,17 +124,26 @@ def undo(config: Path) -> Adoption:
 
 
 def before_of(config: Path, adoption: Adoption) -> Path:
-    """Return the path of the configuration that an adopted one has replaced."""
+    """Return the path of the configuration that an adopted one has replaced, beside it."""
     return config.with_name(Path(adoption.before).name)
 
 
 def record_of(config: Path) -> Path:
-    """Return the path of the record of the last adoption in place of a configuration."""
+    """Return the path of the record of the last adoption, beside the configuration that a link points to."""
     return _sibling(config, RECORD)
 
 
 def refuse_unlike(before: Installation, new: Installation, place: Path) -> None:
-    """Raise `ConfigError` where a configuration is not of the same machine and drivers."""
+    """Refuse a configuration of another machine.
+
+    Args:
+        before: The configuration in force.
+        new: The one to adopt.
+        place: Its file, named in the error.
+
+    Raises:
+        ConfigError: Name, axis, channels or sensors differ, or channels are no longer delivered.
+    """
     for key, was, now in (
         ("machine.name", before.machine.name, new.machine.name),
         ("machine.axis", before.machine.axis, new.machine.axis),
@@ -127,14 +152,18 @@ def refuse_unlike(before: Installation, new: Installation, place: Path) -> None:
     ):
         if was != now:
             raise ConfigError(
-                f"{place}: {key} is {now} where the one in force has {was}; adopt one of its own"
+                f"{place}: {key} is {now} where the one in force has {was}; adopt one of this machine"
             )
     if (problems := new.undelivered()) and not before.undelivered():
         raise ConfigError(f"{place}: {problems[0]}")
 
 
 def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file, in hexadecimal digits. Raises `ConfigError` where it cannot be read."""
+    """Return the SHA-256 of a file, in hexadecimal digits.
+
+    Raises:
+        ConfigError: The file cannot be read.
+    """
     try:
         return hashlib.sha256(read_regular(path, MOST_BYTES, "a configuration")).hexdigest()
     except OSError as error:

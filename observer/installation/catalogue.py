@@ -19,13 +19,19 @@ from observer.installation import typed
 class CatalogueScrew:
     """A ball screw by nominal diameter and lead.
 
-    `root_mm` is the diameter between the grooves: nominal less 0.8 times the usual ball of that size. The
-    pitch circle is 0.2 balls above nominal and the groove one ball deep (ISO 3408-2 for diameters and leads).
+    The pitch circle is 0.2 balls above nominal and the groove one ball deep (ISO 3408-2 for diameters and
+    leads). Torque, masses and conductances are usual for a preloaded nut and a pair of angular contact
+    bearings of that size. They are priors of an estimator that finds the heats itself, not data of a maker.
 
-    Torque and bearing heat are usual for a preloaded nut and a pair of angular contact bearings of that size.
-    They are priors of an estimator that finds the heats itself, not data of a maker. The same holds for the
-    masses of a flanged nut (outer diameters of DIN 69051-5) and of a fixed bearing's unit, and for the
-    conductance from rings to housing.
+    Attributes:
+        lead_mm: Lead.
+        root_mm: Diameter between the grooves: nominal less 0.8 times the usual ball of that size.
+        nut_mm: Length of the nut.
+        torque_Nm: Friction torque of the preloaded nut.
+        bearing_W_rpm: Heat of a bearing per speed.
+        nut_kg: Mass of a flanged nut (outer diameters of DIN 69051-5).
+        housing_kg: Mass of a fixed bearing's unit.
+        housing_W_K: Conductance from the bearing's rings to its housing.
     """
 
     lead_mm: float
@@ -60,7 +66,11 @@ _DIAMETERS_MM, _LEADS_MM = (6.0, 200.0), (0.5, 120.0)
 
 
 def size_of(name: str) -> tuple[float, float]:
-    """Nominal diameter and lead in mm by a screw's name, such as `40x12`. Raises `ValueError`."""
+    """Return nominal diameter and lead in mm by a screw's name, such as `40x12`.
+
+    Raises:
+        ValueError: The name has another form, or a size that no ball screw has.
+    """
     diameter, _, lead = name.partition("x")
     try:
         size = float(diameter), float(lead)
@@ -73,9 +83,12 @@ def size_of(name: str) -> tuple[float, float]:
 
 
 def screw_of(name: str) -> CatalogueScrew:
-    """The screw of a size: of the catalogue, or scaled by diameter from the nearest there.
+    """Return the screw of a size: of the catalogue, or scaled by diameter from the nearest there.
 
     Torque, masses and conductances grow with powers of the diameter that fit the catalogue.
+
+    Raises:
+        ValueError: The name is not a size.
     """
     if name in SCREWS:
         return SCREWS[name]
@@ -97,7 +110,7 @@ def screw_of(name: str) -> CatalogueScrew:
 
 @dataclass(frozen=True, slots=True)
 class Steel:
-    """A screw's steel, near room temperature."""
+    """A screw's steel, near room temperature; the attributes are those of `[screw]`."""
 
     conductivity_W_mK: float
     density_kg_m3: float
@@ -116,7 +129,14 @@ STEELS = {
 
 @dataclass(frozen=True, slots=True)
 class Module:
-    """A thermocouple module: its name, period of new values, and noise."""
+    """A thermocouple module.
+
+    Attributes:
+        title: Maker and type.
+        inputs: Number of its inputs.
+        period_s: Interval of new values.
+        noise_K: Standard deviation of a reading.
+    """
 
     title: str
     inputs: int
@@ -237,13 +257,20 @@ def _one_of(names: Collection[str]) -> AfterValidator:
 
 @dataclass(frozen=True, slots=True)
 class BelongsTo:
-    """The answers to an earlier question, or the values of a property of `Answers`, that a question needs."""
+    """A condition on earlier answers that a question needs.
+
+    Attributes:
+        question: An earlier question, or a property of `Answers`.
+        answers: The answers after which it is asked.
+    """
 
     question: str
     answers: tuple[str, ...]
 
     def reason_to_skip(self, earlier_answers: Answers) -> str:
-        """Return why the question is not asked after these answers, empty where it is asked."""
+        """Return why the question is not asked after these answers, in words for an error; empty where it
+        is asked.
+        """
         answer = getattr(earlier_answers, self.question)
         if {answer} & set(self.answers) if isinstance(answer, str) else set(answer) & set(self.answers):
             return ""
@@ -299,7 +326,7 @@ def _housings(text: str) -> tuple[str, ...]:
 
 
 def option(name: str) -> str:
-    """Return the command-line option of a field of `Answers`."""
+    """Return the command-line option of a field of `Answers`, such as `--sensors-m`."""
     return f"--{name.replace('_', '-')}"
 
 
@@ -312,11 +339,12 @@ _DESCRIBED = BelongsTo("described_on", ("modbus",))
 class Answers(BaseModel):
     """The answers for one machine, in the order of the questions; lengths count from the screw's left end.
 
-    `sensors_m` may be left out where `housings` carry thermocouples, which are the module's first inputs.
-    `ambient` is a temperature in °C, or `"input"`: the module's next input after the sensors.
+    Assigning text to a field parses it as typed by a person and raises `pydantic.ValidationError`.
 
-    If the module is not in the list, `first_register` and the answers after it locate its values.
-    `shown_at_ends_m` are the control's readings with the nut at the left and the right end of its stroke.
+    Without an answer to `sensors_m` there must be `housings` that carry thermocouples. Those are the module's
+    first inputs. The answer to `ambient` may be `"input"`: the module's next input after the sensors. If the
+    module is not in the list, `first_register` and the answers after it locate its values. The control's
+    readings with the nut at both ends of its stroke are `shown_at_ends_m`, left end first.
     """
 
     model_config = ConfigDict(validate_assignment=True)
@@ -377,7 +405,9 @@ class Answers(BaseModel):
 
     @property
     def thermocouples(self) -> tuple[str, ...]:
-        """The names of all thermocouples, in the order of the module's inputs."""
+        """The names of all thermocouples, in the order of the module's inputs: bodies first, then the
+        screw.
+        """
         on_screw = (f"t{n}" for n in range(1, len(self.sensors_m) + 1))
         return (*(HOUSINGS[name].node for name in self.housings), *on_screw)
 
@@ -405,7 +435,7 @@ class Answers(BaseModel):
 
     @property
     def reader(self) -> Module:
-        """The module that reads the thermocouples."""
+        """The module that reads the thermocouples; for one outside the list, with the noise of its step."""
         if self.module != OTHER:
             return MODULES[self.module]
         step_K = 0.0 if self.type.startswith("float") else self.scale
@@ -413,5 +443,7 @@ class Answers(BaseModel):
 
     @property
     def scale(self) -> float:
-        """The degrees per count of a described module, the usual ones where not given."""
+        """The degrees per count of a described module; without an answer 1 for floats and 0.1 for
+        integers.
+        """
         return self.degrees_per_count or (1.0 if self.type.startswith("float") else 0.1)

@@ -23,7 +23,12 @@ _SETTINGS: TypeAdapter[DriverSettings] = TypeAdapter(DriverSettings)
 
 
 def examine(path: Path) -> Installation:
-    """Read a configuration and look for every file that it names. Raises `ConfigError` with all problems."""
+    """Read a configuration and look for every file that it names, as a service does before it starts.
+
+    Raises:
+        ConfigError: All problems at once: invalid keys, missing or unreadable files, undelivered channels,
+            and a folder for recordings that cannot be written.
+    """
     table = read_toml(path)
     problems = problems_of(table, Installation)
     config = None if problems else Installation.model_validate(table)
@@ -61,7 +66,12 @@ def _may_be_written(directory: Path) -> bool:
 
 
 def paths_in(part: BaseModel, place: str = "") -> Iterator[tuple[str, Path]]:
-    """Yield every path in a configuration, or in its table at `place`, with its dotted key."""
+    """Yield every path in a configuration, with its dotted key.
+
+    Args:
+        part: The configuration, or a table of it.
+        place: The dotted key of that table with a final point; empty for the whole.
+    """
     for name, value in part:
         inner = value.items() if isinstance(value, dict) else [(None, value)]
         for word, entry in inner:

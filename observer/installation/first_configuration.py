@@ -23,9 +23,15 @@ Ask = Callable[[str, str | None, str], str]
 
 
 def agreed(options: Mapping[str, str | None], ask: Ask | None) -> Answers:
-    """Complete the answers until a configuration can be composed; ask again where they do not fit together.
+    """Complete the answers until a configuration can be composed; ask again where they do not fit
+    together.
 
-    Raises `UserError` where an option is invalid, no terminal is there to ask, or the answers stay the same.
+    Args:
+        options: Answers given as options, by field; None for one that is not given.
+        ask: Asks a question; None without a terminal.
+
+    Raises:
+        UserError: An option is invalid, no terminal is there to ask, or the answers stay the same.
     """
     typed_before: dict[str, str] = {}
     trouble = ""
@@ -50,8 +56,15 @@ def answers(
 ) -> Answers:
     """Complete the options by asking or, without `ask`, by defaults.
 
-    Earlier answers in `typed_before` are offered as defaults and updated; `trouble` is shown before the first
-    question. Raises `UserError` for an invalid option and, without `ask`, for missing ones.
+    Args:
+        options: Answers given as options, by field; None for one that is not given.
+        ask: Asks a question, again and again until the answer is valid; None without a terminal.
+        typed_before: Earlier answers, which are offered as defaults; it is updated.
+        trouble: Shown before the first question.
+
+    Raises:
+        UserError: An option is invalid or does not belong to the other answers. Without `ask` also if
+            required ones are missing.
     """
     typed_before = {} if typed_before is None else typed_before
     partial_answers, missing = Answers.model_construct(), []
@@ -108,12 +121,23 @@ def _refuse_unfit(partial_answers: Answers, name: str) -> None:
     if name == "sensors_m" and not places_m and not partial_answers.housings:
         raise UserError("there is no thermocouple yet; give a place on the screw, or name --housings")
     if (beyond_m := max(places_m, default=0.0)) > getattr(partial_answers, "length_m", math.inf):
-        raise UserError(f"{beyond_m:g} m is beyond the screw's end, at {partial_answers.length_m:g} m")
+        raise UserError(
+            f"{beyond_m:g} m is beyond the screw's end, at {partial_answers.length_m:g} m; correct one"
+        )
     check_wires(partial_answers, name)
 
 
 def write_new(path: Path, options: Mapping[str, str | None], ask: Ask | None) -> None:
-    """Write a configuration by the answers. Raises `UserError` if the file exists, or cannot be written."""
+    """Write a configuration by the answers.
+
+    Args:
+        path: The file, which must not exist; this is checked before anything is asked.
+        options: Answers given as options, by field.
+        ask: Asks a question; None without a terminal.
+
+    Raises:
+        UserError: The file exists or cannot be written, or an answer is missing or invalid.
+    """
     if path.exists():  # before anything is asked
         raise UserError(f"{path}: already exists and is not overwritten; give another file with --output")
     content = checked(agreed(options, ask))
@@ -128,7 +152,8 @@ def write_new(path: Path, options: Mapping[str, str | None], ask: Ask | None) ->
 def checked(answers: Answers) -> str:
     """Return the configuration as text, after loading it.
 
-    Raises `UserError` where the answers do not fit together.
+    Raises:
+        UserError: The answers do not fit together.
     """
     content = filled(answers)
     parse(tomllib.loads(content), "init")

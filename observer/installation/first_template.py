@@ -41,7 +41,11 @@ _COMMENT_AT = 32
 
 
 def filled(answers: Answers) -> str:
-    """Return the configuration as text. Raises `UserError` where the answers do not fit together."""
+    """Return the configuration as commented text; values marked "look" are typical ones to be corrected.
+
+    Raises:
+        UserError: The answers about module, control or signals do not fit together.
+    """
     parts = (_machine, _sources, _bodies, _sensors, _supports, _module, _control, _outlets)
     return _head(answers) + _laid_out("\n".join(part(answers) for part in parts))
 

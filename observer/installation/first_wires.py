@@ -14,7 +14,15 @@ from observer.installation.typed import is_serial
 
 
 def check_wires(answers: Answers, name: str) -> None:
-    """Raise `UserError` where the answer `name`, just given, does not fit the module or the control."""
+    """Check the answer just given against the module or the control.
+
+    Args:
+        answers: The answers so far.
+        name: The field of that answer; most fields need no check.
+
+    Raises:
+        UserError: The module has too few inputs, or an address, a register or a reading does not fit.
+    """
     if name == "inputs" or (name == "module" and answers.module != OTHER):
         _inputs(answers, len(answers.thermocouples))
     if name == "ambient":
@@ -34,12 +42,23 @@ def check_wires(answers: Answers, name: str) -> None:
 
 
 def register_on_wire(number: int, function: str) -> int:
-    """A register on the wire, given as there or by a manual. Raises `UserError` for another function's."""
+    """Return a register as counted on the wire, from 0.
+
+    Args:
+        number: The register on the wire, or in a manual's counting, such as 40001.
+        function: `holding` or `input`.
+
+    Raises:
+        UserError: The manual's number is one of the other function.
+    """
     of_manual = register_of_manual(number)
     if of_manual is None:
         return number
     if of_manual[0] != function:
-        raise UserError(f"{number} is the manual's number of a register of {of_manual[0]}, not of {function}")
+        raise UserError(
+            f"{number} is the manual's number of a register of {of_manual[0]}, not of {function}; "
+            "correct one of them"
+        )
     return of_manual[1]
 
 
@@ -54,7 +73,11 @@ def _inputs(answers: Answers, count: int) -> None:
 
 
 def module_channels(answers: Answers) -> list[str]:
-    """Return the channels on the module's inputs. Raises `UserError` where it has too few inputs."""
+    """Return the channels on the module's inputs, in their order, the air last if it is an input.
+
+    Raises:
+        UserError: The module has too few inputs.
+    """
     names = [f"{name}_degC" for name in answers.thermocouples]
     names += ["ambient_degC"] if answers.ambient == "input" else []
     _inputs(answers, len(names))
@@ -62,7 +85,12 @@ def module_channels(answers: Answers) -> list[str]:
 
 
 def raw_code(code: str, kind: str) -> str:
-    """The raw value, in hexadecimal, by which registers of a type hold a code as it was typed."""
+    """Return the raw value, in hexadecimal, by which registers hold a fault code.
+
+    Args:
+        code: A decimal number, which is encoded as the type; or hexadecimal, which is taken as it is.
+        kind: Type of the registers, such as `int16`.
+    """
     words = WORDS[kind]
     if code.lower().startswith("0x"):
         return f"0x{int(code, 16):0{4 * words}X}"
@@ -75,7 +103,15 @@ def raw_code(code: str, kind: str) -> str:
 
 
 def modbus_place(place: str, name: str = "module_at") -> tuple[str, int]:
-    """Return host and port. Raises `UserError`, which names the option of `name`, for an invalid address."""
+    """Return host and port of an address; the port is 502 if none is given.
+
+    Args:
+        place: `host` or `host:port`.
+        name: The field of the answer, whose option the error names.
+
+    Raises:
+        UserError: The address has another form.
+    """
     host, _, port = place.partition(":")
     if not host or (port and not port.isdigit()):
         raise UserError(
@@ -89,9 +125,11 @@ _LEAST_PART, _MOST_PART = 0.9, 1.1
 
 
 def direction_of_counts(answers: Answers) -> float:
-    """1, or -1 where the control counts towards the left bearing.
+    """Return 1, or -1 where the control counts towards the left bearing; 1 without the readings at the
+    ends.
 
-    Raises `UserError` where what it shows at the ends does not fit the stroke or the sign of its counts.
+    Raises:
+        UserError: The readings are more than 10 % off the stroke, or contradict the sign of `counts_per_m`.
     """
     if answers.shown_at_ends_m is None:
         return 1.0
@@ -113,7 +151,11 @@ def direction_of_counts(answers: Answers) -> float:
 
 
 def message_and_signal(answers: Answers, name: str) -> tuple[str, str]:
-    """The message and the signal of a DBC file that an answer names."""
+    """Return the message and the signal of a DBC file that an answer names as `message.signal`.
+
+    Raises:
+        UserError: One of the two is missing.
+    """
     answer = str(getattr(answers, name))
     message, _, signal = answer.partition(".")
     if not message or not signal:
@@ -126,7 +168,11 @@ _LIKE = {"opcua": "opc.tcp://192.168.0.21:4840", "mtconnect": "http://192.168.0.
 
 
 def url_of(answers: Answers) -> str:
-    """The address of the control's own server."""
+    """Return the address of the control's own server, OPC UA or MTConnect.
+
+    Raises:
+        UserError: It does not begin as such an address does.
+    """
     example = _LIKE[answers.control]
     if not answers.control_at.startswith(example.partition("//")[0]):
         raise UserError(f"--control-at: {answers.control_at!r} is not an address; write it as {example}")

@@ -26,9 +26,13 @@ _KEY = "[key]"  # the end of pydantic's location when the name of a table is wro
 
 
 def problems_of(table: dict[str, Any], model: type[BaseModel]) -> list[str]:
-    """Every problem of a table as “key: what is wrong; remedy”; empty where the model accepts it.
+    """Return every problem of a table as “key: what is wrong; remedy”, at most 40; empty for a valid one.
 
-    A missing key is left out where it is what a misspelt one probably means.
+    Misspelt keys come first. A missing key is left out where a misspelt one probably means it.
+
+    Args:
+        table: The content of a file.
+        model: The class that validates it.
     """
     try:
         model.model_validate(table)
@@ -60,7 +64,12 @@ def _sentences(detail: ErrorDetails, path: Path) -> Sequence[str]:
 
 
 def as_message(place: str, problems: Sequence[str]) -> str:
-    """Return one sentence for one problem, a list for several."""
+    """Return one sentence for one problem, a list with their number for several.
+
+    Args:
+        place: The file.
+        problems: At least one, each with its key.
+    """
     if len(problems) == 1:
         return f"{place}: {problems[0]}"
     return f"{place}: {len(problems)} problems\n" + "\n".join(f"  {p}" for p in problems)
@@ -152,7 +161,7 @@ def _choice(key: str, written: str, expected: str) -> str:
 
 
 def shown(value: object) -> str:
-    """Return a value as it was written, cut short where it is long."""
+    """Return a value as it was written, cut to 60 characters."""
     try:
         text = repr(value)
     except (ValueError, RecursionError):  # a number of thousands of digits, tables in tables
@@ -179,7 +188,12 @@ def _path(location: Sequence[int | str], table: Any) -> Path:
 
 
 def key_of(path: Path, table: object) -> str:
-    """Return the dotted key of a place; list entries go by their name where they have one."""
+    """Return the dotted key of a place; list entries go by their name where they have one.
+
+    Args:
+        path: Keys and indices from the root.
+        table: The root, or anything without entries to go by indices.
+    """
     parts: list[str] = []
     for part in path:
         table = entry_at(table, part)
@@ -197,7 +211,7 @@ def _readable(name: str) -> str:
 
 
 def entry_at(table: Any, part: int | str) -> Any:
-    """Return the value at a key of a table or an index of a list, None without one."""
+    """Return the value at a key of a table or an index of a list; None without one."""
     if isinstance(part, int):
         return table[part] if isinstance(table, list | tuple) and part < len(table) else None
     return table.get(part) if isinstance(table, dict) else None

@@ -1,7 +1,7 @@
 """Parsers of typed lengths, places, temperatures, screws and names, as a configuration needs them.
 
-A number alone is in the unit that was asked for; a decimal comma is as good as a point. Every function raises
-`ValueError` with the reason, in words for whoever has typed.
+A number alone is in the unit that was asked for, and a decimal comma counts as a point. Every function raises
+`ValueError` with the reason, in words for the person who typed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,11 @@ MOST_M = 20.0
 
 
 def number(text: str) -> float:
-    """Return one number."""
+    """Return one number, with a decimal point or comma.
+
+    Raises:
+        ValueError: The text is not a number.
+    """
     try:
         return float(text.strip().replace(",", "."))
     except ValueError:
@@ -30,7 +34,11 @@ def number(text: str) -> float:
 
 
 def length_m(text: str) -> float:
-    """Return one length in m: `1000 mm`, `1,0` and `1 m` are the same."""
+    """Return one length in m: `1000 mm`, `1,0` and `1 m` are the same.
+
+    Raises:
+        ValueError: The text is not a length, or exceeds 20 m.
+    """
     match = re.fullmatch(_ITEM, text.strip().replace(",", "."))
     if match is None:
         raise ValueError("give a length with its unit, such as 1000 mm or 1.0 m")
@@ -38,10 +46,17 @@ def length_m(text: str) -> float:
 
 
 def places_m(text: str, count: int | None = None) -> tuple[float, ...]:
-    """Return several lengths in m: `50, 500, 950 mm`, `0,15 0,80`; `count` of them if given.
+    """Return several lengths in m: `50, 500, 950 mm`, `0,15 0,80`.
 
     The last unit holds for all without one. A comma separates where a blank follows it, or where nothing else
-    separates. Raises `ValueError` where both readings are possible and `count` does not decide.
+    separates.
+
+    Args:
+        text: The typed text.
+        count: Their number; None for any.
+
+    Raises:
+        ValueError: A length is invalid, their number is wrong, or both readings of a comma are possible.
     """
     between = r"(?<=[\w\"])\s*(?:-|–|…|\.\.+|\bto\b|\bbis\b|\band\b|\bund\b)\s*(?=\d)"
     plain = re.sub(r",\s+", "; ", re.sub(between, " ", text.strip()))
@@ -71,13 +86,17 @@ def _in_m(value: str, unit: str) -> float:
         raise ValueError(f"{unit} is not a unit of length; use m, mm, cm or in")
     found_m = round(length.to_base(float(value)), 9)
     if found_m > MOST_M:
-        slip = f"; did you mean {value} mm?" if unit.lower() == "m" else ""
+        slip = f"; did you mean {value} mm?" if unit.lower() == "m" else "; check its unit"
         raise ValueError(f"{found_m:g} m is longer than any ball screw{slip}")
     return found_m
 
 
 def degC(text: str) -> float:
-    """Return a temperature in °C: `12 °C`, `12,5`, `68 °F`, `293 K`."""
+    """Return a temperature in °C: `12 °C`, `12,5`, `68 °F`, `293 K`.
+
+    Raises:
+        ValueError: The text is not a temperature.
+    """
     match = re.fullmatch(_DEGC, text.strip().replace(",", "."))
     if match is None:
         raise ValueError("give a temperature with its unit, such as 21.5 °C, or input")
@@ -86,7 +105,11 @@ def degC(text: str) -> float:
 
 
 def screw_name(text: str) -> str:
-    """Return nominal diameter and lead in mm in the catalogue's spelling: `40 x 10`, `16x2,5 mm`."""
+    """Return nominal diameter and lead in the catalogue's spelling: `40 x 10` becomes `40x10`, `16x2,5 mm`
+    `16x2.5`.
+
+    Other text is returned without its outer blanks, for `size_of` to refuse.
+    """
     number = r"(\d+(?:[.,]\d+)?)"
     match = re.fullmatch(rf"ø?\s*{number}\s*(?:mm)?\s*[x×*/]\s*{number}\s*(?:mm)?", text.strip().lower())
     if match is None:
@@ -95,13 +118,16 @@ def screw_name(text: str) -> str:
 
 
 def is_serial(place: str) -> bool:
-    """Return whether an address is that of a serial port."""
+    """Return whether an address is that of a serial port: `/dev/…` or `COM…`."""
     return place.startswith("/") or place.upper().startswith("COM")
 
 
 def key_name(text: str) -> str:
     """Return a valid name for Zenoh keys: `Drehmaschine 7` becomes `drehmaschine-7`; valid names are
     unchanged.
+
+    Raises:
+        ValueError: The text has no letter or digit.
     """
     text = text.strip()
     if re.fullmatch(r"[A-Za-z0-9_.-]{1,64}", text):

@@ -14,7 +14,14 @@ from observer.units import BY_NAME, Unit
 
 @dataclass(frozen=True, slots=True)
 class TypicalRange:
-    """The usual range of a quantity's size, and the units it is mistaken for; 0 is always usual."""
+    """The usual range of a quantity; 0 is always usual.
+
+    Attributes:
+        low: Smallest usual value, in the key's unit.
+        high: Largest usual value.
+        units: Units in which such a value is given by mistake.
+        signed: Whether the range holds for the value itself, not for its size.
+    """
 
     low: float
     high: float
@@ -110,7 +117,9 @@ TYPICAL: dict[str, TypicalRange] = {
 
 
 def pattern_of(path: tuple[int | str, ...]) -> str:
-    """Return the key in `TYPICAL` of a place in the configuration."""
+    """Return the key in `TYPICAL` of a place in the configuration: without indices, and with `*` for a
+    name.
+    """
     parts = [part for part in path if isinstance(part, str)]
     if parts[:1] in (["drivers"], ["boundary"]) and len(parts) > 1:
         parts[1] = "*"
@@ -118,7 +127,12 @@ def pattern_of(path: tuple[int | str, ...]) -> str:
 
 
 def hint(path: tuple[int | str, ...], value: object) -> str:
-    """Return “; did you mean 0.04 (40 mm)?”, empty where the value is usual or no unit explains it."""
+    """Return “; did you mean 0.04 (40 mm)?”, empty where the value is usual or no unit explains it.
+
+    Args:
+        path: Keys and indices of the value.
+        value: Anything; only numbers get a hint.
+    """
     candidates = _candidates(path, value)
     if not candidates:
         return ""
@@ -126,7 +140,10 @@ def hint(path: tuple[int | str, ...], value: object) -> str:
 
 
 def doubt(path: tuple[int | str, ...], value: float) -> str | None:
-    """Return a sentence on a value outside its usual range, None for a usual value."""
+    """Return a sentence on a value outside its usual range, without its key; None for a usual value.
+
+    A register that looks like a manual's number, such as 40001, is doubted too.
+    """
     if str(path[-1]) in ("register", "status_register", "first_register") and (words := modicon(int(value))):
         return f"{value:g} {words}; leave it only if the manual counts on the wire"
     typical = TYPICAL.get(pattern_of(path))

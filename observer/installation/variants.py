@@ -36,10 +36,10 @@ class Variant:
     """A variant of a configuration.
 
     Attributes:
-        name: as in the file, or made of a sweep's values.
-        config: the configuration with the overrides.
-        inputs: constant values by input channel.
-        changed: the dotted keys that it overrides or removes.
+        name: As in the file, or made of a sweep's values.
+        config: The configuration with the overrides.
+        inputs: Constant values by input channel, in the channel's unit.
+        changed: The dotted keys that it overrides or removes.
     """
 
     name: str
@@ -49,9 +49,16 @@ class Variant:
 
 
 def variants_of(table: Mapping[str, Any], place: str, base: Mapping[str, Any]) -> tuple[Variant, ...]:
-    """Return the variants of `base` in a table, in its order, sweeps last.
+    """Return the variants in a table, in its order, sweeps last; at most 50.
 
-    Raises `ConfigError`, a sentence for each problem that names `place`, variant, key and remedy.
+    Args:
+        table: The content of a variants' file.
+        place: The file, named in errors.
+        base: The table of the configuration that they override.
+
+    Raises:
+        ConfigError: The table is empty or invalid, or a variant is; the sentence names variant, key and
+            remedy.
     """
     for key in table:
         if key not in _TABLES:

@@ -157,7 +157,8 @@ def cycle_case(name: str, config: Installation, inputs: Mapping[str, float], log
             duration_s += float(driven.dt_s.sum())
             loss_1_s = max(loss_1_s, float(driven.loss_1_s.max()))
     if not np.isfinite(hottest).all():
-        raise LogError(f"{log.path}: an input that the model needs never has a value; fill its column")
+        input_names = ", ".join(c for c in config.channels if c not in config.sensor_channels)
+        raise LogError(f"{log.path}: in no row are all inputs known ({input_names}); fill their columns")
     heat_W = heat_J / max(duration_s, 1e-9)
     whole = Growth(*map(np.concatenate, zip(*grown, strict=True))) if grown else None
     return _case(name, config, survey, _Outcome(hottest, whole, heat_W, loss_1_s, None))

@@ -164,7 +164,9 @@ def compared(
     if minimise is not None:
         check_choice("minimise", minimise, get_args(Aim))
     if log is None and not steady:
-        raise ConfigError("compare: ask for the steady state, or give a log of a cycle")
+        raise ConfigError(
+            "compare: give a log, the cycle of each variant, or ask for the steady state (--steady)"
+        )
     of_file = isinstance(variants_given, str | Path)
     table = (
         read_toml(Path(variants_given), "variants")

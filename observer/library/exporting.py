@@ -90,14 +90,14 @@ def exported(
     check_choice("format", format, get_args(ExportFormat))
     check_choice("control", control, get_args(Control))
     if single and format != "st":
-        raise UserError("export: --single belongs to --format st; C99 has a macro for it")
+        raise UserError("export: --single belongs to --format st; leave it out, as C99 has a macro for it")
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,31}", axis):
         raise UserError(
-            f"export: --axis {axis!r} is not the name of an axis, which consists of letters and digits"
+            f"export: --axis {axis!r} is not the name of an axis; give letters and digits, such as X"
         )
     if format == "table":
         if log is None:
-            raise UserError("export: --format table needs --log, the log at whose end the table holds")
+            raise UserError("export: --format table needs --log; give the log at whose end the table holds")
         return _control_table(config, control, axis, as_log(log, config), progress)
     _refuse_learnt(config)
     with TemporaryDirectory() as folder:

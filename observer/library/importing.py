@@ -52,7 +52,7 @@ def import_log(
     keys["columns"] = config.log.columns | {name: _column(text) for name, text in (columns or {}).items()}
     if unknown := [name for name in keys["columns"] if name not in config.channels]:
         channels = ", ".join(config.channels)
-        raise LogError(f"--column: the model reads no channel {unknown[0]}; it reads {channels}")
+        raise LogError(f"--column: the model reads no channel {unknown[0]}; name one of {channels}")
     try:
         settings = Logs.model_validate(keys)
     except ValidationError as error:

@@ -88,7 +88,7 @@ def past(folder: str | os.PathLike[str], name: str | None = None) -> PublishedSt
         (name,) = axes
     if name not in axes:
         choice = f"name one of {', '.join(axes)}" if axes else "run a service that records there"
-        raise ConfigError(
-            f"{folder}: has no published steps{f' of {name}' if name else ' of one axis only'}; {choice}"
-        )
+        several = "published steps of several axes" if axes else "no published steps"
+        steps = several if name is None else f"no published steps of {name}"
+        raise ConfigError(f"{folder}: holds {steps}; {choice}")
     return PublishedSteps(Past(Path(folder), name))

@@ -108,7 +108,8 @@ def simulated_run(
         rows_done += len(inputs)
         progress(rows_done, len(log))
     if not parts:
-        raise LogError(f"{log.path}: an input that the model needs never has a value; fill its column")
+        input_names = ", ".join(c for c in config.channels if c not in config.sensor_channels)
+        raise LogError(f"{log.path}: in no row are all inputs known ({input_names}); fill their columns")
     time_s, law_W, rows = (np.concatenate(column) for column in zip(*parts, strict=True))
     columns = {TIME: time_s, **simulated_columns(config, machine.plant, log, time_s, law_W, rows)}
     words = tuple(words.text for words in log.words)
@@ -173,7 +174,7 @@ def forecast_run(
     """
     settings, machine = config.forecast, MachineModel.of(config, learns=True)
     if hours is not None and not AHEAD_H[0] <= hours <= AHEAD_H[1]:
-        raise UserError(f"hours = {hours!r}: give how far ahead, {AHEAD_H[0]:g} to {AHEAD_H[1]:g}")
+        raise UserError(f"forecast: hours = {hours!r}: give {AHEAD_H[0]:g} to {AHEAD_H[1]:g} hours ahead")
     refuse_implausible(log, config)
     pipeline, learner, layout = machine.pipeline(), Learner(machine), machine.plant.layout
     start, _ = start_of(log, CheckpointFit.of(machine))

@@ -113,7 +113,7 @@ def _logs(folder: Path, name: str, plan: AlignPlan, last_s: float) -> list[Log]:
     try:
         files = sorted(recordings(folder, name), key=_order)
     except OSError as error:
-        raise LogError(f"{folder}: cannot be read ({error.strerror}); see record.directory") from None
+        raise LogError(f"{folder}: cannot be read ({error.strerror}); correct record.directory") from None
     logs: list[Log] = []
     for file in reversed(files):
         log = _read(file, plan)
@@ -144,7 +144,9 @@ def _read(file: Recording, plan: AlignPlan) -> Log | None:
     except OSError as error:
         if isinstance(error, FileNotFoundError):
             return None
-        raise LogError(f"{file.path}: cannot be read ({error.strerror}); ask as the service's user") from None
+        raise LogError(
+            f"{file.path}: cannot be read ({error.strerror}); run this as the service's user"
+        ) from None
     return read_log(file.path, plan.channels, accept_truncated=True)
 
 

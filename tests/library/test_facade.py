@@ -166,7 +166,7 @@ SHORT = {
         (lambda m: m.identify("no.csv", "tikhonov", parameter_choice="x"), "parameter_choice = 'x' is not"),
         (lambda m: m.identify("no.csv", "tikhonov", order=2), "order = 2: give 0 or 1"),
         (lambda m: m.compare({"variant": {"a": {}}}, minimise="force"), "minimise = 'force' is not known"),
-        (lambda m: m.forecast(SHORT, hours=0), "hours = 0: give how far ahead, 0.05 to 24"),
+        (lambda m: m.forecast(SHORT, hours=0), "forecast: hours = 0: give 0.05 to 24 hours ahead"),
     ],
 )
 def test_what_is_none_of_the_choices_is_one_sentence(ask, sentence):
