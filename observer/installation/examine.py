@@ -23,7 +23,7 @@ _SETTINGS: TypeAdapter[DriverSettings] = TypeAdapter(DriverSettings)
 
 
 def examine(path: Path) -> Installation:
-    """Read a configuration and look for every file that it names, as a service does before it starts.
+    """Read a configuration and look for every file that it names, as `observer check` does.
 
     Raises:
         ConfigError: All problems at once: invalid keys, missing or unreadable files, undelivered channels,

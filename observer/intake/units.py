@@ -123,9 +123,14 @@ def fits(unit: str, to: str) -> bool:
 
 
 def converted(values: FloatArray, unit: str, to: str) -> FloatArray:
-    """Return values (n,) converted from one unit to another, both as `resolved` gives them.
+    """Return values converted from one unit to another.
 
     Values stay as they are if either unit is empty. Temperatures are converted with their offsets.
+
+    Args:
+        values: Values (n,), NaN where missing.
+        unit: Their unit, as `resolved` gives it.
+        to: The other unit, as `resolved` gives it; `fits` tells whether that is possible.
     """
     if unit == to or not unit or not to:
         return values

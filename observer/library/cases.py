@@ -34,7 +34,7 @@ class CaseFigures:
         position_m: The places along the screw, (g,).
         field_degC: Temperature at these, (g,); over a cycle the highest at each place.
         warmest_degC: Highest temperature of the whole screw, between the places too.
-        coldest_degC: Lowest temperature of the whole screw, between the places too.
+        coldest_degC: Lowest temperature of the whole screw; over a cycle the lowest of the highest ones.
         temperature_degC: By the names of sensors and nodes; over a cycle the highest.
         heat_W: By source; over a cycle the mean. Sources that never give heat are left out.
         error_um: Thermal error, (g,), largest by size; empty without an expansion coefficient.

@@ -112,10 +112,10 @@ class ServiceClient:
         machine: Name of the machine; `*` until the service has answered.
         axis: Name of the axis; `*` until the service has answered.
         heat: Stream of `ServiceHeat`, a message each step.
-        field: Stream of `ServiceField`, at most two messages a second.
-        error: Stream of `ServiceThermalError`, at most two messages a second.
+        field: Stream of `ServiceField`, at most `publish.field_rate_Hz`.
+        error: Stream of `ServiceThermalError`, at most `publish.field_rate_Hz`.
         health: Stream of `ServiceHealth`, on change and every 5 s.
-        alarms: Stream of `ServiceAlarms`, on change.
+        alarms: Stream of `ServiceAlarms`, on change and every 5 s.
     """
 
     machine: str

@@ -18,6 +18,9 @@ def in_words(work: Callable[Arguments, Answer]) -> Callable[Arguments, Answer]:
     """Make a function raise `UserError` with the remedy if it needs a package that is not installed.
 
     The wrapper lets `ModuleNotFoundError` pass for a package that no extra contains: that is a defect.
+
+    Args:
+        work: A function or method; name, docstring and signature stay.
     """
 
     @functools.wraps(work)

@@ -59,7 +59,7 @@ class SimulatedRun(SignalTable):
 
     @property
     def last_degC(self) -> FloatArray:
-        """The last reading of each sensor, (s,), °C; of a displacement in µm."""
+        """The last reading of each sensor, (s,), °C; of a displacement in its channel's unit."""
         return np.array([self[sensor.channel][-1] for sensor in self._config.sensor])
 
     @in_words

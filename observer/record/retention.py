@@ -56,7 +56,7 @@ class Retention:
 
     @classmethod
     def of(cls, record: RecordSettings) -> Retention:
-        """Return the limits of a `[record]` table; a key that is missing sets no limit."""
+        """Return the limits of a `[record]` table; without `keep_days` or `keep_GB` these set no limit."""
         return cls(
             math.inf if record.keep_days is None else record.keep_days * 86_400.0,
             math.inf if record.keep_GB is None else record.keep_GB * 1e9,

@@ -132,13 +132,26 @@ class Panel(NamedTuple):
             self.axes.plot(self.t, values[:, i], color=ink, label=name, **style)
 
     def band(self, low: FloatArray, high: FloatArray, ink: Any, alpha: float) -> None:
-        """Shade the area between two columns (n,), without a label for the key."""
+        """Shade the area between two columns (n,), without a label for the key.
+
+        Args:
+            low: Lower edge.
+            high: Upper edge; where one of the two is NaN nothing is shaded.
+            ink: Colour.
+            alpha: Opacity, 0 to 1.
+        """
         self.axes.fill_between(self.t, low, high, color=ink, alpha=alpha, lw=0)
 
     def explain(
         self, handles: Sequence[Artist] = (), labels: Sequence[str] = (), title: str | None = None
     ) -> None:
-        """Draw the key: of the labelled curves, then of `handles` with their `labels`."""
+        """Draw the key: of the labelled curves, then of other marks.
+
+        Args:
+            handles: Marks to add, such as those of `sample` and `shade`.
+            labels: Their labels.
+            title: Heading of the key; None for none.
+        """
         curves, names = self.axes.get_legend_handles_labels()
         self.key.axis("off")
         self.key.legend(
@@ -191,6 +204,11 @@ def heats(panel: Panel, curves: HeatCurves, title: str = "Heat entering the scre
     """Draw heats with 95 % bands, the extremes between samples, and their laws as thin dashes.
 
     The vertical limits follow the usual width of the bands, not their width at the start.
+
+    Args:
+        panel: The panel.
+        curves: The heats; σ is NaN where it is unknown.
+        title: Title of the panel.
     """
     heat_W, law_W, reach_W = curves.heat_W, curves.law_W, Z95 * curves.sigma_W
     for low_W, high_W, ink in zip(curves.extremes_W[0].T, curves.extremes_W[1].T, curves.inks, strict=True):
@@ -207,7 +225,13 @@ def heats(panel: Panel, curves: HeatCurves, title: str = "Heat entering the scre
 
 
 def laws(panel: Panel, names: Sequence[str], law_W: FloatArray) -> None:
-    """Draw heats (n, m) by their laws; lines that coincide differ in width, so that all can be seen."""
+    """Draw heats by their laws; lines that coincide differ in width, so that all can be seen.
+
+    Args:
+        panel: The panel.
+        names: Names of the sources, m.
+        law_W: Heats (n, m).
+    """
     for i, name in enumerate(names):
         # of lines that coincide the lower one shows at both sides of the upper one
         panel.curves(law_W[:, [i]], [name], [colour(i)], lw=1.6 + 1.4 * (len(names) - 1 - i))

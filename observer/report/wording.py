@@ -287,7 +287,13 @@ def experiment_sentence(experiment: dict[str, Any]) -> str:
 
 
 def joined(parts: Sequence[str], last: str = " and ", between: str = ", ") -> str:
-    """Return parts as a list in a sentence, such as `a, b and c`."""
+    """Return parts as a list in a sentence, such as `a, b and c`.
+
+    Args:
+        parts: The entries; an empty list gives an empty text.
+        last: Stands before the last entry.
+        between: Stands between the others.
+    """
     return last.join([between.join(parts[:-1]), parts[-1]]) if len(parts) > 1 else "".join(parts)
 
 
@@ -304,7 +310,10 @@ def measured(parameter: dict[str, Any]) -> str:
 def interval(value: float, low: float, high: float) -> str:
     """Return a value and its 95 % interval, rounded to the digits that the interval leaves.
 
-    Without an interval (`high` not above `low`) the value has three digits.
+    Args:
+        value: The value.
+        low: Lower end of the interval.
+        high: Upper end; if it is not above `low`, the value has three digits and no interval.
     """
     if high <= low:
         return f"{value:.3g}"

@@ -19,8 +19,8 @@ _REFUSED = 2
 class PastProcess:
     """Queries the past of an axis; from any thread, one query at a time.
 
-    At most four queries wait; a further one is refused at once. A query blocks its caller for up to 30 s of
-    reading, and never the service's loop.
+    At most four queries are accepted at once, the waiting ones included; a further one is refused. A query
+    blocks its caller for up to 30 s of reading, and never the service's loop.
     """
 
     def __init__(self, folder: Path, name: str, in_force: str, period_s: float) -> None:

@@ -94,6 +94,11 @@ def read_text(path: Path, options: Logs, accept_truncated: bool = False) -> list
 def decoded(path: Path, data: bytes, encoding: str) -> str:
     """Return the text of a file in an encoding, without a byte order mark.
 
+    Args:
+        path: The file, named in errors.
+        data: Its bytes.
+        encoding: A name that Python knows, such as `cp1252`.
+
     Raises:
         LogError: The bytes are not text in this encoding.
     """
