@@ -88,8 +88,7 @@ class Experiment:
 def propose(problem: Problem, answers: Sequence[Config], pool: WorkerPool = IN_PROCESS) -> Experiment:
     """Return the cycle of the menu that best separates the two closest answers.
 
-    Cycles that separate by `SEPARATES` are preferred. Of these the one with the most separation per time is
-    returned.
+    Cycles that separate by `SEPARATES` are preferred; among them, the one with the most separation per time.
 
     Args:
         problem: Data and free parameters, which also show how the machine is run.

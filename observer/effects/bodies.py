@@ -89,7 +89,8 @@ class AttachedMass(EffectTable):
         """Return the parameters of a body that only stores heat.
 
         At a source with remaining heat they are followed by those of a body that takes part of it, and of one
-        that also loses heat to the air.
+        that also loses heat to the air. A free `share` excludes these, because it would compensate them.
+        Arguments as in `EffectTable.forms`.
         """
         plain = ("capacity_J_K", "conductance_W_K")
         rubbing = [s for s in machine.source if s.name == target and LEAST_SHARE <= _share(s) < 1.0]

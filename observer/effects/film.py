@@ -261,7 +261,10 @@ class Coolant(EffectTable):
 
     @classmethod
     def forms(cls, machine: Description, target: str | None, free: Collection[str]) -> Sequence[Form]:
-        """Return the conductance alone if the inlet is measured."""
+        """Return the conductance alone if the inlet is measured, else both parameters.
+
+        Arguments as in `EffectTable.forms`.
+        """
         return (("conductance_W_K",),) if cls.fixed_keys(machine) else super().forms(machine, target, free)
 
     @property

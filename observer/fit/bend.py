@@ -1,7 +1,7 @@
-"""Readings of displacement sensors where a support has play: not linear in the temperatures.
+"""Readings of displacement sensors where a support has play: they are not linear in the temperatures.
 
-The screw is predicted as if it grew freely, with one sensor more, of the growth of all of it; what the
-supports hold back of that is taken off afterwards (`observer.model.rod.supports`).
+The screw is predicted as if it grew freely, with one more sensor that reads its whole growth. The growth that
+the supports hold back is subtracted afterwards (`observer.model.rod.supports`).
 """
 
 from __future__ import annotations

@@ -1,11 +1,12 @@
 """Fit the free parameters of a configuration to logs: a hypothesis without effects.
 
-The heat of every source comes from its law, the prediction is open loop (an estimator would absorb model
-errors), and the parameters minimise the weighted squares of the residuals of the 30 s means. Nuisance
-parameters vary within their tolerances, so that an offset or a loss at an end is not taken for film or heat,
-and the intervals include their uncertainty. A free parameter is fitted within its physical range, with its
-tolerance as a prior. Pure: logs come in as frames.
-(Output-error method; Ljung 1999, §7.)
+The heat of every source comes from its law. The prediction is open loop, because an estimator would absorb
+model errors. The parameters minimise the weighted squares of the residuals of the 30 s means (output-error
+method; Ljung 1999, §7).
+
+Nuisance parameters vary within their tolerances, and intervals include their uncertainty. So an offset or a
+loss at an end is not mistaken for film or heat. A free parameter is fitted within its physical range, with
+its tolerance as a prior. Pure: logs come in as frames.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from observer.linear_fit import unabsorbed
 from observer.tables.sections import law_channels
 
 MOST_WORSE = 1.05
-"""How much larger the error of one sensor may become where that of all together falls."""
+"""Largest ratio by which the error of one sensor may grow if the error of all sensors together falls."""
 SEEN_SIGMA = 3.0
 """A change by its natural scale must change some 30 s mean by this many standard deviations of its noise."""
 APART = 0.01
@@ -261,10 +262,12 @@ def calibrate(
 
 
 def _judged(whole: Problem, trial: Problem) -> tuple[Fit, HeldBack, str | None]:
-    """Fit to the part of the logs that is not held back, and, if that predicts the held-back part no worse
-    than the configured values do, to the whole logs.
+    """Fit to the part of the logs that is not held back, and judge the fit on the held-back part.
 
-    Return the last fit, its judgement, and why the configured values are kept.
+    If it predicts that part no worse than the configured values do, the fit continues on the whole logs.
+
+    Returns:
+        The last fit, its judgement, and why the configured values are kept or None.
     """
     config = whole.config
     fit = fit_null(trial, config)
@@ -289,11 +292,11 @@ def _held_back(trial: Problem, after: Config) -> HeldBack:
 
 
 def _why_kept(config: Config, judged: HeldBack) -> str | None:
-    """Say why the configured values are kept where the error after a fit is larger; None where it is not.
+    """Return why the configured values are kept where the error after a fit is larger; None where it is not.
 
     It may be larger over all thermocouples, or clearly larger at one of them and beyond its noise. A
-    displacement may gain what thermocouples lose, by the larger factor: K and µm have no common measure. Of
-    the whole logs (0 held-back seconds) only the error over all counts.
+    displacement may gain what thermocouples lose, by the larger factor: K and µm have no common measure. Over
+    the whole logs (0 held-back seconds) only the error of all thermocouples counts.
     """
     error, per_sensor = judged.error, judged.per_sensor
     part = f"the {judged.seconds / 60.0:.0f} min of log that were held back" if judged.seconds else "the logs"

@@ -29,10 +29,11 @@ GROWTH_SHARE = 0.01
 """The slow form error of a displacement as a share of its rms rise: no frame is straight."""
 TRUSTED, LEAST_SAMPLES = 3.0, 200
 LEFT_OF_STEP, LEAST_K = 0.29, 0.003
-"""Error of a half-minute mean due to the resolution of a log: 1/√12 of a step, and at least so much."""
+"""Error of a half-minute mean due to the resolution of a log: 1/√12 of a step, and its least value, K."""
 LOW_QUANTILE, MOSTLY, ENOUGH = 0.1, 0.9, 8
-"""Values are quantised where most of their differences are multiples of a low quantile, and there are enough
-of them.
+"""Values are quantised if most of their differences are multiples of a low quantile of these.
+
+The numbers are that quantile, the required share, and the least number of differences.
 """
 
 

@@ -24,13 +24,13 @@ from observer.model.simulate import Means, simulate_means, start_from_sensors
 from observer.tables.sections import Source, owner
 
 OUTAGE_S, OUTAGE_ROWS, MOST_OUTAGES = 30.0, 2.5, 12
-"""An outage lasts longer than both; of several the longest count."""
+"""An outage is longer than this time and this number of usual row distances; only the longest count."""
 SWITCHED, MOST_SWITCHES = 0.1, 24
-"""Relative change of a source's usual heat that counts as a switch, and the most in a log, the largest first.
-"""
+"""Relative change of a source's usual heat that counts as a switch, and the largest number in a log."""
 STRETCHES, STRETCH_SHARE = 8, 0.3
-"""Stretches of the screw that may have been heated during an outage, each by a part of the strongest source's
-usual heat.
+"""Number of stretches of the screw that an outage may have heated, and their heat.
+
+The heat is relative to the usual heat of the strongest source.
 """
 WANDERS = 0.7
 """Uncertain part of a nut's heat on a stretch where rows are too far apart to follow its path."""
@@ -226,8 +226,10 @@ class Forward:
         return out
 
     def _with_tables(self, plant: Plant, shown: FloatArray) -> Plant:
-        """The plant with the first one's tables: the dropped modes' part scales with 1/kA, not the film, and
-        with what each sensor shows (s,) of what it did there.
+        """Return the plant with the first one's tables of moving nuts, scaled.
+
+        The part of the dropped modes scales with 1/kA, independent of the film. It also scales with the share
+        of the rise that each sensor shows, relative to the first plant, (s,).
         """
         moving = []
         for m, first in zip(plant.moving, self._tables, strict=True):
@@ -290,11 +292,16 @@ def outages_of(run: SteppedRun) -> NDArray[np.int64]:
 def _undetermined(
     run: SteppedRun, plant: Plant, inputs: Inputs, bands: Sequence[tuple[int, Source]]
 ) -> Iterator[FloatArray]:
-    """Yield changes of the heats by law (T, m) that rows far apart leave open; `bands` are stretches of the
-    screw, each with its number among the sources.
+    """Yield changes of the heats by law, W, (T, m), that rows far apart leave undetermined.
 
-    A heat goes evenly from one row's to the next's in a prediction. All may instead have changed at the one
-    row, or all at the other, as the recorder has it; and each at any time between.
+    In a prediction a heat changes evenly from one row to the next. All heats may instead have changed at the
+    one row, or all at the other, as the recorder has it. Each may also have changed at any time between.
+
+    Args:
+        run: A run with rows far apart.
+        plant: The model.
+        inputs: Inputs of the ticks.
+        bands: Stretches of the screw, each with its number among the sources.
     """
     law_W, jump_W = inputs.law_W, inputs.law_jump_W
     usual_W = np.maximum(np.quantile(np.abs(law_W), 0.9, axis=0), 1e-9)

@@ -1,9 +1,11 @@
 """A hypothesis: a set of effects, fitted together with every free parameter and within every tolerance.
 
-The fit is by Gauss-Newton on the whitened residuals of the open-loop prediction; nuisance parameters are
-marginalised, so a residual that they explain costs only their prior. The free parameters' derivatives are
-those at the hypothesis without any effect, until they are far from there; the effects' own are updated in
-every step, and each step's residual is that of a full prediction.
+The fit is by Gauss-Newton on the whitened residuals of the open-loop prediction. Nuisance parameters are
+marginalised, so a residual that they explain costs only their prior.
+
+The free parameters' derivatives are those at the hypothesis without any effect, until the parameters are far
+from it. The effects' own derivatives are updated in every step. The residual of each step is that of a full
+prediction.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from observer.frames import BoolArray, FloatArray
 from observer.linear_fit import LinearFit, Marginal
 
 TRIALS = 8
-"""How often a diverging step is shortened."""
+"""Number of times that a diverging step is shortened."""
 
 
 class Range(NamedTuple):
@@ -139,13 +141,13 @@ FAR = 0.2
 """Largest change of a free parameter, in its scale, before the derivatives are updated."""
 NORMAL_95 = 1.96
 OWN_SIGMA, MOST_SIGMA = 3.0, 4.0
-"""The limits of what tolerances explain, in their standard deviations: of one that an effect replaces (the
-offset of a sensor beside its bias), and of any other. A search has some forty tolerances: one of them is
-beyond 4 σ on one machine in 400, which is less than the one wrong name in 100 that is allowed. At 3 σ it is
-one in ten.
+"""Limits of tolerances, in σ: of one that an effect replaces, such as a sensor's offset, and of any other.
+
+A search has some forty tolerances. One of them is beyond 4 σ on one machine in 400, which is less than the
+permitted one wrong name in 100. At 3 σ it would be one machine in ten.
 """
 FORM_SHARE = 0.015
-"""Form error of an effect as a part of its parameters, positions and temperatures excepted: one σ."""
+"""σ of an effect's form error, relative to its parameters; positions and temperatures have none."""
 
 
 @dataclass(frozen=True, slots=True)

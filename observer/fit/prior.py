@@ -23,7 +23,7 @@ have written a smaller tolerance, and a machine changes: covers, grease, preload
 
 
 FRICTION_TIMES = 5.0
-"""How much wider the prior of friction is than `law_uncertainty`: a log of work shows friction well."""
+"""Ratio of the prior σ of friction to `law_uncertainty`: a log of work shows friction well."""
 
 
 class PhysicalRange(NamedTuple):

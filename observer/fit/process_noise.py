@@ -1,11 +1,11 @@
 """Process noise of the heats and of the field, by maximum likelihood from the logs.
 
-Both must be estimated: if the field were taken to follow the model exactly, model errors could only show as
-jumping heats, and the gate would then reject correct sensors.
+Both must be estimated. If the field were taken to follow the model exactly, model errors could only appear as
+jumping heats. The gate would then reject correct sensors.
 
-No parameter is learnt meanwhile: what one log's parameters could absorb is left to the noise, since the next
-day may differ by that much. Considered parameters are excluded as well: innovations would then share one
-error throughout, and their product would be no likelihood.
+No parameter is learnt meanwhile: errors that one log's parameters could absorb are left to the noise, because
+the next day may differ by that much. Considered parameters are excluded as well. They would give all
+innovations one common error, and the product of their densities would not be a likelihood.
 """
 
 from __future__ import annotations
@@ -105,8 +105,8 @@ class NoiseEvidence(NamedTuple):
 def evidence_of_noise(config: Config, plant: Plant, runs: Sequence[Sequence[FrameBlock]]) -> NoiseEvidence:
     """Return the evidence in some runs for the process noise.
 
-    Only some of the rows closer than the estimator's period or `CLOSEST_S` are used. Of a long part only the
-    stretch around the largest change of heat is used.
+    Rows closer than the estimator's period or `CLOSEST_S` are thinned. A long part is cut to the stretch
+    around the largest change of heat.
 
     Args:
         config: The configuration, without displacement sensors.

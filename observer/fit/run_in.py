@@ -1,8 +1,8 @@
-"""By how much friction exceeds its law when work begins, and how that fades, as a calibration finds it.
+"""The excess of friction over its law when work begins, and its decay, from a calibration.
 
-A fit lets each heat that goes with speed settle with two time constants, within its law's uncertainty. What
-it took of them is a curve, c(t), of the running time; the nearest s·exp(−t/τ) is written. How much s differs
-from one start to the next follows from several logs that begin cold, and is a share of it where there is one.
+A fit lets each heat that depends on speed settle with two time constants, within its law's uncertainty. The
+fitted part is a curve c(t) of the running time, and the nearest s·exp(−t/τ) is written. The difference of s
+between starts follows from several logs that begin cold. With one log it is a fixed share of s.
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ OVER_S = np.linspace(0.0, 5400.0, 19)
 """The running times over which a curve is compared with an exponential."""
 TIMES_S = np.geomspace(min(SETTLING_S), max(SETTLING_S), 29)
 PER_START, LEAST, FIRM = 0.2, 0.01, 2.0
-"""What running in differs by from one start to the next, in parts of itself and of the law, where nothing
-says more: that counts as much as so many differences between logs.
+"""Expected σ of the running-in from one start to the next, relative to itself and to the law.
+
+The third number is the weight of this expectation, in differences between logs.
 """
 MOST_SIGMA = 0.05
-"""Found less well than this, in parts of the law, it is not found."""
+"""Largest σ of a running-in that is reported, relative to the law."""
 COLD_K = 3.0
-"""A screw that has rested long enough to run in anew is no further from the air, with sensors' offsets."""
+"""Largest distance from the air, offsets included, of a screw that has rested long enough to run in again."""
 
 
 class Settles(NamedTuple):
@@ -153,7 +154,10 @@ def begins_cold(config: Config, source: Source, run: Run) -> bool:
 
 
 def _settles(fit: Fit, source: str, run: int | None = None) -> Settles | None:
-    """What a fit took of a heat's settling parts, or of those of one run, None where it has none."""
+    """Return the fitted settling parts of a heat, in all runs or in one.
+
+    None if the fit has no settling parts for this source.
+    """
     nuisance, evidence = fit.problem.nuisance, fit.problem.evidence
     if nuisance is None:
         return None

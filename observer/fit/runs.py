@@ -1,11 +1,12 @@
 """A log made ready for fitting: one run, its half-minute means in blocks or ticks, and its initial state.
 
-Where the rows are too far apart to follow a nut, its way between them is filled in: such a nut shows itself
-at seemingly random positions of its stroke, or, as under a stroboscope, creeping, and a straight line from
-one to the next is not its way. While the speed stays the same, the nut is taken to run to and fro between the
-outermost positions it shows and a little further, or, where it is seen at too few places to show its ends,
-those of the whole log.
-Where speed and lead are known, its way follows from them instead.
+Where the rows are too far apart to follow a nut, its path between them is filled in. Such a nut appears at
+seemingly random positions of its stroke or, as under a stroboscope, seems to creep. Straight lines between
+these positions are not its path.
+
+While the speed stays the same, the nut is taken to run to and fro. The ends are the outermost positions it
+shows, and a little beyond. If it shows too few places, they are those of the whole log. Where speed and lead
+are known, the path follows from them instead.
 """
 
 from __future__ import annotations
@@ -28,8 +29,9 @@ START_S = 10.0
 TICK_S = 10.0
 """The tick of a search."""
 FINE_TICK_S = 2.0
-"""The tick of a calibration from a log with closer rows than half of this: predicted means differ by a few mK
-from those by rows 50 ms apart, and cost a fortieth.
+"""The tick of a calibration from a log whose rows are closer than half of this.
+
+Predicted means differ by a few mK from those by rows 50 ms apart, at a fortieth of the cost.
 """
 LEAST_S = 300.0
 """Least duration of the longest log for a fit."""
@@ -142,7 +144,7 @@ def prepare(config: Config, blocks: Sequence[FrameBlock], name: str) -> Run:
 
 
 def _drive(config: Config) -> Drive:
-    """What reads the frames; nut positions are not needed here."""
+    """Return the reader of the frames; it ignores nut positions."""
     return Drive(config, replace(build_plant(config, nut_places=2), moving=()))
 
 
@@ -381,7 +383,13 @@ def without_rows(frames: FrameBlock, doubtful: BoolArray) -> FrameBlock:
 
 
 def part(frames: FrameBlock, begin: int, end: int) -> FrameBlock:
-    """Return the frames from row `begin` up to `end`, with a first step of 0 s, as copies."""
+    """Return some rows of a log as copies, with a first step of 0 s.
+
+    Args:
+        frames: Frames of a log.
+        begin: The first row.
+        end: The row behind the last one.
+    """
     path = {name: p._replace(offset=p.offset[begin : end + 1].copy()) for name, p in frames.path.items()}
     arrays = {key: getattr(frames, key)[begin:end].copy() for key in _ROWS}
     arrays["dt_s"][:1] = 0.0
@@ -400,12 +408,14 @@ SAME_SPEED = 0.03
 FEWEST = 4
 """Least number of rows to identify a stroke."""
 FEWEST_TURNS, CREEPS = 4, 0.02
-"""Least number of turns that the even rows and the odd ones show together, for a stroke to be seen; and what
-counts as no step from one of them to the next, as a part of the whole way.
+"""Least number of turns that even and odd rows show together, for a stroke to be visible.
+
+The second number is the largest distance between rows that counts as no step, relative to the whole range.
 """
 TRAVERSES, PER_TRAVERSE = 6, 24
-"""Traverses between two rows where the path is unknown, and points on each: an even number, so that neither
-end of the stroke comes more often.
+"""Traverses between two rows where the path is unknown, and points on each.
+
+The number of traverses is even, so that both ends of the stroke are equally frequent.
 """
 
 

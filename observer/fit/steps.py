@@ -1,12 +1,12 @@
-"""A run in the steps of a prediction: its rows, or, thousands of times in a search, ticks of ten seconds.
+"""A run in the steps of a prediction: its rows or, thousands of times in a search, ticks of ten seconds.
 
-Heats, losses and the nut's columns are averaged over each tick, so their energy is that of the rows; known
-inputs are taken at its ends. Predictions are compared as means over three ticks, to which each tick
-contributes its own, taken when its values came.
+Heats, losses and the nut's columns are averaged over each tick, so their energy is that of the rows. Known
+inputs are taken at its ends. Predictions are compared as means over three ticks. Each tick contributes its
+mean at the time of its values.
 
-The input column of a mode cos(μ x − φ) is the mean of that cosine over the positions that the nut covers: a
-smooth function of μ, which a table at evenly spaced μ gives to a millionth. So the path is followed once, and
-a hypothesis that changes the modes costs a product of matrices.
+The input column of a mode cos(μ x − φ) is the mean of that cosine over the positions that the nut covers.
+This is a smooth function of μ, which a table at evenly spaced μ gives to a millionth. So the path is followed
+once, and a hypothesis that changes the modes costs a product of matrices.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from observer.tables.sections import Source
 PER_MODE = 4
 """Tabulated wave numbers per π/L."""
 NEIGHBOURS = 8
-"""How many of them an interpolation takes."""
+"""Number of them that an interpolation takes."""
 PLACES = 33
 """Positions along the screw among which the nut's time in a tick is distributed."""
 PARTS, POINT_M = 32, 1e-6
-"""Into how many parts a nut is divided that exchanges place by place, and the length of a place."""
+"""Number of parts of a nut that exchanges place by place, and the length of a place."""
 
 
 class Footprint(NamedTuple):
@@ -100,8 +100,8 @@ def swept(plant: Plant, table: NutTable, present: FloatArray, out: FloatArray) -
 def _under_nut(nut_m: float, screw_m: float) -> FloatArray:
     """Return the share (PLACES, PLACES) of a nut at one place that is over each.
 
-    What lies between two places is divided among them, which spreads it by a sixth of their squared distance,
-    as it did to `presence`. The nut is taken to be so much shorter that its spread is that of the whole.
+    The share between two places is divided among them, which spreads it by a sixth of their squared distance,
+    as in `presence`. The nut is taken to be so much shorter that its spread is that of the whole.
     """
     apart_m = screw_m / (PLACES - 1)
     length_m = math.sqrt(max(nut_m**2 - 12 * 2 * apart_m**2 / 6, 0.0))

@@ -1,12 +1,11 @@
 """Nuisance parameters: known of any machine only within a tolerance, and not a missing effect.
 
-Each is a small change of the configuration with the standard deviation given by `[tolerance]`: it may vary
-inside every hypothesis under a Gaussian prior, and is neither reported nor written back.
+Each is a small change of the configuration with the standard deviation given by `[tolerance]`. It may vary
+inside every hypothesis under a Gaussian prior. It is neither reported nor written back.
 
-The whole configuration is changed, where filters take parameters to first order on the retained modes
-(`model.learning`): a fit varies film, heats and material together, which compensate each other exactly, and
-first-order errors would separate them. The film of `tests/data/rig`, 13.9 W/m²K, would come
-out at 14.4.
+The whole configuration is changed here. Filters take parameters to first order on the retained modes
+(`model.learning`). A fit varies film, heats and material together, which compensate each other exactly, and
+first-order errors would separate them. The film of `tests/data/rig`, 13.9 W/m²K, would come out at 14.4.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ UNEVEN = 0.01
 """Relative unevenness of a film along the screw."""
 STRETCHES = 4
 SETTLING_S = (900.0, 3600.0)
-"""Time constants with which friction may settle to its law, once running; both together are any between."""
+"""Time constants with which friction may settle to its law; their sum represents any between."""
 
 
 def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
@@ -99,8 +98,9 @@ def tolerances(config: Config, runs: int = 1) -> Iterator[tuple[Config, Scope]]:
 
 
 def _of_parts(config: Config) -> Iterator[tuple[Config, Scope]]:
-    """The configuration with one link, one node's capacity or what one sensor shows larger; those that are
-    fitted are left out.
+    """Yield the configuration with one link, one node's capacity, or one sensor's `shows` larger.
+
+    Fitted ones are left out.
     """
     fittable = candidates(config)
     for key, _, share in tolerances_of_parts(config):
@@ -211,7 +211,7 @@ CLEAR_SIGMA = 2.0
 
 
 class LearntChanges(NamedTuple):
-    """Changes of a configuration by what an estimator has learnt.
+    """Changes of a configuration by the parameters that an estimator has learnt.
 
     Attributes:
         values: New values by key.

@@ -164,7 +164,7 @@ def settling_between(
 ) -> tuple[Settled, tuple[float, float] | None]:
     """Return the settled state with σ and time, and the 95 % interval of that time.
 
-    Arguments as in `settling`. Without a settling time there are no draws, no σ and no interval.
+    Arguments as in `settling`. Without a settling time, σ and interval are None.
     """
     settled = settling(begin, program, travel, within_um)
     begins = draws(begin, program) if settled.after_s is not None else []

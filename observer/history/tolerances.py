@@ -131,7 +131,7 @@ def _roughly_known(config: Config) -> tuple[Plant, BoolArray]:
 
 
 class Sensitivities(NamedTuple):
-    """What an open loop carries of the machine's tolerances, for the kernel.
+    """Sensitivities of an open loop to the machine's tolerances, for the kernel.
 
     Attributes:
         plant: The plant.

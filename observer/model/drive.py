@@ -356,10 +356,15 @@ class ColumnsRead(NamedTuple):
 
 
 class DriveDesk(NamedTuple):
-    """Inputs and outputs of the kernel for K frames.
+    """Inputs and outputs of the kernel for K frames; other names and shapes as in `FrameBlock` and `Inputs`.
 
-    Names and shapes as in `FrameBlock`, `DriveState` and `Inputs`. At the ticks, `law` (K, m) holds the heats
-    by law, and `z` (K, p) the known inputs.
+    Attributes:
+        law_before_W: Heats by law after the frame before, W, (m,).
+        z_before: Known inputs after the frame before, (p,).
+        law: Heats by law at the ticks, W, (K, m).
+        z: Known inputs at the ticks, (K, p).
+        jump_W: Change of the laws since the step before, W, (K, m).
+        degraded: 1 where an input is missing or held, (K,).
     """
 
     time_s: FloatArray

@@ -37,7 +37,15 @@ error's reference.
 
 
 class KnownColumns(NamedTuple):
-    """Columns of the known inputs z, None if absent; `offset` (p,) marks the sensors' offsets."""
+    """Columns of the known inputs z, None if absent.
+
+    Attributes:
+        ambient: Column of the ambient.
+        left_end: Column of a prescribed left end.
+        right_end: Column of a prescribed right end.
+        reference: Column of the thermal error's reference.
+        offset: True for the columns of sensors' offsets, (p,).
+    """
 
     ambient: int
     left_end: int | None
@@ -47,14 +55,24 @@ class KnownColumns(NamedTuple):
 
     @classmethod
     def of(cls, names: Sequence[str]) -> KnownColumns:
-        """Find the columns by their names (p,)."""
+        """Return the columns by the names of the known inputs (p,).
+
+        Raises:
+            KeyError: If the ambient is not among them.
+        """
         at = {name: q for q, name in enumerate(names)}
         offset = np.array([name.startswith(OFFSET) for name in names], dtype=np.bool_)
         return cls(at[AMBIENT], at.get(LEFT), at.get(RIGHT), at.get(REFERENCE), offset)
 
 
 class Following(NamedTuple):
-    """A `source` without an unknown of its own: its heat is `part` of that of the `owner`."""
+    """A source without an unknown of its own.
+
+    Attributes:
+        source: Its number.
+        owner: Number of the source that it follows.
+        part: Its heat relative to the owner's.
+    """
 
     source: int
     owner: int
@@ -77,11 +95,18 @@ class Basis(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class OutputRows:
-    """Output rows: `C` (R, n_x) and `F` (R, p); temperatures in °C, errors in µm.
+    """Output rows; temperatures in °C, errors in µm.
 
     Rows 0 … s-1 are the sensors, then g rows of the field on the grid, then those of the thermal error. The
     error has no rows without an expansion coefficient, and g rows with one. If `restraint` has a clearance,
     it has 2 g + 1 rows, from which `supports.fold` makes g.
+
+    Attributes:
+        C: Rows of the states, (R, n_x).
+        F: Rows of the known inputs, (R, p).
+        sensors: Number s of sensors.
+        grid: Number g of grid points.
+        restraint: Supports of the screw; None for a free one.
     """
 
     C: FloatArray
@@ -106,13 +131,19 @@ class OutputRows:
         return slice(self.sensors + self.grid, len(self.C))
 
     def error_um(self, values: FloatArray) -> FloatArray:
-        """Return the thermal error (K, g) from the values (K, R) of all rows."""
+        """Return the thermal error between supports, µm, (K, g).
+
+        Args:
+            values: Values of all rows, (K, R).
+        """
         rows = values[:, self.error_slice]
         return fold(self.restraint, rows, np.zeros_like(rows))[0]
 
     def force_N(self, values: FloatArray) -> FloatArray:
-        """Return the axial force (K, 1) from the values (K, R) of all rows; (K, 0) without a support at each
-        end.
+        """Return the axial force, N, tension positive, (K, 1); (K, 0) without a support at each end.
+
+        Args:
+            values: Values of all rows, (K, R).
         """
         rows = values[:, self.error_slice]
         return tension(self.restraint, rows, np.zeros_like(rows))[0]
@@ -206,7 +237,11 @@ class Plant:
     by_speed: tuple[int, ...] = ()
 
     def of_screw(self, columns: FloatArray) -> FloatArray:
-        """Return modal columns (…, N) of the screw as states (…, n_x)."""
+        """Return the states for modal amplitudes of the screw, (…, n_x).
+
+        Args:
+            columns: Modal amplitudes, (…, N).
+        """
         if self.basis is None:
             wide = [(0, 0)] * (columns.ndim - 1) + [(0, len(self.decay_1_s) - self.modes)]
             return np.pad(columns, wide)
@@ -231,7 +266,7 @@ class Plant:
 
     @property
     def learnt(self) -> int:
-        """How many states an estimator has for uncertain parameters."""
+        """Number L of an estimator's states for uncertain parameters, considered ones included."""
         return 0 if self.learning is None else len(self.learning.arrays.kind)
 
     @property

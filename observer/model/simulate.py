@@ -41,7 +41,15 @@ class AdvancePlant(NamedTuple):
 
 
 class AdvanceTable(NamedTuple):
-    """The current step, as a table of length one; no heat is a state here."""
+    """The current step, as a table of length one; no heat is a state here.
+
+    Attributes:
+        decay: Decay factors of the states, (1, W).
+        hold: Response to a constant input, s, (1, W).
+        ramp: Response to an input that rises from 0 to 1, s, (1, W).
+        heat_decay: Empty, (1, 0).
+        couple: Empty, (1, 0, W).
+    """
 
     decay: FloatArray
     hold: FloatArray
@@ -57,7 +65,18 @@ class AdvanceTable(NamedTuple):
 
 
 class AdvanceWork(NamedTuple):
-    """Scratch, as in `kernels.advance`."""
+    """Scratch, as in `kernels.advance`.
+
+    Attributes:
+        B: Input columns with moving nuts in place, (m, W).
+        C: Empty, because the march computes no outputs.
+        law: Heats by law, W, (m,).
+        driven: Rate of change by heats and known inputs, (W,).
+        before: States at the start of each half of a coupling, (2, n_x).
+        link: Scratch of couplings.
+        state: The state as a column of the couplings.
+        sweep: Shapes of the nuts' motion in each step, (K, M, e, n_x).
+    """
 
     B: FloatArray
     C: FloatArray
@@ -70,14 +89,28 @@ class AdvanceWork(NamedTuple):
 
     @classmethod
     def of(cls, p: AdvancePlant, n_x: int, sweep: FloatArray) -> AdvanceWork:
-        """Scratch for a plant of n_x states."""
+        """Return scratch for a plant.
+
+        Args:
+            p: The plant's arrays.
+            n_x: Number of its states without padding.
+            sweep: Shapes of the nuts' motion, (K, M, e, n_x), with M = 0 if unknown.
+        """
         (m, width), state, link = p.B.shape, state_column(p.coupling), link_scratch(p.coupling)
         B, C = p.B.copy(), np.zeros((0, width))
         return cls(B, C, np.zeros(m), np.zeros(width), np.zeros((2, n_x)), link, state, sweep)
 
 
 class OpenLoopMarch(NamedTuple):
-    """The argument of `kernels.march`: a plant, its inputs, the current table and scratch."""
+    """The argument of `kernels.march`.
+
+    Attributes:
+        plant: The plant's arrays.
+        table: The current step, overwritten as lengths change.
+        inputs: Inputs of all steps, packed.
+        work: Scratch.
+        decay_1_s: Decay rates of the states, 1/s, (n_x,).
+    """
 
     plant: AdvancePlant
     table: AdvanceTable

@@ -37,9 +37,12 @@ class Air(NamedTuple):
 def air_at(temperature_degC: float) -> Air:
     """Return dry air at one atmosphere and a temperature, within 1 % from −50 to 150 °C.
 
-    Viscosity by Sutherland's law and conductivity by the formula of the US Standard Atmosphere (1976, eqs.
-    51 and 53), density of the ideal gas, specific heat 1005.7 J/(kg K) at 20 °C, rising with the square of
-    the distance from −13 °C.
+    Viscosity is by Sutherland's law, conductivity by the formula of the US Standard Atmosphere (1976, eqs. 51
+    and 53). The density is that of the ideal gas. The specific heat is 1005.7 J/(kg K) at 20 °C and rises
+    with the square of the distance from −13 °C.
+
+    Args:
+        temperature_degC: The temperature, °C.
     """
     T = temperature_degC + ZERO_DEGC_K
     dynamic_Pa_s = 1.458e-6 * T**1.5 / (T + 110.4)
@@ -57,22 +60,43 @@ def rotating_nusselt(reynolds: FloatArray, prandtl: float) -> FloatArray:
     """Return Nu = 0.133 Re^{2/3} Pr^{1/3} of a cylinder that turns in still air, Re = ω d²/ν.
 
     Holds for Re < 4.3e5 and 0.7 < Pr < 670 (Yu et al. 2024, §3.1.3, after Becker 1963).
+
+    Args:
+        reynolds: Re on the diameter, any shape, not negative.
+        prandtl: Prandtl number of the air.
     """
     return np.asarray(0.133 * np.cbrt(reynolds) ** 2 * prandtl ** (1 / 3))
 
 
 def rotating_nusselt_kendoush(reynolds: FloatArray, prandtl: float) -> FloatArray:
-    """Return Nu = 0.6366 (Re Pr)^{1/2} of a turning cylinder (Lathe, eq. 8, after Kendoush 1996)."""
+    """Return Nu = 0.6366 (Re Pr)^{1/2} of a turning cylinder (Lathe, eq. 8, after Kendoush 1996).
+
+    Args:
+        reynolds: Re on the diameter, any shape, not negative.
+        prandtl: Prandtl number of the air.
+    """
     return np.asarray(0.6366 * np.sqrt(reynolds * prandtl))
 
 
 def rotating_reynolds(speed_rpm: FloatArray, diameter_m: float, air: Air) -> FloatArray:
-    """Return Re = ω d²/ν (Yu et al. 2024, §3.1.3)."""
+    """Return Re = ω d²/ν (Yu et al. 2024, §3.1.3).
+
+    Args:
+        speed_rpm: Speed of either sense, rpm, any shape.
+        diameter_m: Diameter of the cylinder, m.
+        air: The air; its kinematic viscosity counts.
+    """
     return np.asarray(np.abs(speed_rpm) * RAD_S_PER_RPM * diameter_m**2 / air.viscosity_m2_s)
 
 
 def rayleigh(length_m: float, rise_K: float, air: Air) -> float:
-    """Return Ra = Gr Pr = g β |ΔT| l³ Pr/ν² with β = 1/T of the film (Yu et al. 2024, §3.1.3)."""
+    """Return Ra = Gr Pr = g β |ΔT| l³ Pr/ν² with β = 1/T of the film (Yu et al. 2024, §3.1.3).
+
+    Args:
+        length_m: Characteristic length l, m: a diameter or the height of a wall.
+        rise_K: Temperature of the surface above the air, K, of either sign.
+        air: The air halfway between surface and surroundings.
+    """
     grashof = GRAVITY_M_S2 * air.expansion_1_K * abs(rise_K) * length_m**3 / air.viscosity_m2_s**2
     return grashof * air.prandtl
 
@@ -106,6 +130,13 @@ def wall_nusselt(orientation: str, rayleigh_number: float) -> float:
     """Return Nu = C Ra^n of a warm wall, "vertical", or horizontal and facing "up" or "down".
 
     Outside the table the nearest line holds on. Source: Yu et al. 2024, table 3; McAdams 1954.
+
+    Args:
+        orientation: `"vertical"`, `"up"` or `"down"`.
+        rayleigh_number: Ra on the wall's height, or on the short side of a horizontal one.
+
+    Raises:
+        KeyError: If the orientation is another.
     """
     lines = WALLS[orientation]
     line = next((one for one in lines if rayleigh_number < one.high), lines[-1])
@@ -128,6 +159,12 @@ def taylor_number(speed_rpm: FloatArray, radius_m: float, gap_m: float, air: Air
     Ta² = ω² r_m gap³/ν² with the mean radius r_m, and F_g, near 1 for a narrow gap, from the ratio of gap to
     mean radius s: F_g = π⁴/1697 (1 − s/2)^{−2} P^{−1}, P = 0.0571 Y + 0.00056/Y, Y = 1 − 0.652 s/(1 − s/2).
     Source: Becker and Kaye 1962; Childs and Long 1996, §4.
+
+    Args:
+        speed_rpm: Speed of the shaft, rpm, (k,); the tube stands still.
+        radius_m: Radius of the shaft, m.
+        gap_m: Distance between shaft and tube, m.
+        air: The air in the gap.
     """
     mean_m = radius_m + gap_m / 2
     s = gap_m / mean_m
@@ -148,7 +185,13 @@ def taylor_nusselt(taylor: FloatArray) -> FloatArray:
 
 
 def film_W_m2K(nusselt: FloatArray | float, length_m: float, air: Air) -> FloatArray:
-    """Return h = Nu k_air/l (Lathe, eq. 7)."""
+    """Return h = Nu k_air/l (Lathe, eq. 7).
+
+    Args:
+        nusselt: Nusselt number, any shape.
+        length_m: Length l on which it is based, m.
+        air: The air; its conductivity counts.
+    """
     return np.asarray(nusselt * air.conductivity_W_mK / length_m)
 
 
@@ -160,6 +203,14 @@ def thread_factor(
     √(1 + (p/π D)²) (π r_b + b)/p: what groove (a half circle of the ball's radius) and land b measure along
     the helix, over the pitch. With a fin efficiency E, 1 + E × that, the screw as a finned surface. Source:
     Kuznetsov 2021, eqs. 4 and 5 (shape factor 1).
+
+    Args:
+        lead_m: Pitch p of the thread, m.
+        diameter_m: Diameter D of the cylinder, m.
+        ball_radius_m: Radius r_b of the groove, m.
+        land_m: Width b of the land between two grooves, m.
+        fin_efficiency: Efficiency E of the thread as fins, 0 to 1. None takes the whole surface at one
+            temperature.
     """
     helix = math.sqrt(1.0 + (lead_m / (math.pi * diameter_m)) ** 2)
     surface = helix * (math.pi * ball_radius_m + land_m) / lead_m
@@ -170,6 +221,11 @@ def radiation_film_W_m2K(emissivity: float, ambient_degC: float, rise_K: float) 
     """Return the film coefficient of a grey surface's radiation: ε σ (T_s + T_a)(T_s² + T_a²).
 
     At a rise of zero this is the tangent 4 ε σ T_a³ of the grey body's loss (Lathe, eq. 4).
+
+    Args:
+        emissivity: ε of the surface, 0 to 1.
+        ambient_degC: Temperature of the surroundings, °C.
+        rise_K: Temperature of the surface above them, K, of either sign.
     """
     cold = ambient_degC + ZERO_DEGC_K
     hot = cold + rise_K
@@ -185,5 +241,10 @@ def biot(film_W_m2K: float, size_m: float, conductivity_W_mK: float) -> float:
 
     Source: Kuznetsov (2021), section 2. His table 1 gives the size at which it is 0.1, L = 0.1 k/h; its
     1.36 m at 4 W/m²K and 55 W/mK should be 1.38, and its 0.14 m at 12 and 15 should be 0.13.
+
+    Args:
+        film_W_m2K: Film coefficient h.
+        size_m: Size L of the body, m, such as its volume over its surface.
+        conductivity_W_mK: Conductivity k of the body.
     """
     return film_W_m2K * size_m / conductivity_W_mK

@@ -139,8 +139,8 @@ def placed_along(sensor: dict[str, Any], sources: list[Any]) -> list[dict[str, A
     """Return the sensors that replace one measuring along a nut's way, one at each of five places of the
     stroke.
 
-    A table that is no displacement in a unit of length is returned unchanged, so that its own checks reject
-    it.
+    A table of another kind, or with a channel without a unit of length, is returned unchanged. Its own checks
+    then reject it.
 
     Args:
         sensor: The sensor's table as read, with `along`.

@@ -95,7 +95,13 @@ class Refusal(NamedTuple):
 
 
 def refusal(plant: Plant, present: BoolArray, reason: str) -> Refusal:
-    """Return the refusal for the sensors that are `present` (s,), with its `reason`."""
+    """Return the refusal of a set of sensors.
+
+    Args:
+        plant: The model, which gives the names.
+        present: True for the sensors that are present, (s,).
+        reason: A clause without a full stop, for messages.
+    """
     return Refusal(tuple(itertools.compress(plant.layout.sensors, present)), reason)
 
 
@@ -277,9 +283,12 @@ def is_stable(M: FloatArray) -> bool:
 
 
 def closed_loop(plant: Plant, step: StepMatrices, K: FloatArray) -> FloatArray:
-    """Return (I - K C) Ad (n, n).
+    """Return (I - K C) Ad, (n, n), the transition of the estimate's error over a step.
 
-    It is the transition of the estimate's error over a step, e⁺ = (I - K C) Ad e, for a gain K (n, s).
+    Args:
+        plant: The model.
+        step: Matrices of the step, with Ad of [x | δ].
+        K: Gain, (n, s).
     """
     Ad, _ = design_step(plant, step)
     C = sensor_rows(plant)

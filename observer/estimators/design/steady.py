@@ -128,6 +128,11 @@ def noise_share(plant: Plant, gain: LuenbergerGain, present: BoolArray) -> float
     """Return the largest σ of a heat by the noise of the present sensors, relative to its initial σ.
 
     The noisiest of the present sensors counts for all of them.
+
+    Args:
+        plant: The model.
+        gain: The gain with its noise gain.
+        present: True for the sensors that are present, (s,).
     """
     noise_K = float(np.sqrt(plant.noise_R_K2[present].max()))
     return float(np.max(gain.noise_gain_W_K * noise_K / plant.initial_sigma_W))

@@ -275,13 +275,14 @@ PathRegime = Literal["path", "points", "undetermined"]
 def judge_path(position_m: FloatArray, stroke_m: float) -> PathRegime:
     """Return how well samples resolve a nut's path.
 
-    "path": enough samples for every traverse. "points": fewer, but they cover the stroke. "undetermined":
-    fewer and in step with the motion, so that they show a few places only; the log does not determine the
-    footprint.
-
     Args:
         position_m: Positions in consecutive samples, m, NaN without one.
         stroke_m: Length of the stroke, m.
+
+    Returns:
+        "path" with enough samples for every traverse. "points" with fewer that cover the stroke.
+        "undetermined" with fewer in step with the motion: they show a few places only, and the log does not
+        determine the footprint.
     """
     position = position_m[np.isfinite(position_m)]
     jumps = np.abs(np.diff(position))

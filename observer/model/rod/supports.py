@@ -197,10 +197,17 @@ def fold(restraint: Restraint | None, value: FloatArray, sigma: FloatArray) -> t
 def tension(
     restraint: Restraint | None, value: FloatArray, sigma: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the axial force, N, tension positive, and its σ, (K, 1); (K, 0) without a support at each end.
+    """Return the axial force, N, tension positive, and its σ, (K, 1).
 
-    The arguments are those of `fold`. Within a clearance the force is 0. Within two σ of its ends the σ is
-    that of a held screw.
+    Within a clearance the force is 0. Within two σ of its ends the σ is that of a held screw.
+
+    Args:
+        restraint: The supports.
+        value: Values of the rows as in `fold`, µm.
+        sigma: Their σ, µm.
+
+    Returns:
+        Force and σ; both (K, 0) without a support at each end.
     """
     if restraint is None or not restraint.holds or value.shape[1] == 0:
         no_force = np.zeros((len(value), 0))
