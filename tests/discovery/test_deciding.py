@@ -2,69 +2,58 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from observer.discovery import deciding
 from observer.discovery.deciding import decisive_test
-from observer.discovery.verdict import Verdict
+from observer.discovery.family import Tie
+from observer.discovery.search import FittedCandidate, Search
+from observer.discovery.verdict import Partial, Verdict
+from observer.fit.hypothesis import Fit
+from tests.discovery.written import estimated, left, trial
 
 
-def fit(name: str) -> Any:
-    return SimpleNamespace(config=name, problem=SimpleNamespace(config=None))
+def answer(offset_K: float) -> Fit:
+    """A fit that is told from others by its configuration."""
+    return left(0.3, {"kind": "sensor_bias", "target": "a", "offset_K": offset_K})
 
 
-def trial(name: str, drop: float, *, significant: bool = True) -> Any:
-    candidate = SimpleNamespace(name=name, of=SimpleNamespace(can_exist=lambda _machine: True))
-    return SimpleNamespace(candidate=candidate, drop=drop, significant=significant, fit=fit(f"with {name}"))
-
-
-RANKING = (
-    trial("lag", 90.0),
-    trial("film", 80.0),
-    trial("vague", 70.0, significant=False),
-    trial("drift", 40.0),
+NULL, BOTH, WITHOUT_LOSS, WITHOUT_BODY = (answer(offset_K) for offset_K in (0.0, 0.1, 0.2, 0.3))
+LAG, FILM, DRIFT = (
+    trial(name, drop, answer(drop)) for name, drop in (("lag", 0.9), ("film", 0.8), ("drift", 0.4))
 )
-FOUND = SimpleNamespace(null=fit("null"), fit=fit("both"), ranking=RANKING, blind=())
+VAGUE = FittedCandidate(
+    LAG.candidate._replace(target="a", fitted={"offset_K": LAG.candidate.of.parameters["offset_K"]}),
+    estimated(answer(0.7).config, [0.7], [0.8], [(0, "offset_K")]), 0.95, 0.0, 0.5,
+)  # fmt: skip
+UNKNOWN = Verdict("unknown", NULL, remains="on data held back")
+FOUND = Search(NULL, BOTH, (), (), (VAGUE, LAG, FILM, DRIFT), (), ())
 
 
-@pytest.fixture(autouse=True)
-def answers_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The answers themselves instead of a test."""
-    monkeypatch.setattr(deciding, "propose", lambda _problem, answers, _pool: list(answers))
+def partial(*tied: FittedCandidate) -> Partial:
+    tie = Tie(tuple(t.candidate for t in tied)) if tied else None
+    return Partial(LAG, 0.5, 1.0, 1.0, "a", None, tie, 0, (1.0, 0.5), None)
 
 
-def asked_of(verdict: Verdict, partial: Any = None) -> Any:
-    less = [("loss", fit("without loss")), ("body", fit("without body"))]
-    return decisive_test(None, FOUND, verdict, less, partial)  # type: ignore[arg-type]
-
-
-def test_of_an_ambiguous_answer_all_sets_are_distinguished() -> None:
-    assert asked_of(Verdict("ambiguous", None, fits=(fit("a"), fit("b")))) == ["a", "b"]  # type: ignore[arg-type]
-
-
-def test_of_what_is_unproved_the_answer_is_with_or_without_it() -> None:
-    unproved = Verdict("unknown", None, unproved=("body",))  # type: ignore[arg-type]
-    assert asked_of(unproved) == ["both", "without body"]
-
-
-@pytest.mark.parametrize(("tied", "next_best"), [((), "with film"), (("lag", "film"), "with drift")])
-def test_of_an_unknown_what_explains_most_stands_against_another_family_and_none(
-    tied: tuple[str, ...], next_best: str
+@pytest.mark.parametrize(
+    ("verdict", "of_unknown", "asked"),
+    [
+        (Verdict("ambiguous", NULL, fits=(BOTH, WITHOUT_LOSS)), None, [BOTH, WITHOUT_LOSS]),
+        (Verdict("unknown", NULL, unproved=("body",)), None, [BOTH, WITHOUT_BODY]),
+        (UNKNOWN, partial(), [NULL, LAG.fit, FILM.fit]),
+        (UNKNOWN, partial(LAG, FILM), [NULL, LAG.fit, DRIFT.fit]),
+        *((Verdict(kind, NULL), None, None) for kind in ("named", "none", "not_identifiable", "unknown")),
+        # logs in doubt are to be corrected first
+        (Verdict("unknown", NULL, unproved=("body",), suspected=("late",)), None, None),
+    ],
+)
+def test_a_test_is_to_separate_all_answers_that_are_left(
+    verdict: Verdict, of_unknown: Partial | None, asked: list[Fit] | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tie = SimpleNamespace(members=[SimpleNamespace(name=name) for name in tied]) if tied else None
-    partial = SimpleNamespace(trial=RANKING[0], tie=tie)
-    unknown = Verdict("unknown", None, remains="on data held back")  # type: ignore[arg-type]
-    assert asked_of(unknown, partial) == ["null", "with lag", next_best]
-
-
-@pytest.mark.parametrize("kind", ["named", "none", "not_identifiable", "unknown"])
-def test_no_test_is_proposed_where_nothing_is_to_be_distinguished(kind: Any) -> None:
-    assert asked_of(Verdict(kind, None)) is None  # type: ignore[arg-type]
-
-
-def test_logs_in_doubt_are_to_be_corrected_first() -> None:
-    doubted = Verdict("unknown", None, unproved=("body",), suspected=("late",))  # type: ignore[arg-type]
-    assert asked_of(doubted) is None
+    """Of an unknown, what explains most stands against none of it and the next best of another family."""
+    monkeypatch.setattr(deciding, "propose", lambda _problem, answers, _pool: list(answers))
+    less = [("loss", WITHOUT_LOSS), ("body", WITHOUT_BODY)]
+    found: Any = decisive_test(NULL.problem, FOUND, verdict, less, of_unknown)
+    assert found == (None if asked is None else [fit.config for fit in asked])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -143,11 +142,10 @@ def test_the_closest_family_that_all_share(
     tie = tie_of([member(null, name) for name in names])
     if family is None:
         assert tie is None
-    else:
-        assert tie is not None
-        assert tie.family is not None
-        assert (tie.family.name, tie.place) == (family, place)
-        assert [c.name for c in tie.members] == list(names)
+        return
+    assert tie is not None
+    assert tie.family is not None
+    assert (tie.family.name, tie.place, *(c.name for c in tie.members)) == (family, place, *names)
 
 
 def test_sets_of_several_are_families_place_by_place(null: Fit) -> None:
@@ -170,4 +168,4 @@ def test_sets_of_several_are_families_place_by_place(null: Fit) -> None:
     )
     assert (second.family, [c.name for c in second.members]) == (None, ["sensor_bias at b"])
     assert ties([*sets, (off, drift)], [*fits, fit(off, drift)]) == ()
-    assert ties([(off, film), (grey,)], [fits[0], SimpleNamespace()]) == ()  # type: ignore[list-item]
+    assert ties([(off, film), (grey,)], [fits[0], fit(grey)]) == ()

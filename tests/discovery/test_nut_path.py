@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -102,7 +101,7 @@ def test_the_search_asks_for_as_many_positions_as_the_model(
         ("attached_mass", "nut", (), True),
         ("dwell", "nut", (), True),
         ("local_heat", None, ("position_m", "heat_W"), True),
-        ("friction_fade", "left_bearing", (), False),
+        ("friction_fade", "left", (), False),
         ("end_conduction", "left", (), False),
         ("surface_convection", None, (), False),
         ("sensor_lag", "t3", (), False),
@@ -111,12 +110,9 @@ def test_the_search_asks_for_as_many_positions_as_the_model(
 def test_effects_of_the_nut_or_under_it_need_its_way(
     kind: str, target: str | None, fitted: tuple[str, ...], *, needs: bool
 ) -> None:
-    channels = {"nut": "nut_m", "left_bearing": None}
-    sources = [SimpleNamespace(name=name, position_channel=c) for name, c in channels.items()]
-    moving = SimpleNamespace(source=sources)
     candidate = Candidate(effect_class(kind), target, (), dict.fromkeys(fitted))  # type: ignore[arg-type]
-    assert needs_path(candidate, moving) == needs  # type: ignore[arg-type]
-    assert not needs_path(candidate, SimpleNamespace(source=sources[1:]))  # type: ignore[arg-type]
+    assert needs_path(candidate, config_of(3, 3, 3, moving=True)) == needs
+    assert not needs_path(candidate, config_of(3, 3, 3))
 
 
 RUN_IN = Effect("run_in", "nut", {"fraction": 0.5, "time_s": 1200.0})

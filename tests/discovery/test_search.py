@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,15 +14,13 @@ from observer.discovery.candidates import Candidate, library
 from observer.discovery.discover import Discovery, discover
 from observer.discovery.search import FittedCandidate, held_out, same_physics
 from observer.effects.catalogue import BY_KIND, KINDS
-from observer.effects.film import UnevenConvection
-from observer.effects.heat import LocalHeat
 from observer.errors import LogError
-from observer.fit.hypothesis import EffectParameter, Fit
+from observer.fit.hypothesis import Fit
 from observer.fit.parameters import free_keys
 from observer.frames import FloatArray
 from observer.installation import load
-from observer.linear_fit import LinearFit
 from observer.model.build import build_plant
+from tests.discovery.written import CONFIG, estimated, fit, left, problem, trial
 from tests.logs.machines import machine
 from tests.logs.simulated import made_log
 
@@ -80,21 +77,14 @@ def test_heats_that_are_one_with_others_have_no_effect_of_their_own() -> None:
         build_plant(kim.model_copy(update={"effect": (effect,)}))
 
 
-def trial(candidate: tuple[str, str | None] | None = None, effect: Any = None) -> Any:
-    """As much of a trial as is compared."""
-    config = SimpleNamespace(screw=SimpleNamespace(length_m=1.0), effect=(effect,))
-    kind, target = candidate or ("none", None)
-    return SimpleNamespace(
-        candidate=SimpleNamespace(of=BY_KIND.get(kind), target=target), fit=SimpleNamespace(config=config)
-    )
+def spot(part: float) -> dict[str, Any]:
+    return {"kind": "local_heat", "position_m": part * CONFIG.screw.length_m, "heat_W": 1.0}
 
 
-def spot(position_m: float) -> LocalHeat:
-    return LocalHeat(kind="local_heat", position_m=position_m, heat_W=1.0)
-
-
-def stretch(from_m: float, to_m: float) -> UnevenConvection:
-    return UnevenConvection(kind="uneven_convection", from_m=from_m, to_m=to_m, extra_W_m2K=5.0)
+def stretch(from_part: float, to_part: float) -> dict[str, Any]:
+    """By parts of the screw's length."""
+    from_m, to_m = (part * CONFIG.screw.length_m for part in (from_part, to_part))
+    return {"kind": "uneven_convection", "from_m": from_m, "to_m": to_m, "extra_W_m2K": 5.0}
 
 
 @pytest.mark.parametrize(
@@ -113,57 +103,45 @@ def stretch(from_m: float, to_m: float) -> UnevenConvection:
         (("end_conduction", "left"), stretch(0.0, 1.0), False),
     ],
 )  # fmt: skip
-def test_a_place_at_an_end_is_that_end(simple: tuple[str, str | None], rich: Any, same: bool) -> None:
-    assert same_physics(trial(simple), trial(effect=rich)) is same
+def test_a_place_at_an_end_is_that_end(simple: tuple[str, str], rich: dict[str, Any], *, same: bool) -> None:
+    kind, target = simple
+    plain, place = (trial(target, 1.0, left(0.3, rich), of) for of in (kind, rich["kind"]))
+    assert same_physics(plain, place) is same
 
 
 # ---- data held out ----
 
 
-def a_fit(residual: FloatArray, column: FloatArray) -> Fit:
+def on_two_folds(residual: FloatArray, column: FloatArray) -> Fit:
     """A fit with one parameter on two folds of equal length, without tolerances."""
-    fold = np.repeat([0, 1], len(residual) // 2)
-    evidence = SimpleNamespace(fold=fold, folds=2)
-    plain = SimpleNamespace(
-        problem=SimpleNamespace(evidence=evidence),
-        residual=residual,
-        jacobian=column[:, None],
-        marginal=lambda _rows: lambda columns: columns,
-        linear=lambda rows: LinearFit.of(column[rows, None], residual[rows]),
-    )
-    return cast(Fit, plain)
+    return fit(problem(np.repeat([0, 1], len(residual) // 2)), residual, column=column)
 
 
 def test_what_only_one_fold_shows_explains_nothing_that_is_held_out() -> None:
     """A parameter that fits a fold by itself has learnt nothing of it from the others."""
     once = np.array([1.0, -2.0, 1.5, 0.0, 0.0, 0.0])
-    assert held_out(a_fit(0.3 * once, once)) == pytest.approx(0.09 * float(once @ once), rel=1e-12)
+    assert held_out(on_two_folds(0.3 * once, once)) == pytest.approx(0.09 * float(once @ once), rel=1e-12)
 
 
 def test_what_both_folds_show_alike_goes_and_what_they_contradict_gets_worse() -> None:
     both = np.array([1.0, -2.0, 1.5, -1.0, 2.0, 0.5])
-    assert held_out(a_fit(0.3 * both, both)) == pytest.approx(0.0, abs=1e-20)
+    assert held_out(on_two_folds(0.3 * both, both)) == pytest.approx(0.0, abs=1e-20)
     against = 0.3 * both * np.repeat([1.0, -1.0], 3)
-    assert held_out(a_fit(against, both)) == pytest.approx(4 * float(against @ against), rel=1e-12)
+    assert held_out(on_two_folds(against, both)) == pytest.approx(4 * float(against @ against), rel=1e-12)
 
 
 # ---- two effects of a kind ----
 
 
-def bodies_beside_each_other(values: list[float], half_width: list[float]) -> Any:
-    """A fit of a body at the nut that takes of its heat, and of a plain one at the left end."""
-    shared = ("capacity_J_K", "conductance_W_K", "heat_share")
-    numbers = [(0, key) for key in shared] + [(1, key) for key in shared[:2]]
-    parameters = [EffectParameter(effect, key, 1.0, 0.0, 2e4) for effect, key in numbers]
+SHARED = ("capacity_J_K", "conductance_W_K")
+
+
+def bodies_beside_each_other(half_width: list[float]) -> Fit:
+    """A fit of a body at the heater that takes of its heat, and of a plain one at the left end."""
     body = {"kind": "attached_mass", "capacity_J_K": 400.0, "conductance_W_K": 3.0}
-    effects = [BY_KIND["attached_mass"].model_validate({**body, "target": at}) for at in ("nut", "left")]
-    return SimpleNamespace(
-        parameters=parameters,
-        values=np.array(values),
-        half_width=np.array(half_width),
-        config=SimpleNamespace(effect=tuple(effects)),
-        at_bound=False,
-    )
+    config = machine(effect=[body | {"target": at} for at in ("heater", "left")])
+    numbers = [(0, key) for key in (*SHARED, "heat_share")] + [(1, key) for key in SHARED]
+    return estimated(config, [400.0, 3.0, 0.3, 400.0, 3.0], half_width, numbers)
 
 
 def body(at: str, *keys: str) -> Candidate:
@@ -173,11 +151,8 @@ def body(at: str, *keys: str) -> Candidate:
 
 def test_a_second_body_is_judged_by_its_own_parameters_whatever_form_the_first_has() -> None:
     """A heat that comes late against its law is taken for two bodies: one with more parameters, one plain."""
-    plain = body("left", "capacity_J_K", "conductance_W_K")
-    wide = [100.0, 1.0, 0.1, 9e4, 1.0]
-    fit = bodies_beside_each_other([400.0, 3.0, 0.3, 400.0, 3.0], wide)
-    assert not FittedCandidate(plain, fit, 100.0, 30.0, 0.5).bounded  # its own capacity has no upper bound
-    assert FittedCandidate(body("nut", *(p.key for p in fit.parameters[:3])), fit, 100.0, 30.0, 0.5).bounded
-    assert FittedCandidate(
-        plain, bodies_beside_each_other([400.0, 3.0, 0.3, 400.0, 3.0], [1.0] * 5), 1.0, 1.0, 0.5
-    ).significant
+    plain, rich = body("left", *SHARED), body("heater", *SHARED, "heat_share")
+    wide, narrow = (bodies_beside_each_other(half) for half in ([100.0, 1.0, 0.1, 9e4, 1.0], [1.0] * 5))
+    assert not FittedCandidate(plain, wide, 100.0, 30.0, 0.5).bounded  # its own capacity has no upper bound
+    assert FittedCandidate(rich, wide, 100.0, 30.0, 0.5).bounded
+    assert FittedCandidate(plain, narrow, 1.0, 1.0, 0.5).significant

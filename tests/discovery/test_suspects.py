@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,13 +13,14 @@ from campaigns.discovery.suspects import judged, suspect_summary, suspects_of, t
 from observer.align.unit_errors import in_configured_units
 from observer.discovery.candidates import library, promises, signatures
 from observer.discovery.discover import _counts, discover
-from observer.discovery.log_faults import fit_faults
+from observer.discovery.log_faults import FaultFit, fit_faults, late, offsets
 from observer.discovery.suspects import Suspect, alike, plain, suspects
 from observer.discovery.verdict import Verdict, under_suspicion
 from observer.files.logs import Log
 from observer.fit.hypothesis import fit_effects, fit_null
 from observer.installation import parse
 from tests.discovery.small import problem_of
+from tests.discovery.written import CONFIG, left, trial
 from tests.logs.machines import machine, table
 from tests.logs.simulated import made_log
 from tests.truth.machine.cycles import RUNS
@@ -90,10 +90,7 @@ def test_an_effect_that_explains_as_much_is_no_fault_of_the_logs() -> None:
     assert best.fault.kind == "ambient"
     assert best.values == pytest.approx([2.0], abs=0.1)
     right = fit_effects(null.problem, truth, ())
-    rival: Any = SimpleNamespace(
-        fit=replace(right, problem=null.problem), candidate=SimpleNamespace(fitted={})
-    )
-    useless: Any = SimpleNamespace(fit=null, candidate=SimpleNamespace(fitted={}))
+    rival, useless = (trial("a", 0.0, fit) for fit in (replace(right, problem=null.problem), null))
     assert plain(null, best, [useless])
     assert not plain(null, best, [useless, rival])
 
@@ -268,10 +265,9 @@ def test_suspects_are_judged_by_what_and_where() -> None:
     ("values_K", "same"), [((1.2, 1.0, 1.4), True), ((2.0, -0.4, 0.8), False), ((-1.1, -1.3, -0.9), True)]
 )
 def test_offsets_that_are_alike_are_the_airs(values_K: tuple[float, ...], same: bool) -> None:
-    fitted: Any = SimpleNamespace(fault=SimpleNamespace(kind="offsets"), values=np.array(values_K))
-    assert alike(fitted) is same
-    fitted.fault.kind = "ambient"
-    assert not alike(fitted)
+    values = np.array(values_K)
+    assert alike(FaultFit(offsets(CONFIG), 0.0, 0.0, values, CONFIG)) is same
+    assert not alike(FaultFit(late(left(0.3).problem, 60.0), 0.0, 0.0, values, CONFIG))
 
 
 DRIFT = {"kind": "ambient_drift", "rate_K_h": 1.5}
@@ -286,7 +282,5 @@ def test_air_alone_stands_against_what_is_named_beside_it(
     effects: list[dict[str, Any]], *, named: bool, counts: bool
 ) -> None:
     """And an answer that is unknown reports what the air did in each log."""
-    problem = SimpleNamespace(config=machine())
-    fit = SimpleNamespace(problem=problem, config=machine(effect=effects))
-    verdict: Any = SimpleNamespace(fit=fit, sets=((),) if named else ())
+    verdict = Verdict("named", left(0.3, *effects), sets=((),) if named else ())
     assert _counts(Suspect("ambient", None, 1.0, "The air differs"), verdict) == counts

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from observer.fit.evidence import resolution
 from observer.fit.hypothesis import fit_null
 from observer.fit.parameters import free_keys
 from tests.discovery.small import problem_of
+from tests.discovery.written import estimated
 from tests.logs.machines import machine
 from tests.logs.simulated import made_log
 from tests.truth.machine.effects import Effect
@@ -93,16 +94,13 @@ def test_what_offsets_and_ambient_do_is_what_a_prediction_says() -> None:
     assert cost["known"] > cost[""] + 100.0
 
 
-def stepped(step_K: float, noise_K: float = 0.02) -> Any:
-    rng = np.random.default_rng(1)
-    degC = 20.0 + np.linspace(0.0, 8.0, 4000)[:, None] + noise_K * rng.normal(size=(4000, 1))
-    shown = np.round(degC / step_K) * step_K if step_K else degC
-    return SimpleNamespace(run=SimpleNamespace(values_degC=shown, usable=np.ones_like(shown, dtype=bool)))
-
-
 @pytest.mark.parametrize("step_K", [0.0, 0.01, 0.0625, 0.1, 0.5])
 def test_the_step_of_a_log_is_read_from_it(step_K: float) -> None:
-    assert resolution([stepped(step_K)], 1)[0] == pytest.approx(step_K, rel=1e-3)
+    log = made_log(machine(), 1, minutes=130.0)
+    if step_K:
+        log = replace(log, values=np.round(log.values / step_K) * step_K)
+    runs = problem_of(machine(), [log]).forward.runs
+    np.testing.assert_allclose(resolution(runs, 3), step_K, rtol=1e-3)
 
 
 @pytest.mark.parametrize("kind", ["sensor_bias", "sensor_drift", "sensor_lag"])
@@ -132,13 +130,7 @@ def test_effects_of_friction_are_offered_where_there_is_friction() -> None:
 def test_a_strength_whose_interval_holds_nothing_is_not_there(half: float, significant: bool) -> None:
     config = machine(effect=[{"kind": "end_heat", "target": "left", "heat_W_rpm": 1e-3}])
     candidate = next(c for c in library(machine(), ()) if c.of is EndHeat)
-    fit: Any = SimpleNamespace(
-        config=config,
-        parameters=candidate.parameters(0),
-        values=np.array([1e-3]),
-        half_width=np.array([half]),
-        at_bound=False,
-    )
+    fit = estimated(config, [1e-3], [half], [(0, "heat_W_rpm")])
     trial = FittedCandidate(candidate, fit, 100.0, 30.0, 0.5)
     assert trial.significant is significant
     assert trial.accepted is significant

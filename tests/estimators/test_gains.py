@@ -18,7 +18,6 @@ from observer.estimators.design.gains import (
     poles_of,
 )
 from observer.estimators.design.steady import steady_covariance, steady_kalman
-from observer.estimators.fixed_gain import LuenbergerEstimator
 from observer.frames import EstimateQuality
 from observer.model.discretise import augmented, step_matrices
 from observer.tables.estimator import EstimatorSettings
@@ -169,26 +168,6 @@ def test_the_constant_gain_settles_on_the_kalman_filter():
     # After three time constants 5 % of the start's error is left, of the steady gain's none that shows.
     np.testing.assert_allclose(block.heat_sigma_W[-1], kalman.heat_sigma_W[-1], rtol=0.01)
     assert (np.abs(block.heat_W[-1] - kalman.heat_W[-1]) < 0.1 * kalman.heat_sigma_W[-1]).all()
-
-
-def test_the_covariance_of_a_fixed_gain_holds_the_noise_that_the_gain_lets_in():
-    """P⁺ = (I - K C) P (I - K C)ᵀ + K R Kᵀ, step by step on dense matrices, long before it has settled."""
-    plant = rod()
-    u = inputs(plant, steps=40, missing=0.0)
-    settings = EstimatorSettings(kind="luenberger", bandwidth_1_s=0.005, gate_sigma=1e9)
-    estimator = LuenbergerEstimator(plant, settings)
-    first, _ = estimator.run(estimator.initial(), u.part(0, 1))
-    last, block = estimator.run(first, u.part(1))
-    K, n_x = estimator.gain(step_matrices(plant, 0.5), np.ones(4, dtype=bool)), len(plant.decay_1_s)
-    F, Q = augmented(plant, step_matrices(plant, 0.5))
-    H = np.hstack([plant.rows.C[:4], np.zeros((4, len(F) - n_x))])
-    P, keep = first.P.copy(), np.eye(len(F)) - K @ H
-    for k in range(1, len(u)):
-        P[n_x:, n_x:] += np.diag((plant.law_uncertainty * u.law_jump_W[k]) ** 2)
-        P = F @ P @ F.T + Q
-        P = keep @ P @ keep.T + K @ np.diag(plant.noise_R_K2) @ K.T
-    np.testing.assert_allclose(last.P, P, rtol=0, atol=1e-9 * np.abs(P).max())
-    np.testing.assert_allclose(block.heat_sigma_W[-1], np.sqrt(np.diag(P)[n_x:]), rtol=1e-9)
 
 
 def test_a_settled_gain_does_not_sleep_through_a_jump_of_a_law():

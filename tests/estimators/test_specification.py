@@ -19,8 +19,6 @@ from observer.estimators.specification import (
 from observer.model.learning import Nuisance
 from observer.tables.estimator import EstimatorSettings
 from tests.bits.shared import COUPLINGS, EVERY, coupled, learning
-from tests.logs.inputs import driven
-from tests.logs.plants import described
 
 WIDE = EstimatorSettings(gate_sigma=1e9)
 STEPS = 12
@@ -60,30 +58,11 @@ def assert_same(plant, u, estimator, gain=None, part=1e-9):
     )
 
 
-@pytest.mark.parametrize("moving", [False, True])
-def test_the_filter_takes_the_specified_steps(moving):
-    _, plant = described(6, 4, 3, moving=moving)
-    u = driven(plant, STEPS, missing=0.2)
-    assert_same(plant, u, KalmanEstimator(plant, WIDE))
-
-
-@pytest.mark.parametrize("effects", COUPLINGS)
-def test_so_does_a_filter_of_coupled_states(effects):
-    plant, u = coupled(COUPLINGS[effects], STEPS)
+@pytest.mark.parametrize("effects", ["plain", *COUPLINGS])
+def test_the_filter_takes_the_specified_steps(effects):
+    plant, u = coupled(COUPLINGS.get(effects, []), STEPS)
     assert plant.coupling.active or u.loss_1_s.any()
     assert_same(plant, u, KalmanEstimator(plant, WIDE))
-
-
-def test_an_observer_corrects_by_its_gain():
-    _, plant = described(5, 3, 3)
-    u = driven(plant, STEPS)
-    u.y_degC[0], u.usable[0], u.quality[0] = 20.0, True, 0
-    estimator = build_estimator(
-        plant, EstimatorSettings(kind="luenberger", bandwidth_1_s=0.01, period_s=0.5, gate_sigma=1e9)
-    )
-    u.dt_s[1:] = 0.5
-    u.usable[:], u.quality[:] = True, 0
-    assert_same(plant, u, estimator, gain=estimator._bank.gains.K[0])
 
 
 @pytest.mark.parametrize("engine", ["compiled", "filterpy"])

@@ -8,11 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.align.aligner import frames_of_log
-from observer.estimate.pipeline import MachineModel
 from observer.files.logs import Log
 from observer.frames import EstimateBlock
-from tests.learning.cover import log_of
+from tests.learning.cover import estimates_of_log, log_of
 from tests.learning.machines import CONFIG, Day, Rough, config_of, draw, work
 from tests.truth.machine.cycles import START_m, programme
 from tests.truth.machine.machine import stream
@@ -77,7 +75,4 @@ def estimates(log: Log, inlet: str) -> EstimateBlock:
     """What the observer estimates with three sensors, where the coolant's inlet is given as `inlet`."""
     config = config_of(CONFIG, EFFECT + inlet)
     own = tuple(sensor for sensor in config.sensor if sensor.name in SENSORS)
-    machine = MachineModel.of(config.model_copy(update={"sensor": own}), learns=True)
-    pipeline = machine.pipeline()
-    pipeline.gap = None
-    return EstimateBlock.joined([pipeline.step(frames) for frames in frames_of_log(log, machine.plan)])
+    return estimates_of_log(config.model_copy(update={"sensor": own}), log)

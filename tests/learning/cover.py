@@ -32,12 +32,15 @@ def log_of(day: Day) -> Log:
 
 def estimates(config: Config, day: Day) -> EstimateBlock:
     """What the observer of a configuration estimates over a day."""
+    return estimates_of_log(config, log_of(day))
+
+
+def estimates_of_log(config: Config, log: Log) -> EstimateBlock:
+    """What the observer of a configuration estimates over a log."""
     machine = MachineModel.of(config, learns=True)
     pipeline = machine.pipeline(machine.estimator())
     pipeline.gap = None  # it watches beside, for as long again, without a word in an estimate
-    blocks = [pipeline.step(frames) for frames in frames_of_log(log_of(day), machine.plan)]
-    fields = EstimateBlock.__dataclass_fields__
-    return EstimateBlock(**{name: np.concatenate([getattr(b, name) for b in blocks]) for name in fields})
+    return EstimateBlock.joined([pipeline.step(frames) for frames in frames_of_log(log, machine.plan)])
 
 
 def calibrated(text: str, day: Day) -> str:
@@ -62,12 +65,16 @@ def misses(block: EstimateBlock, day: Day) -> dict[str, tuple[FloatArray, FloatA
 
 def judged(config: Config, day: Day) -> dict[str, tuple[float, float, float]]:
     """The rms error of each quantity, the part of it that lies within the 95 % interval, and the mean σ."""
-    found = misses(estimates(config, day), day)
+    return judged_estimates(estimates(config, day), day)
+
+
+def judged_estimates(found: EstimateBlock, day: Day) -> dict[str, tuple[float, float, float]]:
+    """The same of estimates that are there already."""
     return {
         name: (
             float(np.sqrt(np.mean(error**2))),
             float(np.mean(np.abs(error) <= TWO_SIDED_95 * sigma)),
             float(np.mean(sigma)),
         )
-        for name, (error, sigma) in found.items()
+        for name, (error, sigma) in misses(found, day).items()
     }

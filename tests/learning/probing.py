@@ -9,11 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.align.aligner import frames_of_log
-from observer.estimate.pipeline import MachineModel
 from observer.files.logs import Log
-from observer.frames import EstimateBlock, FloatArray
-from tests.learning.cover import log_of
+from observer.frames import FloatArray
+from tests.learning.cover import estimates_of_log, log_of
 from tests.learning.housings import HOUSED_CONFIG, draw_housed
 from tests.learning.machines import CONFIG, GRID_M, Day, Rough, config_of, day, draw
 from tests.logs.machines import probe
@@ -81,14 +79,6 @@ def scaled_log(one: Day, rng: np.random.Generator) -> Log:
     return replace(log, path=Path("scaled.csv"), channels=(*log.channels, "scale_um"), values=values)
 
 
-def estimates(log: Log, text: str) -> EstimateBlock:
-    """What the observer of a configuration estimates over a log."""
-    machine = MachineModel.of(config_of(text), learns=True)
-    pipeline = machine.pipeline()
-    pipeline.gap = None
-    return EstimateBlock.joined([pipeline.step(frames) for frames in frames_of_log(log, machine.plan)])
-
-
 class Gain(NamedTuple):
     """Over what comes after the first probing: rms of error in µm and field in K, without and with the probe,
     the mean σ of the error in µm, and how often 95 % intervals of it hold.
@@ -111,7 +101,7 @@ def gained(day: Day, log: Log, texts: tuple[str, str], from_s: float) -> Gain:
     late = day.time_s > from_s
     error, field, sigma, covered = [], [], [], []
     for text in texts:
-        found = estimates(log, text)
+        found = estimates_of_log(config_of(text), log)
         off_um = (found.error_um - day.error_um)[late, 1:]
         error.append(float(np.sqrt(np.mean(off_um**2))))
         field.append(float(np.sqrt(np.mean((found.field_degC - day.field_degC)[late] ** 2))))

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from observer.frames import EstimateBlock, FloatArray
-from tests.learning.cover import log_of
-from tests.learning.machines import CONFIG, Rough, day, draw
-from tests.learning.probing import estimates
+from tests.learning.cover import estimates
+from tests.learning.machines import CONFIG, Rough, config_of, day, draw
 
 LENGTH_M, DIAMETER_M, MODULUS_Pa, STIFFNESS_N_m = 1.0, 0.036, 2.06e11, 5e7
 STRETCHED = {
@@ -47,4 +46,4 @@ def stretched(seed: int, number: int, supports: tuple[float, float]) -> Stretche
         f'\n[supports]\nmounting = "L-III"\nelastic_modulus_Pa = {MODULUS_Pa}\npreload_N = {preload_N}\n'
         f"gap_m = {gap_m}\nstiffness_second_N_m = {STIFFNESS_N_m}\n"
     )
-    return Stretched(one.time_s / 3600.0, force_N, error_um, estimates(log_of(one), text))
+    return Stretched(one.time_s / 3600.0, force_N, error_um, estimates(config_of(text), one))
