@@ -77,7 +77,14 @@ TABLES: dict[str, dict[str, type[BaseModel]]] = {
     "devices.md": DEVICES,
     "effects.md": {f"`{effect.named()}`": effect for effect in LIBRARY},
 }
-SHARED = {"`[[candidate]]`": "`[[sensor]]`", "`modbus_rtu`": "`modbus_tcp`", "`canopen`": "`can`"}
+SHARED = {
+    "`[[candidate]]`": "`[[sensor]]`",
+    "`modbus_rtu`": "`modbus_tcp`",
+    "`canopen`": "`can`",
+    "A CAN channel": "A Modbus channel",
+    "An OPC UA channel": "A Modbus channel",
+    "An MTConnect channel": "A Modbus channel",
+}
 """Tables that refer to another table for the keys that are the same there."""
 _HEAD = "| key | default | meaning |\n|---|---|---|\n"
 _ROWS = re.compile(r"(?m)(^\| key \| payload \|.*\n\|[-|]+\n)((?:\|.*\n)*)")
@@ -136,8 +143,11 @@ def table(title: str, model: type[BaseModel], text: str, texts: dict[str, str]) 
     elsewhere = rows(tables[other], _meanings_of(texts[other]))
     own = rows(model, page | {k: v for k, v in _meanings_of(texts[other]).items() if k not in page})
     same = [key for key in model.model_fields if key in own and elsewhere.get(key) == own[key]]
-    keys, link = ", ".join(f"`{key}`" for key in same), re.sub("[^a-z_]", "", other)
-    last = f"| {keys} | | as in [{other}](#{link}) |\n" if same else ""
+    keys, link = (
+        ", ".join(f"`{key}`" for key in same),
+        re.sub("[^a-z_-]", "", other.lower().replace(" ", "-")),
+    )
+    last = f"| {keys} | | as in [{other.removeprefix('A ')}](#{link}) |\n" if same else ""
     return _HEAD + "".join(row for key, row in own.items() if key not in same) + last
 
 
@@ -146,18 +156,21 @@ def _meanings_of(text: str) -> dict[str, str]:
     return {key: meaning for key, _, meaning in _ROW.findall(text.partition(_HEAD)[2])}
 
 
-def section_of(page: str, title: str, model: type[BaseModel], texts: dict[str, str]) -> str:
-    """The text under a heading, with its table, and with what the class of an effect says of it."""
-    text = texts[title]
-    before, _, after = text.partition(_HEAD)
-    own = table(title, model, text, texts)
+def section_of(title: str, model: type[BaseModel], texts: dict[str, str]) -> str:
+    """The text under a heading, with its table."""
+    before, _, after = texts[title].partition(_HEAD)
     prose = "".join(re.split(r"(?m)^(?!\|)", after, maxsplit=1)[1:])
-    if page != "effects.md":
-        return before + own + prose
-    prose = re.sub(r"(?m)^Identifiable with .*$", "", prose).strip("\n")
-    prose = f"{prose}\n\n" if prose else ""
-    last = f"Identifiable with {model.excitation}. Source: {model.source}."  # type: ignore[attr-defined]
-    return f"\n{model.__doc__}\n\n{own}\n{prose}{last.replace('..', '.')}\n"
+    return before + table(title, model, texts[title], texts) + prose
+
+
+def effect(model: type[EffectTable], text: str) -> str:
+    """The text under the heading of an effect: what its class says, and the prose after its keys."""
+    keys = "".join(
+        re.sub(r"^\| (\S+) \| (.*?) \| (.*) \|$", r"- \1 (\2): \3", row) for row in rows(model, {}).values()
+    )
+    by_hand = re.search(r"(?ms)^- `[^\n]*\n\n(?!Identifiable)(.*?\n\n)Identifiable with", text)
+    last = f"Identifiable with {model.excitation}. Source: {model.source}.".replace("..", ".")
+    return f"\n{model.__doc__}\n\n{keys}\n{by_hand[1] if by_hand else ''}{last}\n"
 
 
 def keys() -> str:
@@ -177,9 +190,12 @@ def written(page: str) -> str:
     tables, made = TABLES[page], []
     for title in tables:
         texts.setdefault(title, f"\n{tables[title].__doc__}\n\n{_HEAD}")
-    for title in tables if page == "effects.md" else texts:
-        text = section_of(page, title, tables[title], texts) if title in tables else texts[title]
-        made.append(f"## {title}\n{text.rstrip()}\n")
+    if page == "effects.md":
+        made = [f"## {title}\n{effect(model, texts[title])}" for title, model in tables.items()]  # type: ignore[arg-type]
+        return head + "\n".join(made)
+    for title, text in texts.items():
+        section = section_of(title, tables[title], texts) if title in tables else text
+        made.append(f"## {title}\n{section.rstrip()}\n")
     return head + "\n".join(made)
 
 
