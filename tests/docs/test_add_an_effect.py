@@ -21,10 +21,11 @@ from observer.report.wording import lack_of
 from tests.docs.console import blocks
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "docs" / "how-to" / name for name in ("add-an-effect.md", "add-an-effect-to-the-library.md")]
+PAGE = ROOT / "docs" / "how-to" / "add-an-effect.md"
 RIG = ROOT / "tests" / "data" / "rig"
 COVER = {"kind": "telescopic:Cover", "target": "nut", "heated": 0.4}
-OUTSIDE, IN_LIBRARY = (body for page in PAGES for _, language, body in blocks(page) if language == "python")
+OUTSIDE = (ROOT / "docs" / "examples" / "telescopic.py").read_text(encoding="utf-8")
+(IN_LIBRARY,) = (body for _, language, body in blocks(PAGE) if language == "python")
 FOLLOWED = '''
 """A search over three logs of a bar for an effect of one of its bearings."""
 import sys
