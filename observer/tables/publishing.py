@@ -129,7 +129,7 @@ class Publish(Section):
     history: Annotated[Count, Field(ge=1, le=100_000)] = 1000  #: how many estimates the queryable remembers
     tls: Tls | None = None  #: `[publish.tls]`, below
     login: Login | None = None  #: `[publish.login]`, below
-    access: Access | None = None  #: `[publish.access]`, below; – allows everybody who can connect
+    access: Access | None = None  #: `[publish.access]`, below; without it everybody who can connect
 
     @property
     def listens(self) -> Endpoints:
@@ -206,7 +206,7 @@ STATE_DIRECTORY = "STATE_DIRECTORY"
 class RecordSettings(Section):
     """Where the lossless log of the daemon goes."""
 
-    directory: File | None = None  #: where the recordings go; – records nothing
+    directory: File | None = None  #: where the recordings go; without it nothing is recorded
     rotate_MB: Positive = 64.0  #: a new file begins at this size
     sync_s: Positive = 5.0  #: the file is forced to disk this often
     keep_days: Positive | None = None  #: older files are removed; – is no limit

@@ -1,4 +1,4 @@
-"""The tables of the reference pages, written from the classes of the configuration: `make reference`.
+"""The keys on the reference pages, written from the classes of the configuration: `make reference`.
 
 What a key means stands beside its field, in a comment that begins with `#:`; its default is the field's. The
 rest of a page is written by hand. Where a class has no such comments, the page keeps its own words.
@@ -86,9 +86,9 @@ SHARED = {
     "An MTConnect channel": "A Modbus channel",
 }
 """Tables that refer to another table for the keys that are the same there."""
-_HEAD = "| key | default | meaning |\n|---|---|---|\n"
 _ROWS = re.compile(r"(?m)(^\| key \| payload \|.*\n\|[-|]+\n)((?:\|.*\n)*)")
-_ROW = re.compile(r"^\| `(\w+)` \| (.*?) \| (.*) \|$", re.M)
+_ITEM = re.compile(r"^- `(\w+)`(?: \((.*?)\))?: (.*)$", re.M)
+_LIST = re.compile(r"(?:^- `.*\n?)+", re.M)
 
 
 @cache
@@ -110,67 +110,64 @@ def meanings(model: type) -> dict[str, str]:
 
 
 def default(field: FieldInfo) -> str:
-    """A field's default as the page writes it."""
+    """A field's default as the page writes it; empty where there is none."""
     if field.is_required():
         return "required"
     value = field.get_default(call_default_factory=True)
-    return "–" if value is None else f"`{json.dumps(value, default=str)}`"
+    return "" if value is None else f"`{json.dumps(value, default=str)}`"
 
 
-def rows(model: type[BaseModel], page: dict[str, str]) -> dict[str, str]:
-    """The rows of a class by key, in the order of those that the `page` has already, by meaning."""
-    keys = {field.alias or name: (name, field) for name, field in model.model_fields.items()}
+def items(model: type[BaseModel], page: dict[str, str]) -> dict[str, str]:
+    """The item of each key of a class, in the order of those that the `page` has already, by meaning."""
+    names = {field.alias or name: (name, field) for name, field in model.model_fields.items()}
     made = {}
     if issubclass(model, EffectTable):
-        keys.pop("kind")  # the heading is its value
-    for key in [*(k for k in page if k in keys), *(k for k in keys if k not in page)]:
-        name, field = keys[key]
+        names.pop("kind")  # the heading is its value
+    for key in [*(k for k in page if k in names), *(k for k in names if k not in page)]:
+        name, field = names[key]
         said = (meanings(c).get(name) for c in model.__mro__ if c not in (BaseModel, object))
         meaning, value = next(filter(None, said), ""), default(field)
-        if value == "–":  # a text that ends in "; – is …" gives the default in words
-            meaning, _, words = meaning.partition("; – is ")
-            value = words or value
-        made[key] = f"| `{key}` | {value} | {meaning or page.get(key, '')} |\n"
+        if not value:  # a text that ends in "; – is …" gives the default in words
+            meaning, _, value = meaning.partition("; – is ")
+        given = f" ({value})" if value else ""
+        made[key] = f"- `{key}`{given}: {meaning or page.get(key, '')}\n"
     return made
 
 
-def table(title: str, model: type[BaseModel], text: str, texts: dict[str, str]) -> str:
-    """The table of a class whose heading stands over `text`; keys that another table has share a row."""
-    page = dict(_meanings_of(text))
+def listed(title: str, model: type[BaseModel], texts: dict[str, str]) -> str:
+    """The list of the keys of a class; keys that are as in another list share an item."""
+    page = _meanings_of(texts[title])
     if (other := SHARED.get(title)) is None:
-        return _HEAD + "".join(rows(model, page).values())
-    tables = {heading: section for kinds in TABLES.values() for heading, section in kinds.items()}
-    elsewhere = rows(tables[other], _meanings_of(texts[other]))
-    own = rows(model, page | {k: v for k, v in _meanings_of(texts[other]).items() if k not in page})
+        return "".join(items(model, page).values())
+    models = {heading: section for kinds in TABLES.values() for heading, section in kinds.items()}
+    elsewhere = items(models[other], _meanings_of(texts[other]))
+    own = items(model, page | {k: v for k, v in _meanings_of(texts[other]).items() if k not in page})
     same = [key for key in model.model_fields if key in own and elsewhere.get(key) == own[key]]
-    keys, link = (
+    names, link = (
         ", ".join(f"`{key}`" for key in same),
         re.sub("[^a-z_-]", "", other.lower().replace(" ", "-")),
     )
-    last = f"| {keys} | | as in [{other.removeprefix('A ')}](#{link}) |\n" if same else ""
-    return _HEAD + "".join(row for key, row in own.items() if key not in same) + last
+    last = f"- {names}: as in [{other.removeprefix('A ')}](#{link})\n" if same else ""
+    return "".join(item for key, item in own.items() if key not in same) + last
 
 
 def _meanings_of(text: str) -> dict[str, str]:
-    """The meanings of the keys of the table in a text."""
-    return {key: meaning for key, _, meaning in _ROW.findall(text.partition(_HEAD)[2])}
+    """The meanings of the keys that a text lists."""
+    return {key: meaning for key, _, meaning in _ITEM.findall(text)}
 
 
 def section_of(title: str, model: type[BaseModel], texts: dict[str, str]) -> str:
-    """The text under a heading, with its table."""
-    before, _, after = texts[title].partition(_HEAD)
-    prose = "".join(re.split(r"(?m)^(?!\|)", after, maxsplit=1)[1:])
-    return before + table(title, model, texts[title], texts) + prose
+    """The text under a heading, with its list."""
+    text, keys = texts[title], listed(title, model, texts)
+    return _LIST.sub(lambda _: keys, text, count=1) if _LIST.search(text) else text + keys
 
 
 def effect(model: type[EffectTable], text: str) -> str:
     """The text under the heading of an effect: what its class says, and the prose after its keys."""
-    keys = "".join(
-        re.sub(r"^\| (\S+) \| (.*?) \| (.*) \|$", r"- \1 (\2): \3", row) for row in rows(model, {}).values()
-    )
     by_hand = re.search(r"(?ms)^- `[^\n]*\n\n(?!Identifiable)(.*?\n\n)Identifiable with", text)
     last = f"Identifiable with {model.excitation}. Source: {model.source}.".replace("..", ".")
-    return f"\n{model.__doc__}\n\n{keys}\n{by_hand[1] if by_hand else ''}{last}\n"
+    prose = by_hand[1] if by_hand else ""
+    return f"\n{model.__doc__}\n\n{''.join(items(model, {}).values())}\n{prose}{last}\n"
 
 
 def keys() -> str:
@@ -189,7 +186,7 @@ def written(page: str) -> str:
     texts = dict(part.split("\n", 1) for part in parts)
     tables, made = TABLES[page], []
     for title in tables:
-        texts.setdefault(title, f"\n{tables[title].__doc__}\n\n{_HEAD}")
+        texts.setdefault(title, f"\n{tables[title].__doc__}\n\n")
     if page == "effects.md":
         made = [f"## {title}\n{effect(model, texts[title])}" for title, model in tables.items()]  # type: ignore[arg-type]
         return head + "\n".join(made)

@@ -28,9 +28,8 @@ def test_a_page_is_as_written_from_the_code(page: str) -> None:
 )
 def test_every_key_has_a_meaning(page: str, title: str, model: type[BaseModel]) -> None:
     section = written(page).split(f"\n## {title}\n", 1)[1].split("\n## ", 1)[0]
-    rows = re.findall(r"^(?:\| `(\w+)` \| .+? \| .+ \||- `(\w+)` \(.+?\): .+)$", section, flags=re.M)
-    rows = [cell or item for cell, item in rows]
-    for same in re.findall(r"^\| (`.*`) \| \| as in .+ \|$", section, flags=re.M):
+    rows = re.findall(r"^- `(\w+)`(?: \(.+?\))?: .+$", section, flags=re.M)
+    for same in re.findall(r"^- (`.*`, `.*`): as in .+$", section, flags=re.M):
         rows += re.findall(r"\w+", same)
     headed = {"kind"} if issubclass(model, EffectTable) else set()
     assert set(rows) == {field.alias or name for name, field in model.model_fields.items()} - headed
