@@ -73,7 +73,10 @@ class BusReader:
             return
         self._hasty = self._hasty + 1 if now_s - begin_s < 0.5 * timeout_s else 0
         if self._hasty >= _MOST_HASTY:
-            raise EndedBusError("the interface no longer waits for frames: its device or server has gone")
+            raise EndedBusError(
+                f"{self.bus.channel_info} no longer waits for frames: plug its adapter in again, or restart "
+                "its server"
+            )
         if now_s - self._heard_s > self._silence_s:
             raise SilentBusError(f"no frame has come for {self._silence_s:g} s")
 

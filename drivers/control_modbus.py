@@ -83,7 +83,10 @@ class ModbusControlLink:
             head = _HEAD.pack(LAYOUT, FOLLOW, self._beat, count, round(1e3 * valid_s), *line, *ends)
             table = struct.pack(f">{count}i", *correction.error_nm)
         except struct.error:
-            raise ControlError("a value is too large for the control's registers") from None
+            raise ControlError(
+                f"a value is too large for the control's registers at {self._where}; lower limit_um and "
+                "gradient_limit_um_m in [compensation]"
+            ) from None
         words = list(struct.unpack(f">{(len(head) + len(table)) // 2}H", head + table))
         self._words = len(words)
         self._write(words)
@@ -102,7 +105,10 @@ class ModbusControlLink:
         words = self._read(0, self._words)
         layout, state, reason, beat = self._read(_STATE_AT, _STATE_WORDS)
         if layout != LAYOUT:
-            raise ControlError(f"{self._where} has registers of layout {layout}, not {LAYOUT}")
+            raise ControlError(
+                f"{self._where} has registers of layout {layout}, not {LAYOUT}; correct first_register in "
+                "[compensation.control], or the control's program"
+            )
         data = struct.pack(f">{len(words)}H", *words)
         _, command, _, count, _, reference, offset, slope, first, last = _HEAD.unpack_from(data)
         table = data[_HEAD.size :]
@@ -144,7 +150,8 @@ class ModbusControlLink:
         self._check_answer(answer, "reading")
         if len(answer.registers) != count:
             raise ControlError(
-                f"{self._where} was asked for {count} registers and gave {len(answer.registers)}"
+                f"{self._where} was asked for {count} registers from {self._first + offset} on and gave "
+                f"{len(answer.registers)}; correct the control's program"
             )
         return list(answer.registers)
 
@@ -156,15 +163,24 @@ class ModbusControlLink:
         """
         try:
             if not self._client.connected and not self._client.connect():  # type: ignore[no-untyped-call]
-                raise ControlUnreachableError(f"{self._where} cannot be reached; is the control on?")
+                raise ControlUnreachableError(
+                    f"{self._where} cannot be reached; switch the control on, or correct host and port in "
+                    "[compensation.control]"
+                )
             yield
         except (OSError, ModbusException) as error:
             self._client.close()  # type: ignore[no-untyped-call]
-            raise ControlUnreachableError(f"{self._where} does not answer: {error}") from None
+            raise ControlUnreachableError(
+                f"{self._where} does not answer ({error}); check the control, its cable, and unit_id in "
+                "[compensation.control]"
+            ) from None
 
     def _check_answer(self, answer: ModbusPDU, action: str) -> None:
         """Raise `ControlError` if the control answers with a Modbus exception; `action` is “reading” or
         “writing”.
         """
         if answer.isError():
-            raise ControlError(f"{self._where} refuses {action}: Modbus exception {answer.exception_code}")
+            raise ControlError(
+                f"{self._where} refuses {action} from register {self._first} on: Modbus exception "
+                f"{answer.exception_code}"
+            )

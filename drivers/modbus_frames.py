@@ -200,7 +200,11 @@ RTU_FRAMES = 'the device answers in RTU frames: set transport = "rtu-over-tcp"'
 
 
 def _foreign(data: bytes) -> str:
-    return RTU_FRAMES if RtuFrames().feed(data) else f"the answer is no Modbus TCP frame: {data[:16]!r}"
+    return (
+        RTU_FRAMES
+        if RtuFrames().feed(data)
+        else f"the answer {data[:16]!r} is no Modbus TCP frame: correct host and port"
+    )
 
 
 def _body(request: Request) -> bytes:

@@ -39,6 +39,9 @@ _GAP_S = 0.02  # within which a reply that nothing asked for follows the one tha
 _DISTURBED_S = 30.0  # for which a line is watched longer, after such a reply
 _RTU_TRIAL_EACH = 10  # silent requests on Modbus TCP between two trials with an RTU frame
 
+_REMEDIES = {4: "look at its lamps and its manual", 6: "it is busy, so raise period_s"}
+_CHECK_WIRE = "check unit_id, power and cable"
+
 _LINES: dict[tuple[object, ...], Line] = {}
 
 
@@ -49,8 +52,9 @@ class DeviceExceptionError(Exception):
         code: The exception's code in the Modbus protocol; 2 is a register that the device does not have.
     """
 
-    def __init__(self, code: int) -> None:
-        super().__init__(f"Modbus exception {code}")
+    def __init__(self, code: int, request: Request) -> None:
+        remedy = _REMEDIES.get(code, "check register, function and unit_id")
+        super().__init__(f"the device answers {request} with Modbus exception {code}: {remedy}")
         self.code = code
 
 
@@ -127,7 +131,7 @@ class _Wire(asyncio.Protocol):
     def connection_lost(self, _error: Exception | None) -> None:
         """Report the end of the connection."""
         if self.line is not None:
-            self.line.drop("connection closed by the device")
+            self.line.drop(self.line.closed_by_device)
 
 
 def shared_line(address: ModbusAddress, now: Clock) -> Line:
@@ -187,6 +191,17 @@ class Line:
         if not self._users:
             self.drop("closed")
             _LINES.pop(self._key, None)
+
+    @property
+    def _where(self) -> str:
+        """The place in words: the serial port, or host and port."""
+        address = self._address
+        return address.host if address.transport == "serial" else f"{address.host}:{address.port}"
+
+    @property
+    def closed_by_device(self) -> str:
+        """A sentence about a connection that its other end has closed."""
+        return f"{self._where} has closed the connection; see whether it allows another client"
 
     @property
     def has_other_units(self) -> bool:
@@ -351,8 +366,7 @@ class Line:
                 else:
                     transport, _ = await loop.create_connection(lambda: wire, address.host, address.port)
         except (OSError, ValueError) as error:  # a time-out is an OSError
-            place = address.host if address.transport == "serial" else f"{address.host}:{address.port}"
-            self._failure = loop.time(), why_not_opened(error, place)
+            self._failure = loop.time(), why_not_opened(error, self._where)
         else:
             self._failure = None
             self._wire, self._transport = wire, transport
@@ -390,12 +404,14 @@ class Line:
             with contextlib.suppress(DeviceExceptionError):
                 await self._exchange(Request(request.unit, request.function, first, count), unit, timeout_s)
             if request.shape in unit.unanswered:
-                raise LostError("timeout", f"a reply to an earlier request is still to come ({request})")
+                raise LostError(
+                    "timeout", f"{request} must wait for the reply to an earlier one; {_CHECK_WIRE}"
+                )
 
     async def _exchange(self, request: Request, unit: _Unit, timeout_s: float) -> ModbusReply:
         """Send a request and await its reply. Raises `LostError` or `DeviceExceptionError`."""
         if self._transport is None:
-            raise LostError("disconnected", "connection closed by the device")
+            raise LostError("disconnected", self.closed_by_device)
         loop = asyncio.get_running_loop()
         self._transaction = self._transaction % 0xFFFF + 1 if self.has_numbers else 0
         pending = self._pending = _Pending(request, self._transaction, loop.create_future())
@@ -415,7 +431,7 @@ class Line:
             await self._nothing_heard(request, timeout_s)
         if pending.mismatch is not None:
             raise LostError("bad_reply", pending.mismatch)
-        raise LostError("timeout", f"no answer within {timeout_s:g} s ({request})")
+        raise LostError("timeout", f"no answer within {timeout_s:g} s to {request}; {_CHECK_WIRE}")
 
     async def _nothing_heard(self, request: Request, timeout_s: float) -> None:
         """Close a silent TCP connection, after testing with one RTU frame whether the device uses RTU.
@@ -436,7 +452,7 @@ class Line:
                 self._pending = None
             if isinstance(error, LostError) and error.fault == "rtu_frames":
                 raise error
-        self.drop("nothing heard")
+        self.drop(f"{self._where} sends nothing; {_CHECK_WIRE}")
 
     def _take(self, frame: ModbusFrame) -> None:
         """Give a frame to the request that it answers, or record it as unrequested."""
@@ -452,7 +468,7 @@ class Line:
             return
         if not unit.latest_s:  # else it may be the late reply to an earlier request
             unit.answered()
-        self._fail(DeviceExceptionError(frame.exception))
+        self._fail(DeviceExceptionError(frame.exception, pending.request))
 
     def _stray(self, frame: ModbusFrame, unit: _Unit) -> None:
         """Record a frame that does not answer the pending request: a late one, a duplicate, or another
@@ -469,16 +485,15 @@ class Line:
         if not self.has_numbers and frame.exception is None:
             self._heard.append(_Heard(self._heard_at_s, frame, False))
             self._disturbed_s = self._heard_at_s
-            self.unexpected = (
-                f"a reply came that nothing here asked for (unit {frame.unit}): a second master?"
-            )
+            self.unexpected = f"an unrequested reply of unit {frame.unit} came; look for a second master"
         if pending is None or frame.unit not in (pending.request.unit, 0):
             return
         if self.has_numbers and 0 < frame.transaction < pending.transaction:
             return  # late, and harmless
         pending.mismatch = (
-            f"asked {pending.request}, transaction {pending.transaction}; the reply has function "
-            f"{frame.function}, {frame.shape[1]} registers, transaction {frame.transaction}"
+            f"the reply to {pending.request}, transaction {pending.transaction}, has function "
+            f"{frame.function}, {frame.shape[1]} registers, transaction {frame.transaction}; look for a "
+            "second master"
         )
         if self.has_numbers and frame.transaction == pending.transaction:
             self._fail(LostError("bad_reply", pending.mismatch))

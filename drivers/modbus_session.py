@@ -202,7 +202,8 @@ class ModbusSession:
             if self._line.is_ambiguous(block.request, since_s):
                 poll.drop(block.registers, "bad_reply")
                 poll.problem = LostError(
-                    "bad_reply", f"replies came that nothing asked for, and may be taken for {block.request}"
+                    "bad_reply",
+                    f"unrequested replies look like those to {block.request}; look for a second master",
                 )
 
     def _silent_unit(self, poll: _Poll) -> LostError:

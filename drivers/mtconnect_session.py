@@ -150,10 +150,16 @@ class MtConnectSession:
         now_s = asyncio.get_running_loop().time()
         if made_s != self._made_s:
             if made_s < self._made_s - _CLOCK_STEP_S:
-                raise LostError("stale", f"{self._url}: the answer is older than the one before")
+                raise LostError(
+                    "stale",
+                    f"{self._url}: the answer is older than the one before; give the agent's own address",
+                )
             self._made_s, self._fresh_s = made_s, now_s
         elif now_s - self._fresh_s > self._agent.timeout_s + _CLOCK_STEP_S:
-            raise LostError("stale", f"{self._url}: the same answer as before comes again, as from a cache")
+            raise LostError(
+                "stale",
+                f"{self._url}: the same answer comes again, as from a cache; give the agent's own address",
+            )
 
     async def _get(self, request: str, kind: str) -> Element:
         """Fetch a document and return its root; `request` is “probe” or “current”. Raises `LostError`."""
@@ -164,9 +170,13 @@ class MtConnectSession:
             ):  # the whole document, however slowly it arrives
                 data = await self._body(url)
         except TimeoutError:
-            raise LostError("timeout", f"{url} does not answer in time") from None
+            raise LostError(
+                "timeout", f"{url} does not answer in time; check the agent, or raise timeout_s"
+            ) from None
         except httpx.TimeoutException:
-            raise LostError("timeout", f"{url} does not answer in time") from None
+            raise LostError(
+                "timeout", f"{url} does not answer in time; check the agent, or raise timeout_s"
+            ) from None
         except httpx.ConnectError as error:
             raise LostError("disconnected", why_not_opened(error, self._url)) from None
         except (httpx.HTTPError, httpx.InvalidURL, OSError, ValueError) as error:
@@ -180,13 +190,15 @@ class MtConnectSession:
         data = bytearray()
         async with self._client.stream("GET", url) as response:
             if response.status_code >= 500 or response.status_code in {301, 302, 303, 307, 308}:
-                raise LostError("bad_reply", f"{url} answers with HTTP {response.status_code}")
+                raise LostError("bad_reply", f"{url} answers with HTTP {response.status_code}; correct url")
             async for part in response.aiter_raw():
                 data += part
                 if len(data) > LARGEST_BYTES:
-                    raise LostError("bad_reply", f"{url} sends more than {LARGEST_BYTES} bytes")
+                    raise LostError(
+                        "bad_reply", f"{url} sends more than {LARGEST_BYTES} bytes; name the device"
+                    )
             if response.status_code != 200 and not data.lstrip().startswith(b"<?xml"):
-                raise LostError("bad_reply", f"{url} answers with HTTP {response.status_code}")
+                raise LostError("bad_reply", f"{url} answers with HTTP {response.status_code}; correct url")
         return bytes(data)
 
 
@@ -208,14 +220,15 @@ def document(data: bytes, kind: str, url: str) -> Element:
         root: Element = fromstring(data, forbid_dtd=True)
     except (ParseError, DefusedXmlException, ValueError, LookupError) as error:
         reason = re.sub(r"\s+", " ", str(error))[:120]
-        raise LostError("bad_reply", f"{url} is no XML that can be trusted: {reason}") from None
+        raise LostError("bad_reply", f"{url} is no XML that can be trusted ({reason}); correct url") from None
     root_match = _ROOT.fullmatch(root.tag)
     if root_match is not None and root_match[1] == "Error":
         text = next((" ".join((e.text or "").split())[:120] for e in root.iter() if _name(e) == "Error"), "")
-        raise LostError("bad_reply", f"{url}: the agent refuses: {text}")
+        raise LostError("bad_reply", f"{url}: the agent refuses: {text}; correct url and device")
     if root_match is None or root_match[1] != kind:
         raise LostError(
-            "bad_reply", f"{url} is no MTConnect{kind} document of version 1 or 2, but {root.tag[:80]}"
+            "bad_reply",
+            f"{url} is {root.tag[:80]}, no MTConnect{kind} document of version 1 or 2; correct url",
         )
     return root
 

@@ -75,7 +75,9 @@ async def connect(server: OpcUaSettings, now: Clock) -> OpcUaSession:
             await client.connect()
     except TimeoutError:
         await _end(client)
-        raise LostError("disconnected", f"{server.url} does not answer{_unless(server)}") from None
+        raise LostError(
+            "disconnected", f"{server.url} does not answer: check the server and its address{_unless(server)}"
+        ) from None
     except (OSError, ValueError, UaError) as error:
         await _end(client)
         if isinstance(error, OSError) and error.filename is None:
@@ -182,11 +184,16 @@ class OpcUaSession:
             async with asyncio.timeout(self._server.timeout_s):
                 values = await self._client.read_attributes(self._nodes, AttributeIds.Value)
         except TimeoutError:
-            raise LostError("timeout", f"{url} does not answer in time") from None
+            raise LostError(
+                "timeout", f"{url} does not answer in time; check the server, or raise timeout_s"
+            ) from None
         except (OSError, ValueError, UaError) as error:
             raise LostError("disconnected", f"{url}: {_reason(error)}") from None
         if len(values) != len(self._nodes):
-            raise LostError("bad_reply", f"{url}: asked for {len(self._nodes)} values, got {len(values)}")
+            raise LostError(
+                "bad_reply",
+                f"{url} was asked for {len(self._nodes)} values and gave {len(values)}; restart the server",
+            )
         self.problem = None
         answers = {
             channel: self._answer(channel, place, data)

@@ -86,7 +86,10 @@ class ModbusChannel(Place):
     @model_validator(mode="after")
     def _sensible(self) -> ModbusChannel:
         if self.register_ + WORDS[self.type] > 0x10000:
-            raise ValueError(f"a {self.type} at register {self.register_} reaches beyond register 65535")
+            raise ValueError(
+                f"a {self.type} at register {self.register_} ends beyond register 65535; correct register "
+                "or type"
+            )
         if self.word_order is not None and "byte_order" in self.model_fields_set:
             raise ValueError("word_order and byte_order say the same; give byte_order alone")
         if bool(self.status_faults) != (self.status_register is not None):
@@ -129,7 +132,7 @@ class CanChannel(Place):
     @model_validator(mode="after")
     def _sensible(self) -> CanChannel:
         if self.fault_values and self.fault_signal is None:
-            raise ValueError("fault_values needs fault_signal")
+            raise ValueError("fault_values needs fault_signal; give it, or remove fault_values")
         return self
 
     @property

@@ -231,7 +231,9 @@ class Polled:
         self._unfinished = "timeout"
         if poll_s > self.period_s:
             self._unfinished = "slow_poll"
-            problem = problem or f"a poll takes {poll_s:.2g} s, longer than period_s = {self.period_s:g}"
+            problem = (
+                problem or f"a poll takes {poll_s:.2g} s, longer than period_s = {self.period_s:g}; raise it"
+            )
         if problem is not None:
             self.status = self.status.failed(problem, connected=True)
 

@@ -62,10 +62,14 @@ class SocketcandBus(can.BusABC):
         """Wait for a message that consists of `word`. Raises `CanInitializationError` for any other."""
         while not self._messages:
             if not self._receive(_CONNECT_S):
-                raise can.CanInitializationError(f'the socketcand server does not say "{word}"')
+                raise can.CanInitializationError(
+                    f'{self.channel_info} does not answer "{word}": correct host and port'
+                )
         message = self._messages.popleft()
         if message.strip("<> ") != word:
-            raise can.CanInitializationError(f'the socketcand server answers "{message}" instead of "{word}"')
+            raise can.CanInitializationError(
+                f'{self.channel_info} answers "{message}" instead of "{word}": correct channel, host or port'
+            )
 
     def _receive(self, timeout_s: float | None) -> bool:
         """Wait for bytes and cut them into messages; return whether any came."""
@@ -75,10 +79,12 @@ class SocketcandBus(can.BusABC):
         except (TimeoutError, BlockingIOError):
             return False
         if not data:
-            raise can.CanOperationError("the socketcand server has closed the connection")
+            raise can.CanOperationError(f"{self.channel_info} has closed the connection: restart it")
         *messages, self._text = (self._text + data.decode("ascii", "replace")).split(">")
         if len(self._text) > _LONGEST:
-            raise can.CanOperationError("the server does not speak as socketcand does")
+            raise can.CanOperationError(
+                f"{self.channel_info} is another kind of server: correct host and port"
+            )
         self._messages += [f"{message.strip()}>" for message in messages]
         return True
 

@@ -18,6 +18,7 @@ import structlog
 from drivers.control import AxisCorrection, ControlError, ControlLink, ControlUnreachableError
 
 _ATTEMPTS = 2
+_REFUSED = "check unit_id and first_register in [compensation.control], and the control's limits"
 _LOOK_S = 0.02  # between two looks at a control that does not follow yet
 
 log = structlog.get_logger()
@@ -139,7 +140,9 @@ class Steering:
         elif self._written is not None and (problem := self._problem(self._written)) is not None:
             raise ControlError(problem)
         if time.monotonic() > job.until_s:
-            raise ControlError(f"nothing could be written for {self._valid_s:g} s")
+            raise ControlError(
+                f"nothing could be written for {self._valid_s:g} s; check the control's cable and load"
+            )
         try:
             self._control.write(correction, self._valid_s)
         except ControlUnreachableError:
@@ -177,12 +180,12 @@ class Steering:
         return None
 
     def _why(self) -> str:
-        """The control's own reason for refusing, if it gives one."""
+        """The control's own reason for refusing, or the remedy if it gives none."""
         try:
             reason = self._control.read_back().reason
         except ControlError:
-            return ""
-        return f"; {reason}" if reason else ""
+            reason = None
+        return f"; {reason or _REFUSED}"
 
     def _let_go(self) -> None:
         """Release the control, once; where that fails, its dead-man does it."""

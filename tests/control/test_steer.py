@@ -103,7 +103,7 @@ def test_a_stalled_loop_is_released_by_the_dead_man_although_the_thread_lives():
     [
         ({"alter": True}, (1.0, 2.0), "reads back something other than was written"),
         ({"off": True}, (1.0, 2.0), "switched off at the control"),
-        ({}, (1.0, 400.0), "refuses writing: Modbus exception 3"),
+        ({}, (1.0, 400.0), "refuses writing from register 0 on: Modbus exception 3"),
         ({}, (1.0, 1e9), "too large for the control's registers"),
     ],
 )
@@ -170,7 +170,7 @@ def test_a_rejected_write_is_reported_with_the_controls_own_reason():
         hold(steered, document(1.0, 2.0), lambda: control.largest_um >= 2.0)
         between.control = control
         hold(steered, document(1.0, 2.0), lambda: steered.failure is not None)
-        assert "refuses writing: Modbus exception 6; it was switched off at the control" in steered.failure
+        assert "from register 0 on: Modbus exception 6; it was switched off at the control" in steered.failure
         assert steered.close(1.0)
 
 

@@ -93,7 +93,7 @@ async def test_replies_to_another_master_are_never_taken(unit):
     recorder = await read_rtu(slave)
     assert wrong(recorder) == []
     assert values(recorder)
-    assert "nothing" in recorder.driver.status.last_error
+    assert "unrequested" in recorder.driver.status.last_error
 
 
 async def test_two_drivers_behind_a_box_that_sends_each_reply_to_all_clients_read_their_own_values():
