@@ -117,7 +117,9 @@ def command(
         digest = digest or config.document.get("hash")
     if not isinstance(digest, str) or not _HASH.fullmatch(digest):
         name = f"{address.machine}/{address.axis}"
-        return Reply(None, f"the hash of the configuration of {name} is none; nothing was asked")
+        return Reply(
+            None, f"{name} gives no hash of its configuration, so nothing was sent; restart the service"
+        )
     further = "".join(f";{name}={value}" for name, value in (parameters or {}).items())
     path = f"command/{kind}?config={digest};by={_myself()}{further}"
     return ask(address, path, max(0.1, until_s - time.monotonic()))
@@ -188,7 +190,7 @@ def ask(address: Address, path: str, timeout_s: float) -> Reply:
     config = client_config((connect,), client)
     until_s = time.monotonic() + timeout_s
     selector = f"ballscrew/{machine}/{axis}/{path}"
-    nobody = f"no service answers at {connect}, or it rejects this client"
+    nobody = f"no service answers at {connect}, or it rejects this client; check endpoint, service and login"
     problem = nobody
     while time.monotonic() < until_s:
         try:
@@ -221,9 +223,11 @@ def answer_of(data: bytes) -> Reply:
     try:
         document = json.loads(data)
     except (ValueError, RecursionError):
-        return Reply(None, "the answer is not JSON; is this the service?")
+        return Reply(None, "the answer is not JSON, so another program sent it; correct the endpoint")
     if not isinstance(document, dict):
-        return Reply(None, "the answer is not a JSON object; is this the service?")
+        return Reply(
+            None, "the answer is not a JSON object, so another program sent it; correct the endpoint"
+        )
     return Reply(document)
 
 
