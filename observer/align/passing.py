@@ -31,7 +31,13 @@ _WAITING = 64
 
 
 class Sighting(NamedTuple):
-    """A time in s, the nut's position in m, and the value measured there."""
+    """A measurement at a known place.
+
+    Attributes:
+        time_s: The time of the measurement.
+        position_m: The nut's position then, interpolated between its readings.
+        value: The measured value, in the unit of its channel.
+    """
 
     time_s: float
     position_m: float

@@ -284,8 +284,12 @@ _RATIOS = (
 
 
 def motion_sentence(position: str, speed: str, ratio: float) -> str:
-    """Return a sentence about a nut that moves `ratio` times as far as speed and lead allow, with the likely
-    unit.
+    """Return a sentence about a nut that moves another way than speed and lead give, with the likely unit.
+
+    Args:
+        position: The channel of its position.
+        speed: The channel of its speed.
+        ratio: Its way over the way that speed and lead give.
     """
     likely = next((text for factor, text in _RATIOS if abs(ratio / factor - 1.0) < 0.25), None)
     finding = f"{position} moves {ratio:.2g} times as far as {speed} and lead_m say"
@@ -315,7 +319,11 @@ def doubts_of_log(
 ) -> Iterator[str]:
     """Yield a sentence for each channel of a log that is beyond its limits, with the unit it looks like.
 
-    `values` (n, c) are the log's cells in the order of `channels`, `paths` the nuts' paths, part by part.
+    Args:
+        config: The configuration.
+        values: The log's cells, (n, c).
+        channels: Their c channels, in order.
+        paths: The nuts' paths, block by block.
     """
     for name, part, sentence in implausible(config, values, channels):
         share = f" ({part:.0%} of its values)" if part < 0.995 else ""
@@ -329,7 +337,16 @@ def doubts_of_log(
 
 
 def cells_of(config: Config, values: FloatArray, channels: Sequence[str]) -> FloatArray:
-    """Return a log's cells (n, c) in the order of the configuration's channels, NaN where it lacks one."""
+    """Return a log's cells in the order of the configuration's channels, NaN where it lacks one.
+
+    Args:
+        config: The configuration.
+        values: The log's cells, (n, c).
+        channels: Their c channels, in order.
+
+    Returns:
+        Cells of n rows, one column for each configured channel.
+    """
     cells = np.full((len(values), len(config.channels)), np.nan)
     for j, name in enumerate(config.channels):
         if name in channels:
@@ -340,8 +357,14 @@ def cells_of(config: Config, values: FloatArray, channels: Sequence[str]) -> Flo
 def implausible(
     config: Config, values: FloatArray, channels: Sequence[str]
 ) -> Iterator[tuple[str, float, str]]:
-    """Yield the channels that violate their limits: name, fraction of such values, and a sentence about
-    them.
+    """Yield the channels that violate their limits: name, fraction of such values, and a sentence about them.
+
+    Only the first violated limit of a channel is named.
+
+    Args:
+        config: The configuration.
+        values: The log's cells, (n, c).
+        channels: Their c channels, in order.
     """
     limits, ambient_degC = Limits.of(config), ambient_of_log_degC(config, values, channels)
     cells = cells_of(config, values, channels)

@@ -272,9 +272,12 @@ def within_gradient(plan: CompensationPlan, table_um: FloatArray) -> FloatArray:
 
 
 def toward(now_um: FloatArray, wanted_um: FloatArray, most_um: float) -> FloatArray:
-    """Return values that go from `now_um` toward `wanted_um` by at most `most_um` each.
+    """Return values on their way to others; if both keep a limit of the gradient, so does the result.
 
-    If both keep a limit of the gradient, the result keeps it too. All are in µm.
+    Args:
+        now_um: The values in force, in µm.
+        wanted_um: The values to approach, of the same shape or (1,).
+        most_um: The largest change of each.
     """
     return now_um + np.clip(wanted_um - now_um, -most_um, most_um)
 

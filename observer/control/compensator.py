@@ -151,6 +151,11 @@ class Compensator:
         """Take a step that gave no estimate; return the document to publish.
 
         Values in force are held for the hold time. A request to arm or to zero is refused.
+
+        Args:
+            time_s: The time of the step.
+            sequence: The number that the estimate would have had.
+            reason: Why there is no estimate, as a clause.
         """
         if self._arm_without is not None and not self._state.armed:
             self._state = replace(self._state, reason=f"{reason}, so it cannot be armed")

@@ -45,7 +45,13 @@ NEVER = ZeroPoint()
 
 
 class ErrorSince(NamedTuple):
-    """The thermal error since a zero on the grid (g,), along the screw, with σ and bound (NaN: not known)."""
+    """The thermal error since a zero, along the screw, on the grid of g places.
+
+    Attributes:
+        error_um: The error, (g,).
+        sigma_um: Its standard deviation, (g,).
+        bound_um: Its bound, (g,); NaN where that is not known.
+    """
 
     error_um: FloatArray
     sigma_um: FloatArray
@@ -67,7 +73,10 @@ def since(zero: ZeroPoint, block: EstimateBlock) -> ErrorSince:
 def zero_document(zero: ZeroPoint, direction: float, origin_m: float) -> dict[str, Any] | None:
     """Return a published zero, in the coordinates of the machine; None before the first zero.
 
-    The machine's zero is `origin_m` on the screw, and it runs in its `direction`, +1 or −1.
+    Args:
+        zero: The zero.
+        direction: The direction in which the machine counts, +1 or −1.
+        origin_m: The machine's zero on the screw, in m.
     """
     if math.isnan(zero.time_s):
         return None

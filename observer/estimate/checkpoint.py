@@ -228,9 +228,16 @@ def _screw(plain: Any) -> ScrewState:
 
 
 def load(path: Path, fit: CheckpointFit, machine: MachineModel | None = None) -> Snapshot:
-    """Return a snapshot from a file; raises `UnfitError` also if the file is missing or unreadable.
+    """Return a snapshot from a file.
 
-    `machine` is as in `unpack`.
+    Args:
+        path: The checkpoint.
+        fit: The requirements.
+        machine: With it, a snapshot of another plant continues in that machine (see `unpack`); None rejects
+            it.
+
+    Raises:
+        UnfitError: If the file is missing, unreadable or damaged, or does not fit.
     """
     try:
         with path.open("rb") as file:
@@ -243,7 +250,16 @@ def load(path: Path, fit: CheckpointFit, machine: MachineModel | None = None) ->
 
 
 def recent(snapshot: Snapshot, now_s: float, oldest_s: float) -> Snapshot:
-    """Return the same snapshot; raises `UnfitError` if it is older than `oldest_s` or from the future."""
+    """Return the same snapshot, if it is recent enough.
+
+    Args:
+        snapshot: The snapshot.
+        now_s: The present time in s since 1970.
+        oldest_s: The largest age in s; infinite for any.
+
+    Raises:
+        UnfitError: If it is older, or from the future.
+    """
     age_s = now_s - snapshot.tick_s
     if age_s <= 0.0:
         raise UnfitError(f"it is {-age_s:.3g} s ahead of the computer's clock")
@@ -253,7 +269,12 @@ def recent(snapshot: Snapshot, now_s: float, oldest_s: float) -> Snapshot:
 
 
 def shifted(snapshot: Snapshot, by_s: float) -> Snapshot:
-    """Return a snapshot with all its times shifted, for a computer whose clock was set."""
+    """Return a snapshot with all its times shifted, for a computer whose clock was set.
+
+    Args:
+        snapshot: The snapshot; it is not changed.
+        by_s: The step of the clock in s, forwards positive.
+    """
     drive, estimator = _moved(snapshot.drive, by_s), _moved(snapshot.estimator, by_s)
     gap, compensation_state = _moved(snapshot.gap, by_s), _moved(snapshot.compensation, by_s)
     return replace(

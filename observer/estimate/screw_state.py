@@ -51,6 +51,13 @@ class ScrewState:
     ) -> ScrewState | None:  # fmt: skip
         """Return the state after a step.
 
+        Args:
+            machine: The machine with its estimator.
+            state: The estimator's state after the step.
+            inputs: What drove the step.
+            estimate: Its estimate.
+            frame: Its frame.
+
         Returns:
             None before the first estimate, or if the estimator's states are not those of the plant.
 

@@ -87,6 +87,11 @@ def columns_of(form: Form, samples: Samples, outputs: dict[str, NDArray[Any]]) -
     """Return inputs and outputs of a run as columns (K,) by name, NaN where an input had no new value.
 
     Names are those of the FMU and of `estimates.csv`.
+
+    Args:
+        form: The observer's form.
+        samples: The inputs of K steps.
+        outputs: What `run` returned for them.
     """
     slots = {slot.name: slot for slot in form.slots}
     columns = {

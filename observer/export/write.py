@@ -133,7 +133,12 @@ def twincat_file(name: str, text: str) -> str:
 
 
 def write_fmus(observer: Form, model: Form, folder: Path) -> tuple[list[str], list[str]]:
-    """Write an FMU of the observer and one of the plant into an existing folder.
+    """Write an FMU of the observer and one of the plant.
+
+    Args:
+        observer: The form of the observer.
+        model: The form of the plant.
+        folder: An existing folder.
 
     Returns:
         The files' names, and a sentence about the binary of each.
