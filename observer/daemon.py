@@ -22,7 +22,7 @@ from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
 from observer.estimate.pipeline import MachineModel
 from observer.files.folders import refuse_unwritable
 from observer.files.regular import read_toml
-from observer.gateway.feed import Feed
+from observer.gateway.beside import OutletsProcess
 from observer.gateway.start import Start
 from observer.installation import Installation, parse
 from observer.installation.adopt import record_of
@@ -230,10 +230,10 @@ def _recorder(ready: _Ready, start: Snapshot | None, instance: str) -> Recorder 
 
 
 def _publisher(ready: _Ready, instance: str) -> ZenohPublisher:
-    """Zenoh, with a gateway beside it where the configuration asks for one."""
+    """Zenoh, with the process of the outlets beside it where the configuration asks for one."""
     config, name, forecasts = ready.config, ready.config.machine, is_wanted(ready.machine)
     folder = config.record.directory
-    in_force, start = config_json(config, instance), Start.of(config, forecasts=forecasts)
+    start = Start.of(config) if config.outlets.start else None
     offered = {
         "compensation": config.compensation.enabled,
         "forecast": forecasts,
@@ -242,10 +242,10 @@ def _publisher(ready: _Ready, instance: str) -> ZenohPublisher:
     return ZenohPublisher(
         ServiceIdentity(name.name, name.axis, instance),
         config.publish,
-        in_force,
+        config_json(config, instance),
         ready.machine.shown.layout(ready.machine.estimator().layout),
         offers=[key for key, runs in offered.items() if runs],
-        outlet=None if start is None else Feed(start, in_force.encode()),
+        outlets=None if start is None else OutletsProcess(start),
         past=None
         if folder is None
         else PastProcess(folder, f"{name.name}-{name.axis}", config.digest, config.estimator.period_s),

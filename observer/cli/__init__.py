@@ -23,7 +23,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-_SHOWING = {"demo", "import", "run", "check", "place"}
+_SHOWING = {"demo", "import", "outlets", "run", "check", "place"}
 """The verbs whose purpose is their output, like all clients; the others can be quiet."""
 for _verbs in (machines.verbs, logs.verbs, fleet):
     for _info in _verbs.registered_commands:

@@ -11,6 +11,7 @@ import typer
 
 from observer.cli.options import (
     DEFAULT_ENDPOINT,
+    ClientOption,
     ConfigOption,
     JsonOption,
     OutputOption,
@@ -92,6 +93,33 @@ def run(
         print_error(error)
         shutdown.leave(2)  # threads of parts that had been started may hang at the interpreter's exit
     shutdown.leave(0)
+
+
+@verbs.command()
+def outlets(
+    config: ConfigOption,
+    connect: Annotated[
+        str | None,
+        typer.Option(
+            help="Zenoh endpoint of the service or its router; default: that of the configuration.",
+            callback=lambda option, text: text and endpoint(option, text),
+        ),
+    ] = None,
+    client: ClientOption = None,
+) -> None:
+    """Serve page, Prometheus, MQTT and OPC UA beside a service that does not, until SIGTERM or Ctrl-C."""
+    from observer.process.memory import import_sparingly
+
+    import_sparingly()
+    from observer.gateway.process import serve_until_signal
+    from observer.gateway.start import Start
+    from observer.installation import load, load_client
+
+    login = None if client is None else load_client(client)
+    start = Start.of(load(config), connect or "", login)
+    if start is None:
+        raise UserError(f"{config}: no outlet to serve; add [page], [metrics], [mqtt] or [opcua]")
+    serve_until_signal(start)
 
 
 _QUESTIONS = {

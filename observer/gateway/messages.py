@@ -1,4 +1,4 @@
-"""The service's messages on their way to outlets: of each key the newest."""
+"""The messages of the bus on their way to outlets: of each key the newest."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Message = tuple[str, bytes]
 class Pending:
     """Messages waiting for a slower reader: of each key the newest only, so that the wait is bounded.
 
-    `put` may be called from any thread; `wake` is called after each message and must not block.
+    `put` may be called from any thread; `wake` is called when messages begin to wait, and must not block.
     """
 
     def __init__(self, wake: Callable[[], object]) -> None:
@@ -28,9 +28,11 @@ class Pending:
     def put(self, key: str, payload: bytes) -> None:
         """Add a message; it replaces one of the same key that still waits."""
         with self._lock:
+            is_first = not self._newest
             self._newest.pop(key, None)
             self._newest[key] = payload
-        self._wake()
+        if is_first:
+            self._wake()
 
     def take(self) -> list[Message]:
         """Remove and return what waits, in order of arrival."""
@@ -44,11 +46,15 @@ _DELAY_S = 0.3  # between two processes on a busy computer
 
 
 class Latest:
-    """The newest message of every key, bytes as on Zenoh, and its listeners. For one event loop."""
+    """The newest message of every key, bytes as on Zenoh, and its listeners.
+
+    `put` may be called from any thread, the rest from one event loop.
+    """
 
     def __init__(self, period_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._stale_s = _STALE_PERIODS * period_s + _DELAY_S
         self._clock = clock
+        self._lock = threading.Lock()
         self._payloads: dict[str, bytes] = {}
         self._listeners: set[Pending] = set()
         self._heard_s = clock()
@@ -57,9 +63,10 @@ class Latest:
         """Store a message and pass it to all listeners; a slow one gets only the newest of each key."""
         if key == "estimate":
             self._heard_s = self._clock()
-        self._payloads[key] = payload
-        for listener in self._listeners:
-            listener.put(key, payload)
+        with self._lock:
+            self._payloads[key] = payload
+            for listener in self._listeners:
+                listener.put(key, payload)
 
     @property
     def is_stale(self) -> bool:
@@ -78,21 +85,19 @@ class Latest:
         decoded: dict[str, Any] = decode_estimate(payload) if key == "estimate" else json.loads(payload)
         return decoded
 
-    def keys(self) -> tuple[str, ...]:
-        """The keys received so far."""
-        return tuple(self._payloads)
-
     async def messages(self) -> AsyncIterator[Message]:
         """Yield the stored messages, then new ones as they arrive."""
-        awake = asyncio.Event()
-        pending = Pending(awake.set)
-        for message in self._payloads.items():
-            pending.put(*message)
-        self._listeners.add(pending)
+        awake, loop = asyncio.Event(), asyncio.get_running_loop()
+        pending = Pending(lambda: loop.call_soon_threadsafe(awake.set))
+        with self._lock:
+            for message in self._payloads.items():
+                pending.put(*message)
+            self._listeners.add(pending)
         try:
             while await awake.wait():
                 awake.clear()
                 for message in pending.take():
                     yield message
         finally:
-            self._listeners.discard(pending)
+            with self._lock:
+                self._listeners.discard(pending)

@@ -1,29 +1,32 @@
-"""The gateway's process: reads the service's messages from its standard input and serves every outlet that is
-asked for, until that input closes.
-"""
+"""The process of the outlets: serves each of them from the bus, in an event loop of its own."""
 
 from __future__ import annotations
 
 import asyncio
 import importlib
+import shutil
+import signal
 import sys
 import threading
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import structlog
 
 from observer.errors import UserError
+from observer.gateway.bus import Bus
 from observer.gateway.messages import Latest
-from observer.gateway.start import OUTLETS, ReportState, Start, tell_service
+from observer.gateway.start import OUTLETS, ReportState, Start
 from observer.process.memory import leave_in_peace
 from observer.process.messages import configure
-from observer.process.pipes import messages
 from observer.process.shutdown import leave
+from observer.publish.session import LOCAL
 
 _RETRY_S = 1.0
+_BUS_END_S = 0.3
 log = structlog.get_logger()
 _Serve = Callable[[Start, Latest, ReportState], Awaitable[None]]
 _MODULES = {
@@ -32,37 +35,58 @@ _MODULES = {
     "mqtt": ("observer.gateway.mqtt", "plant"),
     "opcua": ("observer.gateway.opcua", "plant"),
 }
+_ENDING = {signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
 
 
 def main() -> None:
-    """Serve until the standard input closes."""
+    """Serve what the first line of the standard input says, until that input closes."""
     configure(as_json=False)
-    incoming = messages(sys.stdin.buffer.read)
-    first = next(incoming, None)
-    if first is None:
-        leave(0)
-    start = Start.model_validate_json(first[1])
-    outlets = [_Outlet(name, start) for name in OUTLETS if getattr(start, name) is not None]
-    for key, payload in incoming:
-        for outlet in outlets:
-            outlet.put(key, payload)
+    if line := sys.stdin.buffer.readline():
+        start = Start.model_validate_json(line)
+        _serve(start, sys.stdin.buffer.read, reports=True)
+        kind, _, socket = start.connect.partition("/")
+        if kind == LOCAL:  # of a service that was killed
+            shutil.rmtree(Path(socket).parent, ignore_errors=True)
+    leave(0)
+
+
+def serve_until_signal(start: Start) -> None:
+    """Serve outlets until SIGTERM, SIGHUP or Ctrl-C; log their states."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+    configure(as_json=False)
+    _serve(start, lambda: signal.sigwait(_ENDING), reports=False)
+    leave(0)
+
+
+def _serve(start: Start, wait: Callable[[], object], *, reports: bool) -> None:
+    """Serve until `wait` returns."""
+    latests = {name: Latest(start.period_s) for name in OUTLETS if getattr(start, name) is not None}
+
+    def put(key: str, payload: bytes) -> None:
+        for latest in latests.values():
+            latest.put(key, payload)
+
+    bus = Bus(start, put, reports=reports)
+    outlets = [_Outlet(name, start, latest, bus) for name, latest in latests.items()]
+    bus.start()
+    wait()
     for outlet in outlets:
         outlet.end()
     end_s = time.monotonic() + _RETRY_S
     for outlet in outlets:
         outlet.join(max(0.0, end_s - time.monotonic()))
-    leave(0)
+    bus.close(_BUS_END_S)
 
 
 class _Outlet(threading.Thread):
     """An outlet in an event loop of its own, so that a busy one delays no other."""
 
-    def __init__(self, name: str, start: Start) -> None:
+    def __init__(self, name: str, start: Start, latest: Latest, bus: Bus) -> None:
         """Begin to serve an outlet."""
         super().__init__(name=name, daemon=True)
         self._loop = asyncio.new_event_loop()
-        self._latest = Latest(start.period_s)
-        self._task = self._loop.create_task(_supervised(name, start, self._latest))
+        report_state = _reporting(name, bus)
+        self._task = self._loop.create_task(_supervised(name, start, latest, report_state))
         self.start()
 
     def run(self) -> None:
@@ -70,26 +94,27 @@ class _Outlet(threading.Thread):
         with suppress(asyncio.CancelledError):
             self._loop.run_until_complete(self._task)
 
-    def put(self, key: str, payload: bytes) -> None:
-        """Pass a message of the service on."""
-        self._loop.call_soon_threadsafe(self._latest.put, key, payload)
-
     def end(self) -> None:
         """Begin to end; `join` waits for it."""
         self._loop.call_soon_threadsafe(self._task.cancel)
 
 
-async def _supervised(name: str, start: Start, latest: Latest) -> None:
-    """Serve an outlet for ever; report why it fails, and retry."""
+def _reporting(name: str, bus: Bus) -> ReportState:
+    """Return the function that reports the state of an outlet."""
     has_reported = False
 
-    def report_state(document: dict[str, Any]) -> None:
+    def report_state(changes: dict[str, Any]) -> None:
         nonlocal has_reported
-        tell_service({"outlet": name, **document})
+        bus.report(name, changes)
         if not has_reported:  # its libraries are loaded by now
             leave_in_peace()
         has_reported = True
 
+    return report_state
+
+
+async def _supervised(name: str, start: Start, latest: Latest, report_state: ReportState) -> None:
+    """Serve an outlet for ever; report why it fails, and retry."""
     while True:
         reason = f"{name}: ended by itself"
         try:

@@ -1,29 +1,32 @@
-"""The first message to the gateway's process, and the reports of its outlets to the service."""
+"""What the process of the outlets is to serve, and the states of its outlets."""
 
 from __future__ import annotations
 
 import asyncio
-import json
-import sys
-import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pydantic import BaseModel, ConfigDict
+import structlog
+from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from observer.steps.store import Past
 from observer.tables.gateway import Metrics, Mqtt, Opcua, Page
+from observer.tables.publishing import DEFAULT_ENDPOINT, Client
 
 if TYPE_CHECKING:
     from observer.installation import Installation
 
+OUTLETS = ("page", "metrics", "mqtt", "opcua")
+
+log = structlog.get_logger()
+
 
 class Start(BaseModel):
-    """The outlets to serve, with their settings.
+    """The outlets to serve, with their settings, and the bus that they are clients of.
 
-    `recordings` is the folder of the recordings; `laws` are the sources with a heat law; `forecast_s` is the
-    interval of forecasts, None without.
+    `connect` is the Zenoh endpoint, `client` the login there. `recordings` is the folder of the recordings;
+    `laws` are the sources with a heat law; `forecast_s` is the interval of forecasts, None without.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -31,6 +34,8 @@ class Start(BaseModel):
     machine: str
     axis: str
     period_s: float
+    connect: str = DEFAULT_ENDPOINT
+    client: Client | None = None
     page: Page | None = None
     metrics: Metrics | None = None
     mqtt: Mqtt | None = None
@@ -40,15 +45,23 @@ class Start(BaseModel):
     forecast_s: float | None = None
 
     @classmethod
-    def of(cls, config: Installation, *, forecasts: bool) -> Start | None:
-        """Return the start of a configuration's outlets, None without any; with `forecasts` if some come."""
+    def of(cls, config: Installation, connect: str = "", client: Client | None = None) -> Start | None:
+        """Return the start of a configuration's outlets, None without any.
+
+        Without `connect` they go where the configured service listens, else to its router.
+        """
         outlets = {name: getattr(config, name) for name in OUTLETS}
         if all(outlet is None for outlet in outlets.values()):
             return None
+        forecasts = config.forecast.enabled
+        if forecasts is None:
+            forecasts = all(source.law is not None for source in config.source if source.estimate)
         return cls(
             machine=config.machine.name,
             axis=config.machine.axis,
             period_s=config.estimator.period_s,
+            connect=connect or config.publish.reached_at,
+            client=client,
             recordings=None if (folder := config.record.directory) is None else folder.absolute(),
             laws=tuple(source.name for source in config.source if source.law is not None),
             forecast_s=config.forecast.period_s if forecasts else None,
@@ -66,24 +79,33 @@ class Start(BaseModel):
         return f"ballscrew/{self.machine}/{self.axis}"
 
 
-OUTLETS = ("page", "metrics", "mqtt", "opcua")
+class OutletState(BaseModel):
+    """The state of an outlet: `reason` says why it does not serve, None where it serves at `address`.
 
+    `doubt` is a sentence about how it serves. `unsent` is what it has still to send late: the number of
+    `steps`, and the `duration_s` they span.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    reason: str | None = None
+    address: str | None = None
+    doubt: str | None = None
+    unsent: dict[str, float] | None = None
+
+    def log_change(self, name: str, before: OutletState | None) -> None:
+        """Log where the outlet serves now, if that is new."""
+        if self.reason is None and (before is None or before.reason is not None):
+            log.info("outlet", name=name, address=self.address)
+            if self.doubt is not None:
+                log.warning("outlet", name=name, doubt=self.doubt)
+
+
+STATES = TypeAdapter(dict[str, OutletState])
+"""The states of all outlets by name, as their process publishes them on the key `outlets`."""
 
 ReportState = Callable[[dict[str, Any]], None]
-"""Takes the state of an outlet: a `reason`, or None with an `address` once it serves."""
-
-
-_OUTPUT = threading.Lock()
-
-
-def tell_service(document: dict[str, Any]) -> None:
-    """Write a document to the service, a line of JSON: from an outlet, in whatever thread.
-
-    An `outlet` reports its state: a `reason`, None with its `address` once it serves; or what is `unsent`.
-    """
-    with _OUTPUT:
-        sys.stdout.write(json.dumps(document) + "\n")
-        sys.stdout.flush()
+"""Takes what has changed in the state of an outlet: fields of `OutletState`."""
 
 
 async def run_together(*parts: Awaitable[None]) -> None:

@@ -8,7 +8,7 @@ import json
 import mimetypes
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from importlib.resources import files
@@ -37,7 +37,7 @@ from observer.page.stream import Stream
 from observer.steps.bins import history
 from observer.tables.gateway import host_and_port
 
-Acknowledge = Callable[[str, str], None]
+Acknowledge = Callable[[str, str], Awaitable[str | None]]
 _MOST_FORM_BYTES = 4096
 _MOST_FIELDS = 10
 _MOST_NAME = 200
@@ -56,7 +56,9 @@ def application(
     login: Logins | None,
     acknowledge: Acknowledge,
 ) -> ASGIApp:
-    """The page of an axis, for users of `login`; `acknowledge(id, by)` reports an acknowledged alarm."""
+    """The page of an axis, for users of `login`; `acknowledge(id, by)` acknowledges an alarm, and
+    returns why it could not.
+    """
     assert start.page is not None
     pages = _Pages(start, stream, login, acknowledge)
     app = Starlette(
@@ -102,7 +104,7 @@ class _Pages:
         self._login, self._acknowledge = login, acknowledge
         # one reader for all viewers: concurrent requests take neither more memory nor another core
         self._reader = ThreadPoolExecutor(1, "recordings", _give_way)
-        self._turn = asyncio.Lock()
+        self._turn, self._acknowledging = asyncio.Lock(), asyncio.Lock()
         self._packing, self._recent = asyncio.Lock(), (b"", b"")
         folder = files("observer.page") / "assets"
         self._assets = {entry.name: entry.read_bytes() for entry in folder.iterdir() if entry.is_file()}
@@ -169,11 +171,14 @@ class _Pages:
         return _Json(document)
 
     async def acknowledge(self, request: Request) -> Response:
-        """Report to the service that somebody has acknowledged an alarm."""
+        """Pass on to the service that somebody has acknowledged an alarm."""
         alarm = (await _form(request)).get("id", "")
         if not alarm or len(alarm) > _MOST_NAME or not alarm.isprintable():
             return PlainTextResponse("which alarm? give its id\n", 400)
-        self._acknowledge(alarm, request.scope["user"])
+        async with self._acknowledging:  # each opens a session
+            problem = await self._acknowledge(alarm, request.scope["user"])
+        if problem is not None:
+            return PlainTextResponse(f"{problem}\n", 502)
         return _Json({"acknowledged": alarm})
 
     async def login(self, request: Request) -> Response:

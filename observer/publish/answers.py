@@ -10,7 +10,7 @@ import json
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import islice
 from typing import Any
@@ -38,7 +38,7 @@ _WAITING = 4  # commands that wait for the next step
 _BYTES_1_S = 4e6
 _LOG_S = 10.0
 _DIGITS = 6
-_LONGEST_ID = 250
+LONGEST_ID = 250
 _OF_THE_PAST = {"estimate": PAGE_ENCODING, "readings": JSON_ENCODING}
 _TOO_MUCH = "too many requests at once; ask again in a second"
 _NOT_RECORDED = "nothing is recorded; name a folder in record.directory"
@@ -109,12 +109,15 @@ class Responder:
         self._budget = Budget(_BYTES_1_S)
         self._logged_s = -_LOG_S
 
-    def declare(self, session: zenoh.Session, published: Mapping[str, Key]) -> dict[str, Any]:
+    def declare(
+        self, session: zenoh.Session, published: Mapping[str, Key], kinds: Sequence[str] = KINDS
+    ) -> dict[str, Any]:
         """Declare on a session which of the keys answer, and the commands.
 
         Args:
             session: An open session, for which this is called once.
             published: The keys that this service publishes.
+            kinds: The commands that this session takes.
 
         Returns:
             The queryables by key, to be passed to `answer`. Each keeps the last 16 queries.
@@ -123,7 +126,7 @@ class Responder:
             zenoh.ZError: If the session is closed.
         """
         keys = [name for name, key in published.items() if key.query_answer is not None]
-        keys += [f"command/{kind}" for kind in KINDS]
+        keys += [f"command/{kind}" for kind in kinds]
         return {
             key: session.declare_queryable(
                 f"{self._prefix}/{key}", zenoh.handlers.RingChannel(_RING), complete=True
@@ -244,9 +247,9 @@ class Responder:
         ):  # a wildcard is not a command, so it is not recorded
             by = plain_name(query.parameters.get("by") or "") or "somebody"
             answer = partial(self._answer_later, kind, query)
-            alarm_id = plain_name(query.parameters.get("id") or "", _LONGEST_ID) or None
+            alarm_id = plain_name(query.parameters.get("id") or "", LONGEST_ID) or None
             without = query.parameters.get("without") or ""
-            names = tuple(plain_name(name) for name in without[:_LONGEST_ID].split(",") if name)
+            names = tuple(plain_name(name) for name in without[:LONGEST_ID].split(",") if name)
             self._commands.append(Command(kind, by, time.monotonic(), answer, refused, alarm_id, names))
         if refused is not None:
             with query:

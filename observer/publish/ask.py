@@ -87,6 +87,7 @@ def command(
     timeout_s: float,
     digest: str | None = None,
     parameters: Mapping[str, str] | None = None,
+    by: str | None = None,
 ) -> Reply:
     """Send a command to a running service; `done` in the answer says whether it was carried out.
 
@@ -99,6 +100,7 @@ def command(
         timeout_s: The longest wait for the answer, in s.
         digest: The hash of the configuration; None takes the one in force now.
         parameters: Further ones, such as the `id` of the alarm that is acknowledged.
+        by: Who commands; None is this user at this computer.
 
     Returns:
         The answer, or the reason for its absence. Without an answer the command may still have been carried
@@ -121,7 +123,7 @@ def command(
             None, f"{name} gives no hash of its configuration, so nothing was sent; restart the service"
         )
     further = "".join(f";{name}={value}" for name, value in (parameters or {}).items())
-    path = f"command/{kind}?config={digest};by={_myself()}{further}"
+    path = f"command/{kind}?config={digest};by={plain_name(by or _myself())}{further}"
     return ask(address, path, max(0.1, until_s - time.monotonic()))
 
 
@@ -170,7 +172,7 @@ def _myself() -> str:
         user = getpass.getuser()
     except (KeyError, OSError):
         user = "unknown"
-    return plain_name(f"{user}@{socket.gethostname()}")
+    return f"{user}@{socket.gethostname()}"
 
 
 def ask(address: Address, path: str, timeout_s: float) -> Reply:

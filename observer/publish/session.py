@@ -24,6 +24,8 @@ LEASE_MS = 2000
 MOST_BYTES = 65_536
 """The largest message that a service accepts: genuine ones are queries of a few words."""
 _CLIENT_MOST_BYTES = 16_777_216  # what a service answers may be a long history
+LOCAL = "unixsock-stream"
+"""The kind of endpoint that is a socket in a folder, whose permissions say who may connect."""
 _CONNECT_MS = 1000
 _SESSIONS = 128
 _STALLED_US = 1_000_000  # a client that does not take its answer is cut off, so that the others get theirs

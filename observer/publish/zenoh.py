@@ -7,29 +7,35 @@ Publishers drop rather than wait (`CongestionControl.DROP`): a slow subscriber m
 from __future__ import annotations
 
 import atexit
+import contextlib
 import math
 import os
 import re
+import shutil
+import tempfile
 import threading
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import structlog
 import zenoh
 
-from observer.exchange import KEYS, Command, PastAccess, PublishStatus
+from observer.exchange import KEYS, KINDS, Command, PastAccess, PublishStatus
 from observer.frames import EstimateBlock, FrameBlock, Layout
 from observer.publish.answers import Responder
 from observer.publish.codec import EstimateEncoder, to_json
 from observer.publish.session import (
     LEASE_MS,
+    LOCAL,
+    MOST_BYTES,
     RETRY_MS,
     close,
     close_within,
     ear_config,
     service_config,
+    session_config,
     short,
 )
 from observer.tables.publishing import Publish
@@ -53,17 +59,18 @@ class _Link:
     session: zenoh.Session
     publishers: dict[str, zenoh.Publisher]
     queryables: dict[str, Any]
-    rivals: Rivals
-    alive: Any
+    rivals: Rivals | None
+    kept: tuple[Any, ...]
 
     def close(self) -> None:
         """End the sessions, however long it takes."""
-        self.rivals.close()
+        if self.rivals is not None:
+            self.rivals.close()
         close(self.session)
 
 
-class Outlet(Protocol):
-    """Takes every message beside Zenoh; no method waits for anything but `close`."""
+class Outlets(Protocol):
+    """The process of page and plant, a client beside the service; no method waits for it but `close`."""
 
     @property
     def reason(self) -> str | None:
@@ -75,19 +82,11 @@ class Outlet(Protocol):
         missing.
         """
 
-    def start(self) -> None:
-        """Begin to take messages; returns at once."""
+    def start(self, endpoint: str) -> None:
+        """Begin to start the process, a client of that endpoint; returns at once."""
 
-    def put(self, key: str, payload: bytes) -> None:
-        """Take a message, and drop it rather than wait; from any thread.
-
-        Args:
-            key: The key below the axis.
-            payload: The encoded message.
-        """
-
-    def commands(self) -> list[Command]:
-        """The commands received since the last call."""
+    def take(self, report: bytes) -> None:
+        """Take the states that the process publishes of its outlets; from any thread."""
 
     def close(self, timeout_s: float) -> bool:
         """End, waiting at most `timeout_s`; return whether it ended in that time."""
@@ -122,7 +121,7 @@ class ZenohPublisher:
         layout: Layout,
         *,
         offers: Collection[str] = (),
-        outlet: Outlet | None = None,
+        outlets: Outlets | None = None,
         past: PastAccess | None = None,
     ) -> None:
         """Prepare to publish; nothing is opened before `start`.
@@ -134,7 +133,8 @@ class ZenohPublisher:
             layout: Names and places of the outputs.
             offers: Those of `compensation`, `forecast` and `probing` that run; other keys that need them are
                 left out.
-            outlet: Takes every message beside Zenoh; None without.
+            outlets: The process of page and plant. It gets a session of its own, on a socket that this
+                user's processes alone can reach; None without.
             past: Answers for past times; None where nothing is recorded.
 
         Raises:
@@ -157,32 +157,39 @@ class ZenohPublisher:
         self._answers = Responder(self._prefix, config_json.encode(), settings.history, instance, past)
         self._slots: dict[str, int] = {}
         self._link: _Link | None = None
+        self._local: _Link | None = None
+        self._folder: str | None = None
+        self._no_socket: str | None = None
         self._connected = self._was_connected = self._settled = False
         self._published = self._dropped = self._reconnects = 0
         self._reason: str | None = "Zenoh: the session is not open yet"
         self._taken: str | None = None
-        self._outlet, self._past = outlet, past
+        self._outlets, self._past = outlets, past
         self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="zenoh-open", daemon=True)
+        self._threads = [
+            threading.Thread(target=run, name=f"zenoh-{name}", daemon=True)
+            for name, run in (("open", self._run), ("answer", self._answer))
+        ]
 
     @property
     def status(self) -> PublishStatus:
         """The state of publishing: counts, and the most severe problem in one sentence, None without."""
         link = self._link
-        rival = link.rivals.reason if link is not None else None
-        alive = self._thread.is_alive() or self._thread.ident is None or self._closing.is_set()
+        rival = link.rivals.reason if link is not None and link.rivals is not None else None
+        outlets_reason = self._outlets.reason if self._outlets else None
+        alive = self._closing.is_set() or all(t.is_alive() or t.ident is None for t in self._threads)
         dead = None if alive else "Zenoh: the thread that answers has died; restart the service"
         return PublishStatus(
             self._connected,
             self._published,
             self._dropped,
             self._reconnects,
-            dead or self._taken or rival or self._reason or (self._outlet.reason if self._outlet else None),
+            dead or self._taken or rival or self._reason or self._no_socket or outlets_reason,
             self._settled or not alive,
             self._taken,
             rival,
             alive,
-            self._outlet.unsent if self._outlet else {},
+            self._outlets.unsent if self._outlets else {},
         )
 
     def start(self) -> None:
@@ -192,13 +199,12 @@ class ZenohPublisher:
         are, and one ended within Zenoh aborts the process (SIGABRT).
         """
         atexit.register(self.close)
-        self._thread.start()
-        if self._outlet is not None:
-            self._outlet.start()
+        for thread in self._threads:
+            thread.start()
 
     def commands(self) -> list[Command]:
-        """Return the commands that came since the last call, over Zenoh and from the outlet."""
-        return self._answers.commands() + ([] if self._outlet is None else self._outlet.commands())
+        """Return the commands that came since the last call."""
+        return self._answers.commands()
 
     def publish(self, block: EstimateBlock, sequence: int) -> None:
         """Publish a block of one estimate, and the documents made of it that are due.
@@ -253,34 +259,37 @@ class ZenohPublisher:
         self._put(key, to_json(self._last_step | dict(document)))
 
     def close(self, timeout_s: float = 1.0) -> bool:
-        """End the session, and the outlet.
+        """End the outlets, and the sessions.
 
         Args:
-            timeout_s: The longest wait, in s; with an outlet, half of it for each.
+            timeout_s: The longest wait, in s; half of it for the outlets.
 
         Returns:
-            Whether the session was closed in that time; otherwise a daemon thread goes on closing.
+            Whether the sessions were closed in that time; otherwise a daemon thread goes on closing.
         """
         atexit.unregister(self.close)
         self._closing.set()
-        link, self._link = self._link, None
         end_s = time.monotonic() + timeout_s
         if self._past is not None:
             self._past.close()
-        if self._outlet is not None:
-            self._outlet.close(timeout_s / 2)
-            timeout_s /= 2
-        closed = link is None or close_within(link, timeout_s)
-        if self._thread.ident is not None:
-            self._thread.join(max(end_s - time.monotonic(), 0.0))
-        return closed
+        if self._outlets is not None:
+            self._outlets.close(timeout_s / 2)
+        links, self._link, self._local = (self._link, self._local), None, None
+        closed = [link is None or close_within(link, max(end_s - time.monotonic(), 0.0)) for link in links]
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+        for thread in self._threads:
+            if thread.ident is not None:
+                thread.join(max(end_s - time.monotonic(), 0.0))
+        return all(closed)
 
     def _put(self, key: str, payload: bytes) -> None:
         if key != "estimate" and KEYS[key].query_answer is not None:
             self._answers.documents[key] = payload
-        if self._outlet is not None:
-            self._outlet.put(key, payload)
-        link = self._link
+        link, local = self._link, self._local
+        if local is not None:
+            with contextlib.suppress(zenoh.ZError):  # it is being closed
+                local.publishers[key].put(payload)
         if link is None:
             self._dropped += 1
             return
@@ -293,7 +302,7 @@ class ZenohPublisher:
             self._reason = f"Zenoh: a message was refused ({error})"
 
     def _run(self) -> None:
-        """Open the session, however long it takes, then answer queries and watch the connection."""
+        """Open the session, however long it takes, then watch the connection."""
         while not self._closing.is_set() and self._link is None:
             try:
                 self._open()
@@ -305,12 +314,45 @@ class ZenohPublisher:
         if self._closing.is_set() and (late := self._link) is not None:
             late.close()  # it opened after `close` had looked
         while (link := self._link) is not None and not self._closing.wait(_LOOK_S):
-            try:
+            with self._disturbed_if_it_fails():
                 self._look(link)
-                link.rivals.look()
-                self._answers.answer(link.queryables)
-            except zenoh.ZError as error:  # the session is being closed; else it is reported and tried again
-                self._reason = f"Zenoh: the session is disturbed ({short(error)}); restart the service"
+                if link.rivals is not None:
+                    link.rivals.look()
+
+    def _answer(self) -> None:
+        """Start the outlets, then answer queries from everywhere."""
+        if self._outlets is not None:
+            self._open_local(self._outlets)
+        while not self._closing.wait(_LOOK_S):
+            for link in (self._link, self._local):
+                if link is not None:
+                    with self._disturbed_if_it_fails():
+                        self._answers.answer(link.queryables)
+
+    @contextlib.contextmanager
+    def _disturbed_if_it_fails(self) -> Iterator[None]:
+        """Report an error of a session, which is being closed if it is not a defect; it is tried again."""
+        try:
+            yield
+        except zenoh.ZError as error:
+            self._reason = f"Zenoh: the session is disturbed ({short(error)}); restart the service"
+
+    def _open_local(self, outlets: Outlets) -> None:
+        """Open the session of the outlets, and start them."""
+        while self._local is None and not self._closing.is_set():
+            try:
+                self._folder = self._folder or tempfile.mkdtemp(prefix="observer-")
+                endpoint = f"{LOCAL}/{self._folder}/bus"
+                session = zenoh.open(session_config("peer", (), (endpoint,), MOST_BYTES))
+            except (OSError, zenoh.ZError) as error:
+                self._no_socket = f"outlets: no socket for them ({error}); make room for temporary files"
+                self._closing.wait(RETRY_MS / 1000)
+                continue
+            report = session.declare_subscriber(
+                f"{self._prefix}/outlets", lambda sample: outlets.take(sample.payload.to_bytes())
+            )
+            self._local, self._no_socket = self._declare(session, None, report, kinds=("acknowledge",)), None
+            outlets.start(endpoint)
 
     def _open(self) -> None:
         session = zenoh.open(self._config)
@@ -349,7 +391,10 @@ class ZenohPublisher:
         endpoints = ", ".join(self._settings.connect)
         self._reason = None if connected else f"Zenoh: nobody answers at {endpoints}; start the router"
 
-    def _declare(self, session: zenoh.Session, rivals: Rivals) -> _Link:
+    def _declare(
+        self, session: zenoh.Session, rivals: Rivals | None, *kept: Any, kinds: Sequence[str] = KINDS
+    ) -> _Link:
+        """Declare on a session what is published and answered there; `kept` stays as long as it."""
         publishers = {
             name: session.declare_publisher(
                 f"{self._prefix}/{name}",
@@ -360,9 +405,9 @@ class ZenohPublisher:
             for name, key in self._keys.items()
             if key.sent is not None
         }
-        queryables = self._answers.declare(session, self._keys)
+        queryables = self._answers.declare(session, self._keys, kinds)
         alive = session.liveliness().declare_token(f"{self._prefix}/alive")
-        return _Link(session, publishers, queryables, rivals, alive)
+        return _Link(session, publishers, queryables, rivals, (alive, *kept))
 
 
 _RING = 16

@@ -108,6 +108,12 @@ class Page(Section):
         )
 
 
+class OutletSettings(Section):
+    """Whether the service starts `observer outlets`: the process of page, metrics, MQTT and OPC UA."""
+
+    start: Flag = True  #: false where you start `observer outlets` yourself, here or on another computer
+
+
 class Metrics(Section):
     """Figures for Prometheus: where they can be scraped."""
 

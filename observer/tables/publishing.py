@@ -141,6 +141,12 @@ class Publish(Section):
             return self.listen
         return (DEFAULT_ENDPOINT,)
 
+    @property
+    def reached_at(self) -> str:
+        """Where a client on this computer reaches the session, else its router."""
+        endpoint = next(iter((*self.listens, *self.connect)), DEFAULT_ENDPOINT)
+        return endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
+
     @model_validator(mode="after")
     def _wires_are_encrypted_where_certificates_are(self) -> Publish:
         for endpoint in (*self.listen, *self.connect):

@@ -21,7 +21,7 @@ import json, urllib.request
 
 import zenoh
 
-from observer.gateway.feed import Feed
+from observer.gateway.beside import OutletsProcess
 from observer.gateway.start import Start
 from observer.publish.session import session_config
 from observer.publish.zenoh import ServiceIdentity, ZenohPublisher
@@ -37,7 +37,7 @@ start = Start(machine="lathe", axis="z", period_s=60.0, metrics=Metrics(listen=m
 publisher = ZenohPublisher(
     ServiceIdentity("lathe", "z", "0a0a0a0a"), Publish(mode="router", listen=(f"tcp/{endpoint}",)),
     '{"hash":"h"}', LAYOUT,
-    outlet=Feed(start, b'{"config": {}}'),
+    outlets=OutletsProcess(start),
 )
 step, received = 0, {}
 

@@ -1,22 +1,25 @@
-"""A gateway's process, fed with what a service would send it."""
+"""A process of outlets, fed over a bus with what a service would publish."""
 
 from __future__ import annotations
 
 import json
+import queue
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+import zenoh
 
 from observer.frames import EstimateBlock, Layout
 from observer.gateway.start import Start
-from observer.process.pipes import framed
 from observer.publish.codec import EstimateEncoder
-from tests.patience import PATIENCE_S
+from observer.publish.session import session_config
+from tests.patience import PATIENCE_S, until
+from tests.publish.router import free_port
 
 LAYOUT = Layout(("nut", "left"), np.array([0.0, 0.5, 1.0]), ("t1", "t2"), True)
 QUALITIES = ("good", "starting", "degraded", "stale", "invalid")
@@ -49,17 +52,52 @@ def block(time_s: float, quality: str = "good") -> EstimateBlock:
     )  # fmt: skip
 
 
-class GatewayFeed:
-    """Sends estimates and documents to a gateway's process and reads what it reports."""
+class OutletsFeed:
+    """A bus with estimates and documents for a process of outlets, which hears what it reports of itself."""
 
-    def __init__(self, process: subprocess.Popen[bytes]) -> None:
-        self.process = process
+    def __init__(self, start: Start, session: zenoh.Session, process: subprocess.Popen[bytes]) -> None:
+        self.process, self.acknowledged = process, queue.Queue[dict[str, str]]()
+        self._prefix, self._session = start.prefix, session
+        self._states: dict[str, Any] = {}
+        self._news: queue.Queue[dict[str, Any]] = queue.Queue()
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._kept = [
+            session.declare_subscriber(f"{self._prefix}/outlets", self._take),
+            session.declare_queryable(f"{self._prefix}/config", self._answer_config),
+            session.declare_queryable(f"{self._prefix}/command/acknowledge", self._acknowledge),
+        ]
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        states = json.loads(sample.payload.to_bytes())
+        for name, state in states.items():
+            if state != self._states.get(name):
+                self._news.put({"outlet": name, **state})
+        self._states = states
+
+    def _answer_config(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(f"{self._prefix}/config", json.dumps({"hash": "ab", "config": {}}))
+
+    def _acknowledge(self, query: zenoh.Query) -> None:
+        with query:
+            self.acknowledged.put({name: query.parameters.get(name) for name in ("config", "by", "id")})
+            query.reply(f"{self._prefix}/command/acknowledge", json.dumps({"done": True}))
+
+    def wait_until_heard(self) -> None:
+        """Wait until the process has subscribed."""
+        until(lambda: self._publisher("estimate").matching_status.matching)
+
+    def _publisher(self, key: str) -> zenoh.Publisher:
+        if key not in self._publishers:
+            block = zenoh.CongestionControl.BLOCK  # no test waits for what was dropped
+            name = f"{self._prefix}/{key}"
+            self._publishers[key] = self._session.declare_publisher(name, congestion_control=block)
+        return self._publishers[key]
 
     def send(self, key: str, payload: bytes) -> None:
-        self.process.stdin.write(framed(key, payload))
-        self.process.stdin.flush()
+        self._publisher(key).put(payload)
 
-    def document(self, key: str, document: dict[str, Any]) -> None:
+    def document(self, key: str, document: Mapping[str, Any]) -> None:
         self.send(key, json.dumps(document).encode())
 
     def estimate(self, quality: str = "good", sequence: int = 7, time_s: float | None = None) -> float:
@@ -69,27 +107,37 @@ class GatewayFeed:
         return time_s
 
     def said(self) -> dict[str, Any]:
-        """The next line that it reports."""
-        return json.loads(self.process.stdout.readline())
+        """The next change of an outlet that it reports."""
+        return self._news.get(timeout=PATIENCE_S)
 
 
 @contextmanager
-def fed_gateway(period_s: float = 60.0, **outlets: Any) -> Iterator[GatewayFeed]:
+def fed_outlets(
+    period_s: float = 60.0, machine: str = "lathe", stderr: int | None = None, **start: Any
+) -> Iterator[OutletsFeed]:
     """Start the process with some outlets; it ends by itself when its input closes."""
-    start = Start(machine="lathe", axis="z", period_s=period_s, **outlets)
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    first = Start(machine=machine, axis="z", period_s=period_s, connect=endpoint, **start)
     command = [sys.executable, "-m", "observer.gateway"]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        feed = GatewayFeed(process)
+    with (
+        zenoh.open(session_config("peer", (), (endpoint,))) as session,
+        subprocess.Popen(command, stdin=subprocess.PIPE, stderr=stderr) as process,
+    ):
+        feed = OutletsFeed(first, session, process)
         try:
-            feed.send("start", start.model_dump_json().encode())
+            process.stdin.write(first.model_dump_json().encode() + b"\n")
+            process.stdin.flush()
+            feed.wait_until_heard()
             yield feed
         finally:
             process.stdin.close()
             assert process.wait(PATIENCE_S) in (0, -9)
+            if process.stderr is not None:
+                assert process.stderr.read() == b""  # it ends without a word, whoever still looks
 
 
-def feed_machine(feed: GatewayFeed, quality: str = "good") -> None:
-    """Once the gateway is up, send what a machine with an alarm would on every key."""
+def feed_machine(feed: OutletsFeed, quality: str = "good") -> None:
+    """Once an outlet serves, send what a machine with an alarm would on every key."""
     assert feed.said()["reason"] is None
     feed.document("health", HEALTH | {"time_s": 1.0})
     feed.document("alarms", {"time_s": 1.0, "alarms": [ALARM], "bands": {}})

@@ -8,7 +8,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from observer.tables.gateway import Metrics
-from tests.gateway.feeding import fed_gateway
+from tests.gateway.feeding import fed_outlets
 from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
@@ -31,7 +31,7 @@ def labelled(**labels: str) -> tuple:
 
 def test_before_the_first_estimate_a_service_is_not_up():
     listen = f"127.0.0.1:{free_port()}"
-    with fed_gateway(metrics=Metrics(listen=listen)) as feed:
+    with fed_outlets(metrics=Metrics(listen=listen)) as feed:
         assert feed.said()["reason"] is None
         assert scraped(listen)["ballscrew_up"] == {labelled(): 0.0}
 
@@ -39,5 +39,5 @@ def test_before_the_first_estimate_a_service_is_not_up():
 def test_a_port_in_use_is_reported_by_the_outlet_of_metrics():
     listen = f"127.0.0.1:{free_port()}"
     metrics = Metrics(listen=listen)
-    with fed_gateway(metrics=metrics) as first, fed_gateway(metrics=metrics) as second:
+    with fed_outlets(metrics=metrics) as first, fed_outlets(metrics=metrics) as second:
         assert {first.said()["reason"], second.said()["reason"]} > {None}

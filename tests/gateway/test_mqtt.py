@@ -15,7 +15,7 @@ from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
 from observer.tables.gateway import Mqtt
-from tests.gateway.feeding import HEALTH, fed_gateway
+from tests.gateway.feeding import HEALTH, fed_outlets
 from tests.patience import PATIENCE_S, until
 from tests.publish.people import Authority
 from tests.publish.router import free_port
@@ -76,7 +76,7 @@ class Listener:
 
 def test_state_is_retained_for_who_comes_late_and_figures_are_not(tmp_path):
     port = free_port()
-    with broker(tmp_path, port), fed_gateway(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as feed:
+    with broker(tmp_path, port), fed_outlets(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as feed:
         until(lambda: feed.said()["reason"] is None)
         health = HEALTH | {"time_s": 1.0}
         feed.document("health", health)
@@ -96,7 +96,7 @@ def test_state_is_retained_for_who_comes_late_and_figures_are_not(tmp_path):
 def test_a_gateway_that_is_gone_is_not_alive(tmp_path, how):
     port = free_port()
     with broker(tmp_path, port), Listener(port) as seen:
-        with fed_gateway(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as feed:
+        with fed_outlets(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as feed:
             until(lambda: seen.newest.get("alive") == b"true")
             if how == "killed":
                 feed.process.kill()
@@ -105,7 +105,7 @@ def test_a_gateway_that_is_gone_is_not_alive(tmp_path, how):
 
 def test_a_lost_broker_is_reported_and_reconnected(tmp_path):
     port = free_port()
-    with fed_gateway(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as feed:
+    with fed_outlets(mqtt=Mqtt(broker=f"127.0.0.1:{port}")) as feed:
         feed.document("health", HEALTH | {"time_s": 1.0})
         assert "no broker answers" in feed.said()["reason"]
         for _ in range(2):
@@ -121,7 +121,7 @@ def test_a_wrong_password_is_reported(tmp_path):
     users.touch(mode=0o700)
     settings = Mqtt(broker=f"127.0.0.1:{port}", user="anna", password_file=word)
     strict = broker(tmp_path, port, "allow_anonymous false", f"password_file {users}")
-    with strict, fed_gateway(mqtt=settings) as feed:
+    with strict, fed_outlets(mqtt=settings) as feed:
         until(lambda: "refuses" in (feed.said()["reason"] or ""))
 
 
@@ -131,7 +131,7 @@ def test_a_certificate_is_trusted_or_reported_as_not_trusted(tmp_path, signed_by
     issued = {"plant": ours, "another": another}[signed_by].sign("broker")
     more = ("allow_anonymous true", f"certfile {issued['certificate']}", f"keyfile {issued['key']}")
     settings = Mqtt(broker=f"127.0.0.1:{port}", ca=ours.ca)
-    with broker(tmp_path, port, *more), fed_gateway(mqtt=settings) as feed:
+    with broker(tmp_path, port, *more), fed_outlets(mqtt=settings) as feed:
         if signed_by == "plant":
             until(lambda: feed.said()["reason"] is None)
         else:

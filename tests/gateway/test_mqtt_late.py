@@ -135,7 +135,7 @@ async def test_nothing_is_missing_after_each_broken_connection(rounds, tmp_path,
         )
         latest = Latest(60.0)
         latest.put("config", config_json(config, "00000001").encode())
-        outlet = asyncio.create_task(process._supervised("mqtt", start, latest))
+        outlet = asyncio.create_task(process._supervised("mqtt", start, latest, lambda _: None))
         feeding = asyncio.create_task(_feed(latest, estimates, readings))
         try:
             await eventually(lambda: len(plant.live["readings"]) > 20)
@@ -157,8 +157,9 @@ async def test_nothing_is_missing_after_each_broken_connection(rounds, tmp_path,
             await asyncio.wait([feeding, outlet])
 
 
-async def test_a_task_of_an_outlet_that_ends_is_reported_and_restarted(tmp_path, monkeypatch, capfd):
+async def test_a_task_of_an_outlet_that_ends_is_reported_and_restarted(tmp_path, monkeypatch):
     begun: list[str] = []
+    reports: list[dict] = []
 
     async def run(_sender: late.LateSender) -> None:
         begun.append("late")
@@ -169,13 +170,13 @@ async def test_a_task_of_an_outlet_that_ends_is_reported_and_restarted(tmp_path,
     monkeypatch.setattr(late.LateSender, "run", run)
     settings = Mqtt(broker=f"127.0.0.1:{free_port()}")
     start = Start(machine="lathe", axis="z", period_s=0.5, mqtt=settings, recordings=tmp_path)
-    outlet = asyncio.create_task(process._supervised("mqtt", start, Latest(60.0)))
+    outlet = asyncio.create_task(process._supervised("mqtt", start, Latest(60.0), reports.append))
     try:
         await eventually(lambda: len(begun) == 2)
     finally:
         outlet.cancel()
         await asyncio.wait([outlet])
-    assert "mqtt: RuntimeError: the connection dropped" in capfd.readouterr().out
+    assert {"reason": "mqtt: RuntimeError: the connection dropped"} in reports
 
 
 def test_an_interval_too_short_to_tell_steps_apart_is_refused():

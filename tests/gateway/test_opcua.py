@@ -7,7 +7,7 @@ from asyncua import Client, ua
 
 from observer.gateway.opcua import NAMESPACE
 from observer.tables.gateway import Opcua
-from tests.gateway.feeding import fed_gateway
+from tests.gateway.feeding import fed_outlets
 from tests.gateway.nodes import node_of
 from tests.patience import until
 from tests.publish.router import free_port
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.system
 
 async def test_nobody_can_write_whatever_the_name():
     url = f"opc.tcp://127.0.0.1:{free_port()}"
-    with fed_gateway(opcua=Opcua(listen=url)) as feed:
+    with fed_outlets(opcua=Opcua(listen=url)) as feed:
         until(lambda: feed.said()["reason"] is None)
         feed.estimate()
         for user in (None, "admin", "Admin"):

@@ -26,7 +26,7 @@ from observer.gateway.opcua_server import _Guarded, _Readers, guarded
 from observer.tables.gateway import Opcua
 from tests.docs.console import blocks
 from tests.gateway.applications import PAGE, application, made_as_on_the_page
-from tests.gateway.feeding import GatewayFeed, fed_gateway
+from tests.gateway.feeding import OutletsFeed, fed_outlets
 from tests.gateway.nodes import node_of
 from tests.patience import eventually
 from tests.publish.people import secret
@@ -43,7 +43,7 @@ class Served:
     folder: Path
     url: str
     password: str
-    feed: GatewayFeed
+    feed: OutletsFeed
 
     async def client(
         self, policy=SecurityPolicyBasic256Sha256, mode=ua.MessageSecurityMode.SignAndEncrypt
@@ -89,7 +89,7 @@ def _tables() -> Iterator[dict]:
 def _serving(folder: Path) -> Iterator[Served]:
     settings = _settings(folder)
     password = settings.users_file.read_text().strip().partition(":")[2]
-    with fed_gateway(opcua=settings) as feed:
+    with fed_outlets(opcua=settings) as feed:
         said = feed.said()
         assert said["reason"] is None, said
         feed.estimate()

@@ -15,7 +15,7 @@ from asyncua.crypto.security_policies import SecurityPolicyNone
 from asyncua.ua.ua_binary import struct_to_binary, uatcp_to_binary
 
 from observer.tables.gateway import Opcua
-from tests.gateway.feeding import GatewayFeed, fed_gateway
+from tests.gateway.feeding import OutletsFeed, fed_outlets
 from tests.patience import PATIENCE_S, until
 from tests.publish.router import free_port
 
@@ -90,7 +90,7 @@ def _stranger(port: int, sends: Callable[[socket.socket], None], held: list[sock
 async def test_strangers_take_little_memory_and_nobody_elses_turn():
     port = free_port()
     url = f"opc.tcp://127.0.0.1:{port}"
-    with fed_gateway(opcua=Opcua(listen=url)) as feed:
+    with fed_outlets(opcua=Opcua(listen=url)) as feed:
         assert feed.said()["reason"] is None
         feed.estimate()
         async with Client(url):
@@ -111,7 +111,7 @@ async def test_strangers_take_little_memory_and_nobody_elses_turn():
             assert most_MB - before_MB < MOST_MB, sends.__name__
 
 
-def _most_MB(feed: GatewayFeed, threads: list[threading.Thread]) -> float:
+def _most_MB(feed: OutletsFeed, threads: list[threading.Thread]) -> float:
     most_MB = [0.0]
 
     def are_done() -> bool:
@@ -134,7 +134,7 @@ def _is_closed(connection: socket.socket) -> bool:
 async def test_the_oldest_connections_without_login_make_room():
     port = free_port()
     url = f"opc.tcp://127.0.0.1:{port}"
-    with fed_gateway(opcua=Opcua(listen=url)) as feed:
+    with fed_outlets(opcua=Opcua(listen=url)) as feed:
         assert feed.said()["reason"] is None
         async with Client(url) as active:
             held = [socket.create_connection(("127.0.0.1", port)) for _ in range(40)]

@@ -13,7 +13,7 @@ from asyncua import Client, ua
 from observer.gateway.opcua import STATUS
 from observer.publish.codec import config_json, decode_estimate
 from observer.tables.gateway import Opcua
-from tests.gateway.feeding import fed_gateway
+from tests.gateway.feeding import fed_outlets
 from tests.gateway.nodes import node_of
 from tests.patience import until
 from tests.publish.router import free_port
@@ -37,7 +37,7 @@ async def connected(recorded):
     """A client of a gateway that has the recordings and the newest estimate; and what feeds the gateway."""
     config, messages = recorded
     url = f"opc.tcp://127.0.0.1:{free_port()}"
-    with fed_gateway(opcua=Opcua(listen=url), recordings=config.record.directory) as feed:
+    with fed_outlets(opcua=Opcua(listen=url), recordings=config.record.directory) as feed:
         until(lambda: feed.said()["reason"] is None)
         feed.send("config", config_json(config, "00000001").encode())
         feed.send("estimate", messages[-1])

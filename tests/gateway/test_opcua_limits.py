@@ -12,7 +12,7 @@ import pytest
 from asyncua import Client, ua
 
 from observer.tables.gateway import Opcua, Page
-from tests.gateway.feeding import fed_gateway, feed_machine
+from tests.gateway.feeding import fed_outlets, feed_machine
 from tests.gateway.nodes import node_of
 from tests.patience import PATIENCE_S, Stopwatch, eventually, until
 from tests.publish.router import free_port
@@ -51,7 +51,7 @@ def _path() -> ua.BrowsePath:
 @pytest.fixture
 def served():
     url = f"opc.tcp://127.0.0.1:{free_port()}"
-    with fed_gateway(opcua=Opcua(listen=url)) as feed:
+    with fed_outlets(opcua=Opcua(listen=url)) as feed:
         feed_machine(feed)
         yield url
 
@@ -167,7 +167,7 @@ asyncio.run(main())
 
 async def test_the_page_answers_while_opcua_is_flooded():
     listen, url = f"127.0.0.1:{free_port()}", f"opc.tcp://127.0.0.1:{free_port()}"
-    with fed_gateway(opcua=Opcua(listen=url), page=Page(listen=listen)) as feed:
+    with fed_outlets(opcua=Opcua(listen=url), page=Page(listen=listen)) as feed:
         until(lambda: feed.said()["reason"] is None)
         until(lambda: feed.said()["reason"] is None)
         feed.estimate()

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from observer.tables.gateway import Metrics
-from tests.gateway.feeding import fed_gateway, feed_machine
+from tests.gateway.feeding import fed_outlets, feed_machine
 from tests.patience import PATIENCE_S, until
 from tests.publish.router import free_port
 
@@ -71,7 +71,7 @@ def test_every_query_of_the_dashboard_gives_something(tmp_path):
     queries = [query.replace("$machine", "lathe").replace("$axis", "z") for query in queries]
     assert len(queries) > 8
     listen = f"127.0.0.1:{free_port()}"
-    with fed_gateway(metrics=Metrics(listen=listen)) as feed, prometheus(tmp_path, listen) as address:
+    with fed_outlets(metrics=Metrics(listen=listen)) as feed, prometheus(tmp_path, listen) as address:
         feed_machine(feed)
         for query in queries:
             until(lambda query=query: _found(address, query))

@@ -15,7 +15,7 @@ from asyncua import Client, ua
 
 from observer.exchange import KEYS
 from observer.tables.gateway import Metrics, Mqtt, Opcua
-from tests.gateway.feeding import ALARM, ENCODER, HEALTH, QUALITIES, GatewayFeed, block, fed_gateway
+from tests.gateway.feeding import ALARM, ENCODER, HEALTH, QUALITIES, OutletsFeed, block, fed_outlets
 from tests.gateway.nodes import read_node
 from tests.gateway.test_metrics import labelled, scraped
 from tests.gateway.test_mqtt import Listener, broker, pytestmark  # noqa: F401  (the marks hold here, too)
@@ -126,7 +126,7 @@ def _documents(quality: str, heat_quality: str) -> dict[str, bytes]:
 class ListenedGateway(NamedTuple):
     """A gateway and those who listen to it."""
 
-    feed: GatewayFeed
+    feed: OutletsFeed
     listen: str
     url: str
     mqtt: Listener
@@ -137,7 +137,7 @@ def _served(folder, period_s: float) -> Iterator[ListenedGateway]:
     listen, url, port = f"127.0.0.1:{free_port()}", f"opc.tcp://127.0.0.1:{free_port()}", free_port()
     tables = {"metrics": Metrics(listen=listen), "opcua": Opcua(listen=url)}
     tables["mqtt"] = Mqtt(broker=f"127.0.0.1:{port}")
-    with broker(folder, port), Listener(port) as mqtt, fed_gateway(period_s=period_s, **tables) as feed:
+    with broker(folder, port), Listener(port) as mqtt, fed_outlets(period_s=period_s, **tables) as feed:
         waits_for = {url, f"http://{listen}/metrics"}
         until(lambda: waits_for.discard(feed.said().get("address")) or not waits_for)
         until(lambda: mqtt.newest.get("alive") == b"true")

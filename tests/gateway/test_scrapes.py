@@ -9,7 +9,7 @@ import urllib.request
 import pytest
 
 from observer.tables.gateway import Metrics
-from tests.gateway.feeding import fed_gateway
+from tests.gateway.feeding import fed_outlets
 from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.system
 @pytest.mark.parametrize("sent", [b"", b"GET /metrics HTT"])
 def test_connections_that_ask_nothing_take_few_threads_and_nobody_elses_turn(sent):
     port = free_port()
-    with fed_gateway(metrics=Metrics(listen=f"127.0.0.1:{port}")) as feed:
+    with fed_outlets(metrics=Metrics(listen=f"127.0.0.1:{port}")) as feed:
         assert feed.said()["reason"] is None
         before = _threads(feed.process.pid)
         held = []

@@ -1,13 +1,11 @@
-"""The gateway's process with a page of made-up documents."""
+"""A page of made-up documents."""
 
 from __future__ import annotations
 
-import json
 import math
 import ssl
 import struct
 import subprocess
-import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -17,8 +15,8 @@ from typing import Any
 import cbor2
 
 from observer.gateway.start import Start
-from observer.process.pipes import framed
 from observer.tables.gateway import Page
+from tests.gateway.feeding import OutletsFeed, fed_outlets
 from tests.page.browser import answers
 from tests.patience import PATIENCE_S, until
 from tests.publish.router import free_port
@@ -78,63 +76,32 @@ def estimate(sequence: int, law_W: float = math.nan) -> bytes:
 
 
 @contextmanager
-def gateway(
+def served_page(
     ca: Path | None = None,
-    laws: tuple[str, ...] = (),
-    forecast_s: float | None = None,
     documents: Mapping[str, Any] = DOCUMENTS,
     law_W: float = math.nan,
-    recordings: Path | None = None,
-    machine: str = "lathe",
-    **page: Any,
-) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """The gateway's process with a page of these documents, by TLS where it is given an authority.
+    **more: Any,
+) -> Iterator[tuple[str, OutletsFeed]]:
+    """The process of the outlets with a page of these documents, by TLS where it is given an authority.
 
-    `laws` are the sources with one, `forecast_s` how often a forecast comes.
+    Gives the address of the page, and the bus; `more` are other settings of the start or of the page.
     """
-    listen = f"127.0.0.1:{free_port()}"
-    first = Start(
-        machine=machine, axis="z", period_s=60.0, page=Page(listen=listen, **page),
-        laws=laws, forecast_s=forecast_s, recordings=recordings,
-    )  # fmt: skip
+    start = {name: more.pop(name) for name in Start.model_fields if name in more}
+    page = Page(listen=f"127.0.0.1:{free_port()}", **more)
     trusted = None if ca is None else ssl.create_default_context(cafile=ca)
-    url = f"http{'' if ca is None else 's'}://{listen}/"
-    process = subprocess.Popen(
-        [sys.executable, "-m", "observer.gateway"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
-    try:
-        messages = [("start", first.model_dump_json().encode()), ("estimate", estimate(7, law_W))]
-        messages += [(key, json.dumps(document).encode()) for key, document in documents.items()]
-        process.stdin.write(b"".join(framed(*message) for message in messages))
-        process.stdin.flush()
+    url = f"http{'' if ca is None else 's'}://{page.listen}/"
+    with fed_outlets(page=page, stderr=subprocess.PIPE, **start) as feed:
         until(lambda: answers(f"{url}assets/page.css", trusted), PATIENCE_S)
-        assert json.loads(process.stdout.readline())["reason"] is None
-        yield url, process
-    finally:
-        process.stdin.close()
-        assert process.wait(PATIENCE_S) == 0
-        assert process.stderr.read() == b""  # it ends without a word, whoever still looks
-        process.stdout.close()
-        process.stderr.close()
+        assert feed.said()["reason"] is None
+        send_all(feed, documents, estimate(7, law_W))
+        yield url, feed
 
 
-def send(process: subprocess.Popen[bytes], key: str, document: Mapping[str, Any]) -> None:
-    """Send a document to a running gateway."""
-    assert process.stdin is not None
-    process.stdin.write(framed(key, json.dumps(document).encode()))
-    process.stdin.flush()
-
-
-def send_all(process: subprocess.Popen[bytes], documents: Mapping[str, Any], estimate: bytes) -> None:
-    """Send all documents of another machine to a running gateway."""
-    assert process.stdin is not None
-    process.stdin.write(framed("estimate", estimate))
-    process.stdin.flush()
+def send_all(feed: OutletsFeed, documents: Mapping[str, Any], estimate: bytes) -> None:
+    """Send all documents of a machine."""
+    feed.send("estimate", estimate)
     for key, document in documents.items():
-        send(process, key, document)
+        feed.document(key, document)
 
 
 LONG = "a_very_long_name_on_the_motor_side_with_its_housing"

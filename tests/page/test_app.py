@@ -33,9 +33,14 @@ def page():
         login: Logins | None = None, settings: Page | None = None
     ) -> tuple[httpx.AsyncClient, list[tuple[str, str]]]:
         seen: list[tuple[str, str]] = []
+
+        async def acknowledge(alarm: str, by: str) -> str | None:
+            seen.append((alarm, by))
+            return "no alarm of that id" if alarm == "none" else None
+
         start = Start(machine="lathe", axis="z", period_s=0.5, page=settings or Page())
         stream = Stream(Latest(0.5), _start(0.5))
-        app = application(start, stream, login, lambda alarm, by: seen.append((alarm, by)))
+        app = application(start, stream, login, acknowledge)
         return httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=HERE), seen
 
     return made
@@ -83,10 +88,12 @@ async def test_an_alarm_is_acknowledged_by_the_page_itself_alone(page):
     )
     assert answer.status_code == 200
     assert seen == [("sensor.t3", "page")]
+    refused = await client.post("/acknowledge", data={"id": "none"}, headers={"origin": HERE})
+    assert (refused.status_code, refused.text) == (502, "no alarm of that id\n")
     for wrong in ("", "a" * 201, "a\nb"):
         answer = await client.post("/acknowledge", data={"id": wrong}, headers={"origin": HERE})
         assert answer.status_code == 400
-    assert len(seen) == 1
+    assert len(seen) == 2
 
 
 async def test_who_has_to_log_in_sees_nothing_before(page):

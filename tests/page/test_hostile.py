@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from tests.page.gateway import gateway
+from tests.page.gateway import served_page
 from tests.patience import PATIENCE_S, until
 
 pytestmark = pytest.mark.system
@@ -52,7 +52,7 @@ def _held(url: str, count: int, data: bytes):
 
 def test_of_many_guesses_at_once_five_are_looked_at(tmp_path):
     body = b"user=anna&password=wrong"
-    with gateway(users_file=_users(tmp_path)) as (url, _):
+    with served_page(users_file=_users(tmp_path)) as (url, _):
         place = urlsplit(url).netloc
         head = f"POST /login HTTP/1.1\r\nHost: {place}\r\nOrigin: http://{place}\r\n".encode()
         head += b"Connection: close\r\nContent-Length: %d\r\n\r\n" % len(body)
@@ -69,7 +69,7 @@ def test_of_many_guesses_at_once_five_are_looked_at(tmp_path):
 
 
 def test_who_does_not_finish_his_request_keeps_nobody_out_and_is_closed():
-    with gateway() as (url, _), ExitStack() as held:
+    with served_page() as (url, _), ExitStack() as held:
         unfinished = (b"GET / HTTP/1.1\r\nHost: 127", b"", NO_BODY)  # half a head, nothing, no body
         connections = [c for data in unfinished for c in held.enter_context(_held(url, 140, data))]
         assert _asked(url, "/").status_code == 200
@@ -88,7 +88,7 @@ def _is_closed(connection: socket.socket) -> bool:
 
 
 def test_a_cookie_that_has_been_logged_out_is_worth_nothing(tmp_path):
-    with gateway(users_file=_users(tmp_path)) as (url, _):
+    with served_page(users_file=_users(tmp_path)) as (url, _):
         kept, other = [
             _asked(url, "/login", "user=anna&password=right").headers["Set-Cookie"].split(";")[0]
             for _ in "12"
@@ -110,7 +110,7 @@ HOSTILE = [
 
 
 def test_a_hostile_request_is_rejected_with_a_sentence():
-    with gateway() as (url, _):  # which also asserts that nothing is on standard error
+    with served_page() as (url, _):  # which also asserts that nothing is on standard error
         for path, form, status in HOSTILE:
             answer = _asked(url, path, form)
             assert answer.status_code == status, (path, form)
@@ -120,7 +120,7 @@ def test_a_hostile_request_is_rejected_with_a_sentence():
 
 def test_a_burst_of_viewers_is_admitted_up_to_the_limit():
     with (
-        gateway() as (url, _),
+        served_page() as (url, _),
         _held(url, 110, b"GET /events HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n") as viewers,
     ):
         statuses = [_status(connection) for connection in viewers]
@@ -151,7 +151,7 @@ def test_sixty_viewers_who_ask_for_the_last_hour_at_once_get_it_compressed_once(
     request = (
         b"GET /recent.json HTTP/1.1\r\nHost: 127.0.0.1\r\nAccept-Encoding: gzip\r\nConnection: close\r\n\r\n"
     )
-    with gateway() as (url, _), _held(url, 60, request) as viewers:
+    with served_page() as (url, _), _held(url, 60, request) as viewers:
         answers = [b"".join(iter(lambda c=c: c.recv(65536), b"")) for c in viewers]
         bodies = {answer.partition(b"\r\n\r\n")[2] for answer in answers}
         assert len(bodies) == 1

@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 from tests.docs.console import blocks
-from tests.page.gateway import gateway
+from tests.page.gateway import served_page
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "page.md"
 
@@ -24,7 +24,7 @@ def test_others_log_in_with_the_files_that_are_made_as_the_page_shows(tmp_path):
     (table,) = [table for table in tables if "users_file" in table]
     files = {key: tmp_path / table[key] for key in ("users_file", "certificate", "key")}
     name, password = files["users_file"].read_text(encoding="utf-8").strip().split(":")
-    with gateway(files["certificate"], **files) as (url, _):
+    with served_page(files["certificate"], **files) as (url, _):
         own = {"origin": url.rstrip("/")}
         trusted = ssl.create_default_context(cafile=files["certificate"])
         with httpx.Client(base_url=url, verify=trusted) as client:

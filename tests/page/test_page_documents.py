@@ -1,18 +1,17 @@
-"""The gateway's page of made-up documents in a real browser: alarms, forecast, compensation, login."""
+"""A page of made-up documents in a real browser: alarms, forecast, compensation, login."""
 
 from __future__ import annotations
 
 import csv
 import itertools
-import json
 from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from tests.page.browser import IN_A_BROWSER, SIZES, complaints
-from tests.page.gateway import DOCUMENTS, NASTY, crowd, crowd_estimate, estimate, gateway, send, send_all
-from tests.patience import until
+from tests.page.gateway import DOCUMENTS, NASTY, crowd, crowd_estimate, estimate, send_all, served_page
+from tests.patience import PATIENCE_S, until
 from tests.publish.people import Authority, secret
 
 pytestmark = IN_A_BROWSER
@@ -20,12 +19,12 @@ pytestmark = IN_A_BROWSER
 
 @pytest.fixture(scope="module")
 def sealed(tmp_path_factory):
-    """A page by TLS for those who log in: its address, the authority's certificate, and its process."""
+    """A page by TLS for those who log in: its address, the authority's certificate, and the bus."""
     folder = tmp_path_factory.mktemp("tls")
     ours = Authority(folder)
     users = secret(folder / "users", "anna:right\n")
-    with gateway(ours.ca, users_file=users, **ours.sign("page")) as (url, process):
-        yield url, ours.ca, process
+    with served_page(ours.ca, users_file=users, **ours.sign("page")) as (url, feed):
+        yield url, ours.ca, feed
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +43,8 @@ def anna(browser, sealed):
 @pytest.fixture
 def crowded(anna, sealed):
     """A page of a machine with much to say."""
-    url, _, process = sealed
-    send_all(process, crowd(), crowd_estimate())
+    url, _, feed = sealed
+    send_all(feed, crowd(), crowd_estimate())
     with closing(anna.new_page()) as page:
         page.goto(url)
         page.wait_for_function("() => document.querySelectorAll('[data-alarm]').length === 3")
@@ -55,8 +54,8 @@ def crowded(anna, sealed):
 
 
 def test_documents_are_shown_and_never_run(anna, sealed):
-    url, _, process = sealed
-    send_all(process, DOCUMENTS, estimate(7))
+    url, _, feed = sealed
+    send_all(feed, DOCUMENTS, estimate(7))
     with closing(anna.new_page()) as page:
         problems = complaints(page)
         page.goto(url)
@@ -78,11 +77,12 @@ def test_documents_are_shown_and_never_run(anna, sealed):
         assert "still learning what is usual: 12.3 of 30 h of running" in page.inner_text("#alarms")
         assert "observer acknowledge sensor.t3.open_circuit" in page.inner_text("#alarms")
         page.click("#alarms button")
-        assert json.loads(process.stdout.readline()) == {
-            "acknowledge": "sensor.t3.open_circuit",
-            "by": "anna",
+        assert feed.acknowledged.get(timeout=PATIENCE_S) == {
+            "config": "ab",
+            "by": "anna@page",
+            "id": "sensor.t3.open_circuit",
         }
-        send(process, "alarms", {**DOCUMENTS["alarms"], "alarms": []})
+        feed.document("alarms", {**DOCUMENTS["alarms"], "alarms": []})
         page.wait_for_selector("#alarms .calm")
         assert problems == []
 
@@ -102,7 +102,7 @@ def _drawn_um(page) -> list[float | None]:
 @pytest.mark.parametrize("reverse", [False, True])
 def test_the_compensation_is_drawn_along_the_screw_with_the_sign_of_the_error(anna, sealed, reverse):
     """The error is 0, 20 and 41 µm at 0, 0.5 and 1 m of the screw; the machine's zero is at 1 m or at 0."""
-    url, _, process = sealed
+    url, _, feed = sealed
     config = {"compensation": {"reverse": reverse, "zero_m": 1.0 if reverse else 0.0}}
     table = {"error_um": [-40.0, -19.0, -1.0] if reverse else [1.0, 19.0, 40.0]}
     documents = DOCUMENTS | {
@@ -111,7 +111,7 @@ def test_the_compensation_is_drawn_along_the_screw_with_the_sign_of_the_error(an
     }
     with closing(anna.new_page()) as page:
         page.goto(url)
-        send_all(process, documents, estimate(7))
+        send_all(feed, documents, estimate(7))
         page.wait_for_selector("#c-error canvas")
         until(lambda: _drawn_um(page) == [1.0, 19.0, 40.0])
 
@@ -129,21 +129,21 @@ def test_the_compensation_is_drawn_along_the_screw_with_the_sign_of_the_error(an
     ],
 )
 def test_the_page_says_what_the_compensation_does(anna, sealed, changes, words):
-    url, _, process = sealed
+    url, _, feed = sealed
     with closing(anna.new_page()) as page:
         page.goto(url)
-        send_all(process, DOCUMENTS | {"compensation": _compensation(**changes)}, estimate(7))
+        send_all(feed, DOCUMENTS | {"compensation": _compensation(**changes)}, estimate(7))
         until(lambda: page.inner_text("#comp-words") == words)
 
 
 def test_good_estimates_with_a_released_compensation_are_good_and_the_headline_says_so(anna, sealed):
-    url, _, process = sealed
+    url, _, feed = sealed
     reason = "switched off at 04:11:01: no position from the control for 0.4 s; arm again"
     off = _compensation(armed=False, phase="off", reason=reason, released_s=1.0, position_m=None)
     health = DOCUMENTS["health"] | {"state": "good", "reasons": [f"compensation {reason}"]}
     with closing(anna.new_page()) as page:
         page.goto(url)
-        send_all(process, DOCUMENTS | {"compensation": off, "health": health}, estimate(7))
+        send_all(feed, DOCUMENTS | {"compensation": off, "health": health}, estimate(7))
         until(lambda: page.inner_text("#words") == f"Estimates are good. Compensation is off: {reason}")
         assert page.inner_text("#state") == "Good"
 
@@ -191,8 +191,8 @@ def test_the_page_does_not_move_where_the_reader_wants_no_motion(crowded):
 
 
 def test_a_browser_logs_in_and_out_over_tls(browser, sealed):
-    url, _, process = sealed
-    send_all(process, DOCUMENTS, estimate(7))
+    url, _, feed = sealed
+    send_all(feed, DOCUMENTS, estimate(7))
     with closing(browser.new_page(ignore_https_errors=True)) as page:
         page.goto(url)
         # what is right came by the stream of events

@@ -7,7 +7,7 @@ from contextlib import closing, contextmanager
 import pytest
 
 from tests.page.browser import IN_A_BROWSER
-from tests.page.gateway import DOCUMENTS, HEAD, estimate, gateway, send, send_all
+from tests.page.gateway import DOCUMENTS, HEAD, estimate, send_all, served_page
 
 pytestmark = IN_A_BROWSER
 
@@ -32,24 +32,24 @@ def _readings(quality: str, age_s: float) -> dict:
 
 @contextmanager
 def _page(browser, **more):
-    with gateway(documents=WITHOUT_FORECAST, **more) as (url, process), closing(browser.new_page()) as page:
+    with served_page(documents=WITHOUT_FORECAST, **more) as (url, feed), closing(browser.new_page()) as page:
         page.add_init_script(WRITTEN)
         page.goto(url)
         page.wait_for_selector("tr[data-sensor=t3]")
-        yield page, process
+        yield page, feed
 
 
 @pytest.mark.parametrize(
     ("quality", "word"), [("rejected", "rejected"), ("missing", "no reading"), ("stale", "stale")]
 )
 def test_a_sensor_that_fell_out_is_crossed_out_on_the_screw(browser, quality, word):
-    with _page(browser) as (page, process):
-        send(process, "readings", _readings("good", 0.0))
-        send_all(process, {}, estimate(8).replace(b"gmissing", b"dgood"))
+    with _page(browser) as (page, feed):
+        feed.document("readings", _readings("good", 0.0))
+        send_all(feed, {}, estimate(8).replace(b"gmissing", b"dgood"))
         page.wait_for_function("() => written.some(([text]) => text === 't3 36.0')")
         assert "now 25.0 to 27.0 °C, nut at 400 mm" in page.get_attribute("#screw", "aria-label")
         page.wait_for_timeout(200)  # of what comes faster than ten times a second the page leaves some out
-        send(process, "readings", _readings(quality, 660.0))
+        feed.document("readings", _readings(quality, 660.0))
         page.wait_for_function(
             "() => document.getElementById('screw')"
             f".ariaLabel.endsWith('nut at – mm; crossed out: t3 {word}')"
@@ -100,8 +100,8 @@ def test_a_forecast_is_promised_where_one_comes(browser, forecast_s, said):
 
 
 def test_of_a_service_that_is_gone_nothing_runs_on(browser):
-    with _page(browser) as (page, process):
-        send(process, "health", {**DOCUMENTS["health"], "state": "stale"})
+    with _page(browser) as (page, feed):
+        feed.document("health", {**DOCUMENTS["health"], "state": "stale"})
         page.wait_for_function("() => document.getElementById('words').textContent.includes('runs alone')")
         # two periods of 60 s of this service later
         page.evaluate(
@@ -124,9 +124,8 @@ def test_of_a_service_that_is_gone_nothing_runs_on(browser):
 def test_a_good_headline_names_the_sensors_that_are_not_used(browser, unused, known_to_um, headline):
     counts = {"sensors_used": 5 - len(unused), "sensors": 5, "degraded_sensors": unused}
     counts |= {"error_known_to_um": known_to_um}
-    with _page(browser) as (page, process):
-        send(
-            process,
+    with _page(browser) as (page, feed):
+        feed.document(
             "health",
             {**HEAD, "state": "good", "quality": "good", "reasons": [], "channels": {}} | counts,
         )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from contextlib import closing
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.page.browser import IN_A_BROWSER, SIZES, complaints
-from tests.page.gateway import DOCUMENTS, HEAD, NOW_S, PLACES_M, estimate, gateway, send, send_all
+from tests.page.gateway import DOCUMENTS, HEAD, NOW_S, PLACES_M, estimate, send_all, served_page
 from tests.patience import PATIENCE_S
 from tests.steps.made import write_steps
 
@@ -55,15 +54,15 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def served(folder):
-    """A machine of a hostile name with an hour behind it; its address and its process."""
-    with gateway(documents={**DOCUMENTS, "error": ERROR}, recordings=folder, machine=MACHINE) as given:
+    """A machine of a hostile name with an hour behind it; its address and the bus."""
+    with served_page(documents={**DOCUMENTS, "error": ERROR}, recordings=folder, machine=MACHINE) as given:
         yield given
 
 
 @pytest.fixture
 def opened(browser, served):
     """Open the page at a hash, with an hour behind it; nothing may complain."""
-    url, process = served
+    url, feed = served
     problems = []
     context = browser.new_context(
         viewport={"width": 1280, "height": 800}, accept_downloads=True, has_touch=True
@@ -78,7 +77,7 @@ def opened(browser, served):
         page.wait_for_selector("tr[data-sensor=t3]")
         page.wait_for_selector("#c-heats canvas")
         page.wait_for_timeout(200)  # of what comes faster than ten times a second the page leaves some out
-        send(process, "readings", GOOD)
+        feed.document("readings", GOOD)
         reading = "() => document.querySelector('[data-field=reading]')?.textContent === '36.00 °C'"
         page.wait_for_function(reading)
         return page
@@ -122,26 +121,26 @@ def test_the_first_look_says_verdict_alarm_and_errors_with_their_bounds(opened):
 
 
 def test_an_acknowledged_alarm_is_quiet_and_one_that_comes_back_is_new(opened, served):
-    _, process = served
+    _, feed = served
     page = opened()
     (alarm,) = DOCUMENTS["alarms"]["alarms"]
     try:
         page.click("#hero-alarm button")
-        said = json.loads(process.stdout.readline())
-        assert said == {"acknowledge": "sensor.t3.open_circuit", "by": "page"}
+        acknowledged = feed.acknowledged.get(timeout=PATIENCE_S)
+        assert acknowledged == {"config": "ab", "by": "page@page", "id": "sensor.t3.open_circuit"}
         other = {**alarm, "id": "b", "severity": "minor", "reason": "another"}
-        send(
-            process, "alarms", {**DOCUMENTS["alarms"], "alarms": [other, {**alarm, "state": "acknowledged"}]}
+        feed.document(
+            "alarms", {**DOCUMENTS["alarms"], "alarms": [other, {**alarm, "state": "acknowledged"}]}
         )
         page.wait_for_function("() => document.querySelector('#hero-alarm b').textContent === 'another'")
-        send(process, "alarms", {**DOCUMENTS["alarms"], "alarms": [{**alarm, "state": "acknowledged"}]})
+        feed.document("alarms", {**DOCUMENTS["alarms"], "alarms": [{**alarm, "state": "acknowledged"}]})
         page.wait_for_selector("#hero-alarm [data-state=acknowledged]")
         assert page.locator("#hero-alarm button").count() == 0
         assert page.is_visible("#hero-alarm b")
-        send(process, "alarms", {**DOCUMENTS["alarms"], "alarms": []})
+        feed.document("alarms", {**DOCUMENTS["alarms"], "alarms": []})
         page.wait_for_selector("#hero-alarm", state="hidden")
     finally:
-        send(process, "alarms", DOCUMENTS["alarms"])
+        feed.document("alarms", DOCUMENTS["alarms"])
     page.wait_for_selector("#hero-alarm button")
 
 
@@ -261,9 +260,9 @@ def test_a_sensor_is_crossed_out_in_words_where_it_sits(opened, served):
     page.wait_for_function(
         "() => document.getElementById('crossed').innerText === 'Crossed out: t3 no reading.'"
     )
-    _, process = served
+    _, feed = served
     excluded = estimate(8).replace(b"gmissing", b"hexcluded")
-    send_all(process, {}, excluded)
+    send_all(feed, {}, excluded)
     page.wait_for_function(
         "() => document.getElementById('crossed').innerText === 'Crossed out: t3 excluded.'"
     )

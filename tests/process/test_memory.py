@@ -1,4 +1,4 @@
-"""What a daemon, its gateway and `observer --help` do not load."""
+"""What a daemon, its outlets and `observer --help` do not load."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from observer.tables.gateway import Metrics, Opcua, Page
-from tests.gateway.feeding import fed_gateway
+from tests.gateway.feeding import fed_outlets
 from tests.publish.router import free_port
 from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for
 
@@ -59,11 +59,11 @@ def test_a_daemon_at_work_has_loaded_only_what_it_needs(tmp_path):
     assert not loaded & NEEDLESS
 
 
-def test_a_gateway_has_loaded_only_what_it_needs(monkeypatch, capfd):
+def test_the_outlets_have_loaded_only_what_they_need(monkeypatch, capfd):
     monkeypatch.setenv("PYTHONPROFILEIMPORTTIME", "1")
     page, metrics, opcua = (f"127.0.0.1:{free_port()}" for _ in range(3))
     outlets = {"page": Page(listen=page), "metrics": Metrics(listen=metrics)}
-    with fed_gateway(opcua=Opcua(listen=f"opc.tcp://{opcua}"), **outlets) as feed:
+    with fed_outlets(opcua=Opcua(listen=f"opc.tcp://{opcua}"), **outlets) as feed:
         assert [feed.said()["reason"] for _ in range(3)] == [None] * 3
     lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("import time:")]
     loaded = {line.rpartition("|")[2].strip() for line in lines}
