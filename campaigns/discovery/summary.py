@@ -237,8 +237,7 @@ def summary(rows: Sequence[Cells]) -> str:
         *time_lines(rows),
     ]
     limits = [
-        "| effect | least strength named rightly in 90 % of the cases |",
-        "|---|---|",
+        "The least strength named rightly in 90 % of the cases:\n",
         *limit_lines(rows),
     ]
     return "\n\n".join("\n".join(part) for part in (figures, others, limits)) + "\n"
@@ -309,7 +308,7 @@ def limit_lines(rows: Sequence[Cells]) -> list[str]:
             continue
         limit = detection_limit(ladder.strengths, shares)
         least = "not named" if limit is None else f"{limit:g}"
-        lines.append(f"| `{ladder.label}`, {ladder.key} | {least} |")
+        lines.append(f"- `{ladder.label}`, {ladder.key}: {least}")
     return lines
 
 

@@ -152,7 +152,7 @@ def test_the_summary_of_a_campaign_counts_rows() -> None:
     assert "| named rightly, ≥ 4 σ | 24/24 = 100.0 % | 85.8 … 100.0 % | ≥ 98 % | yes |" in page
     assert "| named rightly, 2–4 σ | 8/8 = 100.0 % |" in page
     assert "| two at once: both named | – | – | ≥ 90 % | – |" in page
-    assert f"| `{LABEL}`, heat_W | 0.5 |" in limit_lines(rows())
+    assert f"- `{LABEL}`, heat_W: 0.5" in limit_lines(rows())
     assert (
         parameter_lines(rows())[0]
         == "| parameter error, ≥ 4 σ: median / p90 | 0.0 % / 0.0 % | ≤ 3 % / 10 % | yes |"
