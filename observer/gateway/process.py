@@ -16,7 +16,7 @@ from typing import Any
 
 import structlog
 
-from observer.errors import UserError
+from observer.errors import UserError, extra_remedy
 from observer.gateway.bus import Bus
 from observer.gateway.messages import Latest
 from observer.gateway.start import OUTLETS, ReportState, Start
@@ -122,7 +122,7 @@ async def _supervised(name: str, start: Start, latest: Latest, report_state: Rep
             serve: _Serve = importlib.import_module(module).serve
             await serve(start, latest, report_state)
         except ModuleNotFoundError as error:
-            reason = f'{name}: {error.name} is missing; install it: pip install "ballscrew-observer[{extra}]"'
+            reason = f"{name}: {error.name} is missing; {extra_remedy(extra)}"
         except (OSError, UserError) as error:
             reason = f"{name}: {error}"
         except Exception as error:  # whatever it is, the others continue and health reports it
