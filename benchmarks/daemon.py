@@ -1,4 +1,4 @@
-"""The daemon as a process: processor, memory also with its gateway, and the time to its first estimate."""
+"""The daemon as a process: processor, memory also with its outlets, and the time to its first estimate."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ STARTS = 5
 FILL_S = 110.0
 """Until it keeps as many estimates as it ever will, 1000 for those who ask for the last ones."""
 SETTLED_S = 30.0
-"""For so long the gateway may take until it serves all that is asked for."""
+"""For so long the outlets may take until they serve all that is asked for."""
 HOUR_S = 3600.0
 START_S = 60.0
 """For so long a daemon may take until its first estimate."""
@@ -66,7 +66,7 @@ def results(seconds: float = 30.0) -> list[Result]:
         Result(f"  {HOUSED}, its 3 sensors", f"{housed:.1%} of a core", goal="≤ 8 %", met=housed <= 0.08),
         _at_most("  resident", resident_MB, 200, "MB"),
         growth,
-        _at_most("  resident, with the gateway of page, Prometheus and OPC UA", together_MB, 200, "MB"),
+        _at_most("  resident, with the process of page, Prometheus and OPC UA", together_MB, 200, "MB"),
     ]
 
 
@@ -112,7 +112,7 @@ def _load(place: _Place, seconds: float) -> tuple[float, float, float]:
 
 
 def _together_MB(place: _Place) -> float:
-    """Resident MB of daemon and gateway, the pages that they share counted once."""
+    """Resident MB of daemon and outlets, the pages that they share counted once."""
     page, metrics, opcua = (f"127.0.0.1:{free_port()}" for _ in range(3))
     outlets = (
         f'[page]\nlisten = "{page}"\n[metrics]\nlisten = "{metrics}"\n[opcua]\nlisten = "opc.tcp://{opcua}"\n'

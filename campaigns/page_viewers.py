@@ -1,4 +1,4 @@
-"""What viewers cost and see: the gateway's share of a core, the first paint, and how much the page jumps.
+"""What viewers cost and see: the outlets' share of a core, the first paint, and how much the page jumps.
 
 `python -m campaigns.page_viewers` prints a row for each; it takes two minutes and a half on a quiet computer.
 """
@@ -35,7 +35,7 @@ _JUMPS = """() => new Promise(done => {
 def main() -> None:
     """Measure and print."""
     with tempfile.TemporaryDirectory() as folder, service(Path(folder)) as (url, daemon, _):
-        (pid,) = [child for child in children_of(daemon.process.pid) if _is_gateway(child)]
+        (pid,) = [child for child in children_of(daemon.process.pid) if _is_outlets(child)]
         print(f"no viewer: {_share(pid):.1%} of a core")
         read = [0]
         for _ in range(VIEWERS):
@@ -53,8 +53,8 @@ def main() -> None:
                 print(f"layout shift, {name}: {first:.3f} in the first two seconds, {later:.3f} in the next")
 
 
-def _is_gateway(pid: int) -> bool:
-    return "observer.gateway" in Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8")
+def _is_outlets(pid: int) -> bool:
+    return "observer.outlets" in Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8")
 
 
 def _share(pid: int) -> float:

@@ -22,8 +22,6 @@ from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
 from observer.estimate.pipeline import MachineModel
 from observer.files.folders import refuse_unwritable
 from observer.files.regular import read_toml
-from observer.gateway.beside import OutletsProcess
-from observer.gateway.start import Start
 from observer.installation import Installation, parse
 from observer.installation.adopt import record_of
 from observer.live.forecasting import Forecaster, is_wanted
@@ -34,6 +32,8 @@ from observer.live.probing import ProbingAdvisor, is_advised
 from observer.live.restarts import Restarts
 from observer.live.wires import take_short_turns
 from observer.live.zero_signal import ZeroSignal
+from observer.outlets.beside import OutletsProcess
+from observer.outlets.start import Start
 from observer.process.clock import ServiceClock
 from observer.process.memory import leave_in_peace
 from observer.process.notify import service_manager

@@ -18,7 +18,7 @@ from typing import Any, Literal
 from observer.errors import UserError, has_extra
 from observer.installation import Installation, load
 from observer.publish.session import refuse_taken
-from observer.tables.gateway import Page, host_and_port
+from observer.tables.outlets import Page, host_and_port
 from observer.terminal import echo
 
 START_S = 20.0

@@ -90,7 +90,7 @@ class Key:
         encoding: Of its payload.
         query_answer: Describes the answer to a query of any role that may query (`publish.session`); None if
             there is no answer.
-        retained: Whether an MQTT broker, and a gateway that starts late, get its last message at once.
+        retained: Whether an MQTT broker, and outlets that start late, get its last message at once.
         needs: What the service must have for the key to exist; None for every service.
         rated: Whether its `quality` is that of its figures.
         page_every_s: Least interval at which the page shows it.
@@ -318,7 +318,7 @@ KEYS = {
         panel=True,
     ),
 }  # fmt: skip
-"""Everything that publisher, gateway, MQTT, metrics, OPC UA, page and reference page need to know of a key,
+"""Everything that publisher, outlets, MQTT, metrics, OPC UA, page and reference page need to know of a key,
 except the code that makes its document.
 """
 RETAINED = tuple(name for name, key in KEYS.items() if key.retained)

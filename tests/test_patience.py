@@ -28,7 +28,7 @@ SLEEPS = {
     "drivers/harness.py Device._answer": "the device is slow to answer",
     "test_patience.py test_an_example_may_last_longer_than_hypothesis_allows_by_itself": "on a busy computer",
     "drivers/test_can.py _overwhelm": "the event loop is busy",
-    "gateway/test_mqtt_late.py _feed": "steps have a period",
+    "outlets/test_mqtt_late.py _feed": "steps have a period",
     "live/process.py HangingEstimator.run": "the step hangs",
     "drivers/test_can.py test_a_burst_of_an_adapter_that_stamps_is_spread_as_it_was_on_the_wire": "busy",
     "drivers/test_can.py test_frames_that_wait_for_a_busy_program_have_the_times_of_their_sending": "frames "

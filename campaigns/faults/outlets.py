@@ -1,6 +1,6 @@
 """Page, MQTT and OPC UA of the real daemon: what they say of faults, and what becomes of them.
 
-A gateway that is frozen or killed, and a broker that is gone and comes back. The page is open in Chromium
+Outlets that are frozen or killed, and a broker that is gone and comes back. The page is open in Chromium
 all the while and is never loaded again. Times are by the clock: nothing is left out that others held up,
 because the queues of several processes with many threads add up to more than has passed.
 """
@@ -24,8 +24,8 @@ from asyncua.ua.status_codes import StatusCodes
 from asyncua.ua.uaerrors import UaError
 
 from campaigns.faults.table import Row
-from observer.gateway.opcua import NAMESPACE
-from tests.gateway.test_mqtt import Listener, broker
+from observer.outlets.opcua import NAMESPACE
+from tests.outlets.test_mqtt import Listener, broker
 from tests.page.browser import SIZES, answers, chromium
 from tests.patience import until
 from tests.publish.router import free_port
@@ -48,7 +48,7 @@ STALE_S = (
 )  # two periods, 0.4 s of slack for the wire, and the page looks each tenth of a second
 BACK_S = 1.0
 AGAIN_S = 10.0  # a second until it is tried again, and a process that loads its libraries
-TICKS = 60  # what they say is more than the 64 KiB that the pipe to the gateway holds
+TICKS = 60  # what they say is longer than Zenoh keeps a silent client
 SAYS = "() => document.body.dataset.state"
 SETTLED_S = 5.0
 NOTE_WHEN_SILENT = """() => new MutationObserver((_, observer) => {
@@ -76,10 +76,10 @@ class Plant:
     mqtt_port: int
     opcua: str
 
-    def gateway(self, but: int = 0) -> int:
+    def process(self, but: int = 0) -> int:
         """The process that serves the outlets; 0 where there is none but this one."""
         found = [
-            p for p in children_of(self.daemon.process.pid) if p != but and b"observer.gateway" in _command(p)
+            p for p in children_of(self.daemon.process.pid) if p != but and b"observer.outlets" in _command(p)
         ]
         return found[0] if found else 0
 
@@ -117,7 +117,7 @@ def measured(folder: Path) -> tuple[dict[str, tuple[str, ...]], list[Row]]:
         pause_s = _longest_pause_s(plant.daemon.step_times_s()[begin:])
     return {name: tuple(each[name] for each in words) for name in NAMES}, [
         _row(
-            "page frozen with the gateway",
+            "page frozen with its process",
             f"STALE on it within 2 periods and 0.5 s; ticks at most {HELD_UP_S:g} s apart",
             f"STALE after {stale_s:.2f} s, periods are {PERIOD_S:g} s; ticks at most {pause_s:.1f} s apart",
             stale_s <= STALE_S and pause_s <= HELD_UP_S,
@@ -129,7 +129,7 @@ def measured(folder: Path) -> tuple[dict[str, tuple[str, ...]], list[Row]]:
             back_s <= BACK_S,
         ),
         _row(
-            "gateway killed",
+            "outlets' process killed",
             f"last will published, page, MQTT and OPC UA again in ≤ {AGAIN_S:g} s",
             f"alive is {will}, all three are good again after {again_s:.1f} s",
             will == "false" and again_s <= AGAIN_S,
@@ -183,8 +183,8 @@ def _settled(plant: Plant, expected: str) -> dict[str, str]:
 
 
 def _frozen(plant: Plant) -> float:
-    """How long the page took to say that it is stale once the gateway was frozen, by the page itself."""
-    pid = plant.gateway()
+    """How long the page took to say that it is stale once its process was frozen, by the page itself."""
+    pid = plant.process()
     plant.page.evaluate(NOTE_WHEN_SILENT)
     begin_s = time.time()
     os.kill(pid, signal.SIGSTOP)
@@ -212,14 +212,14 @@ def _without_broker(plant: Plant) -> float:
 
 def _killed(plant: Plant) -> tuple[float, str]:
     """How long until all three said good again after a kill, and what MQTT said of its life meanwhile."""
-    first, newest = plant.gateway(), plant.listener.newest
+    first, newest = plant.process(), plant.listener.newest
     alive = f"{PREFIX}/alive"
     until(lambda: newest.get(alive) == b"true")
     begin_s = time.monotonic()
     os.kill(first, signal.SIGKILL)
     until(lambda: newest[alive] != b"true" or time.monotonic() > begin_s + AGAIN_S)
     will = newest[alive].decode()
-    until(lambda: plant.gateway(but=first))
+    until(lambda: plant.process(but=first))
 
     def is_back() -> bool:
         plant.stand_by()

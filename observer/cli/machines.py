@@ -55,7 +55,7 @@ def demo(
     from pydantic import ValidationError
 
     from observer.demo import run_demo
-    from observer.tables.gateway import Page
+    from observer.tables.outlets import Page
 
     try:
         shown = None if no_page else Page() if page is None else Page(listen=page)
@@ -111,9 +111,9 @@ def outlets(
     from observer.process.memory import import_sparingly
 
     import_sparingly()
-    from observer.gateway.process import serve_until_signal
-    from observer.gateway.start import Start
     from observer.installation import load, load_client
+    from observer.outlets.process import serve_until_signal
+    from observer.outlets.start import Start
 
     login = None if client is None else load_client(client)
     start = Start.of(load(config), connect or "", login)

@@ -24,7 +24,7 @@ from observer.files.regular import read_toml
 from observer.fit.parameters import rounded
 from observer.installation.problems import as_message, problems_of
 from observer.tables.candidates import CandidateFile, SensorCandidate, candidate_problems
-from observer.tables.gateway import Metrics, Mqtt, Opcua, OutletSettings, Page
+from observer.tables.outlets import Metrics, Mqtt, Opcua, OutletSettings, Page
 from observer.tables.publishing import AlarmSettings, Checkpoint, Client, Publish, RecordSettings
 from observer.tables.quantities import Name
 

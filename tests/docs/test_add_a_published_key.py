@@ -21,11 +21,11 @@ import json, urllib.request
 
 import zenoh
 
-from observer.gateway.beside import OutletsProcess
-from observer.gateway.start import Start
+from observer.outlets.beside import OutletsProcess
+from observer.outlets.start import Start
 from observer.publish.session import session_config
 from observer.publish.zenoh import ServiceIdentity, ZenohPublisher
-from observer.tables.gateway import Metrics
+from observer.tables.outlets import Metrics
 from observer.tables.publishing import Publish
 from tests.docs.reference import keys
 from tests.patience import until

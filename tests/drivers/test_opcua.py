@@ -16,7 +16,7 @@ from asyncua.crypto.validator import CertificateValidator, CertificateValidatorO
 
 from drivers.opcua import OpcUaSettings
 from tests.drivers.harness import running
-from tests.gateway.applications import application
+from tests.outlets.applications import application
 from tests.patience import eventually
 from tests.publish.people import secret
 from tests.publish.router import free_port

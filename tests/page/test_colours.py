@@ -9,7 +9,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-CSS = (files("observer.page") / "assets" / "page.css").read_text(encoding="utf-8")
+CSS = (files("observer.outlets") / "assets" / "page.css").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"(:root[^{]*)\{([^}]*--ground[^}]*)\}", CSS)
 THEMES = {
     selector.strip(): dict(re.findall(r"--([\w-]+):(#[0-9a-f]{3,6})", body)) for selector, body in BLOCKS

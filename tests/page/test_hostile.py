@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from tests.page.gateway import served_page
+from tests.page.served import served_page
 from tests.patience import PATIENCE_S, until
 
 pytestmark = pytest.mark.system

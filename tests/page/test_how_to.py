@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 from tests.docs.console import blocks
-from tests.page.gateway import served_page
+from tests.page.served import served_page
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "page.md"
 

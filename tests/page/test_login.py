@@ -6,7 +6,7 @@ import pytest
 
 from observer.errors import ConfigError
 from observer.files.regular import read_users
-from observer.page.guard import Logins
+from observer.outlets.page_guard import Logins
 
 
 def _file(folder, text: str, mode: int = 0o600):

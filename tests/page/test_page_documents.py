@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.page.browser import IN_A_BROWSER, SIZES, complaints
-from tests.page.gateway import DOCUMENTS, NASTY, crowd, crowd_estimate, estimate, send_all, served_page
+from tests.page.served import DOCUMENTS, NASTY, crowd, crowd_estimate, estimate, send_all, served_page
 from tests.patience import PATIENCE_S, until
 from tests.publish.people import Authority, secret
 

@@ -106,11 +106,11 @@ def test_the_page_asks_its_own_server_only_and_complains_of_nothing(served):
     assert served["problems"] == []
 
 
-@pytest.mark.parametrize("who", ["service", "gateway"])
-def test_the_page_says_stale_while_service_or_gateway_is_frozen(served, who):
+@pytest.mark.parametrize("who", ["service", "outlets"])
+def test_the_page_says_stale_while_service_or_outlets_are_frozen(served, who):
     page, pid = served["page"], served["daemon"].process.pid
-    if who == "gateway":
-        (pid,) = [child for child in children_of(pid) if "gateway" in _command(child)]
+    if who == "outlets":
+        (pid,) = [child for child in children_of(pid) if "observer.outlets" in _command(child)]
     until(lambda: page.evaluate("() => document.getElementById('stale').hidden"))
     os.kill(pid, signal.SIGSTOP)
     try:

@@ -7,7 +7,7 @@ from contextlib import closing, contextmanager
 import pytest
 
 from tests.page.browser import IN_A_BROWSER
-from tests.page.gateway import DOCUMENTS, HEAD, estimate, send_all, served_page
+from tests.page.served import DOCUMENTS, HEAD, estimate, send_all, served_page
 
 pytestmark = IN_A_BROWSER
 

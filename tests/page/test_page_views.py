@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.page.browser import IN_A_BROWSER, SIZES, complaints
-from tests.page.gateway import DOCUMENTS, HEAD, NOW_S, PLACES_M, estimate, send_all, served_page
+from tests.page.served import DOCUMENTS, HEAD, NOW_S, PLACES_M, estimate, send_all, served_page
 from tests.patience import PATIENCE_S
 from tests.steps.made import write_steps
 

@@ -7,8 +7,8 @@ import sys
 
 import pytest
 
-from observer.tables.gateway import Metrics, Opcua, Page
-from tests.gateway.feeding import fed_outlets
+from observer.tables.outlets import Metrics, Opcua, Page
+from tests.outlets.feeding import fed_outlets
 from tests.publish.router import free_port
 from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for
 

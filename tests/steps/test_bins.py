@@ -93,13 +93,13 @@ def test_an_invalid_span_is_rejected(span):
         history(None, *span)
 
 
-MOST_GATEWAY_kB = 150_000
-"""The gateway's budget."""
+MOST_OUTLETS_kB = 150_000
+"""The budget of the outlets' process."""
 
 
 def test_looking_back_does_not_make_the_process_large(past):
     script = (
-        "from pathlib import Path\nimport observer.gateway.process, observer.page.outlet\n"
+        "from pathlib import Path\nimport observer.outlets.process, observer.outlets.page\n"
         "from observer.steps.bins import history\nfrom observer.steps.store import Past\n"
         f"past = Past(Path({str(past.folder)!r}), 'lathe-z')\n"
         f"for points in (15, 2000):\n    history(past, {BEGIN_S}, {BEGIN_S + SECONDS}, points)\n"
@@ -107,4 +107,4 @@ def test_looking_back_does_not_make_the_process_large(past):
         "print(Path('/proc/self/status').read_text().split('VmHWM:')[1].split()[0])"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True, text=True)
-    assert int(done.stdout) < MOST_GATEWAY_kB
+    assert int(done.stdout) < MOST_OUTLETS_kB

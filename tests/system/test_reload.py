@@ -34,11 +34,11 @@ def _reload(daemon: Daemon, seen: Subscriber, signals: int = 1) -> int:
     return found
 
 
-def _gateway(pid: int) -> int | None:
+def _outlets(pid: int) -> int | None:
     """The process of page and plant, which a service starts beside itself."""
     for child in children_of(pid):
         try:
-            if b"observer.gateway" in Path(f"/proc/{child}/cmdline").read_bytes():
+            if b"observer.outlets" in Path(f"/proc/{child}/cmdline").read_bytes():
                 return child
         except OSError:
             continue
@@ -65,19 +65,19 @@ def test_a_reload_keeps_process_estimates_and_recording_and_ends_the_children(tm
             seen.wait_until_good()
             enough = len(seen.estimates) + 200
             until(lambda: len(seen.estimates) > enough, START_S)
-            old_gateway = until(lambda: _gateway(pid), START_S)
+            old_outlets = until(lambda: _outlets(pid), START_S)
             assert seen.health()["restart"] is None
             heard(manager)
 
-            os.kill(old_gateway, signal.SIGSTOP)  # it cannot end by itself
+            os.kill(old_outlets, signal.SIGSTOP)  # it cannot end by itself
             begun = _reload(daemon, seen)
             assert daemon.process.poll() is None
             assert Path(f"/proc/{pid}/cmdline").read_bytes() == command
             _assert_warm(seen.estimates[begun - 1], seen.estimates[begun])
-            new_gateway = until(lambda: _gateway(pid), START_S)
-            assert new_gateway != old_gateway
-            assert not Path(f"/proc/{old_gateway}").exists()
-            until(lambda: children_of(pid) == [new_gateway])  # steps of the time before are packed meanwhile
+            new_outlets = until(lambda: _outlets(pid), START_S)
+            assert new_outlets != old_outlets
+            assert not Path(f"/proc/{old_outlets}").exists()
+            until(lambda: children_of(pid) == [new_outlets])  # steps of the time before are packed meanwhile
 
             notes = heard(manager)
             reloading = next(k for k, note in enumerate(notes) if note.startswith("RELOADING=1"))

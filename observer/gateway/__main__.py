@@ -1,9 +1,0 @@
-"""`python -m observer.gateway`, as the service starts it."""
-
-from observer.process.memory import import_sparingly
-
-import_sparingly()
-
-from observer.gateway.process import main  # noqa: E402  (what the line above is for)
-
-main()

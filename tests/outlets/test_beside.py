@@ -1,0 +1,75 @@
+"""The socket on which a service serves its outlets, and what it takes from their process."""
+
+from __future__ import annotations
+
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from observer.outlets.beside import OutletsProcess
+from observer.outlets.start import Start
+from observer.publish.session import LOCAL, session_config
+from observer.publish.zenoh import ServiceIdentity, ZenohPublisher
+from observer.tables.outlets import Metrics
+from observer.tables.publishing import Publish
+from tests.patience import PATIENCE_S, until
+from tests.publish.blocks import LAYOUT
+from tests.publish.router import free_port
+
+pytestmark = pytest.mark.system
+PREFIX = "ballscrew/lathe/z"
+
+
+@pytest.fixture
+def sockets(tmp_path, monkeypatch) -> Path:
+    """The folder below which sockets are made, which is not there yet."""
+    folder = tmp_path / "temporary"
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+@pytest.fixture
+def made(sockets) -> Iterator[ZenohPublisher]:
+    """A publisher with a process of outlets that serves metrics."""
+    start = Start(machine="lathe", axis="z", period_s=1.0, metrics=Metrics(listen=f"127.0.0.1:{free_port()}"))
+    settings = Publish(mode="router", listen=(f"tcp/127.0.0.1:{free_port()}",))
+    identity = ServiceIdentity("lathe", "z", "0a0a0a0a")
+    publisher = ZenohPublisher(identity, settings, '{"hash":"h"}', LAYOUT, outlets=OutletsProcess(start))
+    with closing(publisher):
+        publisher.start()
+        yield publisher
+
+
+def test_without_room_for_a_socket_the_reason_says_so_until_there_is(made, sockets):
+    until(lambda: "make room for temporary files" in (made.status.reason or ""))
+    sockets.mkdir()
+    until(lambda: made.status.reason is None)
+
+
+def test_only_this_user_reaches_the_socket_and_it_takes_one_kind_of_command(made, sockets):
+    sockets.mkdir()
+    (socket,) = until(lambda: list(sockets.glob("observer-*/bus")))
+    assert stat.S_IMODE(socket.parent.stat().st_mode) == 0o700
+    with zenoh.open(session_config("client", (f"{LOCAL}/{socket}",), ())) as session:
+        asked = {kind: f"{PREFIX}/command/{kind}?config=wrong" for kind in ("acknowledge", "arm", "disarm")}
+        answers = {kind: list(session.get(key, timeout=PATIENCE_S)) for kind, key in asked.items()}
+    (refusal,) = answers.pop("acknowledge")
+    assert "not in force" in refusal.err.payload.to_string()
+    assert answers == {"arm": [], "disarm": []}
+
+
+def test_what_is_no_report_changes_nothing():
+    process = OutletsProcess(Start(machine="lathe", axis="z", period_s=1.0))
+    process.take(b'{"mqtt": {"reason": "mqtt: no broker", "unsent": {"steps": 3, "duration_s": 3.0}}}')
+    for wrong in (b"", b"[]", b'{"page": 1}', b'{"page": {"reasons": "x"}}'):
+        process.take(wrong)
+    assert process.reason == "mqtt: no broker"
+    assert process.unsent == {"mqtt": {"steps": 3.0, "duration_s": 3.0}}
+    process.take(b'{"mqtt": {"address": "127.0.0.1:1883"}}')
+    assert process.reason is None
+    assert process.unsent == {}
