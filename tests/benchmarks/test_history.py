@@ -120,9 +120,3 @@ def test_runs_of_one_day_lie_side_by_side(tmp_path: Path) -> None:
     x = panel.lines[0].get_xdata()
     assert list(x - x[0]) == [0.0, 1.75, 2.25, 3.0]
     assert list(panel.lines[0].get_ydata()) == [1.0, 2.0, 3.0, 4.0]
-
-
-def test_the_picture_shown_is_that_of_the_ratios_kept() -> None:
-    """`make figures` draws it again."""
-    with Image.open(history.ROOT / picture.PICTURE) as image:
-        assert image.text["Source"] == picture.digest(history.ROOT / history.PLACE)  # type: ignore[attr-defined]

@@ -7,11 +7,9 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from observer import config, installation
 from observer.files.logs import Log, read_log
-from observer.frames import EstimateBlock, Quality
 from observer.tables import laws
 from tests.reference.service_path import replay
 
@@ -25,24 +23,6 @@ CALIBRATED = {"film": 13.89, "torque": 0.3391, "left": 0.00565, "right": 0.00565
 def rig() -> tuple[config.Config, Log]:
     settings = installation.load(RIG / "config.toml")
     return settings, read_log(RIG / "run_c.csv.gz", settings.channels)
-
-
-def _replayed(field_noise_K_sqrt_s: float) -> EstimateBlock:
-    settings, log = rig()
-    noise = {"field_noise_K_sqrt_s": field_noise_K_sqrt_s}
-    return replay(settings.model_copy(update={"estimator": settings.estimator.model_copy(update=noise)}), log)
-
-
-@pytest.mark.slow
-def test_a_model_taken_for_exact_refuses_good_sensors_and_the_default_does_not() -> None:
-    exact, default = (
-        np.mean(_replayed(noise).sensor_quality == Quality.REJECTED, axis=0)
-        for noise in (0.0, config.EstimatorSettings().field_noise_K_sqrt_s)
-    )
-    assert np.sort(exact)[-2] > 0.02, (
-        "two sensors lose 2 and 6 % of their samples, even as the state is opened"
-    )
-    assert default.max() < 0.01
 
 
 def _calibrated() -> config.Config:

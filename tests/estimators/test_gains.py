@@ -109,21 +109,18 @@ def test_kims_rule_places_two_modes_and_the_heat(film):
     assert pole_error(gain.poles_requested_1_s, reached) < 0.01
 
 
-@pytest.mark.parametrize("kind", ["kalman", "luenberger"])
-def test_no_gain_is_a_sentence_with_a_remedy(kind):
-    plant = rod(sensors_m=(0.2,), sources_m=(0.1, 0.5))
-    with pytest.raises(UserError, match="observer place"):
-        build_estimator(plant, EstimatorSettings(kind=kind, engine="constant"))
-
-
-def test_an_absurd_bandwidth_is_refused():
-    with pytest.raises(UserError, match="bandwidth_1_s"):
-        build_estimator(rod(), EstimatorSettings(kind="luenberger", bandwidth_1_s=0.5))
-
-
-def test_kims_rule_needs_one_sensor_and_one_heat():
-    with pytest.raises(UserError, match="one sensor and one estimated heat"):
-        build_estimator(rod(), EstimatorSettings(kind="luenberger", pole_rule="kim"))
+@pytest.mark.parametrize(
+    ("plant", "settings", "words"),
+    [
+        ({"sensors_m": (0.2,), "sources_m": (0.1, 0.5)}, {"engine": "constant"}, "observer place"),
+        ({"sensors_m": (0.2,), "sources_m": (0.1, 0.5)}, {"kind": "luenberger"}, "observer place"),
+        ({}, {"kind": "luenberger", "bandwidth_1_s": 0.5}, "bandwidth_1_s"),
+        ({}, {"kind": "luenberger", "pole_rule": "kim"}, "one sensor and one estimated heat"),
+    ],
+)
+def test_a_design_without_gains_is_refused_with_a_remedy(plant, settings, words):
+    with pytest.raises(UserError, match=words):
+        build_estimator(rod(**plant), EstimatorSettings(**settings))
 
 
 @pytest.mark.parametrize("uneven", [False, True])
