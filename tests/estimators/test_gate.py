@@ -25,18 +25,21 @@ def run(plant, u, kind="kalman", engine="compiled"):
     return estimator.run(estimator.initial(), u)
 
 
+@pytest.mark.parametrize(("off", "by_K", "steps"), [([1], 500.0, 50), ([0, 1], 40.0, 35)])
 @pytest.mark.parametrize(("kind", "engine"), ENGINES)
-def test_a_single_sensor_among_several_stays_refused_while_it_disagrees(kind, engine):
-    plant = rod()
-    u = quiet(plant)
-    u.y_degC[100:150, 1] += 500.0
+def test_sensors_that_are_no_majority_stay_refused_while_they_disagree(kind, engine, off, by_K, steps):
+    """Only more than half of them overrule the model, however long two of four agree."""
+    plant, sound = rod(), [i for i in range(4) if i not in off]
+    u, wrong = quiet(plant), slice(100, 100 + steps)
+    u.y_degC[wrong, off] += by_K
     _, block = run(plant, u, kind, engine)
-    assert (block.sensor_quality[100:150, 1] == Quality.REJECTED).all()
-    assert (block.quality[100:150] == EstimateQuality.DEGRADED).all()
-    assert (block.innovation_K[100:150, 1] > 400).all()
-    assert (block.quality[150:] == EstimateQuality.GOOD).all()
-    # The field at that sensor stays where the others and the model put it.
-    assert np.abs(block.field_degC[100:150] - AMBIENT_DEGC).max() < 1.0
+    assert (block.sensor_quality[wrong, off] == Quality.REJECTED).all()
+    assert (block.sensor_quality[wrong, sound] == Quality.GOOD).all()
+    assert (block.quality[wrong] == EstimateQuality.DEGRADED).all()
+    assert (block.innovation_K[wrong, off] > 0.8 * by_K).all()
+    assert len(off) > 1 or (block.quality[100 + steps :] == EstimateQuality.GOOD).all()
+    # The field at those sensors stays where the others and the model put it.
+    assert np.abs(block.field_degC[wrong] - AMBIENT_DEGC).max() < 1.0
 
 
 @pytest.mark.parametrize(("kind", "engine"), ENGINES)
@@ -54,18 +57,6 @@ def test_the_gate_cannot_lock_out_all_sensors(kind, engine):
         assert np.abs(block.field_degC[110] - (AMBIENT_DEGC + 40.0)).max() < 3.0
         # The field is believed to be elsewhere at once, so no heat is inferred beyond its uncertainty.
         assert (np.abs(block.heat_W[-1]) < 4 * block.heat_sigma_W[-1]).all()
-
-
-@pytest.mark.parametrize(("kind", "engine"), ENGINES)
-def test_half_of_the_sensors_against_the_other_half_are_not_believed(kind, engine):
-    """Only more than half of them overrule the model; two of four stay refused, however long they agree."""
-    plant = rod()
-    u = quiet(plant)
-    u.y_degC[100:135, :2] += 40.0
-    _, block = run(plant, u, kind, engine)
-    assert (block.sensor_quality[100:135, :2] == Quality.REJECTED).all()
-    assert (block.sensor_quality[100:135, 2:] == Quality.GOOD).all()
-    assert np.abs(block.field_degC[100:135] - AMBIENT_DEGC).max() < 1.0
 
 
 def test_release_forgets_enough_to_follow_a_step_of_heat():

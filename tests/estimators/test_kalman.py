@@ -149,28 +149,6 @@ def test_nan_never_enters_the_state():
     assert np.isfinite(np.delete(block.heat_W, [20, 30], axis=0)).all()
 
 
-def test_nothing_is_claimed_before_the_first_measurement():
-    plant = rod()
-    u = inputs(plant, steps=20, missing=0.0)
-    u.usable[:7] = False
-    u.quality[:7] = Quality.MISSING
-    state, block = run(plant, u)
-    assert (block.quality[:7] == EstimateQuality.INVALID).all()
-    assert np.isnan(block.field_degC[:7]).all()
-    assert (block.quality[7:] == EstimateQuality.GOOD).all()
-    assert state.started
-
-
-def test_one_broken_sensor_at_the_start_does_not_set_the_level():
-    plant = rod()
-    u = inputs(plant, steps=5, missing=0.0)
-    u.y_degC[:, 3] = 900.0
-    _, block = run(plant, u)
-    # Between the three sound sensors the field is theirs, to within their spread and noise.
-    assert abs(block.field_degC[0, 1] - np.mean(u.y_degC[0, :3])) < 1.0
-    assert (block.sensor_quality[:, 3] == Quality.REJECTED).all()
-
-
 def test_heats_of_a_simulated_plant_are_within_their_intervals():
     """Truth and model are the same here; coverage against an independent truth is tested elsewhere."""
     plant = rod(law_uncertainty=0.0, initial_sigma_W=10.0, initial_sigma_K=1.0)

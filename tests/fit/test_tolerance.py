@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,9 @@ import pytest
 from observer.config import Config
 from observer.discovery.candidates import library, promises, signatures
 from observer.discovery.search import tried
+from observer.effects.base import Unnamed
 from observer.effects.bodies import EndConduction
+from observer.effects.terms import AmbientShift, SensorOffset
 from observer.fit.forward import Forward
 from observer.fit.hypothesis import fit_effects, fit_null
 from observer.fit.parameters import replaced
@@ -46,28 +49,6 @@ def test_what_one_tolerance_may_not_explain_falls_to_others() -> None:
     slope = T.T @ (residual - T @ held) - held  # the second is where its own derivative is zero
     assert held[1] > free[1]
     assert slope[1] == pytest.approx(0.0, abs=1e-6)
-
-
-MATERIAL = 0.02
-
-
-def test_a_conductivity_within_its_tolerance_is_nothing_and_far_beyond_is_something() -> None:
-    """A logged machine whose k is off by one tolerance fits as well as without; by 15 it does not."""
-    config = machine()
-    k = config.screw.conductivity_W_mK
-    left = {}
-    for sigmas in (0, 1, 15):
-        screw = config.screw.model_copy(update={"conductivity_W_mK": k * (1 + sigmas * MATERIAL)})
-        truth = config.model_copy(update={"screw": screw})
-        problem = problem_of(config, [made_log(truth, seed, minutes=60.0) for seed in range(3)])
-        fit = fit_null(problem, config)
-        left[sigmas] = fit.deviance
-        bare = float(np.sum(fit.residual[problem.evidence.used] ** 2))
-        print(f"{sigmas} σ: {fit.deviance:.1f}, not marginalised {bare:.1f}")
-        if sigmas == 1:
-            assert bare > fit.deviance + 10.0  # it would count as something, if it were not marginalised
-    assert left[1] < left[0] + 5.0  # a price of one standard deviation squared, and the fit's own chance
-    assert left[15] > left[0] + 50.0  # 15² at most: free parameters make up for a part
 
 
 # ---- gaps ----
@@ -208,29 +189,61 @@ def cost_of(logs: list[FrameBlock], **known: float) -> float:
 FILM = ["surface.convection_W_m2K"]
 
 
-def test_a_sensor_that_reads_toward_the_air_is_within_tolerance() -> None:
-    """Three sensors of one standard deviation each cost three, and the fit's own chance."""
-    config = machine()
-    logs = [made_log(config, seed, minutes=60.0) for seed in range(2)]
-    honest = cost_of(logs, gain=0.02)
+def logs_of(truth: Config) -> list[FrameBlock]:
+    return [made_log(truth, seed, minutes=60.0) for seed in range(2)]
+
+
+def toward_the_air() -> list[FrameBlock]:
+    logs = logs_of(machine())
     for log in logs:
-        for sensor, part in zip(config.sensor, (0.02, -0.02, 0.02), strict=True):
-            column = log.values[:, config.channels.index(sensor.channel)]
+        for name, part in (("a_degC", 0.02), ("b_degC", -0.02), ("c_degC", 0.02)):
+            column = log.values[:, log.channels.index(name)]
             column -= part * (column - 20.0)
-    assert cost_of(logs, gain=0.02) < honest + 3.0 + 10.0
-    assert cost_of(logs) > honest + 100.0
+    return logs
 
 
-def test_a_heat_may_differ_from_one_log_to_the_next() -> None:
-    """The heater of one log gives 3 % more than its channel says; of a single log nothing is allowed."""
-    config = machine()
-    logs = [made_log(config, seed, minutes=60.0) for seed in range(2)]
-    honest = cost_of(logs, heat_per_log=0.03)
-    heater = config.channels.index("heater_W")
-    logs[0].values[:, heater] /= 1.03
-    assert cost_of(logs, heat_per_log=0.03) < honest + 1.0 + 10.0
-    assert cost_of(logs) > honest + 50.0
-    assert cost_of(logs[:1], heat_per_log=0.03) == pytest.approx(cost_of(logs[:1]))
+def one_heat_3_percent_more() -> list[FrameBlock]:
+    logs = logs_of(machine())
+    logs[0].values[:, logs[0].channels.index("heater_W")] /= 1.03
+    return logs
+
+
+def conducting(sigmas: float = 1.0) -> list[FrameBlock]:
+    return logs_of(replaced(machine(), {"screw.conductivity_W_mK": 50.0 * (1.0 + 0.02 * sigmas)}))
+
+
+def with_offset_and_air() -> list[FrameBlock]:
+    more = (SensorOffset("b", 0.3, 0.0), AmbientShift(0.0, 0.5))
+    return logs_of(machine().model_copy(update={"effect": (Unnamed(more),)}))
+
+
+@pytest.mark.parametrize(
+    ("logs", "known", "share", "exact"),
+    [
+        (toward_the_air, {"gain": 0.02}, 3.0, 100.0),
+        (one_heat_3_percent_more, {"heat_per_log": 0.03}, 1.0, 50.0),
+        (conducting, {"conductivity": 0.02}, 1.0, 10.0),
+        (with_offset_and_air, {"offset_K": 0.3, "ambient_K": 0.5}, 3.0, 100.0),
+    ],
+    ids=["gain", "heat", "conductivity", "offset and air"],
+)
+def test_what_is_off_within_its_tolerance_costs_its_own_share(
+    logs: Callable[[], list[FrameBlock]], known: dict[str, float], share: float, exact: float
+) -> None:
+    """One for each standard deviation, and the fit's own chance; much more where it is taken as exact."""
+    honest = cost_of(logs_of(machine()), **known)
+    assert cost_of(logs(), **known) < honest + share + 10.0
+    assert cost_of(logs()) > honest + exact
+
+
+def test_what_is_off_far_beyond_its_tolerance_is_something() -> None:
+    honest = cost_of(logs_of(machine()), conductivity=0.02)
+    assert cost_of(conducting(15.0), conductivity=0.02) > honest + 50.0
+
+
+def test_of_a_single_log_no_heat_differs_from_that_of_another() -> None:
+    log = one_heat_3_percent_more()[:1]
+    assert cost_of(log, heat_per_log=0.03) == pytest.approx(cost_of(log))
 
 
 def thinned(log: FrameBlock, rows: int) -> FrameBlock:

@@ -51,9 +51,11 @@ def calibrated(text: str, day: Day) -> str:
     return write_back(text, found.values | found.left | fit_noise(found.config, runs))
 
 
-def misses(block: EstimateBlock, day: Day) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Error and σ of each quantity from ten minutes on, (n, …)."""
-    late = day.time_s - day.time_s[0] >= FROM_S
+def misses(
+    block: EstimateBlock, day: Day, from_s: float = FROM_S
+) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Error and σ of each quantity from a time on, (n, …)."""
+    late = day.time_s - day.time_s[0] >= from_s
     heat = (block.heat_W - day.heat_W)[late], block.heat_sigma_W[late]
     return {
         "heats": heat,
@@ -68,13 +70,15 @@ def judged(config: Config, day: Day) -> dict[str, tuple[float, float, float]]:
     return judged_estimates(estimates(config, day), day)
 
 
-def judged_estimates(found: EstimateBlock, day: Day) -> dict[str, tuple[float, float, float]]:
-    """The same of estimates that are there already."""
+def judged_estimates(
+    found: EstimateBlock, day: Day, from_s: float = FROM_S
+) -> dict[str, tuple[float, float, float]]:
+    """The same of estimates that are there already, from a time on."""
     return {
         name: (
             float(np.sqrt(np.mean(error**2))),
             float(np.mean(np.abs(error) <= TWO_SIDED_95 * sigma)),
             float(np.mean(sigma)),
         )
-        for name, (error, sigma) in misses(found, day).items()
+        for name, (error, sigma) in misses(found, day, from_s).items()
     }

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.files.logs import Log
-from observer.frames import FloatArray
-from tests.learning.cover import estimates_of_log, log_of
-from tests.learning.housings import HOUSED_CONFIG, draw_housed
-from tests.learning.machines import CONFIG, GRID_M, Day, Rough, config_of, day, draw
+from tests.learning.cover import estimates_of_log, judged_estimates, log_of
+from tests.learning.housings import draw_housed
+from tests.learning.machines import GRID_M, Day, Rough, config_of, day, draw
 from tests.logs.machines import probe
 from tests.truth.machine.machine import stream
 
@@ -32,16 +30,8 @@ zero_um = 3.0
 """
 
 
-class Probed(NamedTuple):
-    """A day, its log with a probe's channel, and the times of the first probing of each cycle."""
-
-    day: Day
-    log: Log
-    cycles_s: FloatArray
-
-
-def probed(seed: int, number: int, run: str, *, housed: bool) -> Probed:
-    """Run a rough machine; a probing cycle of three readings comes each hour, the first after half of one.
+def probed(seed: int, number: int, run: str, *, housed: bool = False) -> tuple[Day, Log]:
+    """Run a rough machine, with the log of a probe: three readings each hour, the first after half of one.
 
     `housed` has its sensors on nut and housings, by links 20 % off; else five are on the screw.
     """
@@ -50,7 +40,7 @@ def probed(seed: int, number: int, run: str, *, housed: bool) -> Probed:
     cycles_s = np.arange(one.time_s[0] + 0.5 * EVERY_S, one.time_s[-1], EVERY_S)
     rows = np.concatenate([np.searchsorted(one.time_s, s) + 4 * np.arange(BURST) for s in cycles_s])
     at = rows[rows < len(one.time_s)]
-    return Probed(one, probed_log(one, at, stream(seed, "probe", str(number))), cycles_s)
+    return one, probed_log(one, at, stream(seed, "probe", str(number)))
 
 
 def probed_log(one: Day, at: NDArray[np.int64], rng: np.random.Generator) -> Log:
@@ -79,33 +69,9 @@ def scaled_log(one: Day, rng: np.random.Generator) -> Log:
     return replace(log, path=Path("scaled.csv"), channels=(*log.channels, "scale_um"), values=values)
 
 
-class Gain(NamedTuple):
-    """Over what comes after the first probing: rms of error in µm and field in K, without and with the probe,
-    the mean σ of the error in µm, and how often 95 % intervals of it hold.
-    """
-
-    error_um: tuple[float, float]
-    field_K: tuple[float, float]
-    sigma_um: tuple[float, float]
-    covered: tuple[float, float]
-
-
-def gain(one: Probed, *, housed: bool) -> Gain:
-    """Estimate a day without and with its probe."""
-    own = HOUSED_CONFIG if housed else CONFIG
-    return gained(one.day, one.log, (own, own + PROBE), one.cycles_s[0] + 60.0)
-
-
-def gained(day: Day, log: Log, texts: tuple[str, str], from_s: float) -> Gain:
-    """Estimate a day by two configurations, and hold both against the truth from a time on."""
-    late = day.time_s > from_s
-    error, field, sigma, covered = [], [], [], []
-    for text in texts:
-        found = estimates_of_log(config_of(text), log)
-        off_um = (found.error_um - day.error_um)[late, 1:]
-        error.append(float(np.sqrt(np.mean(off_um**2))))
-        field.append(float(np.sqrt(np.mean((found.field_degC - day.field_degC)[late] ** 2))))
-        sigma.append(float(np.mean(found.error_sigma_um[late, 1:])))
-        covered.append(float(np.mean(np.abs(off_um) <= 1.96 * found.error_sigma_um[late, 1:])))
-    pairs = ((each[0], each[1]) for each in (error, field, sigma, covered))
-    return Gain(*pairs)
+def gained(
+    day: Day, log: Log, text: str, more: str, from_s: float
+) -> list[dict[str, tuple[float, float, float]]]:
+    """How a day is judged without and with more sensors in the configuration: see `judged`."""
+    found = (estimates_of_log(config_of(one), log) for one in (text, text + more))
+    return [judged_estimates(block, day, from_s) for block in found]
