@@ -6,6 +6,7 @@ A process that ends is restarted; its problems are reasons in health only.
 from __future__ import annotations
 
 import contextlib
+import os
 import subprocess
 import sys
 import threading
@@ -19,6 +20,8 @@ from observer.outlets.start import STATES, OutletState, Start
 
 _RETRY_S = 1.0
 _LOOK_S = 0.1
+_ONE_HEAP = {"MALLOC_ARENA_MAX": "1"}
+"""Else glibc gives each thread of Zenoh and of the outlets its own heap, together 15 MB."""
 
 log = structlog.get_logger()
 
@@ -87,6 +90,7 @@ class OutletsProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 bufsize=0,
+                env=os.environ | _ONE_HEAP,
                 start_new_session=True,
             ) as child:
                 self._child = child
