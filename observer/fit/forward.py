@@ -69,7 +69,7 @@ class Forward:
         self._watch, self._by_row = watch, tick_s == 0.0
         config = untied(config)
         plant = build_plant(config).sensors_only()
-        self._modes = len(plant.mode_index)
+        self._modes = plant.modes - plant.bent
         self._tables = [m.table for m in plant.moving]
         self._shows = np.array([s.shows for s in config.sensor])
         self.runs = tuple(SteppedRun(run, config, plant, tick_s=tick_s) for run in runs)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,15 +13,16 @@ from observer.config import Config
 from observer.effects.terms import COUPLING_TERMS, LawFactor, SensorOffset, StrokeEnds, Term
 from observer.errors import ConfigError
 from observer.frames import FloatArray
+from observer.model.bending import CANDIDATES, with_bending
 from observer.model.couple import with_coupling
 from observer.model.extend import with_learning, with_shown_part
-from observer.model.generator import diagonalised
+from observer.model.generator import diagonalised, generator
+from observer.model.network import attached, exchanges_of
 from observer.model.plant import AMBIENT, BED, LEFT, OFFSET, REFERENCE, RIGHT, Plant
 from observer.model.realise import realise
-from observer.model.reduce import FullModel, HeatInput, KnownInput, Nut, Places, bed_rows, reduce
+from observer.model.reduce import FullModel, HeatInput, KnownInput, Nut, Places, reduce
 from observer.model.rod.modes import (
     Modes,
-    ambient_field,
     end_field,
     footprints,
     held_s,
@@ -34,6 +36,7 @@ from observer.model.rod.moving import TABLE_POINTS
 from observer.model.rod.screw import rod_of
 from observer.model.rod.supports import Restraint, restraint_of
 from observer.model.rough_network import with_rough_network
+from observer.model.steady import SteadyScrew
 from observer.tables.laws import SPEED_LAWS
 from observer.tables.sections import Description, Source, following, part_of_heat
 
@@ -51,12 +54,12 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool 
     """
     machine = realise(config)
     full = full_model(machine.config, machine.terms)
-    plant, modes = reduce(full, keep_modes(machine.config, full.modes), nut_places)
+    full, mode_numbers, bent = with_bending(full, keep_modes(machine.config, full.modes))
+    plant, modes = reduce(full, mode_numbers, nut_places)
+    plant = replace(plant, bent=bent)
     constant = None
     if machine.config.node or any(isinstance(t, COUPLING_TERMS) for t in machine.terms):
-        sigma_W = np.array([s.initial_sigma_W for s in machine.config.source])
-        rows = bed_rows(full.places)
-        plant, constant = with_coupling(plant, modes, machine.config, machine.terms, sigma_W, rows)
+        plant, constant = with_coupling(plant, modes, full, machine.config, machine.terms)
     else:
         plant = with_shown_part(plant, machine.config.sensor)
     if learns and constant is not None:
@@ -68,13 +71,17 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool 
 
 def full_model(config: Config, terms: Sequence[Term]) -> FullModel:
     """Return the full model of a configuration with its effects, without the couplings of its states."""
-    modes = solve_modes(rod_of(config), (config.model.modes or MOST_MODES) + 1)
+    exchanges = exchanges_of(config, attached(config, terms))
+    most = config.model.modes or MOST_MODES
+    modes = solve_modes(rod_of(config), (max(most, CANDIDATES) if exchanges else most) + 1)
+    steady = SteadyScrew(modes.rod, exchanges)
     refuse_on_followed(config, terms)
     ends = {t.source: t.fraction for t in terms if isinstance(t, StrokeEnds)}
     return FullModel(
         modes=modes,
+        steady=steady,
         heats=tuple(_heat(config, s, ends.get(s.name, 0.0)) for s in config.source),
-        known_inputs=_known_inputs(modes, config, terms),
+        known_inputs=_known_inputs(modes, steady, config, terms),
         places=_places(config),
         sensors=tuple(s.name for s in config.sensor),
         noise_K=np.array([s.noise for s in config.sensor]),
@@ -177,7 +184,9 @@ def restraint_on(config: Config, places_m: FloatArray) -> Restraint | None:
     return None if config.supports is None else restraint_of(config.supports, config.screw, places_m)
 
 
-def _known_inputs(modes: Modes, config: Config, terms: Sequence[Term]) -> tuple[KnownInput, ...]:
+def _known_inputs(
+    modes: Modes, steady: SteadyScrew, config: Config, terms: Sequence[Term]
+) -> tuple[KnownInput, ...]:
     """Ambient, prescribed ends, sensors' offsets, a measured bed, and the reference of the thermal error.
 
     The temperature itself is expanded in modes, so an end's temperature enters through the slope of the
@@ -188,13 +197,13 @@ def _known_inputs(modes: Modes, config: Config, terms: Sequence[Term]) -> tuple[
     for end, x_m in ((rod.left, 0.0), (rod.right, rod.length_m)):
         if not end.prescribed:
             film = film + end.biot_1_m * modes.theta(x_m)[0]
-    inputs = [KnownInput(AMBIENT, film, partial(ambient_field, rod))]
+    inputs = [KnownInput(AMBIENT, film, steady.ambient)]
     for end, name, x_m, inward in ((rod.left, LEFT, 0.0, 1.0), (rod.right, RIGHT, rod.length_m, -1.0)):
         if end.prescribed:
-            steady = partial(end_field, rod, name)
             # at an end a sum of cosines has a slope that converges slowly
-            into = inward * modes.slope(x_m) if rod.profile is None else modes.settling(steady)
-            inputs.append(KnownInput(name, into, steady))
+            alone = partial(end_field, rod, name)
+            into = inward * modes.slope(x_m) if rod.profile is None else modes.settling(alone)
+            inputs.append(KnownInput(name, into, steady.end(name)))
     offset = dict.fromkeys(t.sensor for t in terms if isinstance(t, SensorOffset))
     inputs += [KnownInput(OFFSET + name, np.zeros(len(modes)), np.zeros_like) for name in offset]
     if config.bed is not None and config.bed.channel is not None:
@@ -215,15 +224,18 @@ def with_many_modes(config: Config) -> Plant:
 def transient_error_K_W(config: Config, plant: Plant, times_s: tuple[float, ...]) -> FloatArray:
     """Return the largest field error per W of a heat step at each time after it, over sources, (t,), K/W.
 
-    The reference is the same screw with 400 modes. Nuts are spread over their strokes. Time-varying couplings
-    (`coupling`) are left out.
+    The reference is the same screw with 400 modes. Nuts are spread over their strokes. Losses that vary with
+    time are left out.
     """
     reference = with_many_modes(config)
-    worst = []
-    for time_s in times_s:
-        reduced_K_W, reference_K_W = (
-            p.rows.C[p.rows.field_slice] @ (held_s(p.decay_1_s, time_s)[:, None] * p.B)
-            for p in (plant, reference)
-        )
-        worst.append(np.abs(reduced_K_W - reference_K_W).max())
-    return np.array(worst)
+    reduced_K_W, reference_K_W = (_step_responses(p, times_s) for p in (plant, reference))
+    return np.array(np.abs(reduced_K_W - reference_K_W).max(axis=(1, 2)))
+
+
+def _step_responses(plant: Plant, times_s: tuple[float, ...]) -> FloatArray:
+    """The field (t, g, m) after heat steps of 1 W at each time after them, K/W."""
+    C, decay_1_s, B = plant.rows.C[plant.rows.field_slice], plant.decay_1_s, plant.B
+    if len(plant.coupling.links.source):
+        rates_1_s, V = np.linalg.eig(generator(plant))
+        C, decay_1_s, B = C @ V.real, -rates_1_s.real, np.linalg.solve(V.real, B)
+    return np.array([C @ (held_s(decay_1_s, time_s)[:, None] * B) for time_s in times_s])

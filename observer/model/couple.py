@@ -28,6 +28,7 @@ from observer.model.extend import (
 from observer.model.generator import Constant
 from observer.model.network import (
     Attached,
+    Exchange,
     NodeModes,
     attached,
     node_modes,
@@ -35,9 +36,11 @@ from observer.model.network import (
     shapes_of_strokes,
     spreads,
 )
-from observer.model.plant import Plant
-from observer.model.rod.modes import Modes, Stretch, mean_stretch, steady_under, wetted_within
+from observer.model.plant import LEFT, RIGHT, Plant
+from observer.model.reduce import FullModel, bed_rows
+from observer.model.rod.modes import Modes, Stretch, wetted_within
 from observer.model.rod.screw import surface_rate
+from observer.model.steady import Field, mean_over
 from observer.physics.constants import STEFAN_BOLTZMANN_W_m2K4
 from observer.tables.sections import Description
 
@@ -45,27 +48,27 @@ from observer.tables.sections import Description
 def with_coupling(
     plant: Plant,
     modes: Modes,
+    full: FullModel,
     machine: Description,
     terms: Sequence[Term],
-    sigma_W: FloatArray,
-    bed: FloatArray,
 ) -> tuple[Plant, Constant]:
     """Return the plant with the nodes beside it and its time-varying couplings, and its constant couplings.
 
     `terms` of other kinds are ignored. New states come after the lags of the sources. First come the
     amplitudes of the nodes' own modes; an isolated node has its temperature in °C as its state. Then comes
-    one state per lagging sensor, in °C. `sigma_W` (m,) bounds the heats before the start. `bed` (R,) is the
-    output column of the bed's temperature.
+    one state per lagging sensor, in °C. `modes` are those of the plant, of the full model `full`.
     """
     bodies, screw = attached(machine, terms), len(plant.decay_1_s)
+    sigma_W = np.array([heat.initial_sigma_W for heat in full.heats])
     network_modes, gain = node_modes(bodies.network), _place_gain(machine)
-    under_C, under_F = _dropped(plant, modes, machine, _watched(plant, bodies, terms))
+    under_C, under_F = _dropped(plant, modes, full, _watched(plant, bodies, terms))
     before = past_covariance(bodies, sigma_W, modes.rod.length_m, modes.rod.diffusivity_m2_s)
     places = under_C.copy()
     places[:, : plant.modes] += modes.rod.conductance_W_m * (plant.B[: plant.modes] * gain).T
     plant = extended(plant, node_states(plant, bodies, network_modes, places, _mean(modes, screw), before))
     plant = with_shown_part(
-        with_node_sensors(plant, machine, bodies, network_modes, screw, bed), machine.sensor
+        with_node_sensors(plant, machine, bodies, network_modes, screw, bed_rows(full.places)),
+        machine.sensor,
     )
     plant, lags = _with_lags(plant, terms)
     n_x, m, p = len(plant.decay_1_s), len(plant.source_names), len(plant.known_names)
@@ -78,7 +81,7 @@ def with_coupling(
             row, passed = _passed(plant, network_modes, gain, screw, node, source)
             constant.A[...] += G * np.multiply.outer(passed, row - place_rows[source])
             constant.E[...] -= G * np.multiply.outer(passed, under_F[source])
-    _add_strokes(constant, plant, modes, machine, bodies, moving)
+    _add_strokes(constant, modes, full.steady.exchanges, moving)
     _add_warmed_air(constant, plant, modes, bodies, network_modes, screw)
     for state, (time_s, C, F) in zip(constant.follow, lags, strict=True):
         constant.A[state, : len(C)] += C / time_s
@@ -102,7 +105,7 @@ def with_coupling(
         radiation=emissivity * STEFAN_BOLTZMANN_W_m2K4 * surface_rate(machine.screw),
         rising=at_1_K_W_m2K * surface_rate(machine.screw),
         links=links,
-        spreads=spreads(modes, machine, bodies, moving),
+        spreads=spreads(modes, machine, full.steady.exchanges, moving),
         fades=fades,
         uneven=_uneven(modes, n_x),
     )
@@ -173,16 +176,11 @@ def _links(
 
 
 def _add_strokes(
-    constant: Constant,
-    plant: Plant,
-    modes: Modes,
-    machine: Description,
-    bodies: Attached,
-    moving: Sequence[int],
+    constant: Constant, modes: Modes, exchanges: Sequence[Exchange], moving: Sequence[int]
 ) -> None:
     """Add the exchange between nodes and nuts without a position channel beyond that of the mean."""
-    N = plant.modes
-    for shapes in shapes_of_strokes(modes, machine, bodies):
+    N = len(modes)
+    for shapes in shapes_of_strokes(modes, exchanges):
         if shapes.source not in moving:
             constant.A[:N, :N] -= (shapes.shape.T * shapes.rate_1_s) @ shapes.shape
 
@@ -225,29 +223,28 @@ def _uneven(modes: Modes, n_x: int) -> Uneven:
     return Uneven(rate, row, row)
 
 
-def _dropped(
-    plant: Plant, modes: Modes, machine: Description, sources: set[int]
-) -> tuple[FloatArray, FloatArray]:
-    """The temperature of the dropped modes under each of `sources`, (m, n_x) and (m, p); 0 elsewhere."""
+def _dropped(plant: Plant, modes: Modes, full: FullModel, sources: set[int]) -> tuple[FloatArray, FloatArray]:
+    """The temperature of the dropped modes under each of `sources`, (m, n_x) and (m, p); 0 elsewhere.
+
+    A nut that moves is over its stroke: near a standing one, more is dropped.
+    """
     m, p = len(plant.source_names), len(plant.known_names)
     of_states, of_known = np.zeros((m, len(plant.decay_1_s))), np.zeros((m, p))
-    # near a nut that moves it is left out: its footprint is long against what the dropped modes see
-    for j in sources - {moving.index for moving in plant.moving}:
-        of_states[j, plant.lag_slice], of_known[j] = _dropped_under(plant, modes, machine, j)
+    known, steady, N = plant.known, full.steady, plant.modes
+    fields: list[tuple[int, Field]] = [(known.ambient, steady.ambient)]
+    ends = ((LEFT, known.left_end), (RIGHT, known.right_end))
+    fields += [(q, steady.end(side)) for side, q in ends if q is not None]
+    kinks_m = [x for heat in full.heats for _, stretch in heat.parts for x in stretch]
+    for j in sources:
+        nodes, weights = mean_over(modes.rod, full.heats[j].stretch, kinks_m)
+        # the part of an input that its modes leave out under the source
+        retained = steady.amplitudes(modes, np.eye(N)).T @ (weights @ modes.theta(nodes))
+        for k, heat in enumerate(full.heats):
+            under_K_W = sum(part * (weights @ steady.source(s)(nodes)) for part, s in heat.parts)
+            of_states[j, N + k] = under_K_W - retained @ plant.B[:N, k]
+        for q, field in fields:
+            of_known[j, q] = weights @ field(nodes) - retained @ plant.E[:N, q]
     return of_states, of_known
-
-
-def _dropped_under(
-    plant: Plant, modes: Modes, machine: Description, index: int
-) -> tuple[FloatArray, FloatArray]:
-    """The temperature of the dropped modes under a source, K/W of each (m,), K per input (p,)."""
-    under = steady_under(modes, [mean_stretch(s, machine.screw) for s in machine.source], index)
-    per_input, at = np.zeros(len(plant.known_names)), plant.known
-    safe = np.where(modes.decay_1_s > 0, modes.decay_1_s, np.inf)
-    for q, steady in ((at.ambient, under.ambient), (at.left_end, under.left), (at.right_end, under.right)):
-        if q is not None:
-            per_input[q] = steady - under.retained @ (plant.E[: plant.modes, q] / safe)
-    return np.array([s.screw_share for s in machine.source]) * under.dropped_K_W, per_input
 
 
 def _add_films(constant: Constant, plant: Plant, modes: Modes, terms: Sequence[Term], rate: float) -> None:

@@ -248,6 +248,33 @@ NO_SWEEP = 0.05
 STANDING_PLACES = 9
 
 
+class Exchange(NamedTuple):
+    """The exchange of a nut with its nodes, spread over the stroke that it sweeps.
+
+    Attributes:
+        source: Number of the nut's source.
+        conductance_W_K: Conductance to all nodes together.
+        stroke: The stroke.
+    """
+
+    source: int
+    conductance_W_K: float
+    stroke: Stretch
+
+
+def exchanges_of(machine: Description, bodies: Attached) -> tuple[Exchange, ...]:
+    """Return the exchange of each nut that sweeps over a stroke and is tied to nodes."""
+    exchanges = []
+    for j, source in enumerate(machine.source):
+        G = sum(tie for _, place, tie in bodies.ties if place == j)
+        if source.shape != "nut" or G == 0.0:
+            continue
+        stroke = mean_stretch(source, machine.screw)
+        if abs(stroke.width_m - (source.length_m or 0.0)) >= NO_SWEEP * stroke.width_m:
+            exchanges.append(Exchange(j, G, stroke))
+    return tuple(exchanges)
+
+
 class Shapes(NamedTuple):
     """The exchange of a sweeping nut with its nodes, as orthonormal shapes that decay.
 
@@ -264,20 +291,14 @@ class Shapes(NamedTuple):
     swept: float
 
 
-def shapes_of_strokes(modes: Modes, machine: Description, bodies: Attached) -> Iterator[Shapes]:
+def shapes_of_strokes(modes: Modes, exchanges: Sequence[Exchange]) -> Iterator[Shapes]:
     """Yield the exchange of sweeping nuts beyond the exchange at the mean temperature.
 
     Each place under the nut exchanges separately (Li 2022, eq. 45). Over a stroke swept evenly, w = 1/stroke,
     the modes lose G/(kA) ∫ w θ_i θ_j dx. The mean temperature carries G/(kA) ∫ w θ_i dx ∫ w θ_j dx of that.
     """
     kA = modes.rod.conductance_W_m
-    for j, source in enumerate(machine.source):
-        G = sum(tie for _, place, tie in bodies.ties if place == j)
-        if source.shape != "nut" or G == 0.0:
-            continue
-        stroke = mean_stretch(source, machine.screw)
-        if abs(stroke.width_m - (source.length_m or 0.0)) < NO_SWEEP * stroke.width_m:
-            continue
+    for j, G, stroke in exchanges:
         theta, weights = shapes_within(modes, stroke)
         weights = weights / stroke.width_m
         mean = weights @ theta
@@ -288,11 +309,13 @@ def shapes_of_strokes(modes: Modes, machine: Description, bodies: Attached) -> I
         yield Shapes(j, G / kA * eigenvalues[is_large], shape[:, is_large].T, float(mean @ mean) / kA**2)
 
 
-def spreads(modes: Modes, machine: Description, bodies: Attached, moving: Sequence[int]) -> Spreads:
+def spreads(
+    modes: Modes, machine: Description, exchanges: Sequence[Exchange], moving: Sequence[int]
+) -> Spreads:
     """Return the shapes of the sources that are `moving`."""
     m = len(machine.source)
     swept, at_rest = np.zeros(m), np.ones(m)
-    sweeping = [s for s in shapes_of_strokes(modes, machine, bodies) if s.source in moving]
+    sweeping = [s for s in shapes_of_strokes(modes, exchanges) if s.source in moving]
     for s in sweeping:
         source = machine.source[s.source]
         swept[s.source] = s.swept

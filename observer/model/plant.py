@@ -6,8 +6,7 @@ States x = [modal amplitudes η of the temperature | one lag r_j per source], in
 
 with heats q in W (one per source) and known inputs z (ambient, prescribed ends, the error's reference). The
 lag r_j follows q_j with the decay rate of the first dropped mode; its output column is the steady response
-of all dropped modes. So no heat acts at once, and the field at rest is exact with any number of modes,
-unless a nut is coupled to a body.
+of all dropped modes. So no heat acts at once, and the field at rest is exact with any number of modes.
 """
 
 from __future__ import annotations
@@ -198,7 +197,8 @@ class Plant:
         law_uncertainty: Relative σ of the laws, (m_e,).
         initial_sigma_W: σ of δ at the start, (m_e,).
         field_noise_Q: Optional noise on the field, K²/s, (n_x, n_x).
-        mode_index: Numbers of the modes, counted from 1, (N,).
+        mode_index: Numbers of the modes, counted from 1, (N,); those that bend under nuts come last.
+        bent: Number of the modes that bend under nuts.
         diffusion_rate_1_s: α/L², one over the unit of dimensionless time.
         dropped_rate_1_s: Decay rate of the slowest dropped mode.
         coupling: Time-varying couplings of the states.
@@ -231,6 +231,7 @@ class Plant:
     diffusion_rate_1_s: float
     dropped_rate_1_s: float
     coupling: Coupling
+    bent: int = 0
     learning: Learning | None = None
     basis: Basis | None = None
     following: tuple[Following, ...] = ()

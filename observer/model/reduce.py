@@ -8,10 +8,8 @@ and thermal error at a place.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -19,19 +17,18 @@ import numpy as np
 from observer.frames import FloatArray, Layout
 from observer.model.caching import cached
 from observer.model.coupling import no_coupling
-from observer.model.network import past_heat_covariance, smooth_field_covariance
+from observer.model.network import Exchange, past_heat_covariance, smooth_field_covariance
 from observer.model.plant import BED, OFFSET, REFERENCE, Following, MovingSource, OutputRows, Plant
 from observer.model.rod.modes import (
     Modes,
     Stretch,
-    contributions,
     modal_input,
     nut_stretch,
     quadrature,
-    source_field,
 )
 from observer.model.rod.moving import TABLE_POINTS, NutTable
 from observer.model.rod.supports import Restraint, restrained_rows
+from observer.model.steady import Field, SteadyScrew
 
 UM_PER_M = 1e6
 LEAST_COSINES = 96
@@ -108,28 +105,16 @@ def modal_rows(modes: Modes, places: Places) -> FloatArray:
     return np.vstack([temperature, restrained_rows(places.restraint, growth)])
 
 
-def remainder_rows(
-    modes: Modes,
-    places: Places,
-    steady: Callable[[FloatArray], FloatArray],
-    amplitude: FloatArray,
-    kinks: Stretch | None = None,
-    rows: FloatArray | None = None,
-) -> FloatArray:
-    """The difference (R,) between one input's steady field and its part in the modes of the plant.
-
-    `steady(x)` is the closed form per unit of the input, `amplitude` (N,) the modes' steady share b_n/Λ_n.
-    `rows` (R, N) are those of the amplitudes, if computed already.
-    """
-    retained = (modal_rows(modes, places) if rows is None else rows) @ amplitude
+def steady_rows(places: Places, steady: Field, kinks_m: Sequence[float]) -> FloatArray:
+    """The output rows (R,) of a steady field, whose slope may have kinks at `kinks_m`."""
     whole = places.with_displacement(
         steady(places.temperature_m),
-        lambda x_m: places.um_per_K_m * _running_integral(modes, x_m, steady, kinks),
+        lambda x_m: places.um_per_K_m * _running_integral(places.length_m, x_m, steady, kinks_m),
     )
-    if places.expansion_1_K is not None:
-        growth = places.um_per_K_m * _running_integral(modes, places.growth_m, steady, kinks)
-        whole = np.concatenate([whole, restrained_rows(places.restraint, growth)])
-    return np.asarray(whole - retained)
+    if places.expansion_1_K is None:
+        return whole
+    growth = places.um_per_K_m * _running_integral(places.length_m, places.growth_m, steady, kinks_m)
+    return np.concatenate([whole, restrained_rows(places.restraint, growth)])
 
 
 def reference_rows(places: Places) -> FloatArray:
@@ -157,11 +142,10 @@ def _uniform_rows(places: Places, um_per_K_m: float) -> FloatArray:
 
 
 def _running_integral(
-    modes: Modes, grid_m: FloatArray, steady: Callable[[FloatArray], FloatArray], kinks: Stretch | None
+    length_m: float, grid_m: FloatArray, steady: Field, kinks_m: Sequence[float]
 ) -> FloatArray:
     """∫_0^x of a steady field at each place, by Gauss panels that break at the grid and at its kinks."""
-    breaks = [*grid_m.tolist(), *((kinks.a_m, kinks.b_m) if kinks else ()), *modes.rod.edges_m]
-    nodes, weights = quadrature(modes.rod.length_m, breaks)
+    nodes, weights = quadrature(length_m, [*grid_m.tolist(), *kinks_m])
     running = np.concatenate([[0.0], np.cumsum(steady(nodes) * weights)])
     return np.asarray(running[np.searchsorted(nodes, grid_m)])
 
@@ -174,7 +158,7 @@ class KnownInput(NamedTuple):
 
     name: str
     modal: FloatArray
-    steady: Callable[[FloatArray], FloatArray]
+    steady: Field
 
 
 class Nut(NamedTuple):
@@ -221,6 +205,12 @@ class HeatInput:
     also: tuple[tuple[float, Stretch], ...] = ()
     follows: tuple[str, float] | None = None
 
+    @property
+    def parts(self) -> list[tuple[float, Stretch]]:
+        """The stretches over which its heat enters, averaged over its motion, each with its part."""
+        own, ends = self.share * (1.0 - self.ends_fraction), self.share * self.ends_fraction / 2
+        return [(own, self.stretch), *((ends, stretch) for stretch in self.ends if ends), *self.also]
+
 
 @dataclass(frozen=True, slots=True)
 class FullModel:
@@ -228,6 +218,7 @@ class FullModel:
 
     Attributes:
         modes: Its modes.
+        steady: Its steady fields.
         heats: Its sources of heat.
         known_inputs: Its known inputs.
         places: Places of its output rows.
@@ -239,6 +230,7 @@ class FullModel:
     """
 
     modes: Modes
+    steady: SteadyScrew
     heats: tuple[HeatInput, ...]
     known_inputs: tuple[KnownInput, ...]
     places: Places
@@ -364,31 +356,36 @@ def _own_footprint(
 def _lag_row(full: FullModel, modes: Modes, stretch: Stretch) -> FloatArray:
     """Output column (R,) of a heat's lag: its steady field outside the modes of the plant."""
     rows = modal_rows(modes, full.places)
-    return _remainder_of(modes, full.places, stretch, rows) if full.static_correction else np.zeros(len(rows))
+    if not full.static_correction:
+        return np.zeros(len(rows))
+    return _remainder_of(modes, full.steady, full.places, stretch, rows)
 
 
-def _remainder_of(modes: Modes, places: Places, stretch: Stretch, rows: FloatArray) -> FloatArray:
+def _remainder_of(
+    modes: Modes, steady: SteadyScrew, places: Places, stretch: Stretch, rows: FloatArray
+) -> FloatArray:
     """The part of a steady field outside the modes of the plant, (R,).
 
     `rows` (R, N) are those of the modes' amplitudes.
     """
-    steady = partial(source_field, modes.rod, stretch)
-    return remainder_rows(modes, places, steady, contributions(modes, stretch), stretch, rows)
+    kinks_m = (*stretch, *steady.edges_m)
+    amplitudes = steady.amplitudes(modes, modal_input(modes, stretch))
+    return np.asarray(steady_rows(places, steady.source(stretch), kinks_m) - rows @ amplitudes)
 
 
 def _known_rows(full: FullModel, modes: Modes, known_inputs: Sequence[KnownInput]) -> FloatArray:
     """Output columns (R, p) of the known inputs: the dropped modes' share, an offset, a reference."""
-    safe = np.where(modes.decay_1_s > 0, modes.decay_1_s, math.inf)
+    rows, edges_m = modal_rows(modes, full.places), full.steady.edges_m
 
     def rows_of(k: KnownInput) -> FloatArray:
         if k.name == REFERENCE:
             return reference_rows(full.places)
         if k.name == BED:
             return bed_rows(full.places)
-        rows = remainder_rows(modes, full.places, k.steady, k.modal / safe)
+        dropped = steady_rows(full.places, k.steady, edges_m) - rows @ full.steady.amplitudes(modes, k.modal)
         if k.name.startswith(OFFSET):
-            rows[full.sensors.index(k.name.removeprefix(OFFSET))] = 1.0
-        return rows
+            dropped[full.sensors.index(k.name.removeprefix(OFFSET))] = 1.0
+        return dropped
 
     return np.column_stack([rows_of(k) for k in known_inputs])
 
@@ -459,12 +456,16 @@ def _nut_rows(full: FullModel, modes: Modes, nut: Nut, nut_places: int) -> Float
     """The lag's output column of all the heat, with the nut at evenly spaced places, (P, R)."""
     if not full.static_correction:
         return np.zeros((nut_places, len(modal_rows(modes, full.places))))
-    return _remainders_along(modes, full.places, nut.length_m, nut_places)
+    exchanges = full.steady.exchanges
+    return _remainders_along(modes, exchanges, full.places, nut.length_m, nut_places)
 
 
 @cached(8)
-def _remainders_along(modes: Modes, places: Places, nut_m: float, nut_places: int) -> FloatArray:
+def _remainders_along(
+    modes: Modes, exchanges: tuple[Exchange, ...], places: Places, nut_m: float, nut_places: int
+) -> FloatArray:
     """The columns of `_nut_rows` with a static correction."""
+    steady = SteadyScrew(modes.rod, exchanges)
     L, rows = modes.rod.length_m, modal_rows(modes, places)
     stretches = [nut_stretch(x, nut_m, L) for x in np.linspace(0.0, L, nut_places).tolist()]
-    return np.array([_remainder_of(modes, places, stretch, rows) for stretch in stretches])
+    return np.array([_remainder_of(modes, steady, places, stretch, rows) for stretch in stretches])

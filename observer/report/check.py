@@ -114,8 +114,9 @@ def _verdict(design: DesignReport, warnings: list[str]) -> dict[str, Any]:
 def _left_out(config: Installation, plant: Plant) -> float:
     """The largest fraction of a source's steady field that the modes alone would leave out."""
     machine = realise(config).config
-    modes = solve_modes(rod_of(machine), max(plant.mode_index))
-    retained = modes.take([i - 1 for i in plant.mode_index])
+    numbers = plant.mode_index[: plant.modes - plant.bent]
+    modes = solve_modes(rod_of(machine), max(numbers))
+    retained = modes.take([i - 1 for i in numbers])
     stretches = footprints(machine.source, machine.screw)
     return max(tail_left(retained, len(retained), stretch) for stretch in stretches)
 

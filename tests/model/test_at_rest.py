@@ -4,12 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from scipy.sparse import diags_array, lil_array
 from scipy.sparse.linalg import spsolve
 
 from observer.config import Config
 from observer.installation import load, parse
-from observer.model.build import build_plant
+from observer.model.bending import with_bending
+from observer.model.build import build_plant, full_model
 from observer.model.generator import generator
 from observer.model.plant import Plant
 
@@ -84,11 +86,59 @@ def rises_at_rest(plant: Plant) -> np.ndarray:
     return rows @ np.linalg.solve(-generator(plant), plant.B)
 
 
-@pytest.mark.parametrize(("modes", "part"), [(15, 0.017), (40, 1.1e-3), (80, 1e-4)])
-def test_more_modes_bring_a_tied_nut_closer_to_finite_differences_at_rest(modes: int, part: float) -> None:
+def at_rest(plant: Plant) -> np.ndarray:
+    """All outputs at rest per watt of each source and per unit of each known input."""
+    of_heats, of_known = (plant.rows.C @ np.linalg.solve(-generator(plant), x) for x in (plant.B, plant.E))
+    return np.hstack([of_heats, of_known + plant.rows.F])
+
+
+def step_response(plant: Plant, time_s: float) -> np.ndarray:
+    """The rises of all temperatures a time after steps of a watt of each source, K/W."""
+    n, m = plant.B.shape
+    driven = np.zeros((n + m, n + m))
+    driven[:n, :n], driven[:n, n:] = generator(plant), plant.B
+    rows = plant.rows.C[: plant.rows.sensors + plant.rows.grid]
+    return rows @ expm(driven * time_s)[:n, n:]
+
+
+@pytest.mark.parametrize("modes", [4, 15, 80])
+def test_a_tied_nut_is_exact_at_rest_with_any_number_of_modes(modes: int) -> None:
     settled, expected = rises_at_rest(build_plant(tied_machine(modes))), finite_differences()
-    # the exchange bends the field under the stroke; twice what modes cannot follow (0.84, 0.055, 0.005 %)
-    np.testing.assert_allclose(settled, expected, atol=part * expected.max())
+    # twice what the cells of the finite differences leave out
+    np.testing.assert_allclose(settled, expected, atol=4e-7 * expected.max())
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in CONFIG.glob("*.toml")))
+def test_every_shipped_machine_is_at_rest_as_with_300_modes(name: str) -> None:
+    config = load(CONFIG / f"{name}.toml")
+    many = config.model.model_copy(update={"modes": 300})
+    few, reference = (at_rest(build_plant(c)) for c in (config, config.model_copy(update={"model": many})))
+    # rounding; an isolated screw has its steady field beside a mean that would drift
+    np.testing.assert_allclose(few, reference, atol=1e-7 * np.abs(reference).max())
+
+
+def test_modes_that_bend_follow_a_strong_exchange_within_a_minute() -> None:
+    config = load(CONFIG / "yu-dual-drive.toml")
+    many = config.model.model_copy(update={"modes": 300})
+    few, reference = (
+        step_response(build_plant(c), 60.0) for c in (config, config.model_copy(update={"model": many}))
+    )
+    # twice what they leave out; without them it is 1.4 %
+    np.testing.assert_allclose(few, reference, atol=1e-3 * reference.max())
+
+
+def test_modes_that_bend_are_orthogonal_and_a_screw_alone_does_not_couple_them() -> None:
+    config = tied_machine(10)
+    full, kept, bent = with_bending(full_model(config, ()), range(10))
+    modes = full.modes.take(kept)
+    assert len(modes) == 10 + bent == 16
+    np.testing.assert_allclose(modes.surface(), np.eye(len(modes)), atol=1e-9)
+    h_m, film_1_s = 1e-4, modes.rod.diffusivity_m2_s * modes.rod.fin_1_m**2
+    places_m = np.arange(h_m / 2, LENGTH_M, h_m)
+    slopes = (modes.theta(places_m + h_m / 4) - modes.theta(places_m - h_m / 4)) / (h_m / 2)
+    lost_1_s = slopes.T @ slopes * h_m + film_1_s * np.eye(len(modes))
+    # midpoints and difference quotients are off by less than a thousandth of the fastest
+    np.testing.assert_allclose(lost_1_s, np.diag(modes.decay_1_s), atol=1e-3 * modes.decay_1_s.max())
 
 
 @pytest.mark.parametrize("name", COUPLED)

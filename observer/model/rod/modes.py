@@ -373,43 +373,6 @@ def wetted_within(modes: Modes, stretch: Stretch) -> tuple[FloatArray, FloatArra
     return modes.theta(nodes), weights * modes.rod.perimeter_at(nodes)
 
 
-class SteadyUnder(NamedTuple):
-    """Means of fields over a stretch.
-
-    Attributes:
-        retained: Means of the modes that the plant keeps, (N,).
-        dropped_K_W: Means of the sum of the other modes, K per W of each source, (m,).
-        ambient: Mean of the steady field per K of the ambient.
-        left: Mean of the steady field per K of the left end.
-        right: Mean of the steady field per K of the right end.
-    """
-
-    retained: FloatArray
-    dropped_K_W: FloatArray
-    ambient: float
-    left: float
-    right: float
-
-
-def steady_under(modes: Modes, stretches: Sequence[Stretch], index: int) -> SteadyUnder:
-    """Return the means of steady fields over one of the sources' stretches."""
-    rod, stretch = modes.rod, stretches[index]
-    if stretch.width_m == 0:
-        nodes, weights = np.array([stretch.a_m]), np.ones(1)
-    else:
-        nodes, weights = quadrature_within(
-            rod.length_m, stretch, [*rod.edges_m, *(x for s in stretches for x in s)]
-        )
-        weights = weights / stretch.width_m
-    retained = weights @ modes.theta(nodes)
-    dropped = [weights @ source_field(rod, s, nodes) - retained @ contributions(modes, s) for s in stretches]
-    ends = (("left", rod.left), ("right", rod.right))
-    left, right = (weights @ end_field(rod, side, nodes) if end.prescribed else 0.0 for side, end in ends)
-    return SteadyUnder(
-        retained, np.array(dropped), float(weights @ ambient_field(rod, nodes)), float(left), float(right)
-    )
-
-
 def keep_by_ratio(modes: Modes, stretch: Stretch, beta: float) -> list[int]:
     """Kim's criterion as printed: modes (from 0) up to the first N with s_N/s_{N+1} ≥ β, nodes left out.
 

@@ -10,6 +10,7 @@ edges (Carslaw & Jaeger 1959, §4.5). Green's function is that of the uniform ro
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -99,27 +100,27 @@ class _Fin(NamedTuple):
     flow: FloatArray
     gathered: FloatArray
 
-    def _in(self, x_m: FloatArray | float) -> tuple[Any, FloatArray, FloatArray, FloatArray]:
-        """The sections of places, and there cosh m s, sinh(m s)/m and the integral of that."""
+    def _in(self, x_m: FloatArray | float) -> tuple[Any, FloatArray, FloatArray]:
+        """The sections of places, m there, and the distances from the sections' left edges."""
         x = np.asarray(x_m, dtype=float)
         i = np.searchsorted(self.edges_m[1:-1], x, side="right")
-        s, m = x - self.edges_m[i], self.fin_1_m[i]
-        return i, np.cosh(m * s), _S(m, s), 2 * _S(m, s / 2) ** 2
+        return i, self.fin_1_m[i], x - self.edges_m[i]
 
     def value(self, x_m: FloatArray | float) -> FloatArray:
         """u at places (k,)."""
-        i, C, S, _ = self._in(x_m)
-        return np.asarray(self.u[i] * C + self.flow[i] / self.area[i] * S)
+        i, m, s = self._in(x_m)
+        return np.asarray(self.u[i] * np.cosh(m * s) + self.flow[i] / self.area[i] * _S(m, s))
 
     def slope(self, x_m: FloatArray | float) -> FloatArray:
         """The flow a u' at places (k,)."""
-        i, C, S, _ = self._in(x_m)
-        return np.asarray(self.flow[i] * C + self.area[i] * self.fin_1_m[i] ** 2 * S * self.u[i])
+        i, m, s = self._in(x_m)
+        return np.asarray(self.flow[i] * np.cosh(m * s) + self.area[i] * m**2 * _S(m, s) * self.u[i])
 
     def integral(self, x_m: FloatArray | float) -> FloatArray:
         """∫_0^x u at places (k,)."""
-        i, _, S, of_S = self._in(x_m)
-        return np.asarray(self.gathered[i] + self.u[i] * S + self.flow[i] / self.area[i] * of_S)
+        i, m, s = self._in(x_m)
+        of_S = 2 * _S(m, s / 2) ** 2
+        return np.asarray(self.gathered[i] + self.u[i] * _S(m, s) + self.flow[i] / self.area[i] * of_S)
 
 
 def _S(m: FloatArray, s: FloatArray) -> FloatArray:
@@ -141,13 +142,23 @@ def _fin(profile: Profile, fin_1_m: float, end: End) -> _Fin:
     return _Fin(edges, m, area, *np.array(rows).T)
 
 
-def _end_solutions(rod: Rod) -> tuple[_Fin, _Fin]:
-    """The solutions that meet the left end and, seen from it, the right end."""
+class _Ends(NamedTuple):
+    """The solutions that meet the left end and, seen from it, the right end, and their Wronskian."""
+
+    left: _Fin
+    right: _Fin
+    wronskian: float
+
+
+@lru_cache(maxsize=8)
+def _end_solutions(rod: Rod) -> _Ends:
     profile, L = _profile(rod), rod.length_m
     turned = Profile(
         tuple(L - x for x in reversed(profile.edges_m)), profile.area[::-1], profile.perimeter[::-1]
     )
-    return _fin(profile, rod.fin_1_m, rod.left), _fin(turned, rod.fin_1_m, rod.right)
+    left, right = _fin(profile, rod.fin_1_m, rod.left), _fin(turned, rod.fin_1_m, rod.right)
+    wronskian = left.slope(L) * right.value(0.0) + left.value(L) * right.slope(0.0)
+    return _Ends(left, right, float(wronskian))
 
 
 def stepped_source_field(rod: Rod, a_m: float, b_m: float, x_m: FloatArray) -> FloatArray:
@@ -163,8 +174,7 @@ def stepped_source_field(rod: Rod, a_m: float, b_m: float, x_m: FloatArray) -> F
     """
     if rod.floating:
         return _floating_field(rod, a_m, b_m, x_m)
-    (left, right), L, x = _end_solutions(rod), rod.length_m, np.asarray(x_m, dtype=float)
-    wronskian = left.slope(L) * right.value(0.0) + left.value(L) * right.slope(0.0)
+    (left, right, wronskian), L, x = _end_solutions(rod), rod.length_m, np.asarray(x_m, dtype=float)
     if a_m == b_m:
         low, high = np.minimum(x, a_m), np.maximum(x, a_m)
         value = left.value(low) * right.value(L - high)
@@ -184,7 +194,7 @@ def stepped_end_field(rod: Rod, side: str, x_m: FloatArray) -> FloatArray:
         side: `"left"`, else the right end is taken.
         x_m: Places, m, (k,).
     """
-    (left, right), L = _end_solutions(rod), rod.length_m
+    (left, right, _), L = _end_solutions(rod), rod.length_m
     if side == "left":
         return np.asarray(right.value(L - np.asarray(x_m)) / right.value(L))
     return np.asarray(left.value(x_m) / left.value(L))
