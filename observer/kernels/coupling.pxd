@@ -9,8 +9,10 @@ cdef void _warm(Coupling c, double by_K, CoupledColumns columns) noexcept nogil
 @cython.locals(compliance=double)
 cdef void _link(Coupling c, Py_ssize_t i, double[:, ::1] B, double time_s, CoupledColumns columns, double[:, ::1] link) noexcept nogil
 cdef void see_under(Coupling c, Py_ssize_t source, double[:, ::1] B, double[:, ::1] link) noexcept nogil
-@cython.locals(share=double, now=double, nut=double, size=double)
+@cython.locals(share=double)
 cdef inline void _fade_shapes(Coupling c, double[:, ::1] B, double time_s, double[::1] gain) noexcept nogil
+@cython.locals(now=double, nut=double, size=double)
+cdef double swept_share(Coupling c, Py_ssize_t j, double[:, ::1] B) noexcept nogil
 cdef void _spread(Coupling c, Py_ssize_t j, CoupledColumns columns, double[::1] gain) noexcept nogil
 cdef void _read_columns(double[:, ::1] rows, Py_ssize_t first, Py_ssize_t count, CoupledColumns columns) noexcept nogil
 @cython.locals(sums=double[:, ::1], w0=double, w1=double, w2=double, w3=double)

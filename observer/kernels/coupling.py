@@ -151,20 +151,25 @@ def see_under(c, source, B, link):
 
 
 def _fade_shapes(c, B, time_s, gain):
-    """Write the loss of each shape that fades under a sweeping nut into `gain`; 0 for a standing nut.
+    """Write the loss of each shape that fades under a sweeping nut into `gain`; 0 for a standing nut."""
+    for j in range(len(c.place_gain)):
+        share, first, end = 0.0, c.spreads.first[j], c.spreads.first[j + 1]
+        if first < end:
+            share = swept_share(c, j, B)
+        for i in range(first, end):
+            gain[i] = expm1(-c.spreads.rate_1_s[i] * share * time_s)
+
+
+def swept_share(c, j, B):
+    """Return the part of the rates of source j's shapes at which they decay: 0 of a standing nut.
 
     The rate goes with the variance of the places swept: with the square of the stretch, which is about the
     reciprocal of the column's squared size.
     """
-    for j in range(len(c.place_gain)):
-        share, first, end = 0.0, c.spreads.first[j], c.spreads.first[j + 1]
-        if first < end:
-            size = squared(c.place_gain[j]) * _product(c, B[j], B[j])
-            nut = squared(c.spreads.swept[j] / c.spreads.at_rest[j])
-            now = squared(c.spreads.swept[j] / size)
-            share = min(max((now - nut) / (1.0 - nut), 0.0), 1.0)
-        for i in range(first, end):
-            gain[i] = expm1(-c.spreads.rate_1_s[i] * share * time_s)
+    size = squared(c.place_gain[j]) * _product(c, B[j], B[j])
+    nut = squared(c.spreads.swept[j] / c.spreads.at_rest[j])
+    now = squared(c.spreads.swept[j] / size)
+    return min(max((now - nut) / (1.0 - nut), 0.0), 1.0)
 
 
 def _spread(c, j, columns, gain):

@@ -5,7 +5,7 @@ cdef void bring(PlantArrays p, double[:, ::1] B, double[::1] before, Work work) 
 cdef void multiply(double[:, ::1] VT, double[::1] x, double[::1] y) noexcept nogil
 @cython.locals(tied=double, heat_W=double)
 cdef void drive(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] B, Py_ssize_t i, double[::1] x, Work work, double[::1] c) noexcept nogil
-@cython.locals(apart_K=double, heat_W=double, source=Py_ssize_t)
+@cython.locals(apart_K=double, heat_W=double, all_W_K=double, part=double, seen=double, source=Py_ssize_t)
 cdef void pass_heat(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] B, Py_ssize_t i, double[::1] x, Work work, double[::1] c) noexcept nogil
 @cython.locals(entry=double, lag_s=double, slow=Py_ssize_t)
 cdef void see(PlantArrays p, Inputs u, Py_ssize_t k, double dt_s, double[:, ::1] C, double[::1] linearisation_point) noexcept nogil

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from observer.kernels.advance import advance_diagonal, put_laws, step_half
 from observer.kernels.codes import AMBIENT, LAW, OFFSET, STILL
-from observer.kernels.coupling import see_under
+from observer.kernels.coupling import see_under, swept_share
 from observer.kernels.covariance import add_scaled, squared
 from observer.kernels.judging import add_prior, clear
 from observer.kernels.libc import exp, expm1, sqrt
@@ -88,13 +88,16 @@ def drive(p, u, k, B, i, x, work, c):
             if p.source[j] == source:
                 heat_W += x[n_x + j]
         for a in range(n_x):
-            c[a] = heat_W * (p.learn.into[i, a] - B[source, a])
+            c[a] = heat_W * (p.learn.into[p.learn.first[i], a] - B[source, a])
         return
-    tied = 0.0
     for a in range(n_x):
-        tied += p.learn.feedback_row[i, a] * x[a]
-    for a in range(n_x):
-        c[a] = p.learn.steady[i, a] + p.learn.rate_1_s[i, a] * x[a] + p.learn.into[i, a] * tied
+        c[a] = p.learn.steady[i, a] + p.learn.rate_1_s[i, a] * x[a]
+    for r in range(p.learn.first[i], p.learn.first[i + 1]):
+        tied = 0.0
+        for a in range(n_x):
+            tied += p.learn.feedback_row[r, a] * x[a]
+        for a in range(n_x):
+            c[a] += p.learn.into[r, a] * tied
     for q in range(p.learn.inputs.shape[1]):
         for a in range(n_x):
             c[a] += p.learn.inputs[i, q, a] * u.z_start[k, q]
@@ -111,9 +114,9 @@ def pass_heat(p, u, k, B, i, x, work, c):
     """Write the change of dx/dt if link i of a node to a moving nut conducts twice as much: G v d x.
 
     The nut is at its position of the step, d is the row of the temperature difference, and v the column of
-    1 J passed.
+    1 J passed. Shapes under a sweeping nut decay faster by the link's part of all its conductances.
     """
-    source, apart_K = p.coupling.links.source[i], 0.0
+    source, apart_K, all_W_K = p.coupling.links.source[i], 0.0, 0.0
     see_under(p.coupling, source, B, work.link)
     for a in range(B.shape[1]):
         apart_K += (p.coupling.links.C[i, a] - work.link[0, a]) * x[a]
@@ -122,6 +125,18 @@ def pass_heat(p, u, k, B, i, x, work, c):
     heat_W = p.coupling.links.conductance_W_K[i] * apart_K
     for a in range(B.shape[1]):
         c[a] = heat_W * (p.coupling.place_gain[source] * B[source, a] - p.coupling.links.B[i, a])
+    if p.coupling.spreads.first[source] == p.coupling.spreads.first[source + 1]:
+        return
+    for number in range(len(p.coupling.links.source)):
+        if p.coupling.links.source[number] == source:
+            all_W_K += p.coupling.links.conductance_W_K[number]
+    part = p.coupling.links.conductance_W_K[i] / all_W_K * swept_share(p.coupling, source, B)
+    for e in range(p.coupling.spreads.first[source], p.coupling.spreads.first[source + 1]):
+        seen = 0.0
+        for a in range(p.coupling.spreads.row.shape[1]):
+            seen += p.coupling.spreads.row[e, a] * x[a]
+        for a in range(p.coupling.spreads.into.shape[1]):
+            c[a] -= part * p.coupling.spreads.rate_1_s[e] * seen * p.coupling.spreads.into[e, a]
 
 
 def see(p, u, k, dt_s, C, linearisation_point):

@@ -37,7 +37,7 @@ cdef class Coupling(Record):
 
 cdef class LearningArrays(Record):
     cdef public Py_ssize_t machine, ambient, rests
-    cdef public Py_ssize_t[::1] kind, of, considered, law, divided, link, heated
+    cdef public Py_ssize_t[::1] kind, of, considered, law, divided, link, first, heated
     cdef public double[::1] sigma, shift_K, lag_s
     cdef public double[:, ::1] rate_1_s, into, feedback_row, heats, steady, row, row_known, rest_P, V, inverse
     cdef public double[:, :, ::1] inputs

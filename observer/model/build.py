@@ -36,7 +36,7 @@ from observer.model.rod.moving import TABLE_POINTS
 from observer.model.rod.screw import rod_of
 from observer.model.rod.supports import Restraint, restraint_of
 from observer.model.rough_network import with_rough_network
-from observer.model.steady import SteadyScrew
+from observer.model.steady import ScrewAtRest
 from observer.tables.laws import SPEED_LAWS
 from observer.tables.sections import Description, Source, following, part_of_heat
 
@@ -63,9 +63,9 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool 
     else:
         plant = with_shown_part(plant, machine.config.sensor)
     if learns and constant is not None:
-        plant = with_rough_network(plant, machine.config, config.link, machine.terms, constant, modes)
+        plant = with_rough_network(plant, machine.config, config.link, machine.terms, constant, full, modes)
     elif learns:
-        plant = with_learning(plant, machine.config, modes)
+        plant = with_learning(plant, machine.config, full, modes)
     return plant if constant is None else diagonalised(plant, constant)
 
 
@@ -74,7 +74,7 @@ def full_model(config: Config, terms: Sequence[Term]) -> FullModel:
     exchanges = exchanges_of(config, attached(config, terms))
     most = config.model.modes or MOST_MODES
     modes = solve_modes(rod_of(config), (max(most, CANDIDATES) if exchanges else most) + 1)
-    steady = SteadyScrew(modes.rod, exchanges)
+    steady = ScrewAtRest(modes.rod, exchanges)
     refuse_on_followed(config, terms)
     ends = {t.source: t.fraction for t in terms if isinstance(t, StrokeEnds)}
     return FullModel(
@@ -185,7 +185,7 @@ def restraint_on(config: Config, places_m: FloatArray) -> Restraint | None:
 
 
 def _known_inputs(
-    modes: Modes, steady: SteadyScrew, config: Config, terms: Sequence[Term]
+    modes: Modes, steady: ScrewAtRest, config: Config, terms: Sequence[Term]
 ) -> tuple[KnownInput, ...]:
     """Ambient, prescribed ends, sensors' offsets, a measured bed, and the reference of the thermal error.
 

@@ -36,11 +36,10 @@ from observer.model.network import (
     shapes_of_strokes,
     spreads,
 )
-from observer.model.plant import LEFT, RIGHT, Plant
-from observer.model.reduce import FullModel, bed_rows
+from observer.model.plant import Plant
+from observer.model.reduce import FullModel, bed_rows, dropped_under
 from observer.model.rod.modes import Modes, Stretch, wetted_within
 from observer.model.rod.screw import surface_rate
-from observer.model.steady import Field, mean_over
 from observer.physics.constants import STEFAN_BOLTZMANN_W_m2K4
 from observer.tables.sections import Description
 
@@ -230,20 +229,8 @@ def _dropped(plant: Plant, modes: Modes, full: FullModel, sources: set[int]) -> 
     """
     m, p = len(plant.source_names), len(plant.known_names)
     of_states, of_known = np.zeros((m, len(plant.decay_1_s))), np.zeros((m, p))
-    known, steady, N = plant.known, full.steady, plant.modes
-    fields: list[tuple[int, Field]] = [(known.ambient, steady.ambient)]
-    ends = ((LEFT, known.left_end), (RIGHT, known.right_end))
-    fields += [(q, steady.end(side)) for side, q in ends if q is not None]
-    kinks_m = [x for heat in full.heats for _, stretch in heat.parts for x in stretch]
     for j in sources:
-        nodes, weights = mean_over(modes.rod, full.heats[j].stretch, kinks_m)
-        # the part of an input that its modes leave out under the source
-        retained = steady.amplitudes(modes, np.eye(N)).T @ (weights @ modes.theta(nodes))
-        for k, heat in enumerate(full.heats):
-            under_K_W = sum(part * (weights @ steady.source(s)(nodes)) for part, s in heat.parts)
-            of_states[j, N + k] = under_K_W - retained @ plant.B[:N, k]
-        for q, field in fields:
-            of_known[j, q] = weights @ field(nodes) - retained @ plant.E[:N, q]
+        of_states[j], of_known[j] = dropped_under(plant, modes, full, full.heats[j].stretch)
     return of_states, of_known
 
 

@@ -11,9 +11,10 @@ import numpy as np
 
 from observer.config import Config
 from observer.frames import FloatArray
-from observer.model.learning import REST_K, Nuisance, Parameter, learning_of, no_change
+from observer.model.learning import REST_K, Change, Nuisance, Parameter, learning_of, no_change
 from observer.model.network import Attached, NodeModes
 from observer.model.plant import Plant
+from observer.model.reduce import FullModel, dropped_under
 from observer.model.rod.modes import Modes, Stretch, modal_input
 from observer.model.rod.screw import surface_rate
 from observer.tables.sections import Description
@@ -199,13 +200,17 @@ def _without(columns: FloatArray, sensors: Sequence[int]) -> FloatArray:
 
 
 def with_learning(
-    plant: Plant, config: Config, modes: Modes, body_parameters: Iterable[Parameter] = ()
+    plant: Plant, config: Config, full: FullModel, modes: Modes, body_parameters: Iterable[Parameter] = ()
 ) -> Plant:
     """Return the plant with the uncertain parameters of machine, bodies and sensors; unchanged if none is.
 
     The caller makes `body_parameters`, those of the bodies beside the screw.
     """
-    parameters = [*_of_machine(plant, config, modes), *body_parameters, *_of_sensors(plant, config, modes)]
+    parameters = [
+        *_of_machine(plant, config, full, modes),
+        *body_parameters,
+        *_of_sensors(plant, config, modes),
+    ]
     rest = REST_K**2 / config.estimator.initial_sigma_K**2
     return with_parameters(plant, parameters, config.learnt, rest)
 
@@ -236,23 +241,38 @@ def with_parameters(
     return replace(plant, learning=learning, layout=replace(plant.layout, learned=learning.names))
 
 
-def _of_machine(plant: Plant, config: Config, modes: Modes) -> Iterator[Parameter]:
+def _of_machine(plant: Plant, config: Config, full: FullModel, modes: Modes) -> Iterator[Parameter]:
     """Yield the parameters of the machine: film, material, ambient, ends, and the scale of every law."""
     tolerance, screw = config.tolerance, config.screw
     n_x, unchanged = len(plant.decay_1_s), no_change(len(plant.decay_1_s), len(plant.known_names))
     film_1_s, air = modes.rod.diffusivity_m2_s * modes.rod.fin_1_m**2, plant.known.ambient
     is_mode = np.arange(n_x) < len(modes)
+    is_lag = (np.arange(n_x) >= len(modes)) & (np.arange(n_x) < plant.lag_slice.stop)
     passive = unchanged._replace(
         rate_1_s=np.where(is_mode, -plant.decay_1_s, 0.0), inputs=np.where(is_mode, plant.E.T, 0.0)
     )
-    # of a screw with sections what each mode loses, but not what the film mixes
-    loses = 1.0 if modes.rod.profile is None else padded(np.diag(modes.surface()), n_x)
-    film = unchanged._replace(
-        rate_1_s=np.where(is_mode, -film_1_s * loses, 0.0), inputs=unchanged.inputs.copy()
-    )
-    film.inputs[air] = np.where(is_mode, film_1_s * loses * plant.uniform, 0.0)
+    film = unchanged._replace(inputs=unchanged.inputs.copy())
+    film.inputs[air] = modes.rod.fin_1_m**2 * padded(modes.wetted(0.0, modes.rod.length_m), n_x)
+    if modes.rod.profile is None:
+        film = film._replace(rate_1_s=np.where(is_mode, -film_1_s, 0.0))
+    else:  # it mixes the modes of a screw with sections
+        loses, shape = np.linalg.eigh(modes.surface())
+        row = wide(shape.T, n_x)
+        film = film._replace(into=-film_1_s * loses[:, None] * row, feedback_row=row)
+    ends = ((modes.rod.left, "left", 0.0), (modes.rod.right, "right", modes.rod.length_m))
+    losses = [
+        (side, end.biot_1_m * modes.rod.conductance_W_m, _lost_at(plant, full, modes, x_m))
+        for end, side, x_m in ends
+        if not end.prescribed
+    ]
+    # all but the losses of film and ends; dropped modes conduct away too what their lags show
     conduction = unchanged._replace(
-        rate_1_s=passive.rate_1_s - film.rate_1_s, inputs=passive.inputs - film.inputs
+        rate_1_s=np.where(is_lag, -plant.decay_1_s, passive.rate_1_s - film.rate_1_s),
+        into=np.vstack([-film.into, *(-loss_W_K * loss.into for _, loss_W_K, loss in losses)]),
+        feedback_row=np.vstack([film.feedback_row, *(loss.feedback_row for *_, loss in losses)]),
+        inputs=passive.inputs
+        - film.inputs
+        - sum((loss_W_K * loss.inputs for _, loss_W_K, loss in losses), np.zeros_like(film.inputs)),
     )
     # with more of it, all that warms or cools is slower
     slower = unchanged._replace(
@@ -270,16 +290,9 @@ def _of_machine(plant: Plant, config: Config, modes: Modes) -> Iterator[Paramete
         yield Parameter(kind, 0, sigma, change, name, value, unit=value)
     warmer = unchanged._replace(steady=plant.E[:, air])
     yield Parameter(Nuisance.AMBIENT, 0, tolerance.ambient_K, warmer, "ambient.offset_K")
-    ends = ((modes.rod.left, "left", 0.0), (modes.rod.right, "right", modes.rod.length_m))
-    for i, (end, side, x_m) in enumerate(ends):
-        if not end.prescribed:
-            into = padded(modal_input(modes, Stretch(x_m, x_m)), n_x)
-            loss = unchanged._replace(
-                into=-into, feedback_row=padded(modes.theta(x_m)[0], n_x), inputs=unchanged.inputs.copy()
-            )
-            loss.inputs[air] = into
-            loss_W_K = end.biot_1_m * modes.rod.conductance_W_m
-            yield Parameter(Nuisance.END, i, tolerance.end_W_K, loss, f"boundary.{side}.loss_W_K", loss_W_K)
+    for side, loss_W_K, loss in losses:
+        i = ("left", "right").index(side)
+        yield Parameter(Nuisance.END, i, tolerance.end_W_K, loss, f"boundary.{side}.loss_W_K", loss_W_K)
     for j, index in enumerate(np.flatnonzero(plant.estimated).tolist()):
         source = config.source[index]
         if source.law is not None and Nuisance.LAW.key in config.learnt:
@@ -289,6 +302,22 @@ def _of_machine(plant: Plant, config: Config, modes: Modes) -> Iterator[Paramete
                 source.scale,
             )
             yield Parameter(Nuisance.LAW, j, config.law_uncertainty(source), law_change, name, scale, scale)
+
+
+def _lost_at(plant: Plant, full: FullModel, modes: Modes, x_m: float) -> Change:
+    """The effect of a loss of 1 W/K at an end; it cools dropped modes too if a source is there."""
+    n_x, place = len(plant.decay_1_s), Stretch(x_m, x_m)
+    into = padded(modal_input(modes, place), n_x)
+    dropped, of_known = dropped_under(plant, modes, full, place)
+    for j, heat in enumerate(full.heats):
+        if heat.stretch == place and heat.share > 0.0:
+            into[len(modes) + j] = plant.decay_1_s[len(modes) + j] / heat.share
+            break
+    row = padded(modes.theta(x_m)[0], n_x) + dropped
+    inputs = -np.multiply.outer(of_known, into)
+    inputs[plant.known.ambient] += into
+    unchanged = no_change(n_x, len(plant.known_names))
+    return unchanged._replace(into=-into, feedback_row=row, inputs=inputs)
 
 
 def _of_sensors(plant: Plant, config: Config, modes: Modes) -> Iterator[Parameter]:

@@ -59,7 +59,7 @@ class Nuisance(IntEnum):
 class Change(NamedTuple):
     """The effect of one unit of a parameter, on a plant of n_x states with p known inputs.
 
-    On dx/dt, A is diag(`rate_1_s`) + `into` `feedback_row`. B q is `heats` times the effect of all heats,
+    On dx/dt, A is diag(`rate_1_s`) + `into`ᵀ `feedback_row`. B q is `heats` times the effect of all heats,
     plus the effect of one law. One unit moves all the heat of the source `divided` from its place to `into`.
     E is `inputs` and f `steady`. On the reading of the parameter's sensor, C is `row`, F `row_known`
     and d `shift_K`. Filters replace A by that of the moving nut's current place, for the link with the number
@@ -67,8 +67,8 @@ class Change(NamedTuple):
 
     Attributes:
         rate_1_s: Diagonal of A, (n_x,).
-        into: States that the parameter changes, (n_x,).
-        feedback_row: Row that reads the states, (n_x,).
+        into: States that the parameter changes, (n_x,), or several such columns, (r, n_x).
+        feedback_row: Row that reads the states, (n_x,), or one for each column, (r, n_x).
         heats: Factors on the effect of all heats, (n_x,).
         law: Source whose law is scaled, −1 without one.
         divided: Source whose heat is divided, −1 without one.
@@ -121,8 +121,9 @@ class Parameter(NamedTuple):
 class LearningArrays(NamedTuple):
     """L uncertain parameters as arrays for the kernels, those of the machine first; L may be 0.
 
-    The fields of `Change` have an axis (L, …) in front. In a plant of another basis, the effects of the
-    machine's parameters are described on the states x = V ξ.
+    The fields of `Change` have an axis (L, …) in front; `into` and `feedback_row` (K, n_x) contain the
+    columns of all parameters. In a plant of another basis, the effects of the machine's parameters are
+    described on the states x = V ξ.
 
     Attributes:
         machine: Number of the machine's parameters.
@@ -130,6 +131,7 @@ class LearningArrays(NamedTuple):
         of: As in `Parameter`, (L,).
         sigma: As in `Parameter`, (L,).
         considered: Numbers of the parameters that are considered only, (h,).
+        first: Number of the first column of each parameter in `into`, (L + 1,).
         heated: Whether each has a part in the effect of the heats, (L,).
         ambient: Column of the ambient among the known inputs.
         rests: 1 if `rest_P` applies.
@@ -156,6 +158,7 @@ class LearningArrays(NamedTuple):
     row_known: FloatArray
     shift_K: FloatArray
     lag_s: FloatArray
+    first: NDArray[np.int64]
     heated: NDArray[np.int64]
     ambient: int
     rests: int
@@ -178,14 +181,14 @@ class LearningArrays(NamedTuple):
         turned = len(self.V) > 0
         if turned:
             x, B = self.V @ x, self.V @ B
-        tied, driven = self.feedback_row @ x, B @ heat_W
-        c = self.rate_1_s * x + self.into * tied[:, None] + self.heats * driven
+        passed, driven = self.into * (self.feedback_row @ x)[:, None], B @ heat_W
+        c = self.rate_1_s * x + np.add.reduceat(passed, self.first[:-1]) + self.heats * driven
         c += np.einsum("ipa,p->ia", self.inputs, z) + self.steady
         by_law = self.law >= 0
         c[by_law] += (B * law_W).T[self.law[by_law]]
         for i in np.flatnonzero(self.divided >= 0):
             source = self.divided[i]
-            c[i] += (self.into[i] - B[:, source]) * heat_W[source]
+            c[i] += (self.into[self.first[i]] - B[:, source]) * heat_W[source]
         return np.asarray(self.inverse @ c.T if turned else c.T)
 
     def feedback(self, theta: FloatArray) -> FloatArray:
@@ -194,7 +197,8 @@ class LearningArrays(NamedTuple):
         Args:
             theta: The parameters, (L,).
         """
-        A = np.diag(theta @ self.rate_1_s) + (self.into.T * theta) @ self.feedback_row
+        each = np.repeat(theta, np.diff(self.first))
+        A = np.diag(theta @ self.rate_1_s) + (self.into.T * each) @ self.feedback_row
         return self.inverse @ A @ self.V if len(self.V) else A
 
     def in_basis(self, V: FloatArray, inverse: FloatArray) -> LearningArrays:
@@ -239,7 +243,8 @@ class LearningArrays(NamedTuple):
         return np.asarray(self.row @ x + self.row_known @ z + self.shift_K)
 
 
-_PER_PARAMETER = ("kind", "of", "sigma", "heated", *Change._fields)
+_PER_COLUMN = ("into", "feedback_row")
+_PER_PARAMETER = ("kind", "of", "sigma", "heated", *(f for f in Change._fields if f not in _PER_COLUMN))
 
 
 def of_parameters(arrays: LearningArrays, selected: NDArray[np.int64]) -> LearningArrays:
@@ -250,6 +255,10 @@ def of_parameters(arrays: LearningArrays, selected: NDArray[np.int64]) -> Learni
         selected: Numbers of the parameters in the new order, the machine's first, (r,).
     """
     fields = {name: getattr(arrays, name)[selected] for name in _PER_PARAMETER}
+    columns = [np.arange(arrays.first[i], arrays.first[i + 1]) for i in selected]
+    numbers = np.concatenate([np.zeros(0, np.int64), *columns])
+    fields |= {name: getattr(arrays, name)[numbers] for name in _PER_COLUMN}
+    fields["first"] = _first([len(c) for c in columns])
     machine = int((selected < arrays.machine).sum())
     return arrays._replace(machine=machine, considered=np.zeros(0, np.int64), **fields)
 
@@ -260,8 +269,10 @@ def joined(arrays: LearningArrays, added: LearningArrays) -> LearningArrays:
     The numbers of the machine's and of considered parameters stay those of `arrays`.
     """
     fields: dict[str, Any] = {
-        name: np.concatenate([getattr(arrays, name), getattr(added, name)]) for name in _PER_PARAMETER
+        name: np.concatenate([getattr(arrays, name), getattr(added, name)])
+        for name in (*_PER_PARAMETER, *_PER_COLUMN)
     }
+    fields["first"] = _first([*np.diff(arrays.first), *np.diff(added.first)])
     return arrays._replace(**fields)
 
 
@@ -295,6 +306,11 @@ class Learning:
         value = self.value + self.unit * x[self.states]
         sigma = self.unit * np.sqrt(np.diag(P)[self.states])
         return dict(zip(self.names, zip(value.tolist(), sigma.tolist(), strict=True), strict=True))
+
+
+def _first(counts: Sequence[int]) -> NDArray[np.int64]:
+    """The number of the first column of each parameter, (L + 1,), from how many each has."""
+    return np.cumsum([0, *counts], dtype=np.int64)
 
 
 def no_change(n_x: int, inputs: int) -> Change:
@@ -336,7 +352,10 @@ def learning_of(
             -1, *np.shape(default)
         )
         for name, default in unchanged._asdict().items()
+        if name not in _PER_COLUMN
     }
+    for name in _PER_COLUMN:
+        change[name] = np.vstack([np.zeros((0, n_x)), *(getattr(p.change, name) for p in parameters)])
     learnt_states = [i for i, p in enumerate(parameters) if p.kind.key in learnt]
     arrays = LearningArrays(
         machine=sum(not p.kind.of_a_sensor for p in parameters),
@@ -345,6 +364,7 @@ def learning_of(
         sigma=np.array([p.sigma for p in parameters], np.float64),
         considered=np.array([i for i in range(len(parameters)) if i not in learnt_states], np.int64),
         **change,
+        first=_first([len(np.atleast_2d(p.change.into)) for p in parameters]),
         heated=change["heats"].any(axis=1).astype(np.int64),
         ambient=ambient,
         rests=int(rest_P is not None),

@@ -280,12 +280,14 @@ class Shapes(NamedTuple):
 
     Attributes:
         source: Number of the nut's source.
+        conductance_W_K: Conductance to all nodes together.
         rate_1_s: Decay rates, (e,).
         shape: The shapes, (e, N).
         swept: Squared size of the nut's column over the whole stroke.
     """
 
     source: int
+    conductance_W_K: float
     rate_1_s: FloatArray
     shape: FloatArray
     swept: float
@@ -306,7 +308,7 @@ def shapes_of_strokes(modes: Modes, exchanges: Sequence[Exchange]) -> Iterator[S
             (theta * weights[:, None]).T @ theta - np.multiply.outer(mean, mean)
         )
         is_large = eigenvalues > SMALL * eigenvalues.max()
-        yield Shapes(j, G / kA * eigenvalues[is_large], shape[:, is_large].T, float(mean @ mean) / kA**2)
+        yield Shapes(j, G, G / kA * eigenvalues[is_large], shape[:, is_large].T, float(mean @ mean) / kA**2)
 
 
 def spreads(

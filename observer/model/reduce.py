@@ -18,7 +18,17 @@ from observer.frames import FloatArray, Layout
 from observer.model.caching import cached
 from observer.model.coupling import no_coupling
 from observer.model.network import Exchange, past_heat_covariance, smooth_field_covariance
-from observer.model.plant import BED, OFFSET, REFERENCE, Following, MovingSource, OutputRows, Plant
+from observer.model.plant import (
+    BED,
+    LEFT,
+    OFFSET,
+    REFERENCE,
+    RIGHT,
+    Following,
+    MovingSource,
+    OutputRows,
+    Plant,
+)
 from observer.model.rod.modes import (
     Modes,
     Stretch,
@@ -28,7 +38,7 @@ from observer.model.rod.modes import (
 )
 from observer.model.rod.moving import TABLE_POINTS, NutTable
 from observer.model.rod.supports import Restraint, restrained_rows
-from observer.model.steady import Field, SteadyScrew
+from observer.model.steady import Field, ScrewAtRest, mean_over
 
 UM_PER_M = 1e6
 LEAST_COSINES = 96
@@ -115,6 +125,29 @@ def steady_rows(places: Places, steady: Field, kinks_m: Sequence[float]) -> Floa
         return whole
     growth = places.um_per_K_m * _running_integral(places.length_m, places.growth_m, steady, kinks_m)
     return np.concatenate([whole, restrained_rows(places.restraint, growth)])
+
+
+def dropped_under(
+    plant: Plant, modes: Modes, full: FullModel, stretch: Stretch
+) -> tuple[FloatArray, FloatArray]:
+    """Return the mean temperature of the dropped modes on a stretch, as rows (n_x,) of states and (p,) of
+    known inputs.
+    """
+    known, steady, N = plant.known, full.steady, plant.modes
+    of_states, of_known = np.zeros(len(plant.decay_1_s)), np.zeros(len(plant.known_names))
+    kinks_m = [x for heat in full.heats for _, part in heat.parts for x in part]
+    places_m, weights = mean_over(modes.rod, stretch, kinks_m)
+    # the part of an input that its modes leave out there
+    retained = steady.amplitudes(modes, np.eye(N)).T @ (weights @ modes.theta(places_m))
+    for k, heat in enumerate(full.heats):
+        under_K_W = sum(part * (weights @ steady.source(s)(places_m)) for part, s in heat.parts)
+        of_states[N + k] = under_K_W - retained @ plant.B[:N, k]
+    fields: list[tuple[int, Field]] = [(known.ambient, steady.ambient)]
+    ends = ((LEFT, known.left_end), (RIGHT, known.right_end))
+    fields += [(q, steady.end(side)) for side, q in ends if q is not None]
+    for q, field in fields:
+        of_known[q] = weights @ field(places_m) - retained @ plant.E[:N, q]
+    return of_states, of_known
 
 
 def reference_rows(places: Places) -> FloatArray:
@@ -230,7 +263,7 @@ class FullModel:
     """
 
     modes: Modes
-    steady: SteadyScrew
+    steady: ScrewAtRest
     heats: tuple[HeatInput, ...]
     known_inputs: tuple[KnownInput, ...]
     places: Places
@@ -362,7 +395,7 @@ def _lag_row(full: FullModel, modes: Modes, stretch: Stretch) -> FloatArray:
 
 
 def _remainder_of(
-    modes: Modes, steady: SteadyScrew, places: Places, stretch: Stretch, rows: FloatArray
+    modes: Modes, steady: ScrewAtRest, places: Places, stretch: Stretch, rows: FloatArray
 ) -> FloatArray:
     """The part of a steady field outside the modes of the plant, (R,).
 
@@ -465,7 +498,7 @@ def _remainders_along(
     modes: Modes, exchanges: tuple[Exchange, ...], places: Places, nut_m: float, nut_places: int
 ) -> FloatArray:
     """The columns of `_nut_rows` with a static correction."""
-    steady = SteadyScrew(modes.rod, exchanges)
+    steady = ScrewAtRest(modes.rod, exchanges)
     L, rows = modes.rod.length_m, modal_rows(modes, places)
     stretches = [nut_stretch(x, nut_m, L) for x in np.linspace(0.0, L, nut_places).tolist()]
     return np.array([_remainder_of(modes, steady, places, stretch, rows) for stretch in stretches])

@@ -14,11 +14,19 @@ import numpy as np
 from observer.config import Config
 from observer.effects.terms import Term
 from observer.frames import FloatArray
-from observer.model.extend import with_learning
+from observer.model.extend import wide, with_learning
 from observer.model.generator import Constant, generator
 from observer.model.learning import Change, Nuisance, Parameter, no_change
-from observer.model.network import NodeModes, attached, conductance_W_K, node_modes
+from observer.model.network import (
+    NodeModes,
+    Shapes,
+    attached,
+    conductance_W_K,
+    node_modes,
+    shapes_of_strokes,
+)
 from observer.model.plant import Plant
+from observer.model.reduce import FullModel
 from observer.model.rod.modes import Modes
 from observer.tables.sections import AMBIENT, Link
 
@@ -29,6 +37,7 @@ def with_rough_network(
     described: Sequence[Link],
     terms: Sequence[Term],
     constant: Constant,
+    full: FullModel,
     modes: Modes,
 ) -> Plant:
     """Return a plant with nodes, with all the parameters that its estimator learns or considers.
@@ -42,13 +51,14 @@ def with_rough_network(
         modes: Modes of the screw.
     """
     network_modes = node_modes(attached(config, terms).network)
-    node_states = _NodeStates(plant, config, network_modes)
+    shapes = list(shapes_of_strokes(modes, full.steady.exchanges))
+    node_states = _NodeStates(plant, config, network_modes, shapes)
     rough = [
         *node_states.links(config, described),
         *node_states.capacities(config, constant),
         *node_states.divisions(config),
     ]
-    plant = with_learning(plant, config, modes, rough)
+    plant = with_learning(plant, config, full, modes, rough)
     if plant.learning is None or node_states.apart:
         return plant
     arrays = plant.learning.arrays.described_on(node_states.temperatures, node_states.inverse)
@@ -62,10 +72,12 @@ class _NodeStates:
     the nodes are `apart`, without links to each other, each already is a state.
     """
 
-    def __init__(self, plant: Plant, config: Config, network_modes: NodeModes) -> None:
+    def __init__(
+        self, plant: Plant, config: Config, network_modes: NodeModes, shapes: Sequence[Shapes]
+    ) -> None:
         n_x, nodes, first = len(plant.decay_1_s), len(network_modes.shape), plant.lag_slice.stop
         node_slice = slice(first, first + nodes)
-        self._plant, self._names = plant, [n.name for n in config.node]
+        self._plant, self._names, self._shapes = plant, [n.name for n in config.node], shapes
         self._read, self._into = np.zeros((nodes, n_x)), np.zeros((nodes, n_x))
         self._read[:, node_slice], self._into[:, node_slice] = network_modes.shape, network_modes.input.T
         self.temperatures, self.inverse = np.eye(n_x), np.eye(n_x)
@@ -135,7 +147,13 @@ class _NodeStates:
             under, foot = self._under(source)
             row, into = row - under, into + foot
             inputs = -G * np.multiply.outer(plant.coupling.under_F[source], into)
-        return unchanged._replace(into=G * into, feedback_row=row, inputs=inputs)
+        columns, rows = [G * into], [row]
+        for shapes in (s for s in self._shapes if second == plant.source_names[s.source]):
+            # a nut exchanges place by place; of its conductances this one is a part
+            wide_shape, part = wide(shapes.shape, len(row)), G / shapes.conductance_W_K
+            columns += list(-part * shapes.rate_1_s[:, None] * wide_shape)
+            rows += list(wide_shape)
+        return unchanged._replace(into=np.array(columns), feedback_row=np.array(rows), inputs=inputs)
 
     def _storing(self, node: int, capacity_J_K: float, A: FloatArray, E: FloatArray) -> Change:
         """The effect of doubling a node's capacity: all its temperature changes are slower."""

@@ -36,7 +36,7 @@ LEAST_LOSS = 1e-7
 """Loss, as a part of the diffusion rate α/L², of a screw that has none: a rod with films only needs one."""
 
 
-class SteadyScrew:
+class ScrewAtRest:
     """The steady fields of a rod, with the exchanges of its nuts beyond those of their mean temperatures."""
 
     def __init__(self, rod: Rod, exchanges: Sequence[Exchange]) -> None:

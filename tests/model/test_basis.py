@@ -26,9 +26,9 @@ def before_and_after(effects, *, learns=False, moving=True, last=False):
     config, _ = described(3, 3, 3, moving=moving, effect=COUPLINGS[effects], estimator={"learn": EVERY})
     if last:
         config = config.remade(config.model_dump(exclude_unset=True) | {"source": _turned(config)})
-    plant, constant, modes = unturned(config)
+    plant, constant, full, modes = unturned(config)
     if learns:
-        plant = with_learning(plant, config, modes)
+        plant = with_learning(plant, config, full, modes)
     return plant, constant, diagonalised(plant, constant)
 
 
@@ -103,7 +103,7 @@ def test_what_loses_nothing_stays_for_good(modes):
     config, _ = described(modes, 3, 3)
     body = [effect | {"loss_W_K": 0.0} for effect in COUPLINGS["body_at_an_end"]]
     surface = {"surface": {"convection_W_m2K": 0.0}, "effect": body}
-    plant, constant, _ = unturned(config.remade(config.model_dump(exclude_unset=True) | surface))
+    plant, constant, *_ = unturned(config.remade(config.model_dump(exclude_unset=True) | surface))
     slowest = np.sort(diagonalised(plant, constant).decay_1_s)
     assert 0.0 <= slowest[0] < 1e-12
     assert slowest[1] > 1e-5

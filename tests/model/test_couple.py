@@ -68,7 +68,7 @@ def test_at_rest_bodies_and_sensors_that_lag_have_the_temperature_about_them() -
 def test_a_film_along_a_stretch_takes_its_part_of_an_even_field() -> None:
     film = {"kind": "uneven_convection", "from_m": 0.1, "to_m": 0.35, "extra_W_m2K": 40.0}
     config, _ = described(6, 3, 3, effect=[film])
-    plant, constant, _ = unturned(config)
+    plant, constant, *_ = unturned(config)
     rate_1_s = 40.0 * surface_rate(config.screw) * 0.25
     mean = np.zeros(len(plant.uniform))
     mean[0] = 1.0 / plant.uniform[0]  # a wave of an insulated screw has no mean

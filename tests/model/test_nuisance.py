@@ -39,7 +39,7 @@ def machine(link_W_K: float = LINK_W_K, capacity_J_K: float = CAPACITY_J_K) -> C
 
 def of_link() -> Change:
     """What 1 W/K of the link does: it moves heat to the screw, by how much warmer the block is."""
-    plant, constant, _ = unturned(machine())
+    plant, constant, *_ = unturned(machine())
     block, per_W_K = plant.lag_slice.stop, constant.A / LINK_W_K
     none = no_change(len(plant.decay_1_s), len(plant.known_names))
     return none._replace(into=per_W_K[:, block], feedback_row=per_W_K[block] / per_W_K[block, block])
@@ -47,7 +47,7 @@ def of_link() -> Change:
 
 def of_capacity() -> Change:
     """What the whole capacity of the block once more does: all that warms or cools it does so more slowly."""
-    plant, constant, _ = unturned(machine())
+    plant, constant, *_ = unturned(machine())
     n_x, number = len(plant.decay_1_s), plant.lag_slice.stop
     block = (np.arange(n_x) == number).astype(float)
     return no_change(n_x, len(plant.known_names))._replace(
@@ -61,7 +61,7 @@ def of_capacity() -> Change:
 
 def of_division() -> Change:
     """What the screw's part of the heater's heat does in the block instead: it warms it by its capacity."""
-    plant, _, _ = unturned(machine())
+    plant, *_ = unturned(machine())
     block = (np.arange(len(plant.decay_1_s)) == plant.lag_slice.stop).astype(float)
     none = no_change(len(plant.decay_1_s), len(plant.known_names))
     return none._replace(into=block / CAPACITY_J_K, divided=0)
@@ -78,14 +78,14 @@ def with_parameter(plant: Plant, change: Change, sigma: float, value: float, uni
 
 def rates(config: Config, x: FloatArray, q: FloatArray, z: FloatArray) -> FloatArray:
     """dx/dt of the plant of a configuration, x its modes, lags and nodes."""
-    plant, constant, _ = unturned(config)
+    plant, constant, *_ = unturned(config)
     A = constant.A - np.diag(plant.decay_1_s)
     return np.asarray(A @ x + plant.B @ q + (plant.E + constant.E) @ z)
 
 
 @pytest.mark.parametrize("what", ["link", "capacity"])
 def test_its_column_is_the_finite_difference_of_the_plant(what: str) -> None:
-    (plant, _, _), rng, h = unturned(machine()), np.random.default_rng(5), 1e-4
+    (plant, *_), rng, h = unturned(machine()), np.random.default_rng(5), 1e-4
     x = plant.uniform * 20.0 + 5.0 * np.sqrt(np.diag(plant.prior_P)) * rng.standard_normal(len(plant.uniform))
     q, z = np.array([15.0, 4.0]), np.full(len(plant.known_names), 21.0)
     if what == "link":
