@@ -19,6 +19,7 @@ from observer.model.caching import cached
 from observer.model.coupling import no_coupling
 from observer.model.network import Exchange, past_heat_covariance, smooth_field_covariance
 from observer.model.plant import (
+    AMBIENT,
     BED,
     LEFT,
     OFFSET,
@@ -319,7 +320,7 @@ def reduce(
             restraint=places.restraint,
         ),
         moving=_moving_sources(full, modes, lag_decay_1_s, B, nut_places),
-        uniform=np.concatenate([modes.stored() / rod.diffusivity_m2_s, np.zeros(m)]),
+        uniform=np.concatenate([_uniform(full, modes, known_inputs), np.zeros(m)]),
         prior_P=full.initial_sigma_K**2 * smooth + np.pad(past, (0, m)) + lags,
         smooth_P=full.initial_sigma_K**2 * smooth,
         noise_R_K2=full.noise_K**2,
@@ -340,6 +341,14 @@ def reduce(
         by_speed=tuple(i for i, heat in enumerate(heats) if heat.is_by_speed),
     )
     return plant, modes
+
+
+def _uniform(full: FullModel, modes: Modes, known_inputs: Sequence[KnownInput]) -> FloatArray:
+    """The amplitudes (N,) of a screw at 1 °C in surroundings at 1 °C, as they stay there."""
+    if not full.steady.exchanges or modes.rod.floating:
+        return modes.stored() / modes.rod.diffusivity_m2_s
+    around = [k.modal for k in known_inputs if k.name in (AMBIENT, LEFT, RIGHT)]
+    return full.steady.amplitudes(modes, np.sum(around, axis=0))
 
 
 def _following(heats: Sequence[HeatInput]) -> tuple[Following, ...]:

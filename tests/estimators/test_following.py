@@ -41,7 +41,15 @@ def passed_in_place(plant, B, x, z):
         modes = np.arange(len(x)) < plant.modes
         under = c.under_C[source] + c.conductance_W_m * np.where(modes, foot, 0.0)
         apart_K = (c.links.C[i] - under) @ x - c.under_F[source] @ z
-        columns.append(c.links.conductance_W_K[i] * apart_K * (foot - c.links.B[i]))
+        passed = c.links.conductance_W_K[i] * apart_K * (foot - c.links.B[i])
+        e = slice(*c.spreads.first[source : source + 2])  # and place by place under the stroke that it sweeps
+        row, into = c.spreads.row[e], c.spreads.into[e]
+        size = c.place_gain[source] ** 2 * (B[: plant.modes, source] @ B[: plant.modes, source])
+        now, at_rest = ((c.spreads.swept[source] / s) ** 2 for s in (size, c.spreads.at_rest[source]))
+        share = np.clip((now - at_rest) / (1.0 - at_rest), 0.0, 1.0)
+        part = c.links.conductance_W_K[i] / c.links.conductance_W_K[c.links.source == source].sum()
+        shapes = into.T @ (share * part * c.spreads.rate_1_s[e] * (row @ x[: row.shape[1]]))
+        columns.append(passed - np.pad(shapes, (0, len(x) - len(shapes))))
     return np.array(columns).T
 
 

@@ -46,19 +46,28 @@ def drives(plant, B, law_W, z, around):
     modes, config = np.arange(n_x) < N, config_of()
     film_1_s = surface_rate(config.screw) * config.surface.convection_W_m2K
     film = np.where(modes, film_1_s * (plant.uniform * z[a.ambient] - x), 0.0)
-    ends = plant.rows.C[plant.rows.field_slice][[0, -1]] * modes  # what reads the temperature of an end
+    grid = plant.rows.field_slice
+    ends, known = (
+        plant.rows.C[grid][[0, -1]],
+        plant.rows.F[grid][[0, -1]],
+    )  # these read the ends' temperatures
+    lags = ~modes & (np.arange(n_x) < plant.lag_slice.stop)
     conductance_W_m = config.screw.conductivity_W_mK * np.pi / 4 * config.screw.diameter_m**2
     free = np.where(modes, plant.E @ z - plant.decay_1_s * x, 0.0)
+    into = ends * modes / conductance_W_m
+    for j, source in enumerate(config.source):  # what the lag of a bearing there holds is heated too
+        if source.position_m in (0.0, config.screw.length_m):
+            into[int(source.position_m > 0.0), N + j] = plant.decay_1_s[N + j] / source.screw_share
     columns = []
     for kind, of in zip(a.kind[: a.machine], a.of[: a.machine], strict=True):
         source = np.flatnonzero(plant.estimated)[of] if kind == Nuisance.LAW else 0
         columns.append(
             {
                 Nuisance.CONVECTION: lambda: film,
-                Nuisance.CONDUCTIVITY: lambda: free - film,
+                Nuisance.CONDUCTIVITY: lambda: np.where(lags, -plant.decay_1_s * x, free - film),
                 Nuisance.HEAT_CAPACITY: lambda: -np.where(modes, free + B @ heat_W, 0.0),
                 Nuisance.AMBIENT: lambda: plant.E[:, a.ambient],
-                Nuisance.END: lambda of=of: ends[of] / conductance_W_m * (z[a.ambient] - ends[of] @ x),
+                Nuisance.END: lambda of=of: into[of] * (z[a.ambient] - ends[of] @ x - known[of] @ z),
                 Nuisance.LAW: lambda source=source: B[:, source] * law_W[source],
             }[Nuisance(kind)]()
         )
