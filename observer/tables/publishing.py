@@ -129,7 +129,8 @@ class Publish(Section):
     history: Annotated[Count, Field(ge=1, le=100_000)] = 1000  #: how many estimates the queryable remembers
     tls: Tls | None = None  #: `[publish.tls]`, below
     login: Login | None = None  #: `[publish.login]`, below
-    access: Access | None = None  #: `[publish.access]`, below; without it everybody who can connect
+    #: `[publish.access]`, below; without it everybody who can connect may do everything
+    access: Access | None = None
 
     @property
     def listens(self) -> Endpoints:

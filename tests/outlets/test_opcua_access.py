@@ -76,7 +76,7 @@ def _settings(folder: Path) -> Opcua:
     """The page's own table, on loopback and with the files of a folder."""
     (table,) = [t["opcua"] for t in _tables() if "users_file" in t.get("opcua", {})]
     keys = ("users_file", "certificate", "key")
-    files = {key: folder / table[key] for key in keys}
+    files = {key: folder / Path(table[key]).name for key in keys}
     assert Opcua(**table)
     return Opcua(listen=f"opc.tcp://127.0.0.1:{free_port()}", **files)
 

@@ -225,7 +225,8 @@ def _page(tmp_path: Path, monkeypatch) -> list[dict]:
     found = blocks(PAGE)
     for script in (body for _, language, body in found if language == "sh"):
         subprocess.run(["sh", "-ec", script], check=True, capture_output=True)
-    return [tomllib.loads(body) for _, language, body in found if language == "toml"]
+    here = [body.replace("/etc/ballscrew-observer/", "") for _, language, body in found if language == "toml"]
+    return [tomllib.loads(body) for body in here]
 
 
 @pytest.mark.system
