@@ -82,26 +82,31 @@ class OutletsProcess:
         return True
 
     def _run(self) -> None:
-        command = (sys.executable, "-m", "observer.outlets")
         while not self._closing.is_set():
-            # in a session of its own: Ctrl-C is for the service, which then ends it
-            with subprocess.Popen(
-                command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                bufsize=0,
-                env=os.environ | _ONE_HEAP,
-                start_new_session=True,
-            ) as child:
-                self._child = child
-                assert child.stdin is not None
-                with contextlib.suppress(OSError):  # it has ended
-                    child.stdin.write(self._start.model_dump_json().encode() + b"\n")
-                while child.poll() is None and not self._closing.wait(_LOOK_S):
-                    pass
+            try:
+                self._run_once()
+                reason = "ended and is restarted; see the log lines before"
+            except OSError as error:
+                reason = f"cannot be started ({error}); make room for one more process"
             if not self._closing.is_set():
                 self._states = {}
-                self._ended = (
-                    "outlets: the process of page and plant ended and is restarted; see the log lines before"
-                )
+                self._ended = f"outlets: the process of page and plant {reason}"
                 self._closing.wait(_RETRY_S)
+
+    def _run_once(self) -> None:
+        """Start the process, and wait for its end or that of the service."""
+        # in a session of its own: Ctrl-C is for the service, which then ends it
+        with subprocess.Popen(
+            (sys.executable, "-m", "observer.outlets"),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            bufsize=0,
+            env=os.environ | _ONE_HEAP,
+            start_new_session=True,
+        ) as child:
+            self._child = child
+            assert child.stdin is not None
+            with contextlib.suppress(OSError):  # it has ended
+                child.stdin.write(self._start.model_dump_json().encode() + b"\n")
+            while child.poll() is None and not self._closing.wait(_LOOK_S):
+                pass

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import structlog
-from pydantic import BaseModel, ConfigDict, TypeAdapter
+from pydantic import BaseModel, ConfigDict, FiniteFloat, TypeAdapter
 
 from observer.steps.store import Past
 from observer.tables.outlets import Metrics, Mqtt, Opcua, Page
@@ -91,7 +91,7 @@ class OutletState(BaseModel):
     reason: str | None = None
     address: str | None = None
     doubt: str | None = None
-    unsent: dict[str, float] | None = None
+    unsent: dict[str, FiniteFloat] | None = None
 
     def log_change(self, name: str, before: OutletState | None) -> None:
         """Log where the outlet serves now, if that is new."""

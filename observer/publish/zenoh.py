@@ -320,10 +320,16 @@ class ZenohPublisher:
                     link.rivals.look()
 
     def _answer(self) -> None:
-        """Start the outlets, then answer queries from everywhere."""
-        if self._outlets is not None:
-            self._open_local(self._outlets)
+        """Answer queries from everywhere, and start the outlets as soon as that is possible."""
+        tried_s = -math.inf
         while not self._closing.wait(_LOOK_S):
+            if (
+                self._outlets is not None
+                and self._local is None
+                and time.monotonic() - tried_s >= RETRY_MS / 1000
+            ):
+                self._open_local(self._outlets)
+                tried_s = time.monotonic()
             for link in (self._link, self._local):
                 if link is not None:
                     with self._disturbed_if_it_fails():
@@ -338,21 +344,19 @@ class ZenohPublisher:
             self._reason = f"Zenoh: the session is disturbed ({short(error)}); restart the service"
 
     def _open_local(self, outlets: Outlets) -> None:
-        """Open the session of the outlets, and start them."""
-        while self._local is None and not self._closing.is_set():
-            try:
-                self._folder = self._folder or tempfile.mkdtemp(prefix="observer-")
-                endpoint = f"{LOCAL}/{self._folder}/bus"
-                session = zenoh.open(session_config("peer", (), (endpoint,), MOST_BYTES))
-            except (OSError, zenoh.ZError) as error:
-                self._no_socket = f"outlets: no socket for them ({error}); make room for temporary files"
-                self._closing.wait(RETRY_MS / 1000)
-                continue
-            report = session.declare_subscriber(
-                f"{self._prefix}/outlets", lambda sample: outlets.take(sample.payload.to_bytes())
-            )
-            self._local, self._no_socket = self._declare(session, None, report, kinds=("acknowledge",)), None
-            outlets.start(endpoint)
+        """Try once to open the session of the outlets, and start them."""
+        try:
+            self._folder = self._folder or tempfile.mkdtemp(prefix="observer-")
+            endpoint = f"{LOCAL}/{self._folder}/bus"
+            session = zenoh.open(session_config("peer", (), (endpoint,), MOST_BYTES))
+        except (OSError, zenoh.ZError) as error:
+            self._no_socket = f"outlets: no socket for them ({error}); make room for temporary files"
+            return
+        report = session.declare_subscriber(
+            f"{self._prefix}/outlets", lambda sample: outlets.take(sample.payload.to_bytes())
+        )
+        self._local, self._no_socket = self._declare(session, None, report, kinds=("acknowledge",)), None
+        outlets.start(endpoint)
 
     def _open(self) -> None:
         session = zenoh.open(self._config)

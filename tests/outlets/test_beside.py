@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import stat
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import closing
@@ -23,6 +24,7 @@ from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
 PREFIX = "ballscrew/lathe/z"
+NAN = b'{"mqtt": {"unsent": {"steps": NaN, "duration_s": Infinity}}}'
 
 
 @pytest.fixture
@@ -34,10 +36,15 @@ def sockets(tmp_path, monkeypatch) -> Path:
 
 
 @pytest.fixture
-def made(sockets) -> Iterator[ZenohPublisher]:
+def endpoint() -> str:
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+@pytest.fixture
+def made(sockets, endpoint) -> Iterator[ZenohPublisher]:
     """A publisher with a process of outlets that serves metrics."""
     start = Start(machine="lathe", axis="z", period_s=1.0, metrics=Metrics(listen=f"127.0.0.1:{free_port()}"))
-    settings = Publish(mode="router", listen=(f"tcp/127.0.0.1:{free_port()}",))
+    settings = Publish(mode="router", listen=(endpoint,))
     identity = ServiceIdentity("lathe", "z", "0a0a0a0a")
     publisher = ZenohPublisher(identity, settings, '{"hash":"h"}', LAYOUT, outlets=OutletsProcess(start))
     with closing(publisher):
@@ -45,8 +52,11 @@ def made(sockets) -> Iterator[ZenohPublisher]:
         yield publisher
 
 
-def test_without_room_for_a_socket_the_reason_says_so_until_there_is(made, sockets):
+def test_without_room_for_a_socket_the_reason_says_so_until_there_is(made, sockets, endpoint):
     until(lambda: "make room for temporary files" in (made.status.reason or ""))
+    with zenoh.open(session_config("client", (endpoint,), ())) as session:  # queries are answered meanwhile
+        (answer,) = session.get(f"{PREFIX}/config", timeout=PATIENCE_S)
+    assert answer.ok.payload.to_string() == '{"hash":"h"}'
     sockets.mkdir()
     until(lambda: made.status.reason is None)
 
@@ -63,10 +73,19 @@ def test_only_this_user_reaches_the_socket_and_it_takes_one_kind_of_command(made
     assert answers == {"arm": [], "disarm": []}
 
 
+def test_a_process_that_cannot_be_started_is_tried_again(made, sockets, monkeypatch):
+    python = sys.executable
+    monkeypatch.setattr(sys, "executable", str(sockets / "python"))
+    sockets.mkdir()
+    until(lambda: "cannot be started" in (made.status.reason or ""))
+    monkeypatch.setattr(sys, "executable", python)
+    until(lambda: made.status.reason is None)
+
+
 def test_what_is_no_report_changes_nothing():
     process = OutletsProcess(Start(machine="lathe", axis="z", period_s=1.0))
     process.take(b'{"mqtt": {"reason": "mqtt: no broker", "unsent": {"steps": 3, "duration_s": 3.0}}}')
-    for wrong in (b"", b"[]", b'{"page": 1}', b'{"page": {"reasons": "x"}}'):
+    for wrong in (b"", b"[]", b'{"page": 1}', b'{"page": {"reasons": "x"}}', NAN):
         process.take(wrong)
     assert process.reason == "mqtt: no broker"
     assert process.unsent == {"mqtt": {"steps": 3.0, "duration_s": 3.0}}
