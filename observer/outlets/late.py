@@ -69,7 +69,7 @@ class LateSender:
         self._resumes = False
         self._marked_s = self._saved_s = self._connected_s = self._resumed_s = self._reported_s = -math.inf
         self._slot = math.nan
-        self._went: dict[str, tuple[int, float]] = {}
+        self._went: dict[str, tuple[str | None, int, float]] = {}
         assert start.past is not None
         self._past = Pages(start.past)
 
@@ -102,7 +102,8 @@ class LateSender:
             self._resumes, self._resumed_s = False, time.monotonic()
             estimate = decode_estimate(payload)
             time_s, number = float(estimate["time_s"]), int(estimate["sequence"])
-            self._went = dict.fromkeys(_OF_EVERY_STEP, (number - 1, math.nextafter(time_s, -math.inf)))
+            before_s = math.nextafter(time_s, -math.inf)
+            self._went = dict.fromkeys(_OF_EVERY_STEP, (estimate.get("instance"), number - 1, before_s))
             self.backlog.resumed(time_s)
         return True
 
@@ -126,12 +127,15 @@ class LateSender:
         """Note the steps whose messages were overtaken by newer ones on a busy computer."""
         document = decode_estimate(payload) if key == "estimate" else json.loads(payload)
         number, time_s = int(document["sequence"]), float(document["time_s"])
-        before, last_s = self._went[key]
+        instance, before, last_s = self._went[key]
+        if document.get("instance") != instance:  # the service has started again, and numbers from 0
+            self._went[key] = document.get("instance"), number, time_s
+            return
         if number > before + 1:
             self.backlog.overtaken(key, last_s, time_s)
             self._saved_s = -math.inf
         if number > before:
-            self._went[key] = number, time_s
+            self._went[key] = instance, number, time_s
 
     def acknowledged(self, mid: int) -> None:
         """Take an acknowledgement; from the library's thread."""
