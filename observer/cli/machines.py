@@ -116,7 +116,13 @@ def outlets(
     from observer.outlets.start import Start
 
     login = None if client is None else load_client(client)
-    start = Start.of(load(config), connect or "", login)
+    settings = load(config)
+    if settings.outlets.start and connect is None:
+        raise UserError(
+            f"{config}: the service starts these outlets itself; set [outlets] start = false, or name the "
+            "service with --connect"
+        )
+    start = Start.of(settings, connect or "", login)
     if start is None:
         raise UserError(f"{config}: no outlet to serve; add [page], [metrics], [mqtt] or [opcua]")
     serve_until_signal(start)

@@ -53,7 +53,10 @@ class _Broker:
         self._quality: str | None = None
         self._let_in = False
         self._loop = asyncio.get_running_loop()
-        self._client = client = Client(CallbackAPIVersion.VERSION2)
+        name = f"observer-{start.machine}-{start.axis}"
+        if settings.prefix:
+            name += f"-{settings.prefix.replace('/', '-')}"
+        self._client = client = Client(CallbackAPIVersion.VERSION2, name)
         client.will_set(f"{self._topic}/alive", "false", _AT_LEAST_ONCE, retain=True)
         client.reconnect_delay_set(_RETRY_S, _RETRY_S)
         client.on_connect, client.on_disconnect = self._connected, self._disconnected
