@@ -1,11 +1,15 @@
 """The bus as outlets use it: an ordinary client of Zenoh that hears every key of an axis.
 
-Documents that are published on change only are queried when the service appears, also after its restart.
+Documents that are published on change only are queried when the service appears, also after its restart,
+and again while its configuration has not been heard. Another start of the service may publish less than the
+one before, so its first message drops all earlier ones.
 """
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +18,7 @@ import zenoh
 
 from observer.exchange import KEYS, RETAINED
 from observer.outlets.start import STATES, OutletState, Start
+from observer.publish.codec import instance_of
 from observer.publish.session import RETRY_MS, client_config, close_within, short
 
 _REPORT_S = 1.0
@@ -24,14 +29,31 @@ log = structlog.get_logger()
 
 
 class Bus:
-    """Passes each message of an axis to `put`, from threads of Zenoh, and publishes the outlets' states."""
+    """Passes each message of an axis to `put`, from threads of Zenoh, and publishes the outlets' states.
 
-    def __init__(self, start: Start, put: Callable[[str, bytes], None], *, reports: bool) -> None:
-        """Take where to connect; with `reports` the states of the outlets are published, else logged."""
-        self._start, self._put, self._reports = start, put, reports
+    `forget` is called when the service has started again, before its first message.
+    """
+
+    def __init__(
+        self,
+        start: Start,
+        put: Callable[[str, bytes], None],
+        forget: Callable[[], None],
+        *,
+        reports: bool,
+    ) -> None:
+        """Take where to connect; with `reports` the states of the outlets are published, else logged.
+
+        Raises:
+            ConfigError: If a file of the login cannot be used.
+        """
+        self._start, self._put, self._forget, self._reports = start, put, forget, reports
+        self._config = client_config((start.connect,), start.client)
         self._states: dict[str, OutletState] = {}
         self._session: zenoh.Session | None = None
         self._heard: set[str] = set()
+        self._instance: str | None = None
+        self._asked_s = -math.inf
         self._order, self._reporting = threading.Lock(), threading.Lock()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="bus", daemon=True)
@@ -60,10 +82,10 @@ class Bus:
             close_within(self._session, timeout_s)
 
     def _run(self) -> None:
-        config, has_said = client_config((self._start.connect,), self._start.client), False
+        has_said = False
         while self._session is None and not self._closing.is_set():
             try:
-                self._session = zenoh.open(config)
+                self._session = zenoh.open(self._config)
             except zenoh.ZError as error:
                 if not has_said:
                     log.warning("no bus yet", connect=self._start.connect, reason=short(error))
@@ -80,6 +102,8 @@ class Bus:
         while declared and not self._closing.wait(_REPORT_S):
             if self._reports:
                 self._publish()
+            if "config" not in self._heard and time.monotonic() - self._asked_s >= _QUERY_S:
+                self._ask()
 
     def _publish(self) -> None:
         """Publish the states, which are published again each second: one may get lost."""
@@ -89,18 +113,32 @@ class Bus:
 
     def _hear(self, sample: zenoh.Sample, *, is_answer: bool = False) -> None:
         key = str(sample.key_expr).rpartition("/")[2]
-        if key in KEYS:
-            with self._order:  # an answer is older than what has been published meanwhile
-                if is_answer and key in self._heard:
-                    return
-                self._heard.add(key)
-                self._put(key, sample.payload.to_bytes())
+        if key not in KEYS:
+            return
+        payload = sample.payload.to_bytes()
+        instance = instance_of(payload)
+        with self._order:
+            if instance not in {None, self._instance}:
+                if self._instance is not None:
+                    self._forget()
+                    self._heard.clear()
+                    self._asked_s = -math.inf
+                self._instance = instance
+            if is_answer and key in self._heard:  # it is older than what has been published meanwhile
+                return
+            self._heard.add(key)
+            self._put(key, payload)
 
     def _look(self, token: zenoh.Sample) -> None:
         """Where the service appears, ask for its documents."""
-        self._heard.clear()
-        session = self._session
-        if token.kind == zenoh.SampleKind.PUT and session is not None:
+        with self._order:
+            self._heard.clear()
+        if token.kind == zenoh.SampleKind.PUT:
+            self._ask()
+
+    def _ask(self) -> None:
+        self._asked_s = time.monotonic()
+        if (session := self._session) is not None:
             for key in _ASKED:
                 session.get(f"{self._start.prefix}/{key}", self._take_answer, timeout=_QUERY_S)
 

@@ -68,6 +68,14 @@ class Latest:
             for listener in self._listeners:
                 listener.put(key, payload)
 
+    def forget(self) -> None:
+        """Drop all messages; listeners get an empty payload for each key that had one."""
+        with self._lock:
+            for listener in self._listeners:
+                for key in self._payloads:
+                    listener.put(key, b"")
+            self._payloads.clear()
+
     @property
     def is_stale(self) -> bool:
         """Whether no estimate has come for two periods: the service is silent, frozen or gone."""
@@ -86,7 +94,7 @@ class Latest:
         return decoded
 
     async def messages(self) -> AsyncIterator[Message]:
-        """Yield the stored messages, then new ones as they arrive."""
+        """Yield the stored messages, then new ones as they arrive; an empty payload where one is dropped."""
         awake, loop = asyncio.Event(), asyncio.get_running_loop()
         pending = Pending(lambda: loop.call_soon_threadsafe(awake.set))
         with self._lock:

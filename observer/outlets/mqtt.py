@@ -82,7 +82,8 @@ class _Broker:
     async def pass_on(self) -> None:
         """Publish the service's messages as they arrive, for ever."""
         async for key, payload in self._latest.messages():
-            self.put(key, payload)
+            if payload:
+                self.put(key, payload)
 
     def put(self, key: str, payload: bytes) -> None:
         """Publish a message; without a broker it is dropped."""

@@ -16,7 +16,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC
 from typing import Any, NamedTuple
 
@@ -77,8 +77,7 @@ async def serve(start: Start, latest: Latest, report_state: ReportState) -> None
     tree = _Tree(server, index, axis, storage)
     try:
         while True:
-            for value in values(latest):
-                await tree.write(value)
+            await tree.write_all(values(latest))
             await asyncio.sleep(PERIOD_S)
     finally:
         await server.stop()
@@ -132,13 +131,20 @@ class _Tree:
         self._server, self._index, self._axis, self._storage = server, index, axis, storage
         self._folders: dict[tuple[str, ...], Node] = {(): axis}
         self._variables: dict[tuple[str, ...], Node] = {}
-        self._written: dict[tuple[str, ...], tuple[str, float]] = {}
+        self._written: dict[tuple[str, ...], Value] = {}
 
-    async def write(self, value: Value) -> None:
+    async def write_all(self, known: Iterable[Value]) -> None:
+        """Write the variables that have changed; those that are not known any more become invalid."""
+        gone = {path: last._replace(quality="invalid") for path, last in self._written.items()}
+        for value in (gone | {value.path: value for value in known}).values():
+            await self._write(value)
+
+    async def _write(self, value: Value) -> None:
         """Write a variable if it has changed."""
-        if self._written.get(value.path) == (value.quality, value.time_s):
+        last = self._written.get(value.path)
+        if last is not None and (last.quality, last.time_s) == (value.quality, value.time_s):
             return
-        self._written[value.path] = (value.quality, value.time_s)
+        self._written[value.path] = value
         data = _data(value.value, value.quality, value.time_s)
         assert data.Value is not None
         node = self._variables.get(value.path) or await self._create_variable(value.path, data.Value)

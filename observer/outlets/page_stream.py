@@ -59,7 +59,12 @@ class Stream(Viewers):
             beating.cancel()
 
     def take(self, key: str, payload: bytes) -> None:
-        """Pass a message on, unless one of its kind was sent just now."""
+        """Pass a message on, unless one of its kind was sent just now; an empty one drops the last."""
+        if not payload:
+            self._sent_s.pop(key, None)
+            self.recent.forget(key)
+            self.forget(key)
+            return
         now_s = self._clock()
         try:
             estimate = decode_estimate(payload) if key == "estimate" else None
@@ -121,6 +126,10 @@ class Recent:
         if key == "field" and self._is_due(document):
             self._last_s = document["time_s"]
             self._rows.append(json.dumps(self._row(document)).encode())
+
+    def forget(self, key: str) -> None:
+        """Drop the last document of a key; the rows stay."""
+        self._newest.pop(key, None)
 
     def document(self) -> bytes:
         """JSON: the rows, the oldest first, the keys of which the page hears, and how it is to look."""

@@ -46,6 +46,11 @@ class Viewers:
         for viewer in self._viewers:
             viewer.put(key, data)
 
+    def forget(self, key: str) -> None:
+        """Send `null` as the event of a kind; viewers who join later get nothing of it."""
+        self.send(key, event(key, b"null"))
+        del self._newest[key]
+
     def end(self) -> None:
         """End every viewer's events, so that the server can end too."""
         self._ended = True

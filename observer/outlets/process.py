@@ -66,7 +66,11 @@ def _serve(start: Start, wait: Callable[[], object], *, reports: bool) -> None:
         for latest in latests.values():
             latest.put(key, payload)
 
-    bus = Bus(start, put, reports=reports)
+    def forget() -> None:
+        for latest in latests.values():
+            latest.forget()
+
+    bus = Bus(start, put, forget, reports=reports)
     outlets = [_Outlet(name, start, latest, bus) for name, latest in latests.items()]
     bus.start()
     wait()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -293,6 +294,10 @@ def config_json(config: Config, instance: str) -> str:
     return json.dumps({"hash": config.digest, "instance": instance, "config": public})
 
 
+_INSTANCE = re.compile(rb'instance(?:": ?"|h)([0-9a-f]{8})')
+"""An instance within JSON, or as a text of eight within CBOR; no forged message is parsed for it."""
+
+
 def array_of(messages: Sequence[bytes]) -> bytes:
     """Return encoded estimates as one CBOR array, without decoding them."""
     return _array_head(len(messages)) + b"".join(messages)
@@ -308,6 +313,12 @@ def late(message: bytes) -> bytes:
 def late_json(document: bytes) -> bytes:
     """Return a JSON object with the entry `late`, which marks it as sent after its time."""
     return document[:-1] + b',"late":true}'
+
+
+def instance_of(message: bytes) -> str | None:
+    """Return the start of the service that a message names, None without; the message is not decoded."""
+    match = _INSTANCE.search(message)
+    return None if match is None else match[1].decode()
 
 
 def decode_estimate(data: bytes) -> dict[str, Any]:

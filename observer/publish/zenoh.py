@@ -10,7 +10,6 @@ import atexit
 import contextlib
 import math
 import os
-import re
 import shutil
 import tempfile
 import threading
@@ -25,7 +24,7 @@ import zenoh
 from observer.exchange import KEYS, KINDS, Command, PastAccess, PublishStatus
 from observer.frames import EstimateBlock, FrameBlock, Layout
 from observer.publish.answers import Responder
-from observer.publish.codec import EstimateEncoder, to_json
+from observer.publish.codec import EstimateEncoder, instance_of, to_json
 from observer.publish.session import (
     LEASE_MS,
     LOCAL,
@@ -419,8 +418,6 @@ _MEMORY_S = 10.0  # so long after its last message another program counts as the
 _QUERY_S = 1.0
 _RETRY_S = 2.0
 _POLL_S = 0.02
-_INSTANCE = re.compile(rb'instance(?:":"|h)([0-9a-f]{8})')
-"""An instance within JSON, or as a text of eight within CBOR; no forged message is parsed for it."""
 
 
 class Rivals:
@@ -442,7 +439,7 @@ class Rivals:
         self._own: zenoh.Session | None = None
         self._opened_s = -math.inf
         self._prefix = prefix
-        self._instance = instance.encode()
+        self._instance = instance
         self._messages: Any = None
         self._heard: tuple[str, float] | None = None
 
@@ -484,9 +481,9 @@ class Rivals:
             sample = self._messages.try_recv()
             if sample is None:
                 return
-            match = _INSTANCE.search(sample.payload.to_bytes())
-            if match is None or match[1] != self._instance:
-                name = f"instance {match[1].decode()}" if match else "of no known instance"
+            instance = instance_of(sample.payload.to_bytes())
+            if instance != self._instance:
+                name = f"instance {instance}" if instance else "of no known instance"
                 sentence = f"another program publishes on {sample.key_expr} ({name}); end one of the two"
                 self._heard = sentence, time.monotonic()
 

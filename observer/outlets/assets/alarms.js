@@ -28,7 +28,7 @@ export function alarmWords(alarm, withCommand) {
 
 function draw() {
   const published = store.documents.alarms, box = byId("alarms");
-  if (!published) { if (!box.firstChild) box.append(make("p", { class: "hint", text: "This service publishes no alarms; the reasons are at the top." })); return; }
+  if (!published) { delete box.dataset.shown; box.replaceChildren(make("p", { class: "hint", text: "This service publishes no alarms; the reasons are at the top." })); return; }
   const key = JSON.stringify(published.alarms) + JSON.stringify(published.bands ?? {});
   if (box.dataset.shown === key) return;
   box.dataset.shown = key;

@@ -109,6 +109,7 @@ function aheadNow() {
 function drawForecast() {
   const ahead = store.documents.forecast, box = byId("c-forecast");
   if (!ahead) {
+    box.hidden = true;
     const comes = store.hello?.forecast_s;
     if (store.hello) say("forecast-words", known(comes) ? `No forecast yet: a new one comes every ${span(comes)}.` : "No forecast comes: every estimated heat needs a law, or [forecast] enabled is false.");
     return;
@@ -120,7 +121,7 @@ function drawForecast() {
   box.hidden = false;
   if (!forecast || forecast.unit !== unit) {
     forecast?.end(); box.replaceChildren();
-    forecast = chart(box, { x: "time", y: unit, isTime: true, series: [line("expected", () => colour(0)), edge("_"), edge("_")], bands: [{ series: [2, 3], fill: () => fade(colour(0), 0.2) }], draw: (u) => mark(u, store.documents.forecast.settled_at_s, "settled"), legend: false, view: aheadView,
+    forecast = chart(box, { x: "time", y: unit, isTime: true, series: [line("expected", () => colour(0)), edge("_"), edge("_")], bands: [{ series: [2, 3], fill: () => fade(colour(0), 0.2) }], draw: (u) => mark(u, store.documents.forecast?.settled_at_s, "settled"), legend: false, view: aheadView,
       read: (k) => withDoubt(...shown(k), unit) });
     forecast.unit = unit;
   }

@@ -94,6 +94,11 @@ export async function connect() {
 
 function take(key, document_) {
   store.beat = performance.now();
+  if (document_ === null) { // another start of the service, which may not publish it
+    delete store.documents[key];
+    for (const changed of [key, "more"]) news(changed);
+    return;
+  }
   if (key === "hello") store.hello = document_;
   else if (key === "beat") store.serverSaysStale = document_.stale;
   else if (key === "config") store.config = document_.config;
