@@ -68,7 +68,7 @@ def test_a_running_service_publishes_what_comes() -> None:
 def test_in_the_first_minute_it_says_why_there_is_none() -> None:
     found = published(30)
     assert set(found) == SCHEMA
-    assert "first minute" in found["reason"]
+    assert "wait for a minute of operation" in found["reason"]
     assert found["quality"] != "good"
 
 
@@ -113,5 +113,5 @@ def test_a_log_of_a_warm_up_says_where_it_settles_and_how_sure_that_is(tmp_path:
 
 def test_a_log_that_is_too_short_is_refused_in_a_sentence(tmp_path: Path) -> None:
     log, config = files(tmp_path, 30)
-    with pytest.raises(LogError, match=r"log\.csv: no forecast .* first minute"):
+    with pytest.raises(LogError, match=r"log\.csv: no forecast .* a minute of operation"):
         observer.load(config).forecast(log)

@@ -119,7 +119,10 @@ def test_a_late_position_is_held_and_a_lost_one_is_an_alarm_at_every_outlet(tmp_
         plant.fault()
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
             heard.wait_until_good()
+            [checkpoint] = tmp_path.rglob("*.checkpoint")
+            written_ns = checkpoint.stat().st_mtime_ns
             assert _arm(endpoint).returncode == 0
+            until(lambda: checkpoint.stat().st_mtime_ns > written_ns)  # it is written after the next step
             daemon.process.kill()
             daemon.process.wait(PATIENCE_S)
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
