@@ -69,7 +69,7 @@ class Forward:
         self._watch, self._by_row = watch, tick_s == 0.0
         config = untied(config)
         plant = build_plant(config).sensors_only()
-        self._modes = plant.modes - plant.bent
+        self._modes, self._bent = plant.modes - plant.bent, plant.bent
         self._tables = [m.table for m in plant.moving]
         self._shows = np.array([s.shows for s in config.sensor])
         self.runs = tuple(SteppedRun(run, config, plant, tick_s=tick_s) for run in runs)
@@ -238,6 +238,8 @@ class Forward:
             table = m.table  # columns independent of the nut's position, as of lagging sensors, stay
             same = (table.table_C == table.mean_C).all(axis=0)
             table_C[:, same], mean_C[same] = table.mean_C[same], table.mean_C[same]
+            if plant.bent != self._bent:  # its own modes hold what the first one's lag shows
+                table_C, mean_C = table_C + (table.mean_C - mean_C), table.mean_C
             moving.append(m.with_table(table_C=table_C, mean_C=mean_C))
         return replace(plant, moving=tuple(moving))
 

@@ -24,13 +24,15 @@ from observer.model.rod.modes import Modes, shapes_within
 
 BENT_MODES = 6
 """Number of additional modes for each nut."""
+FAINT = 1e-6
+"""Amplitude from which an exchange determines the shapes."""
 CANDIDATES = 160
 """Number of modes of the full model that are combined; more would only round the kinks at a stroke's ends."""
 
 
 def with_bending(full: FullModel, mode_numbers: Sequence[int]) -> tuple[FullModel, list[int], int]:
     """Return a full model with modes that bend under its nuts, the numbers of its modes to keep, and how many
-    of these bend.
+    of these bend. Modes that are kept come first in it.
 
     `mode_numbers` are the numbers (from 0) of the modes that are kept anyway. Without an exchange, none bend.
     """
@@ -43,7 +45,9 @@ def with_bending(full: FullModel, mode_numbers: Sequence[int]) -> tuple[FullMode
     exchange_1_s = _exchange_1_s(modes, full.steady.exchanges)
     stiff = np.diag(modes.decay_1_s[dropped]) + exchange_1_s[np.ix_(dropped, dropped)]
     forced = np.linalg.solve(stiff, exchange_1_s[np.ix_(dropped, retained)])
-    shapes = np.linalg.svd(forced, full_matrices=False)[0][:, :number]
+    # without an uneven exchange, the slowest dropped modes
+    slowest = FAINT * np.diag(modes.decay_1_s[dropped[0]] / modes.decay_1_s[dropped])
+    shapes = np.linalg.svd(np.hstack([forced, slowest]), full_matrices=False)[0][:, :number]
     decay_1_s, turn = np.linalg.eigh(shapes.T @ (modes.decay_1_s[dropped, None] * shapes))
     combined = np.eye(most)[:, [*retained, *range(number), *dropped]]
     bent = slice(len(retained), len(retained) + number)

@@ -36,7 +36,7 @@ from observer.model.rod.moving import TABLE_POINTS
 from observer.model.rod.screw import rod_of
 from observer.model.rod.supports import Restraint, restraint_of
 from observer.model.rough_network import with_rough_network
-from observer.model.steady import ScrewAtRest
+from observer.model.steady import ScrewAtRest, with_closed_form
 from observer.tables.laws import SPEED_LAWS
 from observer.tables.sections import Description, Source, following, part_of_heat
 
@@ -54,9 +54,12 @@ def build_plant(config: Config, *, nut_places: int = TABLE_POINTS, learns: bool 
     """
     machine = realise(config)
     full = full_model(machine.config, machine.terms)
-    full, mode_numbers, bent = with_bending(full, keep_modes(machine.config, full.modes))
+    cosines = keep_modes(machine.config, full.modes)
+    full, mode_numbers, bent = with_bending(full, cosines)
     plant, modes = reduce(full, mode_numbers, nut_places)
-    plant = replace(plant, bent=bent)
+    if bent:
+        numbers = [*cosines, *range(max(cosines) + 1, max(cosines) + 1 + bent)]
+        plant = replace(plant, bent=bent, mode_index=tuple(n + 1 for n in numbers))
     constant = None
     if machine.config.node or any(isinstance(t, COUPLING_TERMS) for t in machine.terms):
         plant, constant = with_coupling(plant, modes, full, machine.config, machine.terms)
@@ -74,7 +77,7 @@ def full_model(config: Config, terms: Sequence[Term]) -> FullModel:
     exchanges = exchanges_of(config, attached(config, terms))
     most = config.model.modes or MOST_MODES
     modes = solve_modes(rod_of(config), (max(most, CANDIDATES) if exchanges else most) + 1)
-    steady = ScrewAtRest(modes.rod, exchanges)
+    steady = ScrewAtRest(modes.rod, with_closed_form(modes.rod, exchanges))
     refuse_on_followed(config, terms)
     ends = {t.source: t.fraction for t in terms if isinstance(t, StrokeEnds)}
     return FullModel(

@@ -31,6 +31,7 @@ from observer.model.network import (
     Exchange,
     NodeModes,
     attached,
+    exchanges_of,
     node_modes,
     past_covariance,
     shapes_of_strokes,
@@ -80,7 +81,8 @@ def with_coupling(
             row, passed = _passed(plant, network_modes, gain, screw, node, source)
             constant.A[...] += G * np.multiply.outer(passed, row - place_rows[source])
             constant.E[...] -= G * np.multiply.outer(passed, under_F[source])
-    _add_strokes(constant, modes, full.steady.exchanges, moving)
+    exchanges = exchanges_of(machine, bodies)
+    _add_strokes(constant, modes, exchanges, moving)
     _add_warmed_air(constant, plant, modes, bodies, network_modes, screw)
     for state, (time_s, C, F) in zip(constant.follow, lags, strict=True):
         constant.A[state, : len(C)] += C / time_s
@@ -104,7 +106,7 @@ def with_coupling(
         radiation=emissivity * STEFAN_BOLTZMANN_W_m2K4 * surface_rate(machine.screw),
         rising=at_1_K_W_m2K * surface_rate(machine.screw),
         links=links,
-        spreads=spreads(modes, machine, full.steady.exchanges, moving),
+        spreads=spreads(modes, machine, exchanges, moving),
         fades=fades,
         uneven=_uneven(modes, n_x),
     )
@@ -229,8 +231,11 @@ def _dropped(plant: Plant, modes: Modes, full: FullModel, sources: set[int]) -> 
     """
     m, p = len(plant.source_names), len(plant.known_names)
     of_states, of_known = np.zeros((m, len(plant.decay_1_s))), np.zeros((m, p))
+    moving = {nut.index for nut in plant.moving}
     for j in sources:
-        of_states[j], of_known[j] = dropped_under(plant, modes, full, full.heats[j].stretch)
+        of_states[j], of_inputs = dropped_under(plant, modes, full, full.heats[j].stretch)
+        if j not in moving:  # what a known end leaves there depends on the place
+            of_known[j] = of_inputs
     return of_states, of_known
 
 

@@ -197,8 +197,8 @@ class LearningArrays(NamedTuple):
         Args:
             theta: The parameters, (L,).
         """
-        each = np.repeat(theta, np.diff(self.first))
-        A = np.diag(theta @ self.rate_1_s) + (self.into.T * each) @ self.feedback_row
+        by_column = np.repeat(theta, np.diff(self.first))
+        A = np.diag(theta @ self.rate_1_s) + (self.into.T * by_column) @ self.feedback_row
         return self.inverse @ A @ self.V if len(self.V) else A
 
     def in_basis(self, V: FloatArray, inverse: FloatArray) -> LearningArrays:

@@ -241,7 +241,7 @@ def past_covariance(
     return covariance
 
 
-SMALL = 1e-3
+SMALL = 1e-6
 """Rates of shapes below this part of the largest are neglected."""
 NO_SWEEP = 0.05
 """Relative difference of stroke and nut length below which the nut counts as standing."""

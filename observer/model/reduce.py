@@ -1,7 +1,7 @@
 """Reduce the full model of a screw to a plant of few modes.
 
 Dropped modes settle faster than those that are kept. Each heat has one lag for all of them, whose output
-column is their steady response in closed form: without coupled bodies, the field at rest is exact. For known
+column is their steady response in closed form: the field at rest is exact. For known
 inputs (ambient, prescribed ends) it is an output column of the input itself. The output rows are temperature
 and thermal error at a place.
 """
@@ -347,8 +347,8 @@ def _uniform(full: FullModel, modes: Modes, known_inputs: Sequence[KnownInput]) 
     """The amplitudes (N,) of a screw at 1 °C in surroundings at 1 °C, as they stay there."""
     if not full.steady.exchanges or modes.rod.floating:
         return modes.stored() / modes.rod.diffusivity_m2_s
-    around = [k.modal for k in known_inputs if k.name in (AMBIENT, LEFT, RIGHT)]
-    return full.steady.amplitudes(modes, np.sum(around, axis=0))
+    surroundings = [k.modal for k in known_inputs if k.name in (AMBIENT, LEFT, RIGHT)]
+    return full.steady.amplitudes(modes, np.sum(surroundings, axis=0))
 
 
 def _following(heats: Sequence[HeatInput]) -> tuple[Following, ...]:

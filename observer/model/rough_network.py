@@ -22,6 +22,7 @@ from observer.model.network import (
     Shapes,
     attached,
     conductance_W_K,
+    exchanges_of,
     node_modes,
     shapes_of_strokes,
 )
@@ -48,10 +49,12 @@ def with_rough_network(
         described: Links as configured, which lead to the sources there and carry tolerances and names.
         terms: Terms of the effects.
         constant: Constant couplings that are added to the plant's generator.
+        full: The full model.
         modes: Modes of the screw.
     """
-    network_modes = node_modes(attached(config, terms).network)
-    shapes = list(shapes_of_strokes(modes, full.steady.exchanges))
+    bodies = attached(config, terms)
+    network_modes = node_modes(bodies.network)
+    shapes = list(shapes_of_strokes(modes, exchanges_of(config, bodies)))
     node_states = _NodeStates(plant, config, network_modes, shapes)
     rough = [
         *node_states.links(config, described),

@@ -30,10 +30,24 @@ from observer.model.rod.modes import (
 )
 from observer.model.rod.screw import Profile, Rod
 
+LARGEST_EXPONENT = 500.0
+"""Largest sum of m·w of the films of a rod; cosh overflows at 710."""
 Field = Callable[[FloatArray], FloatArray]
 
 LEAST_LOSS = 1e-7
 """Loss, as a part of the diffusion rate α/L², of a screw that has none: a rod with films only needs one."""
+
+
+def with_closed_form(rod: Rod, exchanges: Sequence[Exchange]) -> tuple[Exchange, ...]:
+    """Return the exchanges that steady fields contain; in others only the modes take part.
+
+    They leave out a film that a nut covers, which takes from that of the screw, and all if they are so strong
+    that the fields have no numbers.
+    """
+    warming = tuple(e for e in exchanges if e.conductance_W_K > 0.0)
+    per_area = rod.conductance_W_m * min(rod.profile.area if rod.profile else (1.0,))
+    exponent = sum((e.conductance_W_K * e.stroke.width_m / per_area) ** 0.5 for e in warming)
+    return warming if exponent + rod.fin_1_m * rod.length_m < LARGEST_EXPONENT else ()
 
 
 class ScrewAtRest:
@@ -77,7 +91,7 @@ class ScrewAtRest:
 
     @cached_property
     def _filmed(self) -> Rod:
-        """The rod with the exchanges as films, and with m = 1/m: its perimeters are the squares m²."""
+        """The rod with the exchanges as films; with m = 1 per metre, perimeters are the squares m²."""
         if not self.exchanges:
             return self.rod
         L, rod = self.rod.length_m, self.rod
@@ -91,10 +105,7 @@ class ScrewAtRest:
         for _, G, stroke in self.exchanges:
             along = (middle_m > stroke.a_m) & (middle_m < stroke.b_m)
             lost_1_m2 = lost_1_m2 + along * G / (stroke.width_m * rod.conductance_W_m)
-        # a hypothesis of a search may be absurd: nothing gains heat by exchange
-        profile = Profile(
-            tuple(edges_m.tolist()), tuple(area.tolist()), tuple(np.maximum(lost_1_m2, 0.0).tolist())
-        )
+        profile = Profile(*(tuple(values.tolist()) for values in (edges_m, area, lost_1_m2)))
         return rod._replace(fin_1_m=1.0, profile=profile)
 
     @cached_property

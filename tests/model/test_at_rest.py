@@ -117,6 +117,30 @@ def test_every_shipped_machine_is_at_rest_as_with_300_modes(name: str) -> None:
     np.testing.assert_allclose(few, reference, atol=1e-7 * np.abs(reference).max())
 
 
+def two_nuts(modes: int, stroke_m: tuple[float, float], link_W_K: float) -> Config:
+    """The screw with a nut and a point source, both tied; the nut's position is not known."""
+    config = tied_machine(modes)
+    nut, bearing = config.source
+    link, lost, held, away = config.link
+    nut = nut.model_copy(update={"position_channel": None, "stroke_m": stroke_m})
+    bearing = bearing.model_copy(update={"position_m": 0.552})
+    links = (link.model_copy(update={"conductance_W_K": link_W_K}), lost, held, away)
+    return config.model_copy(update={"source": (nut, bearing), "link": links})
+
+
+@pytest.mark.parametrize("modes", [3, 12])
+@pytest.mark.parametrize("link_W_K", [1.0, 66.6, 3e5])
+@pytest.mark.parametrize("stroke_m", [(0.367, 0.504), (0.0, LENGTH_M)])
+def test_a_tied_machine_is_passive(stroke_m: tuple[float, float], link_W_K: float, modes: int) -> None:
+    config = two_nuts(modes, stroke_m, link_W_K)
+    plant = build_plant(config)
+    eigenvalues_1_s = np.linalg.eigvals(generator(plant))
+    assert np.abs(eigenvalues_1_s.imag).max() < 1e-6 * np.abs(eigenvalues_1_s.real).max()
+    assert eigenvalues_1_s.real.max() < 0.0
+    assert np.isfinite(plant.rows.C).all()
+    assert rises_at_rest(plant).min() > -1e-6 * rises_at_rest(plant).max()
+
+
 def test_modes_that_bend_follow_a_strong_exchange_within_a_minute() -> None:
     config = load(CONFIG / "yu-dual-drive.toml")
     many = config.model.model_copy(update={"modes": 300})

@@ -108,7 +108,8 @@ def _weakest_mode(plant: Plant) -> tuple[int, int, float]:
 
     How much is the mode's shape at that sensor against its largest value anywhere on the grid.
     """
-    temperatures = settled_rows(plant)[: plant.rows.sensors + plant.rows.grid, : plant.modes]
+    cosines = plant.modes - plant.bent  # modes that bend under a nut are seen with its node
+    temperatures = settled_rows(plant)[: plant.rows.sensors + plant.rows.grid, :cosines]
     largest = np.abs(temperatures).max(axis=0)
     share = np.abs(temperatures[: plant.rows.sensors]) / np.where(largest > 0, largest, 1.0)
     best = share.max(axis=0)
