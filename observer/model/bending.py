@@ -32,9 +32,10 @@ CANDIDATES = 160
 
 def with_bending(full: FullModel, mode_numbers: Sequence[int]) -> tuple[FullModel, list[int], int]:
     """Return a full model with modes that bend under its nuts, the numbers of its modes to keep, and how many
-    of these bend. Modes that are kept come first in it.
+    of these bend.
 
-    `mode_numbers` are the numbers (from 0) of the modes that are kept anyway. Without an exchange, none bend.
+    `mode_numbers` are the numbers (from 0) of the modes that are kept anyway; they come first in the new
+    model, and those that bend behind them. Without an exchange, none bend.
     """
     retained, most = list(mode_numbers), min(len(full.modes), CANDIDATES)
     dropped = sorted(set(range(most)) - set(retained))

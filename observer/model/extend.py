@@ -265,14 +265,15 @@ def _of_machine(plant: Plant, config: Config, full: FullModel, modes: Modes) -> 
         for end, side, x_m in ends
         if not end.prescribed
     ]
+    lossy = [loss for loss in losses if loss[1] > 0.0]
     # all but the losses of film and ends; dropped modes conduct away too what their lags show
     conduction = unchanged._replace(
         rate_1_s=np.where(is_lag, -plant.decay_1_s, passive.rate_1_s - film.rate_1_s),
-        into=np.vstack([-film.into, *(-loss_W_K * loss.into for _, loss_W_K, loss in losses)]),
-        feedback_row=np.vstack([film.feedback_row, *(loss.feedback_row for *_, loss in losses)]),
+        into=np.vstack([-film.into, *(-loss_W_K * loss.into for _, loss_W_K, loss in lossy)]),
+        feedback_row=np.vstack([film.feedback_row, *(loss.feedback_row for *_, loss in lossy)]),
         inputs=passive.inputs
         - film.inputs
-        - sum((loss_W_K * loss.inputs for _, loss_W_K, loss in losses), np.zeros_like(film.inputs)),
+        - sum((loss_W_K * loss.inputs for _, loss_W_K, loss in lossy), np.zeros_like(film.inputs)),
     )
     # with more of it, all that warms or cools is slower
     slower = unchanged._replace(

@@ -256,14 +256,14 @@ def proved(less_K: float | None = None, taken: float = 0.0) -> Proof:
     return prove(leaves(2.0), leaves(0.5), less)
 
 
-@pytest.mark.parametrize(("less_K", "unproved"), [(0.12, True), (0.62, True), (0.63, False)])
+@pytest.mark.parametrize(("less_K", "unproved"), [(0.12, True), (0.62, True), (-0.62, True), (0.63, False)])
 def test_an_effect_is_unproved_where_the_others_alone_leave_as_little(
     less_K: float, *, unproved: bool
 ) -> None:
     """With it 0.45 K are beyond tolerances; nine tenths of 0.625 K are a quarter more."""
     found = proved(less_K, taken=0.1)
     assert found.unproved == (("body",) if unproved else ())
-    assert found.stretch == pytest.approx(0.1 * less_K / ALLOWED_K if unproved else 0.0)
+    assert found.stretch == pytest.approx(0.1 * abs(less_K) / ALLOWED_K if unproved else 0.0)
 
 
 def test_what_tolerances_explain_is_taken_off_the_gap_and_costs_its_share_of_the_whitened_one() -> None:
