@@ -29,6 +29,9 @@ def test_refuses_a_block_without_a_prompt(tmp_path: Path) -> None:
         ("first\n…\nlast", "first\na\nb\nlast\n", True),
         ("first\n…\nlast", "first\na\nb\n", False),
         ("first", "first\nsecond\n", False),
+        ("22.05 W on average", "22.04 W on average", True),
+        ("22.05 W on average", "22.03 W on average", False),
+        ("from 0.9 to 1.5 %", "from 1.0 to 1.7 %", False),
     ],
 )
 def test_compares_output_with_ellipses(expected: str, printed: str, same: bool) -> None:

@@ -161,6 +161,7 @@ def test_outlets_of_the_service_and_those_started_by_hand_serve_the_same(tmp_pat
             until(lambda: (_cycles(listen) or 0.0) > 0.0, START_S)
             _, words = until(lambda: (answer := _answer(page, "none"))[0] == 502 and answer)
             assert words == "there is no alarm none; there are: none\n"
+            until(lambda: "health" in seen.documents, START_S)
             reasons = [reason for document in seen.documents["health"] for reason in document["reasons"]]
             assert not any("another program publishes" in reason for reason in reasons)
             if not starts:
