@@ -176,7 +176,7 @@ def _spread(c, j, columns, gain):
     """Fade the shapes of a sweeping nut: the heat it passes in addition to its mean."""
     first = c.spreads.first[j]
     count = c.spreads.first[j + 1] - first
-    if count > 0 and gain[first] < 0.0:
+    if count > 0 and gain[first] != 0.0:
         _read_columns(c.spreads.row, first, count, columns)
         _add_factors(c.spreads.into, first, count, gain[first:], columns)
 

@@ -68,13 +68,17 @@ def compare_ways(path, travel_m, memory, motion, degraded):
     """
     nut, stroke_m = cython.address(memory[0]), travel_m[1] - travel_m[0]
     for k in range(len(motion)):
-        motion[k].travels = 0.0
+        motion[k].travels, held_s = 0.0, nut.later_s
         for i in range(path.offset[k], path.offset[k + 1]):
             since_s, way_m = path.time_s[i] - nut.time_s, path.position_m[i] - nut.place_m
             allowed_m = 0.5 * (path.driven_m_s[i] + nut.speed_m_s) * since_s
             jumped = False
             if since_s > 0.0 and isfinite(way_m):
-                jumped = _look_for_jump(nut, path.time_s[i], way_m, path.driven_m_s[i], path.speed_age_s[i])
+                # what arrives at once was held together: the last of it may be as late as the first
+                held_s = max(held_s, nut.later_s)
+                jumped = _look_for_jump(
+                    nut, held_s, path.time_s[i], way_m, path.driven_m_s[i], path.speed_age_s[i]
+                )
             if jumped:
                 nut.made_m, nut.allowed_m = 0.0, 0.0
                 nut.open_m2, nut.open_m = 0.0, 0.0
@@ -120,13 +124,13 @@ def longest_way(before_m_s, after_m_s, unsure_m_s, elapsed_s):
     return min(way_m, max(GREATEST_SPEED_m_s, before_m_s, after_m_s) * elapsed_s)
 
 
-def _look_for_jump(nut, time_s, way_m, driven_m_s, speed_age_s):
+def _look_for_jump(nut, held_s, time_s, way_m, driven_m_s, speed_age_s):
     """Add a way that no motion explains to the jumps, and return whether there was one.
 
     A jump back to where the nut was ends them, as does any after way and speed have disagreed.
     """
     since_s, before_m_s = time_s - nut.time_s, nut.speed_m_s
-    late_s = max(nut.later_s, min(nut.late_s, max(nut.usual_s - since_s, 0.0)))
+    late_s = max(held_s, min(nut.late_s, max(nut.usual_s - since_s, 0.0)))
     repeats_s = nut.repeats_s if nut.repeats_m > ROUNDED_m else 0.0
     elapsed_s = since_s + max(late_s, repeats_s, nut.refresh_s)
     unsure_m_s = GREATEST_ACCELERATION_m_s2 * (SKEW_S + max(speed_age_s, nut.speed_age_s))

@@ -45,13 +45,15 @@ def _held_up(time_s: FloatArray, rng: np.random.Generator, apart_s: float) -> Fl
     return come_s
 
 
-def _compared(come_s: FloatArray, place_m: FloatArray, speed_m_s: FloatArray) -> Records:
-    """What is said of the nut's motion after each sample, (n,)."""
+def _compared(
+    come_s: FloatArray, place_m: FloatArray, speed_m_s: FloatArray, offset: list[int] | None = None
+) -> Records:
+    """What is said of the nut's motion after each step, of one sample each or as `offset` says."""
     n, memory = len(come_s), no_motion_yet()
-    motion, travel_m = np.empty(n, MOTION_STEP), np.array([LOW_m, LOW_m + STROKE_m])
-    offset = np.arange(n + 1, dtype=np.intp)
-    path = NutPath(come_s, place_m, offset, speed_m_s, np.zeros(n))
-    compare_ways(record(path), travel_m, memory, motion, np.zeros(n, np.int8))
+    first = np.arange(n + 1) if offset is None else np.array(offset)
+    motion, travel_m = np.empty(len(first) - 1, MOTION_STEP), np.array([LOW_m, LOW_m + STROKE_m])
+    path = NutPath(come_s, place_m, first.astype(np.intp), speed_m_s, np.zeros(n))
+    compare_ways(record(path), travel_m, memory, motion, np.zeros(len(motion), np.int8))
     assert memory[0].jump_m == motion[-1].jump_m
     return motion
 
@@ -104,6 +106,26 @@ def test_nor_is_a_server_that_catches_up_after_a_pause(speed_m_s, polls, seed):
         )
     read_m = np.interp(time_s - old_s, time_s, place_m)
     assert not _leap_m(time_s[present], read_m[present], driven_m_s[present]).any()
+
+
+@pytest.mark.parametrize("speed_m_s", [0.15, 0.3, 0.5])
+@pytest.mark.parametrize("seed", range(10))
+def test_nor_are_samples_held_on_a_wire_whose_sender_missed_some_meanwhile(speed_m_s, seed):
+    """They arrive at once, fewer than periods have passed, and are taken for one a period."""
+    rng = np.random.default_rng(seed)
+    time_s, place_m, driven_m_s = _runs(speed_m_s, 60.0)
+    sent = np.ones(len(time_s), np.bool_)
+    come_s, steps = time_s.copy(), np.arange(len(time_s)) // 5
+    for begin in rng.choice(len(time_s) // 150, 8, replace=False) * 150 + 40:
+        held = np.arange(begin, begin + 51)
+        sent[held[:-1]] = rng.random(50) < rng.uniform(0.3, 0.9)
+        sent[held[10:13]] = False  # three in a row
+        burst = held[sent[held]]
+        come_s[burst] = time_s[held[-1]] - EVERY_S * np.arange(len(burst))[::-1]
+        steps[burst] = steps[held[-1]]
+    offset = np.searchsorted(steps[sent], np.unique(steps[sent])).tolist()
+    motion = _compared(come_s[sent], place_m[sent], driven_m_s[sent], [*offset, int(sent.sum())])
+    assert not motion["jump_m"].any()
 
 
 @pytest.mark.parametrize("speed_m_s", [0.05, 0.15, 0.5])

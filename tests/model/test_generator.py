@@ -94,6 +94,21 @@ def test_the_compiled_step_is_the_matrix_to_second_order(made: Config, loss_1_s:
     np.testing.assert_allclose(orders, 2.0, atol=0.1)
 
 
+def test_the_compiled_step_approaches_the_matrix_where_a_nut_covers_the_film() -> None:
+    """Its shapes lose less than the screw does around it."""
+    nut = {"name": "nut", "shape": "nut", "length_m": 0.08, "stroke_m": [0.1, 0.3], "heat_W": 3.0}
+    covering = nut | {"position_channel": "nut_m", "covers_film": True}
+    plant = build_plant(parse(table(surface={"convection_W_m2K": 30.0}, source=[covering])))
+    x = uneven(plant)
+    wanted = (plant.rows.C @ expm(generator(plant) * 40.0) @ x)[: plant.rows.sensors + plant.rows.grid]
+    errors = [
+        np.abs((plant.rows.C @ stepped(plant, x, 40.0 / n, n))[: len(wanted)] - wanted).max()
+        for n in (20, 320)
+    ]
+    assert errors[1] < errors[0] / 16.0  # at least of first order: the air in the gap is faster than a step
+    assert errors[1] < 1e-4 * np.abs(wanted).max()
+
+
 def test_without_nodes_the_whole_exponential_is_the_plants_own_step() -> None:
     # noise on the field itself is added once a step by the one, and fades on the way in the other
     plant = build_plant(parse(table(estimator={"field_noise_K_sqrt_s": 0.0})))
