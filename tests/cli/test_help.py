@@ -10,8 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from observer.cli import _SHOWING, app, clients, machines
-from observer.installation.catalogue import Answers
+from observer.cli import _SHOWING, app, clients
 
 UNITS = {"s": "econds", "m": " m", "GB": "GB", "degC": "°C", "hours": "our"}
 """By the end of an option's name, what its help must say."""
@@ -65,15 +64,6 @@ def test_every_option_says_its_unit_and_what_holds_without_it(path: tuple[str, .
             and not option.required
         ):
             assert re.search("else|default", option.help, re.IGNORECASE), option.opts
-
-
-def test_the_defaults_of_init_are_those_of_its_answers() -> None:
-    usual = {
-        name: str(f.default)
-        for name, f in Answers.model_fields.items()
-        if not f.is_required() and f.default not in (None, "", ())
-    }
-    assert usual == machines._USUAL
 
 
 def test_every_verb_that_prints_can_be_quiet() -> None:

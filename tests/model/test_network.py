@@ -50,30 +50,6 @@ def exact(network: Network, time_s: float, start_K: FloatArray, heat_W: FloatArr
     return np.asarray((expm(A * time_s) @ np.append(start_K, 1.0))[:n])
 
 
-def march(network: Network, dt_s: float, steps: int, ambient_degC: float) -> FloatArray:
-    step, T = crank_nicolson(network, dt_s), np.full(len(network.capacity_J_K), ambient_degC)
-    for _ in range(steps):
-        T = step.E @ HEAT_W + step.C @ T + step.D * ambient_degC
-    return T
-
-
-def test_crank_nicolson_is_of_second_order() -> None:
-    wanted = 20.0 + exact(HOUSE, 240.0, np.zeros(4), HEAT_W)
-    errors = [np.abs(march(HOUSE, 240.0 / n, n, 20.0) - wanted).max() for n in (60, 120, 240)]
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    np.testing.assert_allclose(orders, 2.0, atol=0.05)
-    assert errors[-1] < 1e-3
-
-
-def test_crank_nicolson_keeps_every_joule() -> None:
-    """C (T⁺ − T) = Δt (q − g (T̄ − T_amb)), with T̄ the mean of both ends of the step."""
-    step, before = crank_nicolson(HOUSE, 30.0), np.array([40.0, 30.0, 22.0, 25.0])
-    after = step.E @ HEAT_W + step.C @ before + step.D * 20.0
-    lost_W = HOUSE.ambient_W_K @ (0.5 * (before + after) - 20.0)
-    stored_J = HOUSE.capacity_J_K @ (after - before)
-    assert stored_J == pytest.approx(30.0 * (HEAT_W.sum() - lost_W), rel=1e-12)
-
-
 def test_the_networks_modes_are_its_exponential() -> None:
     """T = Φ ξ with ξ decaying by itself, for any start, heats and ambient."""
     modes, start_K = node_modes(HOUSE), np.array([5.0, -2.0, 1.0, 9.0])
