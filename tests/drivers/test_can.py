@@ -326,18 +326,3 @@ async def test_a_client_that_opens_the_simulated_adapter_late_gets_no_old_frames
         os.close(late)
     finally:
         bus.close()
-
-
-async def test_the_driver_reads_the_simulated_adapter():
-    bus = AxisBus(stamps=False, seed=1)
-    try:
-        driver = settings(interface="slcan", channel=bus.device).open("axis")
-        async with running(driver) as axis:
-            await axis.until(lambda _: driver.status.connected)
-            good = await eventually(
-                lambda: bus.send(0.9, 100.0, 0.02) or [r for r in axis.readings if not r.faults]
-            )
-            values = [r.values["nut_position_m"] for r in good]
-            assert values == pytest.approx([0.9] * len(values))
-    finally:
-        bus.close()

@@ -80,28 +80,6 @@ async def test_only_read_functions_are_ever_sent_and_neighbours_go_together():
     assert {(f, a, c) for f, a, c in peer.requests} == {(READ_HOLDING, 0, 1), (READ_INPUT, 0, 4)}
 
 
-async def test_an_exception_reply_faults_its_own_request_only():
-    channels = {"t1_degC": {"register": 0}, "far_degC": {"register": 500}}
-    async with device(inputs=[7]) as peer, running(settings(peer.port, channels).open("tc")) as tc:
-        reading = await tc.until(lambda r: "t1_degC" not in r.faults)
-        assert reading.values["t1_degC"] == 7
-        assert reading.faults == {"far_degC": "exception_2"}
-        assert math.isnan(reading.values["far_degC"])
-        assert tc.driver.status.connected
-        assert tc.driver.status.errors > 0
-
-
-async def test_an_open_thermocouple_is_a_fault_and_its_neighbour_is_not():
-    channels = {"t1_degC": 0, "t2_degC": 1}
-    async with device(inputs=[0x60, 0x7FFF, 0x00, 250]) as peer:
-        driver = settings(peer.port, channels, device="wago_750_458").open("tc")
-        async with running(driver) as tc:
-            reading = await tc.until(lambda r: r.faults.get("t1_degC") != "disconnected")
-    assert reading.faults == {"t1_degC": "open_circuit"}
-    assert math.isnan(reading.values["t1_degC"])
-    assert reading.values["t2_degC"] == pytest.approx(25.0)
-
-
 @pytest.mark.parametrize("away_s", [0.1, 1.3])
 async def test_unplugged_and_back_within_a_second_and_flagged_in_between(away_s):
     async with (

@@ -214,6 +214,38 @@ async def test_no_request_is_longer_than_max_registers():
     assert {count for *_, count in slave.requests} <= {5, 2}
 
 
+async def test_a_serial_line_that_is_cut_is_flagged_each_period_and_comes_back():
+    slave = Slave()
+    async with on_pty(slave) as port, running(rtu(port).open("x")) as recorder:
+        await recorder.good("r20_1")
+        slave.dead = (1,)
+        await recorder.until(lambda r: r.faults.get("r20_1") == "timeout")
+        cut = await recorder.more(5)
+        # on a busy computer a poll may begin late, and then has not ended within its period
+        assert all(len(r.faults) == 3 and set(r.faults.values()) <= {"timeout", "slow_poll"} for r in cut)
+        assert not recorder.driver.status.connected
+        slave.dead = ()
+        await recorder.good("r20_1", timeout_s=1.0)
+        assert recorder.driver.status.reconnects == 1
+
+
+async def test_an_adapter_that_is_unplugged_is_looked_for_until_it_is_back(tmp_path):
+    """The device file goes and comes, as that of a USB adapter does."""
+    path = tmp_path / "ttyUSB0"
+    async with contextlib.AsyncExitStack() as plugged:
+        path.symlink_to(await plugged.enter_async_context(on_pty(Slave())))
+        async with running(rtu(str(path)).open("x")) as recorder:
+            await recorder.good("r0_1")
+            path.unlink()
+            await plugged.aclose()
+            await recorder.until(lambda r: set(r.faults.values()) == {"disconnected"})
+            async with on_pty(Slave()) as port:
+                path.symlink_to(port)
+                await recorder.good("r0_1", timeout_s=1.0)
+                assert recorder.driver.status.reconnects == 1
+    assert wrong(recorder) == []
+
+
 # --- one connection for each wire ---
 
 

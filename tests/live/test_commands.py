@@ -1,6 +1,5 @@
 """Commands are obeyed between two steps, answered with what was done, and put on record for the replay."""
 
-import asyncio
 import time
 from dataclasses import replace
 
@@ -12,14 +11,12 @@ from observer.align.aligner import blocks_of_log, commands_of, faults_of, frames
 from observer.control.compensation import NOT_ARMED, CompensationState
 from observer.control.compensator import Compensator
 from observer.control.steering import NoControl
-from observer.errors import UserError
 from observer.estimate.pipeline import Pipeline
 from observer.estimate.replay import estimates_of
 from observer.exchange import Command, Outcome, PublishStatus
 from observer.files.logs import Log, read_log
 from observer.frames import EstimateQuality, Reading
 from observer.live.commands import Commands
-from observer.live.loop import serve
 from observer.live.observers import CompensationObserver, StepObserver
 from observer.record.recorder import NoRecorder, Recorder
 from tests.control.test_compensate import GRID, at, estimate, machine
@@ -290,25 +287,6 @@ async def test_a_dead_publisher_ends_the_pings_of_the_watchdog():
     await serve_until(service, until)
     assert len(notes) == pings[0][0]
     assert any("publishing: dead" in h["reasons"] for h in publisher.healths)
-
-
-async def test_where_another_service_has_the_axis_it_does_not_start(tmp_path):
-    class Second(FakePublisher):
-        looks = 0
-
-        @property
-        def status(self) -> PublishStatus:
-            self.looks += 1
-            settled = self.looks > 5
-            return PublishStatus(settled=settled, taken="another service runs" if settled else None)
-
-    publisher = Second()
-    recorder = Recorder(tmp_path, "m-x", CHANNELS, 1e9, 0.5)
-    service = loop_service([FakeDriver([(0, {"t1_degC": 20.0}, {})])], recorder=recorder, publisher=publisher)
-    with pytest.raises(UserError, match="another service runs"):
-        await asyncio.wait_for(serve(service), 20)
-    assert publisher.estimates == []
-    assert publisher.closed
 
 
 def test_a_reading_without_values_changes_no_frame():

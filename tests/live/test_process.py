@@ -60,15 +60,6 @@ def _wait_for_rows(folder, count: int) -> None:
     until(lambda: rows() >= before + count)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_service_without_a_router_ends_within_two_seconds(tmp_path, number):
-    with _service(f"tcp/127.0.0.1:{free_port()}", tmp_path) as process:
-        _read_until(process, "ready")
-        _terminate(process, number)
-        assert "ended\n" in process.stdout.read()
-    assert _recording(tmp_path).step.any()
-
-
 def test_a_service_whose_router_freezes_ends_within_two_seconds(tmp_path):
     with Router() as router, _service(router.endpoint, tmp_path) as process:
         with Subscription((router.endpoint,), "m", "x") as subscription:

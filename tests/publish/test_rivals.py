@@ -58,24 +58,6 @@ def test_a_service_that_comes_back_at_once_is_not_refused():
 
 
 @pytest.mark.system
-def test_two_services_that_start_at_one_moment_both_notice():
-    with Router() as router:
-        pair = [_client(router.endpoint, name) for name in ("11111111", "22222222")]
-        wait(lambda: all(one.status.connected or one.status.taken for one in pair))
-        if not any(one.status.taken for one in pair):
-
-            def noticed():
-                for one in pair:
-                    one.publish(block(), 0)
-                return all(one.status.rival for one in pair)
-
-            wait(noticed)
-            assert "instance 22222222" in pair[0].status.rival
-        for one in pair:
-            assert one.close(5.0)
-
-
-@pytest.mark.system
 @pytest.mark.parametrize("mode", ["client", "peer"])
 def test_two_services_that_both_went_on_notice_each_other(monkeypatch, mode):
     monkeypatch.setattr("observer.publish.zenoh.Rivals.token_is_there", lambda _: False)

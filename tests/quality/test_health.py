@@ -55,6 +55,7 @@ def test_where_all_is_well_health_is_good_and_has_the_counts():
     assert document["channels"]["t1_degC"] == {"quality": "good", "age_s": 0.1, "fault": None}
     assert document["unsent"] == {"mqtt": {"steps": 12, "duration_s": 12.0}}
     assert (document["published"], document["publish_drops"], document["recorded"]) == (20, 4, 80)
+    assert document["publish_reconnects"] == 1
 
 
 def test_an_occasional_channel_is_not_there_until_its_first_value_which_is_no_reason():
