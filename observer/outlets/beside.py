@@ -1,6 +1,6 @@
 """The service's side of its outlets: starts their process, a client of the bus, and never waits for it.
 
-A process that ends is restarted; its problems are reasons in health only.
+A process that ends or hangs is restarted; its problems are reasons in health only.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from observer.outlets.start import STATES, OutletState, Start
 
 _RETRY_S = 1.0
 _LOOK_S = 0.1
+_START_LOOKS, _SILENT_LOOKS = 600, 100
+"""Looks without a report before the process counts as frozen: 60 s for the first report, then 10 s."""
 _ONE_HEAP = {"MALLOC_ARENA_MAX": "1"}
 """Else glibc gives each thread of Zenoh and of the outlets its own heap, together 15 MB."""
 
@@ -35,6 +37,7 @@ class OutletsProcess:
         self._states: dict[str, OutletState] = {}
         self._ended: str | None = None
         self._child: subprocess.Popen[bytes] | None = None
+        self._looks_left = 0
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="outlets", daemon=True)
 
@@ -61,6 +64,7 @@ class OutletsProcess:
             log.warning("unexpected report of the outlets", reason=str(error))
             return
         before, self._states, self._ended = self._states, states, None
+        self._looks_left = _SILENT_LOOKS
         for name, state in states.items():
             state.log_change(name, before.get(name))
 
@@ -84,8 +88,7 @@ class OutletsProcess:
     def _run(self) -> None:
         while not self._closing.is_set():
             try:
-                self._run_once()
-                reason = "ended and is restarted; see the log lines before"
+                reason = self._run_once()
             except OSError as error:
                 reason = f"cannot be started ({error}); make room for one more process"
             if not self._closing.is_set():
@@ -93,8 +96,11 @@ class OutletsProcess:
                 self._ended = f"outlets: the process of page and plant {reason}"
                 self._closing.wait(_RETRY_S)
 
-    def _run_once(self) -> None:
-        """Start the process, and wait for its end or that of the service."""
+    def _run_once(self) -> str:
+        """Start the process, and wait for its end or that of the service; kill it if it freezes.
+
+        Returns what happened to it.
+        """
         # in a session of its own: Ctrl-C is for the service, which then ends it
         with subprocess.Popen(
             (sys.executable, "-m", "observer.outlets"),
@@ -108,5 +114,10 @@ class OutletsProcess:
             assert child.stdin is not None
             with contextlib.suppress(OSError):  # it has ended
                 child.stdin.write(self._start.model_dump_json().encode() + b"\n")
+            self._looks_left = _START_LOOKS  # looks, not seconds: a service that was frozen itself waits on
             while child.poll() is None and not self._closing.wait(_LOOK_S):
-                pass
+                self._looks_left -= 1
+                if self._looks_left < 0:
+                    child.kill()
+                    return "froze and is restarted; report it if it does so again"
+        return "ended and is restarted; see the log lines before"

@@ -106,9 +106,11 @@ class Bus:
                 self._ask()
 
     def _publish(self) -> None:
-        """Publish the states, which are published again each second: one may get lost."""
+        """Publish the states, which are published again each second: one may get lost, and silence tells
+        the service that the process hangs.
+        """
         with self._reporting:
-            if (session := self._session) is not None and self._states:
+            if (session := self._session) is not None:
                 session.put(f"{self._start.prefix}/outlets", STATES.dump_json(self._states))
 
     def _hear(self, sample: zenoh.Sample, *, is_answer: bool = False) -> None:

@@ -39,7 +39,12 @@ _ENDING = {signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
 
 
 def main() -> None:
-    """Serve what the first line of the standard input says, until that input closes."""
+    """Serve what the first line of the standard input says, until that input closes.
+
+    A service manager signals every process of a service; the service then closes the input.
+    """
+    for number in _ENDING:
+        signal.signal(number, signal.SIG_IGN)
     configure(as_json=False)
     if line := sys.stdin.buffer.readline():
         start = Start.model_validate_json(line)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import stat
 import sys
 import tempfile
@@ -12,6 +14,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from observer.outlets import beside
 from observer.outlets.beside import OutletsProcess
 from observer.outlets.start import Start
 from observer.publish.session import LOCAL, session_config
@@ -80,6 +83,29 @@ def test_a_process_that_cannot_be_started_is_tried_again(made, sockets, monkeypa
     until(lambda: "cannot be started" in (made.status.reason or ""))
     monkeypatch.setattr(sys, "executable", python)
     until(lambda: made.status.reason is None)
+
+
+def test_a_frozen_process_is_killed_and_replaced(made, sockets, monkeypatch):
+    monkeypatch.setattr(beside, "_SILENT_LOOKS", 50)
+    sockets.mkdir()
+    until(lambda: made._outlets._states)
+    frozen = made._outlets._child
+    os.kill(frozen.pid, signal.SIGSTOP)
+    until(lambda: "froze and is restarted" in (made.status.reason or ""))
+    assert frozen.wait(PATIENCE_S) == -signal.SIGKILL
+    until(lambda: made._outlets._states and made.status.reason is None)
+    assert made._outlets._child.pid != frozen.pid
+
+
+def test_a_signal_to_every_process_of_the_service_leaves_the_end_to_the_service(made, sockets):
+    sockets.mkdir()
+    until(lambda: made._outlets._states)
+    child = made._outlets._child
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        os.kill(child.pid, number)
+    made.close(PATIENCE_S)
+    assert child.wait(PATIENCE_S) == 0
+    assert list(sockets.iterdir()) == []
 
 
 def test_what_is_no_report_changes_nothing():
