@@ -122,6 +122,20 @@ def _check(table: dict[str, Any], place: str) -> None:
             SECTIONS[name].model_validate(section)
 
 
+def test_the_functions_that_compute_the_equations_exist() -> None:
+    """`module.py:name`; a name without a module is of the one before it."""
+    page = (DOCS / "explanation" / "equations.md").read_text(encoding="utf-8")
+    lost, count, source = [], 0, ""
+    for paragraph in re.findall(r"^Code: .*?\n\n", page + "\n", flags=re.M | re.S):
+        for name in re.findall(r"`([^`]+)`", paragraph):
+            module, _, function = name.rpartition(":")
+            source = (ROOT / module).read_text(encoding="utf-8") if module else source
+            last, count = function.rpartition(".")[2], count + 1
+            lost += [] if re.search(rf"^ *(def|class) {last}\b", source, flags=re.M) else [name]
+    assert count > 40
+    assert not lost
+
+
 def test_a_page_of_use_fits_two_screens() -> None:
     """Eighty lines; CONTRIBUTING.md and SECURITY.md, which stand there too, are not how-to pages."""
     navigation = (ROOT / "zensical.toml").read_text(encoding="utf-8")
