@@ -407,7 +407,7 @@ class PublishStatus:
         reason: A sentence on what is wrong; None if nothing is.
         settled: Whether the first attempt at a session has ended.
         taken: A sentence if another service has the axis; else None.
-        rival: A sentence if another program publishes on its keys; else None.
+        rival: A sentence if another service of the axis runs at once; else None.
         alive: Whether queries are answered.
         unsent: By outlet, what it still has to send late: `steps`, and their `duration_s`.
     """

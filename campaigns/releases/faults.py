@@ -40,7 +40,7 @@ AT_ONCE: dict[str, Drawn] = {
         good, control_failure="control: it does not follow: its dead-man has let go"
     ),
     "clock set": lambda good, _, size: replace(good, clock_offset_s=(size - 0.5) * 7200.0 + 1.0),
-    "another service": lambda good, _, size: replace(good, rival="another program publishes on these keys"),
+    "another service": lambda good, _, size: replace(good, rival="another service runs as this axis"),
 }
 COMMANDS = {"reset": "reset", "zero": "zero"}
 RESTARTS = {"service ended": True, "service killed": False}

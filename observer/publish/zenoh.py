@@ -24,7 +24,7 @@ import zenoh
 from observer.exchange import KEYS, KINDS, Command, PastAccess, PublishStatus
 from observer.frames import EstimateBlock, FrameBlock, Layout
 from observer.publish.answers import Responder
-from observer.publish.codec import EstimateEncoder, instance_of, to_json
+from observer.publish.codec import EstimateEncoder, to_json
 from observer.publish.session import (
     LEASE_MS,
     LOCAL,
@@ -58,13 +58,13 @@ class _Link:
     session: zenoh.Session
     publishers: dict[str, zenoh.Publisher]
     queryables: dict[str, Any]
-    rivals: Rivals | None
+    duplicates: DuplicateServiceDetector | None
     kept: tuple[Any, ...]
 
     def close(self) -> None:
         """End the sessions, however long it takes."""
-        if self.rivals is not None:
-            self.rivals.close()
+        if self.duplicates is not None:
+            self.duplicates.close()
         close(self.session)
 
 
@@ -174,7 +174,7 @@ class ZenohPublisher:
     def status(self) -> PublishStatus:
         """The state of publishing: counts, and the most severe problem in one sentence, None without."""
         link = self._link
-        rival = link.rivals.reason if link is not None and link.rivals is not None else None
+        rival = link.duplicates.reason if link is not None and link.duplicates is not None else None
         outlets_reason = self._outlets.reason if self._outlets else None
         alive = self._closing.is_set() or all(t.is_alive() or t.ident is None for t in self._threads)
         dead = None if alive else "Zenoh: the thread that answers has died; restart the service"
@@ -315,8 +315,8 @@ class ZenohPublisher:
         while (link := self._link) is not None and not self._closing.wait(_LOOK_S):
             with self._disturbed_if_it_fails():
                 self._look(link)
-                if link.rivals is not None:
-                    link.rivals.look()
+                if link.duplicates is not None:
+                    link.duplicates.watch()
 
     def _answer(self) -> None:
         """Answer queries from everywhere, and start the outlets as soon as that is possible."""
@@ -359,21 +359,21 @@ class ZenohPublisher:
 
     def _open(self) -> None:
         session = zenoh.open(self._config)
-        rivals = Rivals(session, self._ear, self._prefix, self._instance)
-        if self._has_axis_alone(session, rivals):
-            self._link = self._declare(session, rivals)
+        duplicates = DuplicateServiceDetector(session, self._ear, self._prefix, self._instance)
+        if self._has_axis_alone(session, duplicates):
+            self._link = self._declare(session, duplicates)
         else:
-            rivals.close()
+            duplicates.close()
             close(session)
 
-    def _has_axis_alone(self, session: zenoh.Session, rivals: Rivals) -> bool:
+    def _has_axis_alone(self, session: zenoh.Session, duplicates: DuplicateServiceDetector) -> bool:
         """Wait until no other service has this axis; returns False if this one is closed before."""
         end_s = time.monotonic() + _LINKED_S
         while self._settings.connect and not session.info.transports() and time.monotonic() < end_s:
             self._closing.wait(_LOOK_S)
         end_s = time.monotonic() + _GONE_S
         while not self._closing.is_set():
-            if not rivals.token_is_there():
+            if not duplicates.token_is_there():
                 self._taken = None
                 return True
             if time.monotonic() >= end_s:
@@ -395,7 +395,11 @@ class ZenohPublisher:
         self._reason = None if connected else f"Zenoh: nobody answers at {endpoints}; start the router"
 
     def _declare(
-        self, session: zenoh.Session, rivals: Rivals | None, *kept: Any, kinds: Sequence[str] = KINDS
+        self,
+        session: zenoh.Session,
+        duplicates: DuplicateServiceDetector | None,
+        *kept: Any,
+        kinds: Sequence[str] = KINDS,
     ) -> _Link:
         """Declare on a session what is published and answered there; `kept` stays as long as it."""
         publishers = {
@@ -409,28 +413,30 @@ class ZenohPublisher:
             if key.sent is not None
         }
         queryables = self._answers.declare(session, self._keys, kinds)
-        alive = session.liveliness().declare_token(f"{self._prefix}/alive")
-        return _Link(session, publishers, queryables, rivals, (alive, *kept))
+        tokens = [
+            session.liveliness().declare_token(f"{self._prefix}/{key}")
+            for key in ("alive", f"alive/{self._instance}")
+        ]
+        return _Link(session, publishers, queryables, duplicates, (*tokens, *kept))
 
 
-_RING = 16
-_MEMORY_S = 10.0  # so long after its last message another program counts as there
 _QUERY_S = 1.0
 _RETRY_S = 2.0
 _POLL_S = 0.02
 
 
-class Rivals:
-    """Looks for others on the keys directly under a prefix, where only one service may be.
+class DuplicateServiceDetector:
+    """Finds other services of the same axis by their liveliness tokens.
 
-    A router does not pass a peer what its other peers publish. Where `ear` is given, a session of that
+    Each service has two: `alive`, and `alive/<instance>`, by which services that run at once are told apart.
+    A router does not pass a peer what its other peers declare. Where `ear` is given, a session of that
     configuration, a client of the same router, listens in its place as soon as it can be opened.
 
     Args:
         session: The service's session.
         ear: The configuration of the session that listens; None listens on `session`.
         prefix: The key expression of the axis.
-        instance: The instance of this service, whose own messages do not count.
+        instance: The instance of this service, whose own token does not count.
     """
 
     def __init__(self, session: zenoh.Session, ear: zenoh.Config | None, prefix: str, instance: str) -> None:
@@ -440,8 +446,8 @@ class Rivals:
         self._opened_s = -math.inf
         self._prefix = prefix
         self._instance = instance
-        self._messages: Any = None
-        self._heard: tuple[str, float] | None = None
+        self._subscriber: Any = None
+        self._others: set[str] = set()
 
     def token_is_there(self) -> bool:
         """Whether somebody holds the axis' liveliness token; it waits up to one second for answers.
@@ -465,27 +471,23 @@ class Rivals:
             time.sleep(_POLL_S)
         return False
 
-    def look(self) -> None:
-        """Take in the messages since the last look, without waiting.
+    def watch(self) -> None:
+        """Begin to watch the tokens of other services, once their listener is open; does not wait.
 
         Raises:
             zenoh.ZError: If the session is closed.
         """
-        if self._messages is None:
-            if (session := self._listener()) is None:
-                return
-            self._messages = session.declare_subscriber(
-                f"{self._prefix}/*", zenoh.handlers.RingChannel(_RING), allowed_origin=zenoh.Locality.REMOTE
+        if self._subscriber is None and (session := self._listener()) is not None:
+            self._subscriber = session.liveliness().declare_subscriber(
+                f"{self._prefix}/alive/*", self._note, history=True
             )
-        for _ in range(_RING):
-            sample = self._messages.try_recv()
-            if sample is None:
-                return
-            instance = instance_of(sample.payload.to_bytes())
-            if instance != self._instance:
-                name = f"instance {instance}" if instance else "of no known instance"
-                sentence = f"another program publishes on {sample.key_expr} ({name}); end one of the two"
-                self._heard = sentence, time.monotonic()
+
+    def _note(self, token: zenoh.Sample) -> None:
+        instance = str(token.key_expr).rpartition("/")[2]
+        if token.kind == zenoh.SampleKind.DELETE:
+            self._others.discard(instance)
+        elif instance != self._instance:
+            self._others.add(instance)
 
     def _listener(self) -> zenoh.Session | None:
         """The session that receives from the others; None if it cannot be opened yet."""
@@ -508,7 +510,8 @@ class Rivals:
 
     @property
     def reason(self) -> str | None:
-        """A sentence on the messages of another program; None if none came within the last 10 s."""
-        if self._heard is None or time.monotonic() - self._heard[1] > _MEMORY_S:
+        """A sentence on another service that runs at once; None without one."""
+        instance = next(iter(self._others.copy()), None)
+        if instance is None:
             return None
-        return self._heard[0]
+        return f"another service runs as {self._prefix} (instance {instance}); end one of the two"

@@ -222,7 +222,7 @@ def test_everything_asked_is_logged_and_recorded(tmp_path):
 
 
 async def test_a_foreign_message_releases_the_compensation_and_shows_in_health():
-    rival = "another program publishes on ballscrew/m/x/heat (instance 0b0b0b0b); end one of the two"
+    rival = "another service runs as ballscrew/m/x (instance 0b0b0b0b); end one of the two"
 
     class Shared(FakePublisher):
         rival: str | None = None

@@ -1,4 +1,4 @@
-"""One writer: a second service is refused, and what others publish on the service's keys is noticed."""
+"""One writer: a second service is refused, and two that run at once notice each other."""
 
 import cbor2
 import pytest
@@ -10,7 +10,7 @@ from observer.publish.zenoh import ServiceIdentity, ZenohPublisher
 from observer.tables.publishing import Publish
 from tests.patience import until as wait
 from tests.publish.blocks import LAYOUT, block
-from tests.publish.people import PREFIX, published, session
+from tests.publish.people import PREFIX, ask, published, session
 from tests.publish.router import Router, free_port
 
 
@@ -60,41 +60,33 @@ def test_a_service_that_comes_back_at_once_is_not_refused():
 @pytest.mark.system
 @pytest.mark.parametrize("mode", ["client", "peer"])
 def test_two_services_that_both_went_on_notice_each_other(monkeypatch, mode):
-    monkeypatch.setattr("observer.publish.zenoh.Rivals.token_is_there", lambda _: False)
+    monkeypatch.setattr("observer.publish.zenoh.DuplicateServiceDetector.token_is_there", lambda _: False)
     with Router() as router:
         pair = [_client(router.endpoint, name, mode) for name in ("11111111", "22222222")]
-        wait(lambda: all(one.status.connected for one in pair))
-
-        def noticed():
-            for one in pair:
-                one.publish(block(), 0)
-            return all(one.status.rival for one in pair)
-
-        wait(noticed)
+        wait(lambda: all(one.status.connected and one.status.rival for one in pair))
         words = [one.status.rival for one in pair]
         assert all(one.status.reason == word for one, word in zip(pair, words, strict=True))
         assert "instance 22222222" in words[0]
         assert "instance 11111111" in words[1]
-        for one in pair:
-            assert one.close(5.0)
+        assert pair[0].close(5.0)
+        wait(lambda: pair[1].status.rival is None)
+        assert pair[1].close(5.0)
 
 
 @pytest.mark.system
-def test_a_service_takes_its_own_messages_and_the_truth_for_no_rivals():
+def test_its_own_tokens_and_those_of_another_axis_are_no_duplicates():
     with published() as (made, endpoint), session(endpoint) as other:
-        heard = other.declare_subscriber(f"{PREFIX}/**", zenoh.handlers.FifoChannel(1000))
-
-        def done():
-            made.publish(block(), 0)
-            other.put(f"{PREFIX}/truth/heat", b"{}")
-            other.put("ballscrew/lathe-8/z/heat", b"{}")
-            return heard.try_recv()
-
-        for _ in range(20):
-            wait(done)
+        liveliness = other.liveliness()
+        held = [liveliness.declare_token("ballscrew/lathe-8/z/alive/0b0b0b0b")]
+        tokens = liveliness.declare_subscriber("ballscrew/**", zenoh.handlers.FifoChannel(10), history=True)
+        keys = {str(tokens.recv().key_expr) for _ in range(3)}
+        assert keys == {f"{PREFIX}/alive", f"{PREFIX}/alive/0a0a0a0a", "ballscrew/lathe-8/z/alive/0b0b0b0b"}
         assert made.status.rival is None
-        wait(lambda: other.put(f"{PREFIX}/heat", b"\xff") or made.status.rival)
-        assert f"publishes on {PREFIX}/heat (of no known instance)" in made.status.rival
+        held.append(liveliness.declare_token(f"{PREFIX}/alive/0b0b0b0b"))
+        wait(lambda: made.status.rival)
+        assert (
+            made.status.reason == f"another service runs as {PREFIX} (instance 0b0b0b0b); end one of the two"
+        )
 
 
 @pytest.mark.system
@@ -108,9 +100,7 @@ def test_where_nobody_answers_a_service_starts_all_the_same():
 
 @pytest.mark.system
 def test_a_large_message_does_not_come_in():
-    with published() as (made, endpoint), zenoh.open(session_config("client", (endpoint,), ())) as other:
+    with published() as (_, endpoint), zenoh.open(session_config("client", (endpoint,), ())) as other:
         for size in (70_000, 1_000_000, 100_000_000):
-            other.put(f"{PREFIX}/heat", b"x" * size)
-        other.put(f"{PREFIX}/field", b"small")
-        wait(lambda: made.status.rival)
-        assert "/field " in made.status.rival
+            assert ask(other, f"{PREFIX}/config", payload=b"x" * size) in ([], ["! Timeout"])
+        assert ask(other, f"{PREFIX}/config", payload=b"small") == ['{"hash":"ab12"}']

@@ -163,7 +163,7 @@ def test_outlets_of_the_service_and_those_started_by_hand_serve_the_same(tmp_pat
             assert words == "there is no alarm none; there are: none\n"
             until(lambda: "health" in seen.documents, START_S)
             reasons = [reason for document in seen.documents["health"] for reason in document["reasons"]]
-            assert not any("another program publishes" in reason for reason in reasons)
+            assert not any("another service runs" in reason for reason in reasons)
             if not starts:
                 by_hand.send_signal(signal.SIGINT)
                 assert by_hand.wait(START_S) == 0
