@@ -7,11 +7,11 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import typer
 
-from observer.cli.options import with_parameters
+from observer.cli.options import flattened, with_parameters
 from observer.cli.output import counting, warn
 from observer.errors import UserError
 from observer.terminal import echo
@@ -37,28 +37,40 @@ ConfigOption = Annotated[
 OutputOption = Annotated[
     Path, typer.Option("--output", "-o", help="Folder for the results; logs finished there are skipped.")
 ]
-SchedulerOption = Annotated[
-    str | None, typer.Option(help="Address of a Dask cluster; default: one is started on this computer.")
-]
-WorkersOption = Annotated[
-    int | None, typer.Option(min=1, max=1024, help="Processes to start here; default: one per core.")
-]
-MemoryOption = Annotated[
-    float | None,
-    typer.Option(
-        "--memory-GB",
-        min=0.5,
-        help="Memory in GB for each process; one that needs more is stopped. Default: its share.",
-    ),
-]
 LimitOption = Annotated[float, typer.Option(min=1.0, help="Seconds after which a job is given up.")]
-FormatOption = Annotated[Literal["csv", "parquet"], typer.Option(help="Format of the estimates.")]
-MethodOption = Annotated[
-    Literal["smoother", "tikhonov", "conjugate-gradient"],
-    typer.Option(metavar="METHOD", help="Method: smoother, tikhonov or conjugate-gradient."),
-]
 Verb = Literal["replay", "identify", "calibrate", "discover"]
 MOST_SHOWN = 20
+
+
+class Computers(NamedTuple):
+    """Options that say where the work is done."""
+
+    scheduler: Annotated[
+        str | None,
+        typer.Option(help="Address of a Dask cluster; default: one is started on this computer."),
+    ] = None
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, max=1024, help="Processes to start here; default: one per core."),
+    ] = None
+    memory: Annotated[
+        float | None,
+        typer.Option(
+            "--memory-GB",
+            min=0.5,
+            help="Memory in GB for each process; one that needs more is stopped. Default: its share.",
+        ),
+    ] = None
+
+
+class Wanted(NamedTuple):
+    """Options that say what is written, and how it is found."""
+
+    format: Annotated[Literal["csv", "parquet"], typer.Option(help="Format of the estimates.")] = "parquet"
+    method: Annotated[
+        Literal["smoother", "tikhonov", "conjugate-gradient"],
+        typer.Option(metavar="METHOD", help="Method: smoother, tikhonov or conjugate-gradient."),
+    ] = "smoother"
 
 
 _VERBS: dict[Verb, tuple[str, float, tuple[str, ...]]] = {
@@ -95,12 +107,10 @@ def _command(verb: Verb, longest_s: float, without: Sequence[str]) -> Callable[.
         logs: LogsArgument = None,
         table: TableOption = None,
         config: ConfigOption = None,
-        scheduler: SchedulerOption = None,
-        workers: WorkersOption = None,
-        memory: MemoryOption = None,
+        *,
+        computers: Computers,
         limit_s: LimitOption = longest_s,
-        format: FormatOption = "parquet",
-        method: MethodOption = "smoother",
+        wanted: Wanted,
     ) -> None:
         if (table is None) == (not logs) or (config is None) == (table is None):
             raise UserError(
@@ -111,10 +121,10 @@ def _command(verb: Verb, longest_s: float, without: Sequence[str]) -> Callable[.
             from observer.fleet.journal import RunOptions
 
             rows = read_table(table) if table is not None else rows_of_logs(logs or [], config or Path())
-            options = RunOptions(verb, Path(os.path.abspath(output)), format, method, limit_s)
-            _run(jobs_of(rows, verb), options, output, scheduler, workers, memory)
+            options = RunOptions(verb, Path(os.path.abspath(output)), *wanted, limit_s)
+            _run(jobs_of(rows, verb), options, output, computers)
 
-    return with_parameters(command, without=without)
+    return with_parameters(flattened(command), without=without)
 
 
 for _verb, (_help, _longest_s, _without) in _VERBS.items():
@@ -125,9 +135,7 @@ def _run(
     jobs: list[Job],
     options: RunOptions,
     output: Path,
-    scheduler: str | None,
-    workers: int | None,
-    memory_GB: float | None,
+    computers: Computers,
 ) -> None:
     """Do the work and print the outcome; `output` is the folder as given."""
     from observer.fleet.jobs import OF_SEVERAL
@@ -141,9 +149,9 @@ def _run(
                 jobs,
                 options,
                 progress,
-                workers=workers or os.cpu_count() or 1,
-                memory_GB=memory_GB,
-                address=scheduler,
+                workers=computers.workers or os.cpu_count() or 1,
+                memory_GB=computers.memory,
+                address=computers.scheduler,
             )
     except KeyboardInterrupt:
         rows = [row for job in jobs if (row := finished_row(job, options)) is not None]

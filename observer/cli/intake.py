@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from observer.cli.options import flattened
 from observer.cli.output import warn
 from observer.errors import UserError
 from observer.terminal import echo
@@ -18,7 +19,21 @@ if TYPE_CHECKING:
 verbs = typer.Typer()
 
 
+class TimeChoices(NamedTuple):
+    """Options that say how the files give the time."""
+
+    time: Annotated[str | None, typer.Option(help="Column of the time.")] = None
+    time_format: Annotated[
+        str | None,
+        typer.Option(help="Its unit (ms, min, excel …) or format (%d.%m.%Y %H:%M:%S)."),
+    ] = None
+    timezone: Annotated[
+        str | None, typer.Option(help="Time zone of times that have none, such as Europe/Berlin.")
+    ] = None
+
+
 @verbs.command(name="import")
+@flattened
 def import_(
     file: Annotated[list[Path], typer.Argument(help="One or more files of one run, joined on their clocks.")],
     config: Annotated[Path | None, typer.Option("--config", "-c", help="Configuration (TOML).")] = None,
@@ -39,14 +54,8 @@ def import_(
             help="Column of a channel, followed by @UNIT where its name lacks the unit.",
         ),
     ] = None,
-    time: Annotated[str | None, typer.Option(help="Column of the time.")] = None,
-    time_format: Annotated[
-        str | None,
-        typer.Option(help="Its unit (ms, min, excel …) or format (%d.%m.%Y %H:%M:%S)."),
-    ] = None,
-    timezone: Annotated[
-        str | None, typer.Option(help="Time zone of times that have none, such as Europe/Berlin.")
-    ] = None,
+    *,
+    times: TimeChoices,
     yes: Annotated[
         bool, typer.Option("--yes", help="Ask nothing; fail where something is doubtful.")
     ] = False,
@@ -66,9 +75,7 @@ def import_(
     suffix_of(output)
     columns = dict(map(_channel_and_column, column or ()))
     machine = load(config)
-    imported = import_log(
-        file, machine, columns=columns, time=time, time_format=time_format, timezone=timezone
-    )
+    imported = import_log(file, machine, columns=columns, **times._asdict())
     agreed = False
     if imported.asked and not yes and sys.stdin.isatty():
         _show(imported)

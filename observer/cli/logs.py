@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import typer
 
@@ -15,6 +15,7 @@ from observer.cli.options import (
     OutputOption,
     accepting,
     assignments,
+    flattened,
 )
 from observer.cli.output import advancing, counting, show, show_sentence, warn, warn_of_paths
 from observer.errors import UserError
@@ -85,8 +86,48 @@ def forecast(
     echo(f"written to {output}: forecast.csv, forecast.json, forecast.png")
 
 
+class HeatChoices(NamedTuple):
+    """Options of the methods that find heats."""
+
+    regularisation: Annotated[
+        float | None,
+        typer.Option(help="Weight of the prior, 1 as configured; default: chosen by the method."),
+    ] = None
+    parameter_choice: Annotated[
+        Literal["discrepancy", "gcv", "l-curve", "ico"] | None,
+        typer.Option(
+            metavar="RULE",
+            help="Choice of that weight by tikhonov: discrepancy, gcv (default), l-curve or ico.",
+        ),
+    ] = None
+    order: Annotated[
+        int | None,
+        typer.Option(min=0, max=1, help="Prior: 0 independent heats, 1 random walks (default)."),
+    ] = None
+    gradient: Annotated[
+        Literal["adjoint", "central-differences"] | None,
+        typer.Option(
+            metavar="HOW", help="Gradient for conjugate-gradient: adjoint (default) or central-differences."
+        ),
+    ] = None
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0
+
+
+class GridChoices(NamedTuple):
+    """Options of a report along the screw."""
+
+    report: Annotated[
+        bool, typer.Option("--report", help="Also temperatures, heats and errors along the screw.")
+    ] = False
+    every_m: Annotated[
+        float | None, typer.Option(help="Spacing of the report over the stroke in m; else as configured.")
+    ] = None
+    every_min: Annotated[float, typer.Option(help="Minutes between the report's times.")] = 10.0
+
+
 @verbs.command()
 @accepting
+@flattened
 def identify(
     log: LogArgument,
     config: ConfigOption,
@@ -95,49 +136,22 @@ def identify(
         Literal["smoother", "tikhonov", "conjugate-gradient"],
         typer.Option(metavar="METHOD", help="Method: smoother, tikhonov or conjugate-gradient."),
     ] = "smoother",
-    regularisation: Annotated[
-        float | None,
-        typer.Option(help="Weight of the prior, 1 as configured; default: chosen by the method."),
-    ] = None,
-    parameter_choice: Annotated[
-        Literal["discrepancy", "gcv", "l-curve", "ico"] | None,
-        typer.Option(
-            metavar="RULE",
-            help="Choice of that weight by tikhonov: discrepancy, gcv (default), l-curve or ico.",
-        ),
-    ] = None,
-    order: Annotated[
-        int | None,
-        typer.Option(min=0, max=1, help="Prior: 0 independent heats, 1 random walks (default)."),
-    ] = None,
-    gradient: Annotated[
-        Literal["adjoint", "central-differences"] | None,
-        typer.Option(
-            metavar="HOW", help="Gradient for conjugate-gradient: adjoint (default) or central-differences."
-        ),
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
-    report: Annotated[
-        bool, typer.Option("--report", help="Also temperatures, heats and errors along the screw.")
-    ] = False,
-    every_m: Annotated[
-        float | None, typer.Option(help="Spacing of the report over the stroke in m; else as configured.")
-    ] = None,
-    every_min: Annotated[float, typer.Option(help="Minutes between the report's times.")] = 10.0,
+    *,
+    choices: HeatChoices,
+    grid: GridChoices,
     **accept: Any,
 ) -> None:
     """Estimate the heats of a whole log from all its rows at once: heat.csv, summary.json, heat.png."""
     from observer.library.machine import load
     from observer.library.profiles import ReportGrid
 
-    grid = ReportGrid(every_m, 60.0 * every_min)
-    grid.check()
+    places = ReportGrid(grid.every_m, 60.0 * grid.every_min)
+    places.check()
+    reports = grid.report or grid.every_m is not None
     with results_in(output), advancing("identify") as progress:
         heats = load(config).identify(
-            log, method, report=grid if report or every_m is not None else None, progress=progress,
-            regularisation=regularisation, parameter_choice=parameter_choice, order=order, gradient=gradient,
-            seed=seed, **accept,
-        )  # fmt: skip
+            log, method, report=places if reports else None, progress=progress, **choices._asdict(), **accept
+        )
         progress("writing and drawing")
         heats.write(output)
     summary = heats.summary
@@ -147,7 +161,7 @@ def identify(
         echo(f"  {name}: {mean_W:.2f} W on average, σ {sigma_W:.2f} W at a time")
     warn([*summary["warnings"], *summary["doubts"]])
     warn_of_paths(summary["nut_path"])
-    with_report = ", report.csv, report.png" if report or every_m is not None else ""
+    with_report = ", report.csv, report.png" if reports else ""
     echo(f"written to {output}: heat.csv, summary.json, heat.png{with_report}")
 
 

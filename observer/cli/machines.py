@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from inspect import Parameter
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import typer
 
@@ -17,6 +17,7 @@ from observer.cli.options import (
     OutputOption,
     SecondsOption,
     endpoint,
+    flattened,
     picture,
     with_parameters,
 )
@@ -260,7 +261,36 @@ def check(
     show(findings(settings), as_json, as_text)
 
 
+class PlaceChoices(NamedTuple):
+    """Options of the search for sensors."""
+
+    budget: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Budget, in the unit of the costs; default: no limit."),
+    ] = None
+    candidates: Annotated[
+        Path | None,
+        typer.Option(
+            help="File of candidate tables: what can be mounted; default: those of the configuration."
+        ),
+    ] = None
+    by: Annotated[
+        Literal["all", "heat", "field", "error"], typer.Option(help="The σ by which sets are judged.")
+    ] = "all"
+    keep: Annotated[bool, typer.Option("--keep", help="Keep the configured sensors, and add to them.")] = (
+        False
+    )
+    spacing_m: Annotated[
+        float | None,
+        typer.Option(
+            min=1e-4,
+            help="Without candidates: spacing of positions on the screw in m; default: 41 positions.",
+        ),
+    ] = None
+
+
 @verbs.command()
+@flattened
 def place(
     config: ConfigOption,
     sensors: Annotated[
@@ -272,29 +302,8 @@ def place(
             "beside those kept.",
         ),
     ] = None,
-    budget: Annotated[
-        float | None,
-        typer.Option(min=0.0, help="Budget, in the unit of the costs; default: no limit."),
-    ] = None,
-    candidates: Annotated[
-        Path | None,
-        typer.Option(
-            help="File of candidate tables: what can be mounted; default: those of the configuration."
-        ),
-    ] = None,
-    by: Annotated[
-        Literal["all", "heat", "field", "error"], typer.Option(help="The σ by which sets are judged.")
-    ] = "all",
-    keep: Annotated[
-        bool, typer.Option("--keep", help="Keep the configured sensors, and add to them.")
-    ] = False,
-    spacing_m: Annotated[
-        float | None,
-        typer.Option(
-            min=1e-4,
-            help="Without candidates: spacing of positions on the screw in m; default: 41 positions.",
-        ),
-    ] = None,
+    *,
+    choices: PlaceChoices,
     plot: Annotated[
         Path | None, typer.Option(help="Also draw σ against cost into this file (.png, .svg, .pdf).")
     ] = None,
@@ -307,10 +316,7 @@ def place(
     picture(plot)
     machine = load(config)
     with advancing("place") as progress:
-        placed = machine.place(
-            sensors, budget=budget, candidates=candidates, by=by, keep=keep, spacing_m=spacing_m,
-            progress=progress,
-        )  # fmt: skip
+        placed = machine.place(sensors, progress=progress, **choices._asdict())
     if plot is not None:
         placed.draw(plot)
     show(placed.document, as_json, as_text)

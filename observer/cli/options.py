@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -30,6 +30,40 @@ def with_parameters(
     options = [option for name, option in verb_signature.parameters.items() if name not in without]
     verb.__signature__ = verb_signature.replace(parameters=[*options, *extra])  # type: ignore[attr-defined]
     return verb
+
+
+def flattened(verb: Callable[..., None]) -> Callable[..., None]:
+    """Return a verb with an option for each field of those of its parameters that are NamedTuples."""
+    verb_signature = signature(verb, eval_str=True)
+    kinds = {
+        n: p.annotation for n, p in verb_signature.parameters.items() if hasattr(p.annotation, "_fields")
+    }
+
+    @wraps(verb)
+    def run(**arguments: Any) -> None:
+        records = {
+            name: kind(**{f: arguments.pop(f) for f in kind._fields if f in arguments})
+            for name, kind in kinds.items()
+        }
+        verb(**arguments, **records)
+
+    options: list[Parameter] = []
+    for name, option in verb_signature.parameters.items():
+        options += _of_fields(kinds[name]) if name in kinds else [_by_name(option)]
+    run.__signature__ = verb_signature.replace(parameters=options)  # type: ignore[attr-defined]
+    return run
+
+
+def _of_fields(kind: Any) -> list[Parameter]:
+    """Return the fields of a NamedTuple as options."""
+    hints, usual = get_type_hints(kind, include_extras=True), kind._field_defaults
+    return [Parameter(f, Parameter.KEYWORD_ONLY, default=usual[f], annotation=hints[f]) for f in kind._fields]
+
+
+def _by_name(option: Parameter) -> Parameter:
+    """Return a parameter that is passed by its name, so that those with and without defaults may mix."""
+    is_rest = option.kind is Parameter.VAR_KEYWORD
+    return option if is_rest else option.replace(kind=Parameter.KEYWORD_ONLY)
 
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"

@@ -3,10 +3,10 @@ cdef double FOLLOWS_S, _SURE
 cdef void follow(PlantArrays p, Batch b, Py_ssize_t k, double[::1] linearisation_point, double[::1] x, Work work) noexcept nogil
 cdef void bring(PlantArrays p, double[:, ::1] B, double[::1] before, Work work) noexcept nogil
 cdef void multiply(double[:, ::1] VT, double[::1] x, double[::1] y) noexcept nogil
-@cython.locals(tied=double, heat_W=double)
-cdef void drive(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] B, Py_ssize_t i, double[::1] x, Work work, double[::1] c) noexcept nogil
-@cython.locals(apart_K=double, heat_W=double, all_W_K=double, part=double, seen=double, source=Py_ssize_t)
-cdef void pass_heat(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] B, Py_ssize_t i, double[::1] x, Work work, double[::1] c) noexcept nogil
+@cython.locals(tied=double, heat_W=double, c=double[::1])
+cdef void drive(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] B, Py_ssize_t i, double[::1] x, Work work) noexcept nogil
+@cython.locals(apart_K=double, heat_W=double, all_W_K=double, part=double, seen=double, source=Py_ssize_t, i=Py_ssize_t, c=double[::1])
+cdef void pass_heat(PlantArrays p, Inputs u, Py_ssize_t k, double[:, ::1] B, Py_ssize_t q, double[::1] x, Work work) noexcept nogil
 @cython.locals(entry=double, lag_s=double, slow=Py_ssize_t)
 cdef void see(PlantArrays p, Inputs u, Py_ssize_t k, double dt_s, double[:, ::1] C, double[::1] linearisation_point) noexcept nogil
 @cython.locals(degC=double)

@@ -38,12 +38,12 @@ def follow(p, b, k, linearisation_point, x, work):
     for i in range(machine):
         row = m_e + i
         if p.learn.link[i] >= 0:
-            pass_heat(p, b.inputs, k, B, p.learn.link[i], work.before_around, work, work.G[row])
+            pass_heat(p, b.inputs, k, B, i, work.before_around, work)
         elif len(p.learn.V) > 0:
-            drive(p, b.inputs, k, work.plain_B, i, work.plain, work, work.shift)
+            drive(p, b.inputs, k, work.plain_B, i, work.plain, work)
             multiply(p.inverse_T, work.shift, work.G[row])
         else:
-            drive(p, b.inputs, k, B, i, work.before_around, work, work.shift)
+            drive(p, b.inputs, k, B, i, work.before_around, work)
             for a in range(n_x):
                 work.G[row, a] = work.shift[a]
         learnt = x[n_x + row]
@@ -71,12 +71,12 @@ def multiply(VT, x, y):
     add_scaled(y[:n_x], VT, x, n_x)
 
 
-def drive(p, u, k, B, i, x, work, c):
-    """Write the effect of a unit of parameter i on dx/dt at the state x at the start of step k, (n_x,).
+def drive(p, u, k, B, i, x, work):
+    """Write into `shift` the effect of a unit of parameter i on dx/dt at the state x at the start of step k.
 
-    It is A x + B q + E z + f (see `observer.model.learning.Change`).
+    It is A x + B q + E z + f (see `observer.model.learning.Change`), (n_x,).
     """
-    n_x, source = B.shape[1], p.learn.law[i]
+    n_x, source, c = B.shape[1], p.learn.law[i], work.shift
     if source >= 0:
         for a in range(n_x):
             c[a] = B[source, a] * work.law[source]
@@ -110,18 +110,20 @@ def drive(p, u, k, B, i, x, work, c):
                 c[a] += p.learn.heats[i, a] * B[p.source[j], a] * x[n_x + j]
 
 
-def pass_heat(p, u, k, B, i, x, work, c):
-    """Write the change of dx/dt if link i of a node to a moving nut conducts twice as much: G v d x.
+def pass_heat(p, u, k, B, q, x, work):
+    """Write into the row of parameter q how dx/dt changes if its link to a moving nut conducts twice as much.
 
-    The nut is at its position of the step, d is the row of the temperature difference, and v the column of
-    1 J passed. Shapes under a sweeping nut decay faster by the link's part of all its conductances.
+    That is G v d x. The nut is at its position of the step, d is the row of the temperature difference, and v
+    the column of 1 J passed. Shapes under a sweeping nut decay faster by the link's part of all its
+    conductances.
     """
+    i, c = p.learn.link[q], work.G[len(p.source) + q]
     source, apart_K, all_W_K = p.coupling.links.source[i], 0.0, 0.0
     see_under(p.coupling, source, B, work.link)
     for a in range(B.shape[1]):
         apart_K += (p.coupling.links.C[i, a] - work.link[0, a]) * x[a]
-    for q in range(p.coupling.under_F.shape[1]):
-        apart_K -= p.coupling.under_F[source, q] * u.z_start[k, q]
+    for z in range(p.coupling.under_F.shape[1]):
+        apart_K -= p.coupling.under_F[source, z] * u.z_start[k, z]
     heat_W = p.coupling.links.conductance_W_K[i] * apart_K
     for a in range(B.shape[1]):
         c[a] = heat_W * (p.coupling.place_gain[source] * B[source, a] - p.coupling.links.B[i, a])
