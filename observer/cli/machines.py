@@ -125,7 +125,9 @@ def outlets(
         )
     start = Start.of(settings, connect or "", login)
     if start is None:
-        raise UserError(f"{config}: no outlet to serve; add [page], [metrics], [mqtt] or [opcua]")
+        raise UserError(
+            f"{config}: no outlet to serve; add [page], [metrics], [mqtt], [opcua] or [outlets.also.…]"
+        )
     serve_until_signal(start)
 
 

@@ -254,7 +254,8 @@ def _keys_at(path: Sequence[int | str], table: Any, model: type[BaseModel]) -> l
         if fields:  # else an index of a list or a name in a table of tables, which has the same models
             models = [m for f in fields for m in _models_in(f.annotation)]
     kind = table.get("kind") if isinstance(table, dict) else None
-    if outside_model := _model_outside(kind, "effects" if path[:1] == ["effect"] else "drivers"):
+    group = {"effect": "effects", "outlets": "outlets"}.get(str(path[0]) if path else "", "drivers")
+    if outside_model := _model_outside(kind, group):
         models = [outside_model]
     kinds = [(m, m.model_fields["kind"]) for m in models if "kind" in m.model_fields]
     chosen = [m for m, field in kinds if kind in get_args(field.annotation)]

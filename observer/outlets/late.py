@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from paho.mqtt.client import MQTTMessageInfo
 
     from observer.outlets.messages import Latest
-    from observer.outlets.start import ReportState, Start
+    from observer.outlets.start import Start
+    from observer.tables.outlets import ReportState
 
 _LAST_OF_A_STEP = "readings"
 _OF_EVERY_STEP = ("estimate", "heat", "readings")  # field and error are published less often

@@ -20,9 +20,10 @@ from observer.exchange import KEYS, KeyFigure
 from observer.frames import EstimateQuality
 from observer.outlets.messages import Latest
 from observer.outlets.server import served
-from observer.outlets.start import ReportState, Start
+from observer.outlets.start import Start
 from observer.quality.alarm_classes import SEVERITIES
 from observer.quality.alarm_states import State
+from observer.tables.outlets import ReportState
 
 _SHOWN = ("good", "starting", "degraded")
 Rows = list[tuple[dict[str, str], float]]

@@ -22,8 +22,8 @@ from observer.exchange import RETAINED
 from observer.files.regular import read_password
 from observer.outlets.late import LateSender
 from observer.outlets.messages import Latest
-from observer.outlets.start import ReportState, Start, run_together
-from observer.tables.outlets import Mqtt, host_and_port
+from observer.outlets.start import Start, run_together
+from observer.tables.outlets import Mqtt, ReportState, host_and_port
 
 _LOOK_S = 0.1
 _RETRY_S = 1

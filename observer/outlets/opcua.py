@@ -29,7 +29,8 @@ from observer.exchange import KEYS, KeyFigure
 from observer.outlets.messages import Latest
 from observer.outlets.opcua_history import PastValues
 from observer.outlets.opcua_server import guarded
-from observer.outlets.start import ReportState, Start
+from observer.outlets.start import Start
+from observer.tables.outlets import ReportState
 
 # asyncua logs every client error with a traceback, which would fill the service's log.
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)

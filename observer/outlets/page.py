@@ -12,9 +12,10 @@ from observer.outlets.page_app import application
 from observer.outlets.page_guard import Logins
 from observer.outlets.page_stream import Stream
 from observer.outlets.server import served
-from observer.outlets.start import ReportState, Start, run_together
+from observer.outlets.start import Start, run_together
 from observer.publish.answers import LONGEST_ID
 from observer.publish.ask import Address, command
+from observer.tables.outlets import ReportState
 
 _ANSWER_S = 5.0
 

@@ -19,11 +19,13 @@ import structlog
 from observer.errors import UserError, extra_remedy
 from observer.outlets.bus import Bus
 from observer.outlets.messages import Latest
-from observer.outlets.start import OUTLETS, ReportState, Start
+from observer.outlets.start import Start
 from observer.process.memory import leave_in_peace
 from observer.process.messages import configure
 from observer.process.shutdown import leave
 from observer.publish.session import LOCAL
+from observer.tables.outlets import ReportState
+from observer.tables.outside import fault_outside
 
 _RETRY_S = 1.0
 _BUS_END_S = 0.3
@@ -65,7 +67,7 @@ def serve_until_signal(start: Start) -> None:
 
 def _serve(start: Start, wait: Callable[[], object], *, reports: bool) -> None:
     """Serve until `wait` returns."""
-    latests = {name: Latest(start.period_s) for name in OUTLETS if getattr(start, name) is not None}
+    latests = {name: Latest(start.period_s) for name in start.names}
 
     def put(key: str, payload: bytes) -> None:
         for latest in latests.values():
@@ -124,18 +126,22 @@ def _reporting(name: str, bus: Bus) -> ReportState:
 
 async def _supervised(name: str, start: Start, latest: Latest, report_state: ReportState) -> None:
     """Serve an outlet for ever; report why it fails, and retry."""
+    module, extra = _MODULES.get(name, (None, None))
     while True:
         reason = f"{name}: ended by itself"
         try:
-            module, extra = _MODULES[name]
-            serve: _Serve = importlib.import_module(module).serve
-            await serve(start, latest, report_state)
+            if module is None:
+                await start.also[name].serve(start.prefix, latest, report_state)
+            else:
+                serve: _Serve = importlib.import_module(module).serve
+                await serve(start, latest, report_state)
         except ModuleNotFoundError as error:
-            reason = f"{name}: {error.name} is missing; {extra_remedy(extra)}"
+            remedy = "install it" if extra is None else extra_remedy(extra)
+            reason = f"{name}: {error.name} is missing; {remedy}"
         except (OSError, UserError) as error:
             reason = f"{name}: {error}"
         except Exception as error:  # whatever it is, the others continue and health reports it
             log.error("an outlet failed", outlet=name, exc_info=True)
-            reason = f"{name}: {type(error).__name__}: {error}"
+            reason = f"{name}: {fault_outside(error) or f'{type(error).__name__}: {error}'}"
         report_state({"reason": reason})
         await asyncio.sleep(_RETRY_S)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import structlog
 from pydantic import BaseModel, ConfigDict, FiniteFloat, TypeAdapter
 
 from observer.steps.store import Past
-from observer.tables.outlets import Metrics, Mqtt, Opcua, Page
+from observer.tables.outlets import Metrics, Mqtt, Opcua, OutsideOutlet, Page
 from observer.tables.publishing import DEFAULT_ENDPOINT, Client
 
 if TYPE_CHECKING:
@@ -26,7 +26,8 @@ class Start(BaseModel):
     """The outlets to serve, with their settings, and the bus that they are clients of.
 
     `connect` is the Zenoh endpoint, `client` the login there. `recordings` is the folder of the recordings;
-    `laws` are the sources with a heat law; `forecast_s` is the interval of forecasts, None without.
+    `laws` are the sources with a heat law; `forecast_s` is the interval of forecasts, None without. `also`
+    has the outlets of other packages by the name of their table.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -40,6 +41,7 @@ class Start(BaseModel):
     metrics: Metrics | None = None
     mqtt: Mqtt | None = None
     opcua: Opcua | None = None
+    also: dict[str, OutsideOutlet] = {}
     recordings: Path | None = None
     laws: tuple[str, ...] = ()
     forecast_s: float | None = None
@@ -51,7 +53,8 @@ class Start(BaseModel):
         Without `connect` they go where the configured service listens, else to its router.
         """
         outlets = {name: getattr(config, name) for name in OUTLETS}
-        if all(outlet is None for outlet in outlets.values()):
+        also = {f"outlets.also.{name}": outlet for name, outlet in config.outlets.also.items()}
+        if not also and all(outlet is None for outlet in outlets.values()):
             return None
         forecasts = config.forecast.enabled
         if forecasts is None:
@@ -65,8 +68,14 @@ class Start(BaseModel):
             recordings=None if (folder := config.record.directory) is None else folder.absolute(),
             laws=tuple(source.name for source in config.source if source.law is not None),
             forecast_s=config.forecast.period_s if forecasts else None,
+            also=also,
             **outlets,
         )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the outlets to serve."""
+        return (*(name for name in OUTLETS if getattr(self, name) is not None), *self.also)
 
     @property
     def past(self) -> Past | None:
@@ -103,9 +112,6 @@ class OutletState(BaseModel):
 
 STATES = TypeAdapter(dict[str, OutletState])
 """The states of all outlets by name, as their process publishes them on the key `outlets`."""
-
-ReportState = Callable[[dict[str, Any]], None]
-"""Takes what has changed in the state of an outlet: fields of `OutletState`."""
 
 
 async def run_together(*parts: Awaitable[None]) -> None:

@@ -41,7 +41,8 @@ _QUALITY = [quality.label for quality in EstimateQuality]
 _CHANNEL_QUALITY = [quality.label for quality in Quality]
 _FLOAT64_MARK = b"\xfb"
 _ACCESS: Any = {
-    "publish": {"tls", "login", "access"}, "page": True, "metrics": True, "mqtt": True, "opcua": True
+    "publish": {"tls", "login", "access"}, "page": True, "metrics": True, "mqtt": True, "opcua": True,
+    "outlets": {"also"},
 }  # fmt: skip
 _JSON = json.JSONEncoder(allow_nan=False, separators=(",", ":"))
 _ARRAYS = (

@@ -1,13 +1,29 @@
-"""The configuration of the page, metrics, MQTT and OPC UA, each off until its table is there."""
+"""The configuration of outlets: page, metrics, MQTT, OPC UA and those of other packages.
+
+Each is off until its table is there. An outlet of another package is selected by `kind = "module:Class"` or
+by a name of the entry-point group `ballscrew_observer.outlets`.
+"""
 
 from __future__ import annotations
 
 import ipaddress
 import re
-from typing import Annotated
+from abc import abstractmethod
+from collections.abc import AsyncIterator, Callable
+from typing import Annotated, Any, Protocol
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializeAsAny,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 
+from observer.tables.outside import entry_names, is_outside, outside
 from observer.tables.quantities import File, Flag, Name, Number, Section, all_or_none
 
 _ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9_.-]+|\[[0-9A-Fa-f:.]+\]):(?P<port>\d{1,5})")
@@ -108,10 +124,75 @@ class Page(Section):
         )
 
 
+ReportState = Callable[[dict[str, Any]], None]
+"""Takes what has changed in the state of an outlet: `address` where it serves, `reason` why it does not."""
+
+
+class NewestMessages(Protocol):
+    """The newest message of every key of an axis."""
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether no estimate has come for two periods: the service is silent, frozen or gone."""
+
+    def document(self, key: str) -> dict[str, Any]:
+        """The newest document of a key, decoded; empty before the first."""
+
+    def messages(self) -> AsyncIterator[tuple[str, bytes]]:
+        """Yield key and payload of the stored messages, then of new ones as they arrive.
+
+        A slow reader gets only the newest message of each key. The payload is empty where a message is
+        dropped, because the service has started again.
+        """
+
+
+class OutletTable(BaseModel):
+    """A table `[outlets.also.<name>]`: its keys, and how its outlet serves them."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    kind: str
+
+    @abstractmethod
+    async def serve(self, prefix: str, latest: NewestMessages, report_state: ReportState) -> None:
+        """Serve until cancelled, in an event loop of its own.
+
+        It is called again a second after it returns or raises.
+
+        Args:
+            prefix: The key expression of the axis, `ballscrew/<machine>/<axis>`.
+            latest: The messages of the axis.
+            report_state: To be called with `{"reason": None, "address": …}` once it serves.
+
+        Raises:
+            Exception: Any; `health` then has its sentence as a reason.
+        """
+
+
+def _from_outside(value: Any, validate_instance: ValidatorFunctionWrapHandler) -> OutletTable:
+    """Validate an outlet's table by the class that its `kind` names; raises `ValueError` if it is none."""
+    if not isinstance(value, dict):
+        outlet: OutletTable = validate_instance(value)
+        return outlet
+    kind = value.get("kind")
+    if not is_outside(kind, "outlets"):
+        kinds = ", ".join((*entry_names("outlets"), "module:Class"))
+        raise ValueError(f'kind is "{kind}", which is no outlet of another package; give one of {kinds}')
+    table = outside(kind, "outlets")
+    if not (isinstance(table, type) and issubclass(table, OutletTable)):
+        raise ValueError(f"{kind} is no outlet; name a subclass of observer.tables.outlets.OutletTable")
+    return table.model_validate(value)
+
+
+OutsideOutlet = Annotated[OutletTable, WrapValidator(_from_outside), SerializeAsAny()]
+
+
 class OutletSettings(Section):
-    """Whether the service starts `observer outlets`: the process of page, metrics, MQTT and OPC UA."""
+    """Whether the service starts `observer outlets`, and which outlets of other packages it serves."""
 
     start: Flag = True  #: false where you start `observer outlets` yourself, here or on another computer
+    #: [outlets of your own](../how-to/add-an-outlet.md), each a table `[outlets.also.<name>]` with its `kind`
+    also: dict[Name, OutsideOutlet] = Field(default_factory=dict, max_length=16)
 
 
 class Metrics(Section):

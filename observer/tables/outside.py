@@ -1,7 +1,8 @@
 """Classes from outside the package, which a configuration names in `kind`.
 
 Either as `"module:Class"`, or by the name that an installed package gives to its class in the entry-point
-group `ballscrew_observer.drivers`, `.estimators` or `.effects`. A kind of this package has precedence.
+group `ballscrew_observer.drivers`, `.estimators`, `.effects` or `.outlets`. A kind of this package has
+precedence.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ def is_outside(kind: object, group: str) -> TypeGuard[str]:
 
     Args:
         kind: Any value of the configuration.
-        group: `"drivers"`, `"estimators"` or `"effects"`.
+        group: `"drivers"`, `"estimators"`, `"effects"` or `"outlets"`.
     """
     return isinstance(kind, str) and (_PATH.fullmatch(kind) is not None or kind in entry_names(group))
 
@@ -32,7 +33,7 @@ def entry_names(group: str) -> tuple[str, ...]:
     """Return the names that installed packages give to their classes of a group, sorted.
 
     Args:
-        group: `"drivers"`, `"estimators"` or `"effects"`.
+        group: `"drivers"`, `"estimators"`, `"effects"` or `"outlets"`.
     """
     return tuple(sorted(entry_points(group=f"ballscrew_observer.{group}").names))
 
@@ -42,7 +43,7 @@ def outside(kind: str, group: str) -> Any:
 
     Args:
         kind: `module:Class`, or the name of an entry point.
-        group: `"drivers"`, `"estimators"` or `"effects"`.
+        group: `"drivers"`, `"estimators"`, `"effects"` or `"outlets"`.
 
     Raises:
         ValueError: If it cannot be imported, whatever its module raises, if the module has no such class, or
