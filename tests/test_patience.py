@@ -13,7 +13,6 @@ SLEEPS = {
     "patience.py eventually": "between two looks",
     "drivers/harness.py Device._answer": "the device is slow to answer",
     "drivers/test_can.py _overwhelm": "the event loop is busy",
-    "outlets/test_mqtt_late.py _feed": "steps have a period",
     "live/process.py HangingEstimator.run": "the step hangs",
     "drivers/test_can.py test_a_burst_of_an_adapter_that_stamps_is_spread_as_it_was_on_the_wire": "busy",
     "drivers/test_can.py test_frames_that_wait_for_a_busy_program_have_the_times_of_their_sending": "frames "

@@ -14,6 +14,7 @@ from observer.files.logs import Log, read_log
 from observer.frames import Quality, Reading
 from observer.kernels.layout import state_type
 from observer.kernels.walk import is_stuck
+from tests.logs.machines import SCREW
 from tests.logs.recordings import CHANNELS, joined, plan, play, same_bits, streams, write
 
 GOOD, MISSING, STALE, REJECTED = Quality.GOOD, Quality.MISSING, Quality.STALE, Quality.REJECTED
@@ -226,8 +227,7 @@ def test_the_plan_of_a_configuration():
 
     config = parse(
         {
-            "screw": {"length_m": 1, "diameter_m": 0.036, "conductivity_W_mK": 50, "density_kg_m3": 7800,
-                      "specific_heat_J_kgK": 460},
+            "screw": SCREW,
             "ambient": {"channel": "ambient_degC"},
             "source": [{"name": "nut", "shape": "nut", "length_m": 0.08,
                         "position_channel": "nut_position_m"}],
@@ -244,10 +244,6 @@ def test_the_plan_of_a_configuration():
 
 
 # ---- what a plan takes from a configuration ----
-
-SCREW = {"length_m": 1, "diameter_m": 0.036, "conductivity_W_mK": 50, "density_kg_m3": 7800,
-         "specific_heat_J_kgK": 460}  # fmt: skip
-
 
 FRICTION = {"efficiency": 0.9, "preload_N": 1000, "lead_m": 0.02}
 

@@ -15,7 +15,7 @@ from observer.frames import Quality
 from observer.installation import parse
 from tests.align.test_logs_in_doubt import CONFIG
 
-HEAD = ("t1_degC", "screw_speed_rpm", "ambient_degC")
+HEAD = ("t1_degC", "speed_rpm", "ambient_degC")
 GOOD, MISSING, STALE = Quality.GOOD, Quality.MISSING, Quality.STALE
 
 

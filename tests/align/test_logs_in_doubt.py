@@ -7,36 +7,12 @@ from observer.align.aligner import doubts, refuse_empty
 from observer.errors import LogError
 from observer.files.logs import read_log
 from observer.installation import load
+from tests.logs.machines import machine_text
 
-CONFIG = """
-[screw]
-length_m = 1.0
-diameter_m = 0.036
-conductivity_W_mK = 50.0
-density_kg_m3 = 7800.0
-specific_heat_J_kgK = 460.0
-[surface]
-convection_W_m2K = 15.0
-[ambient]
-channel = "ambient_degC"
-[boundary.left]
-kind = "insulated"
-[boundary.right]
-kind = "insulated"
-[[source]]
-name = "bearing"
-shape = "point"
-position_m = 0.0
-speed_channel = "screw_speed_rpm"
-heat_W_rpm = 0.006
-[[sensor]]
-name = "t1"
-channel = "t1_degC"
-position_m = 0.05
-noise_K = 0.05
-[log]
-"""
-HEAD = "time_s,ambient_degC,screw_speed_rpm,t1_degC"
+CONFIG = machine_text(
+    "bearing", ambient={"channel": "ambient_degC"}, sensor__1=None, sensor__0__noise_K=0.05, log={}
+)
+HEAD = "time_s,ambient_degC,speed_rpm,t1_degC"
 
 
 @pytest.fixture

@@ -12,24 +12,19 @@ import pytest
 
 from observer.errors import ConfigError
 from observer.installation import load
+from tests.logs.machines import machine_text
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "docs" / "examples" / "one_wire.py"
 KIND = "one_wire:OneWireSettings"
 NUMBER = "28-0316a2794f10"
-MACHINE = """
-ambient = { channel = "ambient_degC" }
-surface = { convection_W_m2K = 10 }
-source = [{ name = "bearing", shape = "point", position_m = 0.0 }]
-sensor = [{ name = "s1", channel = "screw_degC", position_m = 0.1 }]
-
-[screw]
-length_m = 1
-diameter_m = 0.03
-conductivity_W_mK = 45
-density_kg_m3 = 7800
-specific_heat_J_kgK = 480
-"""
+MACHINE = machine_text(
+    "bearing",
+    ambient={"channel": "ambient_degC"},
+    source__0__speed_channel=None,
+    source__0__heat_W_rpm=None,
+    sensor=[{"name": "s1", "channel": "screw_degC", "position_m": 0.1}],
+)
 
 
 @pytest.fixture

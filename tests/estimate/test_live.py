@@ -16,10 +16,9 @@ from observer.frames import EstimateBlock, FrameBlock, Inputs, Reading
 from observer.installation import parse
 from observer.model.drive import Drive
 from tests.estimate.test_handed_out import arrays_in
+from tests.logs.machines import SCREW
 from tests.logs.recordings import play, write
 
-SCREW = {"length_m": 1.0, "diameter_m": 0.036, "conductivity_W_mK": 50.0, "density_kg_m3": 7800.0,
-         "specific_heat_J_kgK": 460.0, "expansion_1_K": 11.8e-6}  # fmt: skip
 BEARING = {
     "type": "angular_contact",
     "mean_diameter_m": 0.04,
@@ -50,7 +49,7 @@ EFFECTS = [
 GAP = {"mounting": "L-III", "stiffness_first_N_m": 1e8, "stiffness_second_N_m": 1e8, "gap_m": 2e-6,
        "preload_N": 100.0}  # fmt: skip
 PLAIN = {
-    "screw": SCREW,
+    "screw": SCREW | {"expansion_1_K": 11.8e-6},
     "surface": {"convection_W_m2K": 15.0},
     "ambient": {"channel": "ambient_degC"},
     "source": [NUT, SOURCES[1]],

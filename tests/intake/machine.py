@@ -12,48 +12,11 @@ from observer.files.logs import Log
 from observer.files.writer import write_log
 from observer.installation import Installation, load
 from observer.intake.reading import read_channels
+from tests.logs.machines import machine_text
 
 NAMED = ("t1_degC", "t2_degC", "nut_position_m", "screw_speed_rpm", "ambient_degC")
 START = datetime(2026, 11, 25, 8, 0, 0, tzinfo=UTC)
-CONFIG = """
-[machine]
-name = "stranger"
-axis = "z"
-[screw]
-length_m = 1.0
-diameter_m = 0.036
-conductivity_W_mK = 50.0
-density_kg_m3 = 7800.0
-specific_heat_J_kgK = 460.0
-expansion_1_K = 11.8e-6
-[surface]
-convection_W_m2K = 15.0
-[ambient]
-channel = "ambient_degC"
-[boundary.left]
-kind = "insulated"
-[boundary.right]
-kind = "insulated"
-[[source]]
-name = "nut"
-shape = "nut"
-length_m = 0.08
-stroke_m = [0.2, 0.8]
-position_channel = "nut_position_m"
-speed_channel = "screw_speed_rpm"
-torque_Nm = 0.30
-share = 0.5
-[[sensor]]
-name = "t1"
-channel = "t1_degC"
-position_m = 0.05
-noise_K = 0.05
-[[sensor]]
-name = "t2"
-channel = "t2_degC"
-position_m = 0.5
-noise_K = 0.05
-"""
+CONFIG = machine_text("nut")
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,31 +9,17 @@ from typing import Any
 
 import observer
 from observer.installation import Installation, load
+from tests.logs.machines import machine_text
 
-_ROD = """
-[machine]
-name = "rod"
-axis = "x"
-[screw]
-length_m = 1.0
-diameter_m = 0.03
-conductivity_W_mK = 50.0
-density_kg_m3 = 7800.0
-specific_heat_J_kgK = 460.0
-[surface]
-convection_W_m2K = 10.0
-[ambient]
-temperature_degC = 22.0
-[boundary.left]
-kind = "insulated"
-[boundary.right]
-kind = "insulated"
-[[source]]
-name = "heater"
-shape = "point"
-position_m = 0.0
-heat_W = 5.0
-"""
+_ROD = machine_text(
+    "bearing",
+    machine={"name": "rod", "axis": "x"},
+    screw__length_m=1.0,
+    surface__convection_W_m2K=10.0,
+    ambient__temperature_degC=22.0,
+    source=[{"name": "heater", "shape": "point", "position_m": 0.0, "heat_W": 5.0}],
+    sensor=None,
+)
 _SENSOR = '[[sensor]]\nname = "t{0}"\nchannel = "t{0}_degC"\nposition_m = {1}\nnoise_K = 0.05\n'
 
 

@@ -13,7 +13,6 @@ import can
 import cantools
 import numpy as np
 import pytest
-import tomlkit
 from typer.testing import CliRunner
 
 import observer
@@ -23,7 +22,7 @@ from observer.estimate.checkpoint import CheckpointFit, Snapshot, pack
 from observer.estimate.pipeline import MachineModel
 from observer.library.profiles import ReportGrid
 from observer.record.recorder import Part
-from tests.logs.machines import ROD
+from tests.logs.machines import machine_text
 from tests.logs.recordings import recorded
 from tests.record.test_can_log import DBC
 
@@ -33,13 +32,11 @@ AXIS = {
     "kind": "can", "interface": "virtual", "channel": "none", "dbc": "DBC", "period_s": 1.0,
     "channels": WIRES,
 }  # fmt: skip
-CONFIG = tomlkit.dumps(
-    ROD
-    | {
-        "screw": ROD["screw"] | {"expansion_1_K": 12e-6},
-        "calibrate": {"free": ["source.bearing.scale"]},
-        "drivers": {"axis": AXIS},
-    }
+CONFIG = machine_text(
+    "bearing",
+    screw__expansion_1_K=12e-6,
+    calibrate={"free": ["source.bearing.scale"]},
+    drivers={"axis": AXIS},
 )
 
 

@@ -17,6 +17,7 @@ from observer.frames import FrameBlock
 from observer.installation import load, parse
 
 RIG = Path(__file__).parents[1] / "data" / "rig"
+MACHINES = RIG.with_name("machines")
 LENGTHS_M = (1.0, 0.8, 1.2)
 """Of the screws of a fleet's three types."""
 SCREW = {
@@ -27,20 +28,32 @@ SCREW = {
     "specific_heat_J_kgK": 460.0,
 }
 
-# A short rod with a bearing at its left end and two thermocouples.
-ROD = {
-    "screw": SCREW | {"length_m": 0.6, "diameter_m": 0.03},
-    "surface": {"convection_W_m2K": 15.0},
-    "ambient": {"temperature_degC": 20.0},
-    "source": [
-        {"name": "bearing", "shape": "point", "position_m": 0.0, "speed_channel": "speed_rpm",
-         "heat_W_rpm": 0.01},
-    ],
-    "sensor": [
-        {"name": "t1", "channel": "t1_degC", "position_m": 0.05},
-        {"name": "t2", "channel": "t2_degC", "position_m": 0.4},
-    ],
-}  # fmt: skip
+
+def machine_table(name: str, **by_path: Any) -> dict[str, Any]:
+    """Return the table of a machine in `tests/data/machines` with other values.
+
+    A path such as `sensor__0__noise_K` names a value; None takes it out.
+    """
+    return put_values(tomllib.loads((MACHINES / f"{name}.toml").read_text(encoding="utf-8")), by_path)
+
+
+def put_values(table: dict[str, Any], by_path: dict[str, Any]) -> dict[str, Any]:
+    """Put values into a table by their paths; returns it."""
+    for path, value in by_path.items():
+        *parents, last = [int(part) if part.isdigit() else part for part in path.split("__")]
+        at: Any = table
+        for part in parents:
+            at = at[part] if isinstance(at, list) else at.setdefault(part, {})
+        if value is None:
+            del at[last]
+        else:
+            at[last] = value
+    return table
+
+
+def machine_text(name: str, **by_path: Any) -> str:
+    """Return the same as the text of a configuration."""
+    return tomlkit.dumps(machine_table(name, **by_path))
 
 
 @cache
@@ -50,29 +63,8 @@ def rig() -> tuple[Config, list[FrameBlock]]:
 
 
 def table(**changes: Any) -> dict[str, Any]:
-    """A bar with a heater and a bearing, small enough that a thousand rows take milliseconds."""
-    return {
-        "screw": {
-            "length_m": 0.4, "diameter_m": 0.02, "conductivity_W_mK": 50.0, "density_kg_m3": 7800.0,
-            "specific_heat_J_kgK": 460.0,
-        },
-        "surface": {"convection_W_m2K": 20.0},
-        "tolerance": {
-            "conductivity": 0.02, "heat_capacity": 0.02, "position_m": 0.001, "offset_K": 0.0,
-            "ambient_K": 0.0,
-        },
-        "ambient": {"temperature_degC": 20.0},
-        "source": [
-            {"name": "heater", "shape": "band", "from_m": 0.1, "to_m": 0.15, "power_channel": "heater_W"},
-            {"name": "bearing.l", "shape": "point", "position_m": 0.4, "speed_channel": "n_rpm",
-             "heat_W_rpm": 0.005},
-        ],
-        "sensor": [
-            {"name": "a", "channel": "a_degC", "position_m": 0.05, "noise_K": 0.05},
-            {"name": "b", "channel": "b_degC", "position_m": 0.2, "noise_K": 0.05},
-            {"name": "c", "channel": "c_degC", "position_m": 0.35, "noise_K": 0.05},
-        ],
-    } | changes  # fmt: skip
+    """Return the bar's table with other tables in place."""
+    return machine_table("bar") | changes
 
 
 def probe(name: str, position_m: float, noise_um: float, zero_um: float, *, occasional: bool) -> str:

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.logs.machines import machine_text
 from tests.packaging.dockerfile import Machine, Step, carry_out, parse
 from tests.packaging.network import of_network
 from tests.patience import PATIENCE_S, until
@@ -34,23 +35,8 @@ sys.exit(sys.version_info < (3, 11) or not os.path.exists(sysconfig.get_path("in
 """
 COMPILERS = re.compile(r"^(.*-)?(cc|gcc|clang|g\+\+|c\+\+|c89|c99|cpp|ld)(-[\d.]+)?$")
 
+BEARING = machine_text("bearing", source__0__speed_channel=None, source__0__heat_W_rpm=None, sensor__1=None)
 CONFIG = """
-[screw]
-length_m = 0.5
-diameter_m = 0.032
-conductivity_W_mK = 50.0
-density_kg_m3 = 7800.0
-specific_heat_J_kgK = 460.0
-[ambient]
-temperature_degC = 20.0
-[[source]]
-name = "bearing"
-shape = "point"
-position_m = 0.0
-[[sensor]]
-name = "t1"
-channel = "t1_degC"
-position_m = 0.05
 [estimator]
 period_s = 0.1
 [drivers.log]
@@ -169,7 +155,7 @@ def service(machine: Machine) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
         "time_s,t1_degC\n" + "".join(f"{0.1 * k:.1f},{20 + 0.01 * (k % 7):.2f}\n" for k in range(12_000))
     )
     configuration = machine.root / "tmp/observer.toml"
-    configuration.write_text(CONFIG.format(log=log, endpoint=endpoint, recordings=volume))
+    configuration.write_text(BEARING + CONFIG.format(log=log, endpoint=endpoint, recordings=volume))
     words = [*_only("ENTRYPOINT").words(), "run", "--config", str(configuration)]
     process = subprocess.Popen(
         [str(machine.root / "opt/observer/bin" / words[0]), *words[1:]],

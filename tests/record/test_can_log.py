@@ -13,7 +13,7 @@ import pytest
 from observer import Machine
 from observer.errors import ConfigError, LogError
 from observer.installation import Installation, parse
-from tests.logs.machines import ROD
+from tests.logs.machines import machine_table
 
 DBC = """VERSION ""
 BS_:
@@ -34,7 +34,7 @@ def _config(dbc: Path, *, with_driver: bool = True) -> Installation:
         "kind": "can", "interface": "virtual", "channel": "none", "dbc": str(dbc), "period_s": 0.5,
         "channels": channels,
     }  # fmt: skip
-    return parse(ROD | {"drivers": {"axis": driver} if with_driver else {}})
+    return parse(machine_table("bearing", drivers={"axis": driver} if with_driver else {}))
 
 
 def _recorded(path: Path, dbc: Path, seconds: float = 60.0, backwards: bool = False) -> None:

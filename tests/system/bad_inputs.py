@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 
+from tests.logs.machines import machine_table, put_values
 from tests.system.plant import write
 
 CHANNELS = ("t1_degC", "t2_degC", "nut_position_m", "screw_speed_rpm")
-TABLE: dict[str, Any] = {
-    "screw": {"length_m": 1.0, "diameter_m": 0.036, "conductivity_W_mK": 50.0, "density_kg_m3": 7800.0,
-              "specific_heat_J_kgK": 460.0},
-    "surface": {"convection_W_m2K": 15.0},
-    "ambient": {"temperature_degC": 22.0},
-    "source": [{"name": "nut", "shape": "nut", "length_m": 0.08, "position_channel": "nut_position_m",
-                "speed_channel": "screw_speed_rpm", "torque_Nm": 0.3}],
-    "sensor": [{"name": "t1", "channel": "t1_degC", "position_m": 0.05},
-               {"name": "t2", "channel": "t2_degC", "position_m": 0.9}],
-}  # fmt: skip
+TABLE = machine_table(
+    "nut",
+    machine=None,
+    screw__expansion_1_K=None,
+    ambient={"temperature_degC": 22.0},
+    source__0__stroke_m=None,
+    source__0__share=None,
+    sensor__1__position_m=0.9,
+)
 MODBUS = {"kind": "modbus_tcp", "host": "127.0.0.1", "device": "wago_750_458", "channels": {"t1_degC": 0}}
 NUTS = [TABLE["source"][0] | {"name": f"nut{i}"} for i in range(4)]
 REGISTERS = {"kind": "modbus_tcp", "host": "127.0.0.1",
@@ -44,18 +44,8 @@ class Case:
 
 
 def changed(**by_path: Any) -> dict[str, Any]:
-    """The good table with values put in (`screw__length_m`), or taken out where the value is None."""
-    table = copy.deepcopy(TABLE)
-    for path, value in by_path.items():
-        *parents, last = path.split("__")
-        at: Any = table
-        for part in parents:
-            at = at[int(part)] if part.isdigit() else at.setdefault(part, {})
-        if value is None:
-            del at[last]
-        else:
-            at[last] = value
-    return table
+    """Return the good table with other values, as `machine_table`."""
+    return put_values(copy.deepcopy(TABLE), by_path)
 
 
 def rows(n: int = 40) -> list[list[str]]:
