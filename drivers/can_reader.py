@@ -78,7 +78,9 @@ class BusReader:
                 "its server"
             )
         if now_s - self._heard_s > self._silence_s:
-            raise SilentBusError(f"no frame has come for {self._silence_s:g} s")
+            raise SilentBusError(
+                f"no frame has come for {self._silence_s:g} s; check power, cable and bit rate of the bus"
+            )
 
     def _received(self, timeout_s: float) -> can.Message | None:
         """Return a frame, or None if none came.

@@ -117,7 +117,7 @@ class ModbusControlLink:
         text = _REASONS.get(reason, f"reason {reason}") if reason else None
         is_following = state == _FOLLOWING and command == FOLLOW and count == len(error)
         if is_following and beat != self._beat:
-            text = text or "it does not see the sign of life advance"
+            text = text or "it does not see the sign of life advance; check that its program is running"
         return ReadBack(correction, is_following, text)
 
     def release(self) -> None:

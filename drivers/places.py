@@ -95,7 +95,7 @@ class ModbusChannel(Place):
         if bool(self.status_faults) != (self.status_register is not None):
             raise ValueError("status_register and status_faults belong together; give both or neither")
         if self.low is not None and self.high is not None and not self.low < self.high:
-            raise ValueError(f"low = {self.low} must be smaller than high = {self.high}")
+            raise ValueError(f"low = {self.low} must be smaller than high = {self.high}; correct one of them")
         return self
 
     @property

@@ -115,10 +115,10 @@ class ChannelLimits(Section):
     @model_validator(mode="after")
     def _fits_together(self) -> ChannelLimits:
         if self.low is not None and self.high is not None and not self.low < self.high:
-            raise ValueError(f"low = {self.low} must be smaller than high = {self.high}")
+            raise ValueError(f"low = {self.low} must be smaller than high = {self.high}; correct one of them")
         if self.on_change and self.heartbeat_s is None:
             raise ValueError(
-                "on_change needs heartbeat_s, the longest silence after which the value is doubted"
+                "on_change needs heartbeat_s; add it, 1.5 times the longest pause between two values in s"
             )
         if self.heartbeat_s is not None and not self.on_change:
             raise ValueError("heartbeat_s has a meaning with on_change = true only; add that, or remove it")

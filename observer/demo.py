@@ -160,7 +160,9 @@ def live_view(listen: str, machine: str, axis: str, plain: bool) -> Iterator[Non
             if not ending.is_set():
                 _restore_cursor()
                 print(
-                    f"observer: the view has ended (exit code {code}); the service continues", file=sys.stderr
+                    f"observer: the view has ended (exit code {code}); the service continues; "
+                    "see it by `observer watch`",
+                    file=sys.stderr,
                 )
 
         threading.Thread(target=watch_over, name="view", daemon=True).start()

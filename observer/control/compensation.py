@@ -230,15 +230,18 @@ def doubt_about(
     absolute_um = table_of(plan, grid_m, block.error_um[0])
     largest_um = float(np.abs(np.concatenate([absolute_um, target.whole_um, target.ends_um])).max())
     if largest_um > plan.limit_um:
-        return f"the error of {largest_um:.0f} µm is beyond compensation.limit_um = {plan.limit_um:g} µm"
+        return (
+            f"the error of {largest_um:.0f} µm is beyond compensation.limit_um = {plan.limit_um:g} µm (find "
+            "the cause, or raise the limit)"
+        )
     errors = since(zero, block)
     reach_um = errors.bound_um if plan.bounded else BELIEVED_SIGMAS * errors.sigma_um
     reach_um = np.interp(plan.screw_m, grid_m, reach_um)
     if plan.bounded and np.isnan(reach_um).any():
-        return "how much a faulty sensor could hide is not known"
+        return "how much a faulty sensor could hide is not known (`observer check` says what is missing)"
     if not reach_um.max() > plan.limit_um:
         return None
-    allowed = f"allowed are {plan.limit_um:g} µm (compensation.limit_um)"
+    allowed = f"allowed are {plan.limit_um:g} µm (add a sensor, or raise compensation.limit_um)"
     if plan.bounded:
         return f"a faulty sensor could hide {reach_um.max():.0f} µm, {allowed}"
     return f"the error is known to ± {reach_um.max():.0f} µm only, {allowed}"
@@ -492,7 +495,4 @@ def _zero_refusal(
         )
     if block.error_quality[0] != EstimateQuality.GOOD:
         return f"zero refused: {doubt}. Zero again once `observer health` shows good estimates, then arm"
-    return (
-        f"zero refused: {doubt}. Zeroing again does not help before that is less: wait, add a sensor "
-        "(`observer check` says which), or raise limit_um; then zero again and arm"
-    )
+    return f"zero refused: {doubt}. Zero again once that is less, then arm"

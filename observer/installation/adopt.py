@@ -107,14 +107,15 @@ def undo(config: Path) -> Adoption:
     config = config.resolve()
     adoption = adoption_of(config)
     if adoption is None:
-        raise UserError(f"{config}: nothing was adopted in its place, so there is nothing to undo")
+        raise UserError(
+            f"{config}: nothing was adopted in its place; name a configuration that `observer adopt` replaced"
+        )
     if adoption.state == "undone":
-        raise UserError(f"{config}: {adoption.sentence()}; there is nothing to undo")
+        raise UserError(f"{config}: {adoption.sentence()}; to have it again, adopt its folder again")
     before = before_of(config, adoption)
     if sha256(config) != adoption.sha256:
         raise UserError(
-            f"{config}: has been changed since it was adopted, and is left as it is; the previous one is in "
-            f"{before}"
+            f"{config}: has been changed since it was adopted; to give the changes up, copy {before} over it"
         )
     if sha256(before) != adoption.before_sha256:
         raise UserError(f"{before}: is no longer the configuration that was in force; restore it by hand")

@@ -222,8 +222,8 @@ def _table(config: Installation, control: Control, axis: str, block: EstimateBlo
     last_um = within_gradient(plan, whole_um)
     if float(np.abs(last_um).max()) > plan.limit_um:
         raise ConfigError(
-            f"the error of {np.abs(last_um).max():.0f} um is beyond compensation.limit_um = "
-            f"{plan.limit_um:g}; find the fault, or raise the limit"
+            f"the error of {np.abs(last_um).max():.0f} µm is beyond compensation.limit_um = "
+            f"{plan.limit_um:g} µm; find the cause, or raise the limit"
         )
     left_um = float(np.abs(whole_um - last_um).max())
     if control == "linuxcnc":

@@ -141,7 +141,7 @@ class Forecaster(StepObserver):
         within_um, plant = self._settings.within_um, self._machine.plant
         try:
             if state is None or not state.started:
-                raise ValueError("there is no estimate yet")
+                raise ValueError("there is no estimate yet; wait until `observer health` shows one")
             program = learnt(self._learner.bins)
             prediction = forecast(
                 self._machine.config, plant, state, program, self._settings.hours, within_um

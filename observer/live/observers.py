@@ -296,7 +296,9 @@ class AlarmObserver(StepObserver):
 
     def finished(self, timeout_s: float) -> str | None:
         """Wait until the alarms are on the disk."""
-        return None if self._desk.close(timeout_s) else "the state of the alarms could not be saved in time"
+        if self._desk.close(timeout_s):
+            return None
+        return "the state of the alarms could not be saved in time; check the disk"
 
 
 def stored(
@@ -381,7 +383,9 @@ class Keeper(StepObserver):
         """Wait until the last snapshot is on the disk."""
         if self._writing.is_alive():
             self._writing.join(timeout_s)
-        return "the last checkpoint could not be written in time" if self._writing.is_alive() else None
+        if not self._writing.is_alive():
+            return None
+        return "the last checkpoint could not be written in time; check the disk"
 
     def _write(self, snapshot: Snapshot, last: Step | None, before: threading.Thread) -> None:
         if before.is_alive():

@@ -66,7 +66,7 @@ class ZeroSignal:
         """
         if now_s - self._heard_s <= self._late_s:
             return None
-        return f"{self._channel}, which reports a new zero, has no value"
+        return f"{self._channel}, which reports a new zero, has no value (check its driver)"
 
 
 def _answered(_outcome: Outcome) -> None:

@@ -193,7 +193,9 @@ class _Pages:
         if self._login.is_throttled(address):
             return self._ask("Too many wrong passwords; wait a minute.", 429)
         if not self._login.is_right(form.get("user", ""), form.get("password", ""), address):
-            return self._ask("That name and password do not match.", 403)
+            return self._ask(
+                "That name and password do not match; try again, or ask who runs the service.", 403
+            )
         return RedirectResponse("/", 303, {"set-cookie": self._login.cookie(form["user"])})
 
     def _ask(self, message: str, status: int) -> Response:
@@ -227,10 +229,10 @@ async def _form(request: Request) -> dict[str, str]:
         async for part in request.stream():
             body += part
             if len(body) > _MOST_FORM_BYTES:
-                raise HTTPException(413, f"a form has at most {_MOST_FORM_BYTES} bytes\n")
+                raise HTTPException(413, f"a form has at most {_MOST_FORM_BYTES} bytes; shorten it\n")
         fields: dict[str, Any] = parse_qs(body.decode("utf-8", "replace"), max_num_fields=_MOST_FIELDS)
     except ClientDisconnect:
-        raise HTTPException(400, "the form is incomplete\n") from None
+        raise HTTPException(400, "the form is incomplete; send it again\n") from None
     except ValueError:
-        raise HTTPException(400, f"a form has at most {_MOST_FIELDS} fields\n") from None
+        raise HTTPException(400, f"a form has at most {_MOST_FIELDS} fields; send fewer\n") from None
     return {name: values[0] for name, values in fields.items()}

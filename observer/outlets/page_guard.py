@@ -70,7 +70,9 @@ class Guard:
         if not self._is_ours(host_header):
             return PlainTextResponse("this page is not served under that name; use the address\n", 421)
         if scope["method"] not in {"GET", "HEAD"} and _place(headers.get("origin", "")) != host_header:
-            return PlainTextResponse("only the page itself may ask for that\n", 403)
+            return PlainTextResponse(
+                "only the page itself may ask for that; open the page and use its buttons\n", 403
+            )
         if self._login is None:
             scope["user"] = "page"
             return None

@@ -298,7 +298,7 @@ class ZenohPublisher:
             self._dropped += not self._connected
         except zenoh.ZError as error:
             self._dropped += 1
-            self._reason = f"Zenoh: a message was refused ({error})"
+            self._reason = f"Zenoh: a message was refused ({short(error)}); restart the service"
 
     def _run(self) -> None:
         """Open the session, however long it takes, then watch the connection."""

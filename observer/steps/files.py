@@ -169,9 +169,12 @@ def _in_words(file: StepFile) -> Iterator[None]:
     except FileNotFoundError:
         raise
     except OSError as error:
-        raise LogError(f"{file.path.name} cannot be read ({error.strerror or error})") from None
+        reason = error.strerror or error
+        raise LogError(f"{file.path.name} cannot be read ({reason}); let this user read it") from None
     except (ValueError, KeyError, TypeError) as error:  # pyarrow's own are ValueErrors
-        raise LogError(f"{file.path.name} is damaged ({error})") from None
+        raise LogError(
+            f"{file.path.name} is damaged ({error}); restore it from a copy, or remove it"
+        ) from None
     except ModuleNotFoundError:
         raise LogError(f"{file.path.name} needs pyarrow: {extra_remedy('page')}") from None
 

@@ -89,7 +89,9 @@ class PastWriter(StepObserver):
         if self._tending is not None and self._tending.poll() is None:
             self._tending.kill()
             self._tending.wait(timeout_s)
-        return "the last published steps were not written in time" if self._thread.is_alive() else None
+        if not self._thread.is_alive():
+            return None
+        return "the last published steps were not written in time; check the disk"
 
     def _run(self) -> None:
         rows: NDArray[Any] = np.zeros(0, self._source.dtype)

@@ -244,9 +244,13 @@ class Source(HeatLaw):
         }  # fmt: skip
         for key, shape in belongs.items():
             if getattr(self, key) is not None and self.shape != shape:
-                raise ValueError(f'{key} belongs to shape = "{shape}", not "{self.shape}"')
+                raise ValueError(
+                    f'{key} belongs to shape = "{shape}", not "{self.shape}"; remove it, or correct shape'
+                )
         if self.covers_film and self.shape != "nut":
-            raise ValueError(f'covers_film belongs to shape = "nut", not "{self.shape}"')
+            raise ValueError(
+                f'covers_film belongs to shape = "nut", not "{self.shape}"; remove it, or correct shape'
+            )
         if self.shape == "nut" and self.stroke_m is None and self.position_channel is None:
             raise ValueError("a nut needs position_channel or stroke_m; give one of them")
         for low, high in (self.stroke_m or (None, None), (self.from_m, self.to_m)):
@@ -267,7 +271,7 @@ class Source(HeatLaw):
     def _heat_goes_somewhere(self) -> Source:
         total = sum(self.nodes.values())
         if self.shape == "node" and not math.isclose(total, 1.0, abs_tol=1e-6):
-            raise ValueError(f'shape = "node": the shares of nodes are to add up to 1, not {total:g}')
+            raise ValueError(f'shape = "node": the shares of nodes add up to {total:g}, not 1; correct them')
         if total > 1.0 + 1e-6:
             raise ValueError(f"the shares of nodes add up to {total:g}, more than 1; lower them")
         return self

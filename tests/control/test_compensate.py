@@ -221,7 +221,10 @@ def test_an_error_beyond_the_absolute_limit_is_not_followed_and_releases_it(sign
     beyond = np.full(9, sign * 39.9)
     beyond[4] = sign * 41.0  # one place of the travel is enough
     lost = held(plan, state, 2.5, error_um=beyond)
-    assert lost.reason.endswith(": the error of 41 µm is beyond compensation.limit_um = 40 µm; arm again")
+    assert lost.reason.endswith(
+        ": the error of 41 µm is beyond compensation.limit_um = 40 µm (find the cause, or raise the limit); "
+        "arm again"
+    )
     np.testing.assert_array_equal(lost.table_um, state.table_um)  # not cut to the limit
     refused = compensation.advance(plan, lost, estimate(beyond, lost.time_s + 0.5), GRID, arm=True)
     assert not refused.armed
@@ -238,7 +241,7 @@ def test_a_bound_beyond_the_limit_releases_it_and_keeps_it_from_being_armed() ->
     wide = estimate(error_um, 100.5)
     wide.error_bound_um[0, 4] = 41.0  # one place of the travel is enough
     lost = compensation.advance(plan, state, wide, GRID)
-    assert "a faulty sensor could hide 41 µm, allowed are 20 µm (compensation.limit_um)" in lost.reason
+    assert "a faulty sensor could hide 41 µm, allowed are 20 µm (add a sensor, or raise comp" in lost.reason
     back = compensation.advance(plan, lost, estimate(error_um, 101.0), GRID)
     assert not back.armed
     wide.time_s[0] = 101.5

@@ -178,8 +178,8 @@ def test_a_refused_zero_says_whether_zeroing_again_helps() -> None:
     cold = compensation.initial(plan)
     wide = _zeroed(cold, plan, CURVE, 10.0, 0.2, bound_um=347.0)
     assert wide.reason.startswith(
-        "zero refused: a faulty sensor could hide 347 µm, allowed are 200 µm (compensation.limit_um). "
-        "Zeroing again does not help before that is less: "
+        "zero refused: a faulty sensor could hide 347 µm, allowed are 200 µm (add a sensor, or raise "
+        "compensation.limit_um). Zero again once that is less, then arm"
     )
     starting = _zeroed(cold, plan, CURVE, 10.0, 0.2, quality=1)
     assert "Zero again once `observer health` shows good estimates" in starting.reason

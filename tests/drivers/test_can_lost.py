@@ -184,7 +184,7 @@ async def test_a_silent_udp_bus_is_not_connected():
     ).open("axis")
     async with running(driver) as axis:
         await axis.until(lambda _: driver.status.state == "silent")
-        assert "no frame has come for 0.5 s" in driver.status.last_error
+        assert "no frame has come for 0.5 s; check power" in driver.status.last_error
         told = Condition(ConditionKind.SILENT, "axis", driver.status.last_error).sentence
         assert "bit rate" in told
 

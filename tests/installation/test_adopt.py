@@ -68,7 +68,7 @@ def test_it_is_reverted_completely(found, config):
     assert undo(config).state == "undone"
     assert config.read_bytes() == text
     assert adoption_of(config).state == "undone"
-    with pytest.raises(UserError, match="nothing to undo"):
+    with pytest.raises(UserError, match="undone since; to have it again, adopt its folder again"):
         undo(config)
 
 

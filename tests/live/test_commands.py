@@ -155,7 +155,8 @@ class _Loop:
 
 def test_the_answer_says_what_was_really_done():
     loop, answers = _Loop(), []
-    beyond = "the error of 300 µm is beyond compensation.limit_um = 200 µm, so it cannot be armed"
+    remedy = "(find the cause, or raise the limit)"
+    beyond = f"the error of 300 µm is beyond compensation.limit_um = 200 µm {remedy}, so it cannot be armed"
     loop.step(_command("disarm", answers))
     loop.step(_command("arm", answers), quality=2)
     loop.step(_command("arm", answers))

@@ -180,7 +180,7 @@ OCCASIONAL = {"kind": "displacement", "channel": "d_um", "position_m": 0.5, "occ
 @pytest.mark.parametrize(
     ("machine", "words"),
     [
-        (_with({"on_change": True}), "on_change needs heartbeat_s"),
+        (_with({"on_change": True}), "on_change needs heartbeat_s; add it"),
         (_with({"heartbeat_s": 60}), "on_change = true only"),
         (_with({"on_change": 1, "heartbeat_s": 60}), "on_change"),
         *((_with({"on_change": True, "heartbeat_s": s}), "heartbeat_s") for s in (0, -1, 1e9, "x", math.nan)),

@@ -39,7 +39,7 @@ def test_only_a_rise_is_a_zero() -> None:
 
 def test_a_signal_is_lost_once_it_has_not_come_for_its_time() -> None:
     signal = ZeroSignal("homed", 1.5)
-    assert signal.lost(10.0) == "homed, which reports a new zero, has no value"
+    assert signal.lost(10.0) == "homed, which reports a new zero, has no value (check its driver)"
     _heard(signal, 0.0)
     assert signal.lost(11.5) is None
     assert signal.lost(11.6) is not None
@@ -85,11 +85,13 @@ def test_a_rise_zeroes_and_is_recorded_as_a_command_and_silence_disarms(tmp_path
         silent = loop.step()
     assert silent["phase"] == "following"
     silent = loop.step()
-    assert silent["hold_reason"] == "homed, which reports a new zero, has no value"
+    assert silent["hold_reason"] == "homed, which reports a new zero, has no value (check its driver)"
     silent = loop.step()
     assert silent["armed"]
     silent = loop.step()
-    assert silent["reason"].endswith(": homed, which reports a new zero, has no value; arm again")
+    assert silent["reason"].endswith(
+        ": homed, which reports a new zero, has no value (check its driver); arm again"
+    )
     (released,) = loop.observer.conditions()
     assert (released.kind, released.detail) == (ConditionKind.RELEASED, silent["reason"])
     loop.step(1.0, quality=2)

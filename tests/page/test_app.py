@@ -105,7 +105,7 @@ async def test_who_has_to_log_in_sees_nothing_before(page):
     assert (await client.post("/acknowledge", data={"id": "a"}, headers=own)).status_code == 401
     wrong = await client.post("/login", data={"user": "anna", "password": "x"}, headers=own)
     assert wrong.status_code == 403
-    assert "do not match" in wrong.text
+    assert "do not match; try again" in wrong.text
     assert "set-cookie" not in wrong.headers
     right = await client.post("/login", data={"user": "anna", "password": "right"}, headers=own)
     assert right.headers["location"] == "/"

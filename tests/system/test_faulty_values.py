@@ -131,7 +131,7 @@ def test_a_bound_beyond_the_limit_is_reported_and_nothing_is_written(tmp_path):
             assert refused.returncode == 1
             answer = json.loads(refused.stdout)["text"]
             assert answer.startswith("not armed: a faulty sensor could hide ")
-            assert "µm, allowed are 60 µm (compensation.limit_um)" in answer
+            assert "µm, allowed are 60 µm (add a sensor, or raise compensation.limit_um)" in answer
             assert not heard.documents["compensation"][-1]["armed"]
             assert control.status()["writes"] == 0
             daemon.stop()
