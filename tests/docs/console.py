@@ -14,7 +14,7 @@ BLOCK = re.compile(
     r"^(?P<indent> *)```(?P<language>\S*)[^\n]*\n(?P<body>.*?)^(?P=indent)```\s*$", re.M | re.S
 )
 # Commands that run until they are stopped; a page must bound them.
-ENDLESS = re.compile(r"\bobserver (run|demo|watch)\b|python -m observer (run|demo|watch)\b")
+ENDLESS = re.compile(r"\bobserver (run|demo|watch)\b|\bmake demo\b")
 BOUNDED = re.compile(r"--seconds\b|\btimeout \d+|--once\b|--help\b")
 
 

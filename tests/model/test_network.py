@@ -203,7 +203,7 @@ def test_a_network_that_makes_no_sense_is_refused(tables: dict[str, Any], senten
     [
         ({"nodes": {"blok": 0.5}}, 'names "blok", which is no node; the nodes are: block'),
         ({"nodes": {"block": 1.1}}, "less than or equal to 1"),
-        ({"nodes": {"block": 0.5}, "shape": "node"}, "add up to 1, not 0.5"),
+        ({"nodes": {"block": 0.5}, "shape": "node"}, "add up to 0.5, not 1"),
     ],
 )
 def test_heat_goes_into_known_nodes(change: dict[str, Any], sentence: str) -> None:
