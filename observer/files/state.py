@@ -7,6 +7,7 @@ another version, is reported in a sentence, and its owner starts cold.
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +33,46 @@ def save_state(path: Path, data: bytes) -> str | None:
     except OSError as error:
         return f"{path}: cannot be written ({error.strerror}); free space or repair it"
     return None
+
+
+class StateWriter:
+    """Replaces a state file in a thread of its own, so that a slow disk delays no tick.
+
+    Attributes:
+        problem: Why the file could not be replaced the last time, as a sentence; None if it could.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.problem: str | None = None
+        self._path, self._thread = path, threading.Thread()
+
+    def replace(self, content: Callable[[], bytes]) -> None:
+        """Begin to replace the file, after what was begun before.
+
+        Args:
+            content: Makes the content, in that thread.
+        """
+        self._thread = threading.Thread(
+            target=self._replace, args=(content, self._thread), name=self._path.name, daemon=True
+        )
+        self._thread.start()
+
+    def wait(self, timeout_s: float = 0.0) -> bool:
+        """Return whether the last content is on the disk, or was refused, within some seconds."""
+        if self._thread.is_alive():
+            self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _replace(self, content: Callable[[], bytes], before: threading.Thread) -> None:
+        if before.is_alive():
+            before.join()
+        try:
+            problem = save_state(self._path, content())
+        except Exception as error:  # noqa: BLE001 - a defect: the service continues, but health says it cannot resume
+            problem = f"{self._path}: cannot be written ({error!r}); report this"
+        if problem is not None and self.problem is None:
+            log.warning("state not saved", reason=problem, exc_info=True)
+        self.problem = problem
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +111,7 @@ class StateFile:
         """Return a document with the version of the format, as the file holds it."""
         return json.dumps({_VERSION: self.version, **document}).encode()
 
-    def save(self, data: bytes) -> None:
-        """Replace the file by an `encoded` document; a failure is logged, and the old file stays."""
-        if (reason := save_state(self.path, data)) is not None:
+    def save(self, document: Mapping[str, Any]) -> None:
+        """Replace the file by a document; a failure is logged, and the old file stays."""
+        if (reason := save_state(self.path, self.encoded(document))) is not None:
             log.warning(f"{self.content}: state not saved", reason=reason)

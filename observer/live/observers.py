@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from observer.estimate.checkpoint import CheckpointFit, Snapshot, UnfitError, lo
 from observer.estimate.pipeline import MachineModel
 from observer.estimate.screw_state import ScrewState
 from observer.exchange import Command
-from observer.files.state import save_state
+from observer.files.state import StateWriter
 from observer.frames import EstimateBlock, FrameBlock, Inputs, Reading
 from observer.live.zero_signal import ZeroSignal
 from observer.quality.alarms import AlarmDesk
@@ -347,22 +347,21 @@ class Keeper(StepObserver):
     def __init__(
         self, path: Path, fit: CheckpointFit, period_s: float, machine: MachineModel | None = None
     ) -> None:
-        self._path, self._fit, self._period_s, self._machine = path, fit, period_s, machine
+        self._file = StateWriter(path)
+        self._fit, self._period_s, self._machine = fit, period_s, machine
         self._last: Step | None = None
         self._given_s = -math.inf
-        self._writing = threading.Thread()
-        self._reason: str | None = None
 
     def follow(self, step: Step) -> None:
         """Write the state of the service after a step, if due."""
         self._last = step
-        if step.now_s - self._given_s >= self._period_s and not self._writing.is_alive():
+        if step.now_s - self._given_s >= self._period_s and self._file.wait():
             self._given_s = step.now_s
             self._begin(step.snapshot(), None)
 
     def notices(self) -> tuple[str, ...]:
         """Why the last checkpoint could not be written."""
-        return (f"checkpoint: {self._reason}",) if self._reason else ()
+        return (f"checkpoint: {self._file.problem}",) if self._file.problem else ()
 
     def obey(self, _command: Command) -> Answer | None:
         """Write the state after the next step: a command may have armed the compensation."""
@@ -375,28 +374,16 @@ class Keeper(StepObserver):
 
     def _begin(self, snapshot: Snapshot | None, last: Step | None) -> None:
         if snapshot is not None:
-            args = (snapshot, last, self._writing)
-            self._writing = threading.Thread(target=self._write, args=args, name="checkpoint", daemon=True)
-            self._writing.start()
+            self._file.replace(partial(self._packed, snapshot, last))
 
     def finished(self, timeout_s: float) -> str | None:
         """Wait until the last snapshot is on the disk."""
-        if self._writing.is_alive():
-            self._writing.join(timeout_s)
-        if not self._writing.is_alive():
+        if self._file.wait(timeout_s):
             return None
         return "the last checkpoint could not be written in time; check the disk"
 
-    def _write(self, snapshot: Snapshot, last: Step | None, before: threading.Thread) -> None:
-        if before.is_alive():
-            before.join()
-        try:
-            if last is not None and self._machine is not None:
-                screw = ScrewState.of(
-                    self._machine, snapshot.estimator, last.inputs, last.estimate, last.frame
-                )
-                snapshot = replace(snapshot, screw=screw)
-            self._reason = save_state(self._path, pack(snapshot, self._fit))
-        except Exception as error:  # a defect: the service continues, but health says it cannot resume
-            self._reason = f"{self._path}: cannot be written ({error!r}); report this"
-            log.error("checkpoint failed", exc_info=True)
+    def _packed(self, snapshot: Snapshot, last: Step | None) -> bytes:
+        if last is not None and self._machine is not None:
+            screw = ScrewState.of(self._machine, snapshot.estimator, last.inputs, last.estimate, last.frame)
+            snapshot = replace(snapshot, screw=screw)
+        return pack(snapshot, self._fit)

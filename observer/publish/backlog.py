@@ -146,7 +146,7 @@ class Backlog:
                 "got_s": self._got_s,
                 "missing": self._missing,
             }
-            self._file.save(self._file.encoded(document))
+            self._file.save(document)
 
 
 def _is_of(missing: MissingSpan, span: MissingSpan) -> bool:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ import numpy as np
 import structlog
 
 from observer.config import Config
-from observer.files.state import StateFile
+from observer.files.state import StateFile, StateWriter
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout
 from observer.quality import alarm_states, bands
 from observer.quality.alarm_classes import ALARM_CLASSES, channel_fault
@@ -101,7 +101,7 @@ class AlarmDesk:
         self._file = None if file is None else StateFile(file, "alarms and usual heats", version=1)
         self._reported: dict[str, str] = {}
         self._kept_s = -math.inf
-        self._writing: threading.Thread | None = None
+        self._writer = None if file is None else StateWriter(file)
         if self._file is not None:
             self._file.restore(self._take)
 
@@ -224,9 +224,7 @@ class AlarmDesk:
             Whether that was done in time.
         """
         self._keep(math.inf, now=True)
-        if self._writing is not None:
-            self._writing.join(timeout_s)
-        return self._writing is None or not self._writing.is_alive()
+        return self._writer is None or self._writer.wait(timeout_s)
 
     def _band_document(self, band: Band) -> dict[str, Any]:
         trend = bands.trend_per_day(band)
@@ -300,17 +298,12 @@ class AlarmDesk:
         return {name: value if math.isfinite(value) else None for name, value in pairs} or None
 
     def _keep(self, time_s: float, *, now: bool) -> None:
-        """Save the state periodically, in a thread of its own: a slow disk delays no tick."""
-        if self._file is None or not (now or time_s - self._kept_s >= _KEPT_S):
+        """Save the state periodically; all but the last one is left out while a slow disk is busy."""
+        if self._file is None or self._writer is None or not (now or time_s - self._kept_s >= _KEPT_S):
             return
-        if self._writing is not None and self._writing.is_alive():
-            if not math.isinf(time_s):
-                return
-            self._writing.join(_KEPT_S)
-        self._kept_s = time_s
-        data = self._file.encoded(self._plain())
-        self._writing = threading.Thread(target=self._file.save, args=(data,), name="alarms", daemon=True)
-        self._writing.start()
+        if self._writer.wait() or math.isinf(time_s):
+            self._kept_s = time_s
+            self._writer.replace(partial(self._file.encoded, self._plain()))
 
     def _plain(self) -> dict[str, Any]:
         return {

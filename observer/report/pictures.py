@@ -6,11 +6,10 @@ not at all, and `shown` one that a notebook or a window displays.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -222,30 +221,27 @@ def _panels(
 
 
 @contextmanager
-def written(path: Path) -> Iterator[Figure]:
-    """Give a figure of 1600 by 1200 pixels to draw on, and write it as a PNG after the block.
+def written(path: Path, **options: Any) -> Iterator[Figure]:
+    """Give a figure to draw on, and write it after the block in the format that its name ends with.
 
-    The file appears as a whole. After an exception in the block nothing is written.
+    Args:
+        path: The file, in a folder that `results_in` has made.
+        options: Of the figure; without them it has 1600 by 1200 pixels.
     """
     import matplotlib as mpl  # noqa: PLC0415 - slow to import
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
 
     with mpl.rc_context(RC):
-        figure = Figure(figsize=(WIDTH_PX / DPI, HEIGHT_PX / DPI), dpi=DPI)
+        figure = Figure(dpi=DPI, **{"figsize": (WIDTH_PX / DPI, HEIGHT_PX / DPI)} | options)
         FigureCanvasAgg(figure)
         yield figure
-        part = path.with_name(path.name + ".part")
-        try:
-            figure.savefig(part, format="png")
-            os.replace(part, path)
-        finally:
-            part.unlink(missing_ok=True)
+        figure.savefig(path, format=path.suffix[1:] or "png")
 
 
 @contextmanager
 def drawn(path: Path, width: float, height: float) -> Iterator[Figure]:
-    """Give a figure to draw on, and write it after the block in the format that its name ends with.
+    """Give a figure to draw on, and write it whole after the block in the format that its name ends with.
 
     Args:
         path: The file: .png, .svg or .pdf.
@@ -255,15 +251,11 @@ def drawn(path: Path, width: float, height: float) -> Iterator[Figure]:
     Raises:
         UserError: The folder cannot be written; this is noticed before the block.
     """
-    import matplotlib as mpl  # noqa: PLC0415 - slow to import
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
-    with mpl.rc_context(RC), results_in(path.absolute().parent) as part:
-        figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
-        FigureCanvasAgg(figure)
+    with (
+        results_in(path.absolute().parent) as part,
+        written(part / path.name, figsize=(width, height), layout="constrained") as figure,
+    ):
         yield figure
-        figure.savefig(part / path.name, format=path.suffix[1:] or "png")
 
 
 @contextmanager

@@ -8,6 +8,7 @@ instance, and is named after its first step: `<machine>-<axis>-20260301T060000Z.
 from __future__ import annotations
 
 import fcntl
+import io
 import math
 import os
 import re
@@ -21,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.errors import LogError, extra_remedy
-from observer.files.folders import OWNER_ONLY, make_folder
+from observer.files.folders import OWNER_ONLY, make_folder, write_whole
 from observer.record.retention import STEPS_SUFFIX, is_being_written
 from observer.steps.columns import FIELDS, StepRows, StepSource
 
@@ -255,17 +256,14 @@ def pack(path: Path) -> None:
     columns |= {name: rows[field][:, k] for field in FIELDS for k, name in enumerate(names[field])}
     table = pa.table({name: _arrow(np.ascontiguousarray(column)) for name, column in columns.items()})
     table = table.replace_schema_metadata({_DOCUMENT_KEY: source.to_json().encode()})
-    part, packed = path.with_name(f".{path.name}.part"), path.with_name(path.name + _PACKED)
+    packed, content = path.with_name(path.name + _PACKED), io.BytesIO()
     split = ["time_s", *(n for field in ("values", "age_s", "numbers") for n in names[field])]
     parquet.write_table(
-        table, part, row_group_size=max(_GROUP_ROWS, math.ceil(len(rows) / 20)), compression="zstd",
+        table, content, row_group_size=max(_GROUP_ROWS, math.ceil(len(rows) / 20)), compression="zstd",
         use_dictionary=False, use_byte_stream_split=split, write_statistics=["time_s"],
     )  # fmt: skip
-    os.chmod(part, OWNER_ONLY)
-    with part.open("rb") as file:
-        os.fsync(file.fileno())
-    os.utime(part, (rows["time_s"][-1],) * 2)  # its age is that of its steps
-    os.replace(part, packed)
+    write_whole(packed, content.getvalue())
+    os.utime(packed, (rows["time_s"][-1],) * 2)  # its age is that of its steps
     path.unlink(missing_ok=True)
 
 

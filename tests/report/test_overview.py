@@ -2,13 +2,17 @@ from __future__ import annotations
 
 import copy
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from observer.errors import UserError
 from observer.estimators.kalman import KalmanEstimator
+from observer.files.folders import results_in
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start
@@ -95,11 +99,17 @@ def test_one_sensor_one_step_and_no_expansion_make_a_picture_too(tmp_path: Path)
     assert _size(tmp_path / "one.png") == (1600, 1200)
 
 
+@contextmanager
+def written_in(folder: Path) -> Iterator[Figure]:
+    with results_in(folder) as part, written(part / "overview.png") as figure:
+        yield figure
+
+
 def test_nothing_half_written_is_left(samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config, _ = rig()
     broken = copy.copy(samples[0])
     broken._kept = broken._kept | {"heat_sigma_W": broken._kept["heat_sigma_W"][:, :-1]}
-    with pytest.raises(ValueError, match="broadcast"), written(tmp_path / "overview.png") as figure:
+    with pytest.raises(ValueError, match="broadcast"), written_in(tmp_path) as figure:
         draw_overview(figure, config, broken, "broken")
     assert list(tmp_path.iterdir()) == []
 
@@ -108,7 +118,7 @@ def test_nothing_half_written_is_left(samples, tmp_path: Path, monkeypatch: pyte
         raise OSError("no space left on device")
 
     monkeypatch.setattr(Figure, "savefig", full)
-    with pytest.raises(OSError, match="no space"), written(tmp_path / "overview.png") as figure:
+    with pytest.raises(UserError, match="free space"), written_in(tmp_path) as figure:
         draw_overview(figure, config, samples[0], "full disk")
     assert list(tmp_path.iterdir()) == []
 
