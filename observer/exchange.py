@@ -5,12 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol, get_args
 
 ESTIMATE_ENCODING = "application/cbor;ballscrew.estimate.v1"
 ESTIMATES_ENCODING = "application/cbor;ballscrew.estimates.v1"
 PAGE_ENCODING = "application/cbor;ballscrew.page.v1"
 JSON_ENCODING = "application/json"
+Severity = Literal["minor", "major", "invalid"]
+"""The severities of EPICS, by rank; a value under an *invalid* alarm cannot be used at all."""
+SEVERITIES: tuple[Severity, ...] = get_args(Severity)
+AlarmState = Literal["pending", "unacknowledged", "acknowledged", "returned"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,9 +12,8 @@ from glob import glob
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from observer.errors import ConfigError, UserError
+from observer import ConfigError, UserError, load
 from observer.files.logs import SUFFIXES
-from observer.installation import load
 
 Verb = Literal["replay", "identify", "calibrate", "discover"]
 OF_SEVERAL: tuple[Verb, ...] = ("calibrate", "discover")
@@ -143,7 +142,7 @@ def rows_of_logs(logs: Sequence[Path], config: Path) -> list[TableRow]:
         ConfigError: If the configuration is invalid, or its names cannot be a folder.
         UserError: If a log is named twice.
     """
-    machine_table = load(config).machine
+    machine_table = load(config).config.machine
     machine = f"{machine_table.name}-{machine_table.axis}"
     if not _NAME.fullmatch(machine):
         raise ConfigError(

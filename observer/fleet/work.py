@@ -15,7 +15,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from observer.errors import LogError, UserError
+from observer import LogError, Machine, UserError, load
 from observer.fleet.jobs import Job, Verb
 from observer.fleet.journal import (
     WHY,
@@ -29,7 +29,6 @@ from observer.fleet.journal import (
     remove_attempts,
     remove_work_folder,
 )
-from observer.library.machine import Machine, load
 
 _TURN = threading.Lock()
 """One job at a time in a process, whatever its number of threads: figures and time limits belong to one job.

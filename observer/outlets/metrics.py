@@ -16,13 +16,11 @@ from prometheus_client import CollectorRegistry, make_asgi_app
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from observer.exchange import KEYS, KeyFigure
+from observer.exchange import KEYS, SEVERITIES, AlarmState, KeyFigure
 from observer.frames import EstimateQuality
 from observer.outlets.messages import Latest
 from observer.outlets.server import served
 from observer.outlets.start import Start
-from observer.quality.alarm_classes import SEVERITIES
-from observer.quality.alarm_states import State
 from observer.tables.outlets import ReportState
 
 _SHOWN = ("good", "starting", "degraded")
@@ -70,7 +68,7 @@ class _Figures(Collector):
     def _alarms(self) -> Rows:
         alarms = self._latest.document("alarms").get("alarms", ())
         raised = [(alarm["severity"], alarm["state"]) for alarm in alarms]
-        shown = [state for state in get_args(State) if state != "pending"]
+        shown = [state for state in get_args(AlarmState) if state != "pending"]
         return [
             ({"severity": severity, "state": state}, float(raised.count((severity, state))))
             for severity, state in product(SEVERITIES, shown)

@@ -5,13 +5,10 @@ A new class of alarms is one record here, and its name in `AlarmKind` of the con
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
+from observer.exchange import Severity
 from observer.tables.publishing import AlarmKind
-
-Severity = Literal["minor", "major", "invalid"]
-"""The severities of EPICS, by rank; a value under an *invalid* alarm cannot be used at all."""
-SEVERITIES: tuple[Severity, ...] = get_args(Severity)
 
 
 class AlarmClass(NamedTuple):

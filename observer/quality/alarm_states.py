@@ -9,13 +9,12 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
-from observer.quality.alarm_classes import ALARM_CLASSES, SEVERITIES
+from observer.exchange import SEVERITIES, AlarmState
+from observer.quality.alarm_classes import ALARM_CLASSES
 
 _NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9_.-]")
-
-State = Literal["pending", "unacknowledged", "acknowledged", "returned"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +56,7 @@ class Alarm:
         condition: The cause, with the figures of that moment.
     """
 
-    state: State
+    state: AlarmState
     since_s: float
     seen_s: float
     condition: AlarmCause = field(repr=False)
