@@ -25,6 +25,7 @@ from drivers.places import MtConnectChannel
 from drivers.polled import LostError, PolledValue, SourceTimes
 from drivers.protocol import Clock
 from observer.frames import Reading
+from observer.units import spelled
 
 logging.getLogger("httpx").setLevel(logging.WARNING)  # it reports every request otherwise
 
@@ -33,13 +34,8 @@ _ROOT = re.compile(r"\{urn:mtconnect\.org:MTConnect(Devices|Streams|Error):[12]\
 _NUMBER = re.compile(r"[+-]?(\d{1,40}\.?\d{0,40}|\.\d{1,40})([eE][+-]?\d{1,3})?", re.ASCII)
 _UNAVAILABLE = "UNAVAILABLE"
 _CLOCK_STEP_S = 1.0  # many agents give the time of a document in whole seconds
-FACTORS = {
-    "": 1.0, "COUNT": 1.0, "CELSIUS": 1.0, "PERCENT": 1.0, "REVOLUTION/MINUTE": 1.0, "DEGREE": 1.0,
-    "NEWTON": 1.0, "NEWTON_METER": 1.0, "WATT": 1.0, "AMPERE": 1.0, "VOLT": 1.0, "HERTZ": 1.0,
-    "SECOND": 1.0, "KILOWATT": 1e3, "MILLIMETER": 1e-3, "MILLIMETER/SECOND": 1e-3,
-    "MILLIMETER/SECOND^2": 1e-3, "MICROMETER": 1e-6, "METER": 1.0,
-}  # fmt: skip
-"""Units of the standard (part 2, 7.2.2.5) as factors to SI and °C."""
+_UNCHANGED = ("", "COUNT", "DEGREE", "HERTZ")
+"""Units of the standard (part 2, 7.2.2.5) whose values are taken as they are; others are looked up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,10 +240,12 @@ def _item(place: MtConnectChannel, elements: list[Element]) -> _Item | str:
         return f"{place.item} is a condition, which is not a number; name a sample or an event"
     equals = place.equals or ("ACTIVE" if item.get("type") == "EXECUTION" else None)
     units = item.get("units", "")
-    factor = 1.0 if equals is not None else FACTORS.get(units)
-    if factor is None:
+    unit = spelled(units)
+    if equals is not None or units in _UNCHANGED:
+        return _Item(1.0, equals)
+    if unit is None or not unit.base or unit.shift:
         return f"{place.item} is in {units[:40]}, which is not known here; name another item"
-    return _Item(factor, equals)
+    return _Item(unit.size, None)
 
 
 def _answer(item: _Item | str, place: MtConnectChannel, elements: list[Element]) -> PolledValue:

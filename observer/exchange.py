@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, Protocol, get_args
 
+from observer.units import BY_SUFFIX, unit_of
+
 ESTIMATE_ENCODING = "application/cbor;ballscrew.estimate.v1"
 ESTIMATES_ENCODING = "application/cbor;ballscrew.estimates.v1"
 PAGE_ENCODING = "application/cbor;ballscrew.page.v1"
@@ -30,7 +32,6 @@ class KeyFigure:
             column is one array.
         by: In a document of columns, the column of their names; None for others.
         label: The label of the metric that has the entry's name.
-        factor: From the document's unit to the metric's base unit.
         labelled: Whether the metric also has the document's quality as a label.
         counter: Whether the value only grows.
         used: The column of qualities by which OPC UA marks single values; None for none.
@@ -43,11 +44,16 @@ class KeyFigure:
     node: str | None = None
     by: str | None = None
     label: str = "name"
-    factor: float = 1.0
     labelled: bool = True
     counter: bool = False
     used: str | None = None
     part: str = ""
+
+    @property
+    def factor(self) -> float:
+        """From the document's unit, which ends the path, to the metric's base unit."""
+        unit = BY_SUFFIX.get(unit_of(self.path))
+        return 1.0 if unit is None else unit.size
 
     def quality(self, document: Mapping[str, Any]) -> str | None:
         """Return the quality of the figure in a message: that of its part where the message rates parts.
@@ -120,9 +126,9 @@ def _of_sources(path: str, words: str, metric: str, leaf: str) -> KeyFigure:
     return KeyFigure(path, words, metric, node, by="sources", label="source", part="heat")
 
 
-def _along(path: str, words: str, metric: str, node: str, factor: float = 1.0) -> KeyFigure:
+def _along(path: str, words: str, metric: str, node: str) -> KeyFigure:
     part = path.partition("_")[0]
-    return KeyFigure(path, words, metric, node, by="position_m", label="position_m", factor=factor, part=part)
+    return KeyFigure(path, words, metric, node, by="position_m", label="position_m", part=part)
 
 
 _SENSOR: dict[str, Any] = {"by": "sensors", "label": "sensor"}
@@ -149,9 +155,9 @@ KEYS = {
             _along("field_degC", "Temperature.", "temperature_celsius", "Field/Temperature_degC"),
             _along("field_sigma_K", "Its sigma.", "temperature_sigma_celsius", "Field/Sigma_K"),
             _along("field_bound_K", "Its bound.", "temperature_bound_celsius", "Field/Bound_K"),
-            _along("error_um", "Thermal error.", "error_meters", "Error/Error_um", 1e-6),
-            _along("error_sigma_um", "Its sigma.", "error_sigma_meters", "Error/Sigma_um", 1e-6),
-            _along("error_bound_um", "Its bound.", "error_bound_meters", "Error/Bound_um", 1e-6),
+            _along("error_um", "Thermal error.", "error_meters", "Error/Error_um"),
+            _along("error_sigma_um", "Its sigma.", "error_sigma_meters", "Error/Sigma_um"),
+            _along("error_bound_um", "Its bound.", "error_bound_meters", "Error/Bound_um"),
             KeyFigure(
                 "innovation_K", "Reading less expected.", "innovation_celsius", "Sensors/{}/Innovation_K",
                 used="sensor_quality", **_SENSOR,
@@ -286,11 +292,9 @@ KEYS = {
             KeyFigure("probe_now", "Whether to probe now.", node="Probing/ProbeNow"),
             KeyFigure(
                 "within_um", "What the error is known to.", "error_within_meters", "Probing/Within_um",
-                factor=1e-6,
             ),
             KeyFigure(
                 "after_um", "And after a probing.", "error_after_probing_meters", "Probing/After_um",
-                factor=1e-6,
             ),
         ),
     ),

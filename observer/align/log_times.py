@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from observer.config import Config
+from observer.files.log_checks import duration_words
 from observer.files.logs import Log
 from observer.frames import BoolArray, FloatArray
 
@@ -130,18 +131,12 @@ def gaps_of(log: Log) -> Iterator[str]:
     long = apart_s > max(GAP_S, GAP_ROWS * float(np.median(apart_s))) if len(apart_s) else np.zeros(0)
     if long.any():
         at = int(np.argmax(apart_s))
-        sentence = f"there is no row for {_duration(apart_s[at])} after {log.time_s[at]:.6g} s"
+        sentence = f"there is no row for {duration_words(apart_s[at])} after {log.time_s[at]:.6g} s"
         others = f", the longest of {int(long.sum())} such gaps" if long.sum() > 1 else ""
         yield (
             f"{sentence}{others}: the machine's inputs there are unknown, and results just after it are "
             "doubtful; split the log there and give both parts"
         )
-
-
-def _duration(time_s: float) -> str:
-    """Return a length of time as text, in hours or minutes."""
-    unit, size_s = ("h", 3600.0) if time_s >= 3600.0 else ("min", 60.0)
-    return f"{time_s / size_s:.3g} {unit}"
 
 
 def _scale_s(log: Log, reading_degC: FloatArray, least_K: float) -> float:

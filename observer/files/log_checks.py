@@ -129,16 +129,18 @@ def refuse_other_units(path: Path, column: str, time_s: FloatArray, rows_apart_s
                 f"expected; divide the column by {per_s:.0e}".replace("e+0", "e")
             )
     apart_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    lasts_s = float(time_s[-1] - time_s[0])
     if apart_s > rows_apart_s:
         raise LogError(
-            f"{path}: by {column} the rows are {_long(apart_s)} apart and the log lasts "
-            f"{_long(float(time_s[-1] - time_s[0]))}, which looks like milliseconds where seconds are "
+            f"{path}: by {column} the rows are {duration_words(apart_s)} apart and the log lasts "
+            f"{duration_words(lasts_s)}, which looks like milliseconds where seconds are "
             f"expected; divide the column by 1000, or, if they really are so far apart, "
             f"set [log] rows_apart_s = {1.5 * apart_s:.2g} in the configuration"
         )
 
 
-def _long(time_s: float) -> str:
+def duration_words(time_s: float) -> str:
+    """Return a length of time in the largest unit of which it has two."""
     for unit_s, unit in ((86_400.0, "days"), (3600.0, "h"), (60.0, "min")):
         if time_s >= 2.0 * unit_s:
             return f"{time_s / unit_s:.3g} {unit}"

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from drivers.places import CAN_INPUTS, MODBUS_INPUTS
 from observer.installation import typed
+from observer.units import BY_NAME
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,11 +240,10 @@ def _shown_at_ends(text: str) -> tuple[float, float] | None:
     )
     if match is None:
         raise ValueError("give both readings with their unit, that of the left end first, such as 0 650 mm")
-    left, right = (float(match[k].replace(",", ".")) for k in (1, 3))
-    factor = 1e-3 if match[4] == "mm" else 1.0
+    left, right = (BY_NAME[match[4]].to_base(float(match[k].replace(",", "."))) for k in (1, 3))
     if left == right:
         raise ValueError("both readings are the same; give that of the left end, then that of the right")
-    return round(left * factor, 9), round(right * factor, 9)
+    return round(left, 9), round(right, 9)
 
 
 def _one_of(names: Collection[str]) -> AfterValidator:

@@ -16,6 +16,7 @@ from observer.intake.sheets import RawColumn, Sheet, full_name
 from observer.intake.units import factor, known_unit, split_name
 from observer.intake.zones import in_repeated_hour, localised, offset_ns, zone_in
 from observer.tables.logs import TIME_UNITS, Logs
+from observer.units import BY_NAME
 
 _TIME_WORDS = frozenset(
     ("time", "times", "timestamp", "timestamps", "datetime", "date", "zeit", "datum", "elapsed", "clock",
@@ -47,7 +48,7 @@ _PARTS = (
 """The parts of a date that may each have a column."""
 _FIRST_S, _LAST_S = 788_918_400.0, 2_840_140_800.0
 """1995 and 2060: a count of seconds since 1970 between them is taken for one."""
-_EPOCHS = (("s", 1.0, 0.0), ("ms", 1e-3, 0.0), ("us", 1e-6, 0.0), ("ns", 1e-9, 0.0),
+_EPOCHS = (*((name, BY_NAME[name].size, 0.0) for name in ("s", "ms", "us", "ns")),
            ("labview", 1.0, -2_082_844_800.0), ("filetime", 1e-7, -11_644_473_600.0))  # fmt: skip
 """What a large number may count: its name, seconds for one, and where its zero is in s since 1970."""
 _ASKED_EPOCHS = {"labview": "seconds since 1904", "filetime": "tenths of a microsecond since 1601"}

@@ -9,11 +9,10 @@ from pydantic import Field, model_validator
 
 from observer.tables import quantities
 from observer.tables.quantities import Section
+from observer.units import BY_SUFFIX, unit_of
 
-MICROMETRES = {"_um": 1.0, "_mm": 1e3, "_m": 1e6}
-"""How the channel of a displacement may end, and what its unit is in µm, in which displacements count."""
-
-
+LENGTHS = ("um", "mm", "m")
+"""The units in which the channel of a displacement may end."""
 PROBING_S = 3600.0
 """How often an occasional displacement comes where nothing is said of that …"""
 PASSING_S = 60.0
@@ -82,7 +81,7 @@ class Sensor(Measuring):
             raise ValueError("give exactly one of position_m and on")
         if self.along is not None and self.position_m is not None and self.channel == self.measured_channel:
             raise ValueError("along says where it measures; remove position_m, or along")
-        if self.kind == "displacement" and not self.channel.endswith(tuple(MICROMETRES)):
+        if self.kind == "displacement" and unit_of(self.channel) not in LENGTHS:
             raise ValueError(
                 f'channel "{self.channel}" of a displacement is to end in its unit, _um, _mm or _m; '
                 "rename it, or read it by [log.columns]"
@@ -109,7 +108,7 @@ class Sensor(Measuring):
     @property
     def channel_scale(self) -> float:
         """Factor from the channel's unit to K, or for a displacement to µm."""
-        return MICROMETRES["_" + self.channel.rpartition("_")[2]] if self.kind == "displacement" else 1.0
+        return BY_SUFFIX[unit_of(self.channel)].to_base(1e6) if self.kind == "displacement" else 1.0
 
     @property
     def noise(self) -> float:
@@ -156,7 +155,7 @@ def placed_along(sensor: dict[str, Any], sources: list[Any]) -> list[dict[str, A
         if isinstance(one, dict) and one.get("stroke_m") and one.get("position_channel")
     }
     name, channel = sensor.get("name"), str(sensor.get("channel"))
-    if sensor.get("kind") != "displacement" or not channel.endswith(tuple(MICROMETRES)):
+    if sensor.get("kind") != "displacement" or unit_of(channel) not in LENGTHS:
         return [sensor]  # it is refused by itself
     if (stroke_m := nuts.get(str(sensor["along"]))) is None:
         nut_names = ", ".join(nuts) or "none yet"

@@ -25,7 +25,17 @@ def test_each_suffix_and_spelling_is_listed_once() -> None:
 
 @pytest.mark.parametrize(
     ("text", "name"),
-    [("°C", "degC"), ("Â°F", "degF"), ("U/min", "rpm"), ("µm", "um"), ("[mm]", "mm"), ("Zoll", "inch")],
+    [
+        ("°C", "degC"),
+        ("Â°F", "degF"),
+        ("U/min", "rpm"),
+        ("µm", "um"),
+        ("[mm]", "mm"),
+        ("Zoll", "inch"),
+        ("REVOLUTION/MINUTE", "rpm"),
+        ("MILLIMETER/SECOND^2", "mm/s^2"),
+        ("NEWTON_METER", "N*m"),
+    ],
 )
 def test_recorders_spellings_are_recognised(text: str, name: str) -> None:
     unit = spelled(text)
