@@ -9,13 +9,16 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import math
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from observer.effects.catalogue import Effect, effect_class
 from observer.errors import ConfigError, meant, raise_all
+from observer.frames import FloatArray
 from observer.tables import quantities
 from observer.tables.candidates import MOST_PLACES, SensorCandidate, candidate_problems
 from observer.tables.estimator import EstimatorSettings, ForecastSettings, Integrity, Probing, Tolerance
@@ -254,6 +257,13 @@ class Config(Description):
     def sample_s(self) -> dict[str, float]:
         """The period of each channel in s, where that is known; here of none, as a machine has no drivers."""
         return {}
+
+    @property
+    def reading_s(self) -> FloatArray:
+        """How often each sensor has a reading, s, (s,): at the ticks of the estimator after its own."""
+        period_s = self.estimator.period_s
+        own_s = [s.probing_s or self.sample_s.get(s.channel, period_s) for s in self.sensor]
+        return np.array([period_s * max(1, math.ceil(sensor_s / period_s - 1e-9)) for sensor_s in own_s])
 
     @property
     def heartbeats_s(self) -> dict[str, float]:

@@ -25,7 +25,6 @@ from observer.kernels import record, run_fixed_gain
 from observer.kernels.codes import FINISHED
 from observer.kernels.fixed_gain import KEY
 from observer.model.discretise import StepMatrices, quantise, step_matrices
-from observer.model.learning import Learning
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
@@ -127,7 +126,9 @@ class FixedGainEstimator(BlockEstimator):
             UserError: If no gain exists for all sensors together.
         """
         self._settings, self._design_plant = settings, replace(plant, learning=None)
-        super().__init__(considering_all(plant), settings)
+        parameters = plant.parameters
+        considered = np.arange(len(parameters.kind))
+        super().__init__(plant.with_parameters(parameters._replace(considered=considered)), settings)
         step = step_matrices(self._design_plant, settings.period_s)
         gain = self.gain(step, everything(plant))
         if isinstance(gain, Refusal):
@@ -171,21 +172,6 @@ def _settling_s(plant: Plant, step: StepMatrices, K: FloatArray) -> float:
     """Return the time after which an error has faded that the gain K (n, s) alone corrects, s."""
     slowest_1_s = float(-poles_of(closed_loop(plant, step, K), step.dt_s)[0].real)
     return _TIME_CONSTANTS / slowest_1_s if slowest_1_s > 0.0 else math.inf
-
-
-def considering_all(plant: Plant) -> Plant:
-    """Return the plant with all nuisance parameters considered, none of them learnt.
-
-    The result has no learnt columns in its layout. A plant without parameters is returned unchanged.
-    """
-    if plant.learning is None:
-        return plant
-    arrays, empty = plant.learning.arrays, np.zeros(0)
-    learning = Learning(
-        arrays._replace(considered=np.arange(len(arrays.kind))), (), np.zeros(0, np.int64), empty, empty,
-        plant.learning.wander_s,
-    )  # fmt: skip
-    return replace(plant, learning=learning, layout=replace(plant.layout, learned=()))
 
 
 class GainTable(NamedTuple):

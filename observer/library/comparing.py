@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
-import numpy as np
-
 from observer.errors import ConfigError, check_choice
 from observer.estimators.design.spread import NotDefined, spread
 from observer.files.documents import write_json
@@ -23,7 +21,6 @@ from observer.library.cases import CaseFigures, SurveyedCase, as_document, cycle
 from observer.library.given import GivenLog, as_program
 from observer.library.packages import in_words
 from observer.model.build import build_plant
-from observer.model.cycle import standard_shift
 from observer.model.rod.mountings import MountedScrew, MountingProblem, best_of_each
 from observer.report.sensitivity import few_modes
 
@@ -261,16 +258,15 @@ def _left_unknown(
         progress(f"what {variant.name} leaves unknown", 1.0)
         config = few_modes(variant.config)
         plant = build_plant(config, learns=True)
-        all_parameters = np.ones((1, len(plant.parameters.kind)))
-        sigmas = spread(plant, config.estimator, standard_shift(config, plant), all_parameters)
+        sigmas = spread(config, [plant], config.reading_s)
         names = [s.name for s in config.source if s.estimate]
         unknown[variant.name] = (
             None
             if isinstance(sigmas, NotDefined)
             else LeftUnknown(
                 dict(zip(names, sigmas.heat_W[0].tolist(), strict=True)),
-                float(sigmas.field_K[0]),
-                None if sigmas.error_um is None else float(sigmas.error_um[0]),
+                float(sigmas.field_K.mean()),
+                float(sigmas.error_um.mean()) if sigmas.error_um.size else None,
             )
         )
     return unknown

@@ -14,13 +14,12 @@ import numpy as np
 from observer.config import Config
 from observer.errors import UserError, check_choice
 from observer.estimators.design.placing import SetLimits, best_sets
-from observer.estimators.design.sensor_sets import SensorSet, SetSigmas, set_sigmas
+from observer.estimators.design.spread import NotDefined, SensorSet, Spread, spread, with_sensors
 from observer.forecast.document import travel_of
 from observer.frames import BoolArray, FloatArray
 from observer.installation import Installation, load_candidates, parse_candidates
 from observer.library.packages import in_words
 from observer.model.build import build_plant
-from observer.model.cycle import Stage, standard_shift
 from observer.model.plant import Plant
 from observer.report.sensitivity import few_modes
 from observer.tables.sections import AMBIENT
@@ -33,8 +32,10 @@ Quantity = Literal["all", "heat", "field", "error"]
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 DEFAULT_PLACES = 41
 """Number of positions along a screw if no candidates are given."""
-SEARCH_STEP_S, SHOWN_STEP_S = 60.0, 20.0
-"""Steps over the shift: coarse to rank many sets, as fine as those of `check` for the few that are shown."""
+SEARCH_STEP_S, LINKED_STEP_S = 20.0, 10.0
+"""Steps over the shift to rank many sets, and those of a machine with bodies linked to a nut. The few sets
+that are shown have shorter ones.
+"""
 _SETS_AT_ONCE = 32  # sets evaluated at once
 _MORE_THAN_HEATS = 2  # how many more sensors than heats are tried by default
 
@@ -156,7 +157,7 @@ def placed(
 ) -> PlacedSensors:
     """Return the sets of candidates that leave the smallest σ for their cost.
 
-    Sets are ranked with steps of 60 s over the standard shift; the σ of the sets returned have steps of 20 s.
+    Sets are ranked with long steps over the standard shift; the σ of the sets returned have shorter ones.
 
     Args:
         config: The machine; its sensors are the set `configured`.
@@ -179,6 +180,7 @@ def placed(
         )
     bench = _Bench.of(config, candidates)
     limits = _limits(bench, len(config.sensor), [one.cost for one in candidates], choice)
+    step_s = LINKED_STEP_S if len(bench.plant.coupling.links.source) else SEARCH_STEP_S
     tried = 0
 
     def score(sets: Sequence[SensorSet]) -> FloatArray:
@@ -187,7 +189,7 @@ def placed(
         for i in range(0, len(sets), _SETS_AT_ONCE):
             progress(f"{tried} sets of sensors tried")
             part = sets[i : i + _SETS_AT_ONCE]
-            scores.append(bench.judged(bench.sigmas(part, SEARCH_STEP_S), choice.by))
+            scores.append(bench.judged(bench.sigmas(part, step_s), choice.by))
             tried += len(part)
         return np.concatenate(scores)
 
@@ -195,7 +197,7 @@ def placed(
     progress("working out what remains")
     configured = tuple(range(len(candidates), len(candidates) + len(config.sensor)))
     shown_sets = [*front.sets, configured]
-    sigmas = bench.sigmas(shown_sets, SHOWN_STEP_S)
+    sigmas = bench.sigmas(shown_sets, None)
     places = [bench.places(one, limits.cost(one), sigmas, v) for v, one in enumerate(shown_sets)]
     return PlacedSensors(tuple(places[:-1]), places[-1], choice.by, front.exhaustive, front.tried)
 
@@ -208,9 +210,9 @@ class _Bench:
     laws.
     """
 
+    config: Config
     plant: Plant
     on_laws: Plant
-    shift: tuple[Stage, ...]
     sensors: tuple[Sensor, ...]
     every_s: FloatArray
     travelled: BoolArray
@@ -226,34 +228,35 @@ class _Bench:
         ]
         period_s = config.estimator.period_s
         often_s = [one.every_s or period_s for one in candidates]
-        often_s += [sensor.probing_s or period_s for sensor in config.sensor]
+        often_s += config.reading_s.tolist()
         kalman = config.estimator.model_copy(update={"kind": "kalman", "engine": "compiled"})
         updates = {"sensor": (*candidate_sensors, *config.sensor), "estimator": kalman}
         config = few_modes(config.model_copy(update=updates))
         plant = build_plant(config, learns=True)
         return cls(
+            config,
             plant,
             build_plant(config.resting_on_laws(), learns=True) if config.screw_is_seen else plant,
-            standard_shift(config, plant),
             (*(one.sensor for one in candidates), *config.sensor[len(candidate_sensors) :]),
             np.array(often_s),
             travel_of(config, plant.layout.position_m),
         )
 
-    def sigmas(self, sets: Sequence[SensorSet], step_s: float) -> SetSigmas:
+    def sigmas(self, sets: Sequence[SensorSet], dt_s: float | None) -> Spread:
         """Return the σ over the shift with each of the sets, as a configuration with only these sensors
-        has them.
+        has them; `dt_s` is that of `spread`.
         """
-        sees_screw = np.array([any(self.sensors[i].sees_the_screw for i in one) for one in sets])
-        parts: list[SetSigmas] = []
-        for plant, in_use in ((self.plant, sees_screw), (self.on_laws, ~sees_screw)):
-            if in_use.any():
-                plant_sets = [sets[v] for v in np.flatnonzero(in_use).tolist()]
-                parts.append(set_sigmas(plant, self.shift, plant_sets, self.every_s, step_s))
-        order = np.argsort(np.argsort(~sees_screw, kind="stable"))
-        return SetSigmas(*(np.concatenate(column)[order] for column in zip(*parts, strict=True)))
+        plants, every_s = [], np.full((len(sets), len(self.sensors)), math.inf)
+        for chosen, row in zip(sets, every_s, strict=True):
+            sees_screw = any(self.sensors[i].sees_the_screw for i in chosen)
+            plants.append(with_sensors(self.plant if sees_screw else self.on_laws, chosen))
+            row[list(chosen)] = self.every_s[list(chosen)]
+        sigmas = spread(self.config, plants, every_s, dt_s)
+        if isinstance(sigmas, NotDefined):
+            raise UserError(f"place: σ is not computed: {sigmas.reason}")
+        return sigmas
 
-    def judged(self, sigmas: SetSigmas, by: Quantity) -> FloatArray:
+    def judged(self, sigmas: Spread, by: Quantity) -> FloatArray:
         """Return one number for each set, (v,): a quantity's rms σ, or the geometric mean of the σ of all
         three.
         """
@@ -267,7 +270,7 @@ class _Bench:
             return rms[by]
         return np.asarray(np.exp(np.mean([np.log(sigma) for sigma in rms.values()], axis=0)))
 
-    def places(self, chosen: SensorSet, cost: float, sigmas: SetSigmas, v: int) -> SensorPlaces:
+    def places(self, chosen: SensorSet, cost: float, sigmas: Spread, v: int) -> SensorPlaces:
         """Return set `v` of the evaluated ones with its names, positions and σ."""
         field_K = sigmas.field_K[v, self.travelled]
         error_um = sigmas.error_um[v, self.travelled] if sigmas.error_um.size else None

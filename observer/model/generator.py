@@ -3,7 +3,7 @@
 Links at fixed places, films along stretches and sensors that lag make the generator a full matrix. In its own
 modes it is diagonal again, so that a step is exact and as cheap as that of a screw alone. Couplings that
 vary in time (moving nuts, films of speed, radiation) are left to the step (`coupling`). Designs take
-the whole matrix, with nuts over their strokes and a time-varying loss where one is given.
+the whole matrix, with nuts over their strokes.
 """
 
 from __future__ import annotations
@@ -29,11 +29,10 @@ _LONGEST = 16.0
 """Step times norm up to which one exponential is taken; its noise loses exp of that in digits."""
 
 
-def generator(plant: Plant, loss_1_s: float = 0.0) -> FloatArray:
+def generator(plant: Plant) -> FloatArray:
     """Return A (n_x, n_x), 1/s, with moving nuts over their strokes.
 
-    It has decay, the links of moving nuts, their exchange beyond the mean, and a loss that is the same along
-    the screw.
+    It has decay, the links of moving nuts, and their exchange beyond the mean.
     """
     c, n_x, N = plant.coupling, len(plant.decay_1_s), plant.modes
     A = -np.diag(plant.decay_1_s)
@@ -44,8 +43,6 @@ def generator(plant: Plant, loss_1_s: float = 0.0) -> FloatArray:
         A += c.links.conductance_W_K[i] * np.multiply.outer(foot - c.links.B[i], c.links.C[i] - under)
     width = c.spreads.row.shape[1]
     A[:width, :width] -= (c.spreads.into.T * c.spreads.rate_1_s) @ c.spreads.row
-    if loss_1_s:
-        A -= loss_1_s * on_the_screw(plant)
     return A
 
 
@@ -78,7 +75,7 @@ def design_step(plant: Plant, step: StepMatrices) -> tuple[FloatArray, FloatArra
     return augmented_step(plant, step.dt_s) if len(plant.coupling.links.source) else augmented(plant, step)
 
 
-def augmented_step(plant: Plant, dt_s: float, loss_1_s: float = 0.0) -> tuple[FloatArray, FloatArray]:
+def augmented_step(plant: Plant, dt_s: float) -> tuple[FloatArray, FloatArray]:
     """Return transition and noise (n, n) of [x | δ] over a step, δ the estimated heats' deviations.
 
     Source: Van Loan (1978), eq. 1.2: exp of [[−A, Q], [0, Aᵀ]] holds both. As exp(−A dt) grows without limit,
@@ -89,7 +86,7 @@ def augmented_step(plant: Plant, dt_s: float, loss_1_s: float = 0.0) -> tuple[Fl
     n_x, m_e = len(plant.decay_1_s), int(plant.estimated.sum())
     n = n_x + m_e
     block = np.zeros((2 * n, 2 * n))
-    block[n : n + n_x, n : n + n_x] = generator(plant, loss_1_s).T
+    block[n : n + n_x, n : n + n_x] = generator(plant).T
     block[n + n_x :, n : n + n_x] = plant.B[:, plant.estimated].T
     block[n + n_x :, n + n_x :] = -np.diag(plant.heat_decay_1_s)
     block[:n, :n] = -block[n:, n:].T

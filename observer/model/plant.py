@@ -277,6 +277,14 @@ class Plant:
             return self.learning.arrays
         return learning_of((), (), len(self.decay_1_s), len(self.known_names)).arrays
 
+    def with_parameters(self, arrays: LearningArrays) -> Plant:
+        """Return the plant with other uncertain parameters, of which none is reported."""
+        if self.learning is None:
+            return self
+        empty = np.zeros(0)
+        learning = Learning(arrays, (), np.zeros(0, np.int64), empty, empty, self.learning.wander_s)
+        return replace(self, learning=learning, layout=replace(self.layout, learned=()))
+
     @property
     def jump_uncertainty(self) -> FloatArray:
         """The standard deviation of a heat's step beside its law's, relative to the latter, (m_e,).

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from observer.config import Config
-from observer.estimators.design.detectable import noticed, slow_fault_K
-from observer.estimators.design.spread import NotDefined, Spread, spread
+from observer.estimators.design.detectable import noticed, slow_faults_K
+from observer.estimators.design.spread import NotDefined, Spread, spread, with_tolerances
 from observer.frames import FloatArray
 from observer.model.build import build_plant
-from observer.model.cycle import SPEED_RPM, standard_shift
+from observer.model.cycle import SPEED_RPM
 from observer.model.learning import Nuisance
 from observer.model.plant import Plant
 
@@ -58,8 +57,6 @@ _PLURALS = {"heat": "heats", "field": "field", "error": "error"}
 def tolerances(config: Config) -> dict[str, Any]:
     """Return σ over the standard shift, and the tolerances whose knowledge would help most.
 
-    An occasional displacement counts as read once in its `probing_s`, spread over all steps.
-
     Returns:
         `tolerances`: a row as configured, one with each tolerance known, and one with all known.
             `improve_first`: by quantity the key that helps most, None where none helps by 5 %. Both are empty
@@ -67,8 +64,6 @@ def tolerances(config: Config) -> dict[str, Any]:
     """
     config = few_modes(config)
     plant = build_plant(config, learns=True)
-    rarer = [s.probing_s / config.estimator.period_s if s.probing_s else 1.0 for s in config.sensor]
-    plant = replace(plant, noise_R_K2=plant.noise_R_K2 * rarer)
     keys = np.array([Nuisance(kind).key for kind in plant.parameters.kind], np.str_)
     parts = [s.shows_tolerance for s in config.sensor if s.shows_tolerance is not None]
     keys_used = [
@@ -77,7 +72,7 @@ def tolerances(config: Config) -> dict[str, Any]:
     cases = [np.ones(len(keys))]
     cases += [np.where(keys == key, AS_KNOWN, 1.0) for key in keys_used]
     cases.append(np.where(keys == Nuisance.LAW.key, 1.0, AS_KNOWN))
-    sigma = spread(plant, config.estimator, standard_shift(config, plant), np.array(cases))
+    sigma = spread(config, [with_tolerances(plant, case) for case in cases], config.reading_s)
     if isinstance(sigma, NotDefined):
         return {"tolerances": [], "improve_first": {}, "tolerances_left_out": f"not computed: {sigma.reason}"}
     configured = config.tolerance.model_dump() | {OF_PARTS: max(parts, default=0.0)}
@@ -101,16 +96,16 @@ def _row(plant: Plant, sigma: Spread, i: int, key: str, value: float | None) -> 
         "key": key,
         "tolerance": value,
         "heat_sigma_W": dict(zip(plant.layout.sources, sigma.heat_W[i].tolist(), strict=True)),
-        "field_sigma_K": float(sigma.field_K[i]),
-        "error_sigma_um": None if sigma.error_um is None else float(sigma.error_um[i]),
+        "field_sigma_K": float(sigma.field_K[i].mean()),
+        "error_sigma_um": float(sigma.error_um[i].mean()) if sigma.error_um.size else None,
     }
 
 
 def _first(sigmas: Spread, keys: Sequence[str]) -> dict[str, dict[str, Any] | None]:
     """By quantity, the key that helps most and the fraction by which it lowers σ."""
-    quantities = {"heat": np.sqrt(np.mean(sigmas.heat_W**2, axis=1)), "field": sigmas.field_K}
-    if sigmas.error_um is not None:
-        quantities["error"] = sigmas.error_um
+    quantities = {"heat": np.sqrt(np.mean(sigmas.heat_W**2, axis=1)), "field": sigmas.field_K.mean(axis=1)}
+    if sigmas.error_um.size:
+        quantities["error"] = sigmas.error_um.mean(axis=1)
     return {name: _best(sigma, keys) for name, sigma in quantities.items()}
 
 
@@ -148,10 +143,9 @@ def detectable(config: Config) -> dict[str, Any]:
     reason, faults = _why_not(config), None
     if reason is None:
         config = few_modes(config)
-        plant = build_plant(config, learns=True)
-        faults = noticed(plant, standard_shift(config, plant), _sample_s(config))
-        reason = "not computed: there are too many states" if faults is None else None
-    if faults is None:
+        faults = noticed(config, build_plant(config, learns=True))
+        reason = f"not computed: {faults.reason}" if isinstance(faults, NotDefined) else None
+    if faults is None or isinstance(faults, NotDefined):
         return {
             "minimal_detectable": {}, "further_sensor": None, "slow_in_sigma": False, "not_screened": reason
         }  # fmt: skip
@@ -182,13 +176,6 @@ def _why_not(config: Config) -> str | None:
     return None
 
 
-def _sample_s(config: Config) -> FloatArray:
-    """How often each sensor has a sample (s,): at the ticks of the estimator after its own."""
-    period_s = config.estimator.period_s
-    own_s = [s.probing_s or config.sample_s.get(s.channel, period_s) for s in config.sensor]
-    return np.array([period_s * max(1, math.ceil(sensor_s / period_s - 1e-9)) for sensor_s in own_s])
-
-
 def _further(config: Config, slow_K: FloatArray) -> dict[str, Any] | None:
     """The gain of a further thermocouple at its best place, for the sensor that hides the largest fault.
 
@@ -200,10 +187,10 @@ def _further(config: Config, slow_K: FloatArray) -> dict[str, Any] | None:
     best: dict[str, Any] | None = None
     for place in _places(config):
         extended = _with_another(config, place)
-        plant = build_plant(extended, learns=True)
-        least_K = slow_fault_K(plant, standard_shift(extended, plant), _sample_s(extended), worst)
-        if least_K is None:
+        slow = slow_faults_K(extended, build_plant(extended, learns=True), [worst])
+        if isinstance(slow, NotDefined):
             return None
+        least_K = float(slow[0])
         if best is None or least_K < best["slow_K_then"]:
             now = {"sensor": config.sensor[worst].name, "slow_K_now": float(slow_K[worst])}
             best = {**place, **now, "slow_K_then": least_K}

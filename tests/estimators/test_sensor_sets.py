@@ -5,19 +5,16 @@ from pathlib import Path
 from typing import get_args
 
 import numpy as np
-import pytest
 
 from observer.config import LEARNT
-from observer.estimators.design.sensor_sets import set_sigmas
-from observer.estimators.design.spread import spread
+from observer.estimators.design.spread import spread, with_sensors
 from observer.installation import load
 from observer.model.build import build_plant
-from observer.model.cycle import standard_shift
 from observer.tables.estimator import Learnable
 from observer.tables.sensors import Sensor
 
 CONFIG = Path(__file__).parents[2] / "config"
-STEP_S = 30.0
+STEP_S = 5.0
 PROBE = 5
 
 
@@ -36,24 +33,24 @@ def housings():
     return config.model_copy(update={"sensor": (*config.sensor, *more), "estimator": kalman, "source": laws})
 
 
+def means(sigmas):
+    return np.column_stack([sigmas.heat_W, sigmas.field_K.mean(axis=1), sigmas.error_um.mean(axis=1)])
+
+
 def alone(config, sensors):
-    """The mean σ of a machine that has only those sensors, by `spread` with the step of the sets here."""
+    """The mean σ of a machine that has only those sensors."""
     own = config.model_copy(update={"sensor": tuple(config.sensor[i] for i in sensors)})
-    plant = build_plant(own, learns=True)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("observer.estimators.design.spread.STEPS_S", (STEP_S,))
-        found = spread(plant, own.estimator, standard_shift(own, plant), np.ones((1, plant.learnt)))
-    return np.array([*found.heat_W[0], found.field_K[0], found.error_um[0]])
+    return means(spread(own, [build_plant(own, learns=True)], own.reading_s, STEP_S))[0]
 
 
 def together(config, sets, probing_s=None):
     plant = build_plant(config, learns=True)
-    every_s = np.full(plant.rows.sensors, config.estimator.period_s)
-    if probing_s is not None:
-        every_s[PROBE] = probing_s
-    found = set_sigmas(plant, standard_shift(config, plant), sets, every_s, STEP_S)
-    means = [found.field_K.mean(axis=1), found.error_um.mean(axis=1)]
-    return np.column_stack([found.heat_W, *means])
+    every_s = np.full((len(sets), plant.rows.sensors), np.inf)
+    for row, one in zip(every_s, sets, strict=True):
+        row[list(one)] = config.estimator.period_s
+        if probing_s is not None and PROBE in one:
+            row[PROBE] = probing_s
+    return means(spread(config, [with_sensors(plant, one) for one in sets], every_s, STEP_S))
 
 
 def test_a_set_among_many_is_as_sure_as_a_machine_that_has_only_its_sensors():
@@ -63,17 +60,15 @@ def test_a_set_among_many_is_as_sure_as_a_machine_that_has_only_its_sensors():
         np.testing.assert_allclose(row, alone(housings(), one), rtol=1e-9)
 
 
-def test_a_probing_now_and_then_is_worth_less_than_one_all_the_time_and_nothing_before_it_comes():
-    sets, always, nothing = (
-        [(0, 2, PROBE)],
-        together(housings(), [(0, 2, PROBE)]),
-        together(housings(), [(0, 2)]),
-    )
+def test_a_probing_is_worth_more_the_oftener_it_comes_and_nothing_before_it_comes():
+    sets, nothing = [(0, 2, PROBE)], together(housings(), [(0, 2)])
     field, error = -2, -1
-    hourly, half, never = (together(housings(), sets, s)[0] for s in (3600.0, 1800.0, 1e6))
+    minute, half, hourly, never = (
+        together(housings(), sets, every_s)[0] for every_s in (60.0, 1800.0, 3600.0, 1e6)
+    )
     np.testing.assert_allclose(never, nothing[0], rtol=1e-9)
     for part in (field, error):
-        assert always[0, part] < half[part] < hourly[part] < never[part]
+        assert minute[part] < half[part] < hourly[part] < never[part]
     # three readings of 1 µm, the zero known to 2 µm: what was 4 to 9 µm is about 2 µm from then on
     assert hourly[error] < 0.8 * never[error]
 

@@ -1,4 +1,4 @@
-"""σ over the standard shift without a log: against the filter itself, and what `check` makes of them."""
+"""σ over the standard shift without a log: against the filter over a log, and what `check` makes of them."""
 
 from functools import cache
 from pathlib import Path
@@ -29,10 +29,9 @@ def demo(left=1.0, **estimator):
     )
 
 
-def by_covariance(config):
-    plant = build_plant(config, learns=True)
-    found = spread(plant, config.estimator, standard_shift(config, plant), np.ones((1, plant.learnt)))
-    return np.concatenate([found.heat_W[0], found.field_K, found.error_um])
+def over_the_shift(config):
+    sigmas = spread(config, [build_plant(config, learns=True)], config.reading_s)
+    return np.array([*sigmas.heat_W[0], sigmas.field_K.mean(), sigmas.error_um.mean()])
 
 
 def by_estimator(config):
@@ -48,10 +47,12 @@ def by_estimator(config):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("left", [1.0, 1e-3])
-def test_the_filter_is_as_sure_as_its_covariance_says(left):
-    """The two agree to some per cent: 10 s in one step against ten, and 8 phases of a sweep against all."""
+def test_the_filter_is_as_sure_over_the_shift_as_over_a_log_of_it(left):
+    """Heat of the nut within 6 %, the rest within 2 %: a nut that passes a sensor shows its heat."""
     config = demo(left)
-    np.testing.assert_allclose(by_covariance(config), by_estimator(config), rtol=0.1)
+    off = np.abs(over_the_shift(config) / by_estimator(config) - 1.0)
+    assert off[0] < 0.06
+    assert (off[1:] < 0.02).all()
 
 
 @cache
@@ -95,9 +96,9 @@ def test_a_machine_that_is_known_has_nothing_to_improve():
 def test_every_kind_of_estimator_has_its_own_sigma(kind):
     config = demo(kind="luenberger") if kind == "luenberger" else demo(engine="constant")
     config = demo() if kind == "kalman" else config
-    sigma = by_covariance(config)
+    sigma = over_the_shift(config)
     assert np.isfinite(sigma).all()
-    assert (sigma >= 0.95 * by_covariance(demo())).all()  # no gain does better than the filter's own
+    assert (sigma >= 0.95 * over_the_shift(demo())).all()  # no gain does better than the filter's own
 
 
 def test_without_expansion_there_is_no_error_to_be_unsure_of():
@@ -119,18 +120,18 @@ def electric(**source):
 @pytest.mark.parametrize("law", [{"power_channel": "heater_W"}, {}, {"heat_W": 20.0}])
 def test_a_machine_without_a_law_of_the_speed_has_a_shift_too(law):
     config = electric(**law)
-    plant = build_plant(config, learns=True)
-    rest, work = standard_shift(config, plant)[:2]
-    constant = law.get("heat_W")
-    assert rest.heat_W == [constant or 0.0]
-    assert work.heat_W == [constant or 30.0]
+    u = standard_shift(config, build_plant(config), 10.0)
+    heat_W = law.get("heat_W", 30.0 if law else 0.0)
+    np.testing.assert_array_equal(u.law_W[100], [heat_W])
+    np.testing.assert_array_equal(u.law_W[0], [law.get("heat_W", 0.0)])
+    assert u.y_degC[500].max() > u.y_degC[0].max() + 5.0  # a source without a law makes heat too
     found = tolerances(config)
     assert np.isfinite([row["field_sigma_K"] for row in found["tolerances"]]).all()
 
 
 def test_too_many_states_are_said_not_to_be_worked_out():
     config = demo()
-    many = [s.model_copy(update={"name": f"s{i}"}) for i in range(14) for s in config.sensor]
+    many = [s.model_copy(update={"name": f"s{i}"}) for i in range(25) for s in config.sensor]
     found = tolerances(config.model_copy(update={"sensor": tuple(many)}))
     assert (found["tolerances"], found["improve_first"]) == ([], {})
     assert "too many states" in found["tolerances_left_out"]

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from observer.config import Config
-from observer.estimators.design.sensor_sets import SensorSet, set_sigmas
+from observer.estimators.design.spread import SensorSet, spread, with_sensors
 from observer.frames import FloatArray
 from observer.model.build import build_plant
-from observer.model.cycle import standard_shift
 from tests.learning.cover import estimates, misses
 from tests.learning.housings import HOUSED_CONFIG, draw_housed
 from tests.learning.machines import Day, Rough, config_of, draw, work
@@ -23,7 +22,7 @@ from tests.truth.machine.logs import CHANNELS
 from tests.truth.machine.machine import SENSOR_M, stream
 
 ALL = len(BODIES) + len(SENSOR_M)
-STEP_S = 30.0
+STEP_S = 5.0
 
 
 @cache
@@ -44,9 +43,10 @@ def ranked(sets: list[SensorSet]) -> FloatArray:
     """The rms σ (v, 3) of heats, field and thermal error that each set leaves."""
     config = everywhere()
     plant = build_plant(config, learns=True)
-    shift = standard_shift(config, plant)
-    found = set_sigmas(plant, shift, sets, np.full(plant.rows.sensors, config.estimator.period_s), STEP_S)
-    return np.column_stack([np.sqrt(np.mean(each**2, axis=1)) for each in found])
+    used = np.array([np.isin(np.arange(plant.rows.sensors), one) for one in sets])
+    every_s = np.where(used, config.estimator.period_s, np.inf)
+    sigmas = spread(config, [with_sensors(plant, one) for one in sets], every_s, STEP_S)
+    return np.column_stack([np.sqrt(np.mean(each**2, axis=1)) for each in sigmas[:3]])
 
 
 def observed(seed: int, number: int, sets: list[SensorSet]) -> FloatArray:

@@ -15,7 +15,7 @@ from observer.installation import parse
 from observer.kernels.coupling import see_under
 from observer.model.build import build_plant
 from observer.model.discretise import augmented, step_matrices
-from observer.model.generator import augmented_step, design_step, generator
+from observer.model.generator import augmented_step, design_step, generator, on_the_screw
 from observer.model.plant import Plant
 from observer.model.simulate import simulate
 from tests.logs.machines import table
@@ -83,7 +83,7 @@ TURNS = {"kind": "speed_convection", "gain": 1.0}
 def test_the_compiled_step_is_the_matrix_to_second_order(made: Config, loss_1_s: float) -> None:
     plant = build_plant(made)
     x = uneven(plant)
-    wanted = plant.rows.C @ expm(generator(plant, loss_1_s) * 40.0) @ x
+    wanted = plant.rows.C @ expm((generator(plant) - loss_1_s * on_the_screw(plant)) * 40.0) @ x
     errors = [
         np.abs(plant.rows.C @ stepped(plant, x, 40.0 / n, n, loss_1_s) - wanted)[
             : plant.rows.sensors + plant.rows.grid

@@ -1,4 +1,4 @@
-"""How large a fault of a sensor must be to be noticed, and within what time: covariances over a shift.
+"""How large a fault of a sensor must be to be noticed, and within what time: the filter's σ over a shift.
 
 A jump is compared with the innovations of the estimate (`observer.kernels.screening`). A slow fault is
 compared with a filter that does not use the sensor (`observer.estimators.bank`). A fault counts as noticed if
@@ -8,23 +8,24 @@ noise hides it in at most one case of twenty.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from observer.config import Config
 from observer.estimators.bank import DUE_S
-from observer.estimators.design.spread import MOST_WORK, moments
+from observer.estimators.design.spread import NotDefined, spread
 from observer.estimators.fault_search import MISFIT
 from observer.frames import FloatArray
 from observer.kernels.screening import DRIFT_K_S, JUMP_SIGMA, LASTS_S, LASTS_SAMPLES, LEAST_JUMP_K
-from observer.model.cycle import Stage
 from observer.model.plant import Plant
 
 PROBABLY_SIGMA = 1.64
 """By so many standard deviations beyond a limit, a fault is beyond it 95 % of the time."""
 SLOW_SIGMA = MISFIT + PROBABLY_SIGMA
-JUMP_STEP_S, SLOW_STEP_S = 10.0, 30.0
-"""Steps over the shift for jumps, which need the σ from one sample to the next, and for slow faults."""
+_UNUSED_K2 = 1e8
+"""Variance with which a reading corrects nothing."""
 
 
 class Noticed(NamedTuple):
@@ -41,73 +42,50 @@ class Noticed(NamedTuple):
     slow_K: FloatArray
 
 
-def noticed(plant: Plant, shift: Sequence[Stage], sample_s: FloatArray) -> Noticed | None:
+def noticed(config: Config, plant: Plant) -> Noticed | NotDefined:
     """Return the smallest faults of each sensor that are noticed in 95 % of the cases.
 
-    σ are means over the shift. A jump must exceed the screening's limit by 1.64 σ, a slow fault `MISFIT` by
-    as much.
+    σ are means over the standard shift. A jump must exceed the screening's limit by 1.64 σ, a slow fault
+    `MISFIT` by as much.
 
     Args:
+        config: The machine; its estimator is a Kalman filter.
         plant: The model with its tolerances (`build_plant` with `learns`). Without tolerances slow faults are
             NaN.
-        shift: Stages of a day of work.
-        sample_s: Time between samples of each sensor, s, (s,).
 
     Returns:
-        The faults, or None if the computation would take long (`spread.MOST_WORK`).
+        The faults, or the reason why they are not computed.
     """
-    s = plant.rows.sensors
-    sigma_K = _of_readings(plant, shift, np.ones((1, s)), sample_s, JUMP_STEP_S)
-    own_K: FloatArray | None = np.full((s, s), np.nan)
-    if plant.learnt and sigma_K is not None:
-        own_K = _of_readings(plant, shift, 1.0 - np.eye(s), np.maximum(sample_s, DUE_S), SLOW_STEP_S)
-    if sigma_K is None or own_K is None:
-        return None
-    limit_K = np.maximum(JUMP_SIGMA * sigma_K[0], LEAST_JUMP_K) + DRIFT_K_S * sample_s
-    return Noticed(
-        limit_K + PROBABLY_SIGMA * sigma_K[0],
-        np.array([_decided_s(period_s) for period_s in sample_s.tolist()]),
-        SLOW_SIGMA * own_K.diagonal(),
-    )
+    s, sample_s = plant.rows.sensors, config.reading_s
+    sigmas = spread(config, [plant], sample_s)
+    slow_K = slow_faults_K(config, plant, range(s)) if plant.learnt else np.full(s, np.nan)
+    if isinstance(sigmas, NotDefined):
+        return sigmas
+    if isinstance(slow_K, NotDefined):
+        return slow_K
+    sigma_K = np.sqrt(sigmas.reading_K[0] ** 2 + plant.noise_R_K2)
+    limit_K = np.maximum(JUMP_SIGMA * sigma_K, LEAST_JUMP_K) + DRIFT_K_S * sample_s
+    within_s = np.array([_decided_s(period_s) for period_s in sample_s.tolist()])
+    return Noticed(limit_K + PROBABLY_SIGMA * sigma_K, within_s, slow_K)
 
 
-def slow_fault_K(plant: Plant, shift: Sequence[Stage], sample_s: FloatArray, sensor: int) -> float | None:
-    """Return the smallest slow fault of one sensor that is noticed in 95 % of the cases, K.
+def slow_faults_K(config: Config, plant: Plant, sensors: Sequence[int]) -> FloatArray | NotDefined:
+    """Return the smallest slow faults of r sensors that are noticed in 95 % of the cases, K, (r,).
 
     Args:
+        config: The machine; its estimator is a Kalman filter.
         plant: The model with its tolerances.
-        shift: Stages of a day of work.
-        sample_s: Time between samples of each sensor, s, (s,).
-        sensor: Its number. The filter it is compared with uses all others.
+        sensors: Their numbers. The filter that each is compared with uses all others.
 
     Returns:
-        The fault, or None if the computation would take long.
+        The faults, or the reason why they are not computed.
     """
-    others = np.ones((1, plant.rows.sensors))
-    others[0, sensor] = 0.0
-    sigma_K = _of_readings(plant, shift, others, np.maximum(sample_s, DUE_S), SLOW_STEP_S)
-    return None if sigma_K is None else SLOW_SIGMA * float(sigma_K[0, sensor])
-
-
-def _of_readings(
-    plant: Plant, shift: Sequence[Stage], uses: FloatArray, every_s: FloatArray, step_s: float
-) -> FloatArray | None:
-    """Return the mean σ (v, s) of each reading about the expectation of v filters.
-
-    Filters take the readings marked in `uses` (v, s), each `every_s` (s,). Returns None if the computation
-    would take long.
-    """
-    a = plant.parameters
-    n = len(plant.decay_1_s) + int(plant.estimated.sum()) + len(a.kind)
-    if n**3 * len(uses) * sum(stage.duration_s for stage in shift) / step_s > MOST_WORK:
-        return None
-    weight_1_K = uses * np.sqrt(step_s / (every_s * plant.noise_R_K2))
-    sigmas_K, sigma = [], np.tile(a.sigma, (len(uses), 1))
-    for now in moments(plant, a, shift, sigma, None, step_s, weight_1_K):
-        rows = now.H.reshape(-1, now.H.shape[-1])
-        variance_K2 = ((rows @ now.P) * rows).sum(axis=-1).reshape(len(uses), *now.H.shape[:2])
-        sigmas_K.append(np.sqrt(variance_K2.mean(axis=1) + plant.noise_R_K2))
-    return np.asarray(np.mean(sigmas_K, axis=0))
+    left_out = np.eye(plant.rows.sensors, dtype=np.bool_)[list(sensors)]
+    without = [replace(plant, noise_R_K2=np.where(row, _UNUSED_K2, plant.noise_R_K2)) for row in left_out]
+    sigmas = spread(config, without, np.maximum(config.reading_s, DUE_S))
+    if isinstance(sigmas, NotDefined):
+        return sigmas
+    return SLOW_SIGMA * np.sqrt(sigmas.reading_K[left_out] ** 2 + plant.noise_R_K2[list(sensors)])
 
 
 def _decided_s(sample_s: float) -> float:

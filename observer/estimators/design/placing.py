@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.estimators.design.sensor_sets import SensorSet
+from observer.estimators.design.spread import SensorSet
 from observer.frames import FloatArray
 
 MOST_SETS = 800
