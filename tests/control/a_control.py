@@ -20,6 +20,7 @@ class SimulatedControl:
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         self.process = process
         self.port: int = json.loads(process.stdout.readline())["port"]
+        self.settings = {"kind": "modbus", "host": "127.0.0.1", "port": self.port}
 
     def command(self, **command: Any) -> dict[str, Any]:
         """Send a command; returns the status after it."""

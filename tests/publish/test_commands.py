@@ -2,8 +2,6 @@
 
 import contextlib
 import json
-import subprocess
-import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -15,10 +13,11 @@ from hypothesis import strategies as st
 from observer.exchange import Outcome, plain_name
 from observer.publish import ask as asking
 from observer.publish.session import session_config
-from tests.patience import PATIENCE_S, PAUSE_S
+from tests.patience import PAUSE_S
 from tests.patience import until as wait
 from tests.publish.people import PREFIX, ask, published, session
 from tests.publish.router import free_port
+from tests.system.plant import run_observer
 
 HASH = "config=ab12"
 
@@ -267,20 +266,14 @@ def _obedient(*axes: str):
             done.result()
 
 
-def _typed(*words: str) -> subprocess.CompletedProcess[str]:
-    """What the program answers to a command line."""
-    command = [sys.executable, "-m", "observer", *words]
-    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-
-
 @pytest.mark.system
 def test_a_command_needs_no_names_where_one_service_answers():
     with _obedient("z") as (endpoint, taken):
         for kind in ("arm", "disarm", "zero", "reset", "acknowledge"):
-            done = _typed(kind, "--connect", endpoint)
+            done = run_observer(kind, "--connect", endpoint)
             assert done.returncode == 0, done.stdout + done.stderr
-        assert _typed("disarm", "--connect", endpoint, "--axis", "z").returncode == 0
-        done = _typed("arm", "--connect", endpoint, "--without", "right_housing", "--without", "t1,t2")
+        assert run_observer("disarm", "--connect", endpoint, "--axis", "z").returncode == 0
+        done = run_observer("arm", "--connect", endpoint, "--without", "right_housing", "--without", "t1,t2")
         assert done.returncode == 0, done.stdout + done.stderr
     assert [command.kind for command in taken] == [
         "arm", "disarm", "zero", "reset", "acknowledge", "disarm", "arm"
@@ -292,16 +285,16 @@ def test_a_command_needs_no_names_where_one_service_answers():
 @pytest.mark.system
 def test_where_several_services_answer_a_command_lists_them_and_reaches_none():
     with _obedient("x", "z") as (endpoint, taken):
-        wait(lambda: "several" in _typed("reset", "--connect", endpoint).stdout)  # once both have met
-        done = _typed("reset", "--connect", endpoint)
+        wait(lambda: "several" in run_observer("reset", "--connect", endpoint).stdout)  # once both have met
+        done = run_observer("reset", "--connect", endpoint)
         assert done.returncode == 1
         assert f"several services answer at {endpoint}: lathe-7/x, lathe-7/z; name the one" in done.stdout
         count = len(taken)
-        assert _typed("reset", "--connect", endpoint, "--axis", "x").returncode == 0
+        assert run_observer("reset", "--connect", endpoint, "--axis", "x").returncode == 0
         assert len(taken) == count + 1
 
 
 def test_a_strange_name_of_a_sensor_is_refused_before_anything_is_asked():
-    done = _typed("arm", "--without", "t1;id=x")
+    done = run_observer("arm", "--without", "t1;id=x")
     assert done.returncode == 2
     assert "--without: 't1;id=x' is not the name of a sensor" in done.stderr

@@ -82,6 +82,10 @@ def _discover(log: str, output: str = "out", **changes: Any) -> Callable[[Path],
     return arguments
 
 
+def _recent(*words: str) -> Callable[[Path], list[str]]:
+    return lambda folder: of_config(TABLE, "discover", *words, "-o", str(folder / "out"))(folder)
+
+
 def _without_sensors() -> str:
     """A log whose sensors never have a value."""
     return text([row if k == 0 else [row[0], "", "", *row[3:]] for k, row in enumerate(rows(800))])
@@ -170,6 +174,7 @@ LOGS = [
     Case("binary", _of_log(bytes(range(256)) * 20), ("log.csv", "encoding")),
     Case("latin-1", _of_log("time_s,µ\n".encode("latin-1")), ("log.csv", "holds no recognisable columns")),
     Case("damaged CAN recording", _of_log("nonsense\n", "log.asc"), ("log.asc",)),
+    Case("no sensor has a value", _of_log(_without_sensors()), ("log.csv: no sensor has a value in any",)),
     Case("output is a file", _to_a_file, ("out", "folder")),
     Case("output below a file", _beyond_a_file, ("file", "folder")),
 ]
@@ -202,6 +207,14 @@ OTHERS = [
         _discover(text(rows(800)), calibrate={"free": []}),
         ("nothing is free", "[calibrate] free"),
     ),
+    Case("discover: logs and recent hours", _recent("log.csv", "--recent", "8h"), ("name either logs or",)),
+    Case("discover: neither logs nor recent hours", _recent(), ("name either logs or --recent",)),
+    Case("discover: no duration", _recent("--recent", "8"), ("is not a duration",)),
+    Case("discover: nothing is recorded", _recent("--recent", "8h"), ("no record.directory",)),
+    Case("adopt: nothing", of_config(TABLE, "adopt"), ("name either the folder of results, or --status",)),
+    Case("adopt: two things", of_config(TABLE, "adopt", "found", "--undo"), ("name either the folder",)),
+    Case("adopt: no results", of_config(TABLE, "adopt", "absent"), ("holds no result.json or calibration",)),
+    Case("adopt: nothing to undo", of_config(TABLE, "adopt", "--undo"), ("nothing was adopted in its",)),
     Case("discover: output is a file", _discover_into_a_file, ("out", "folder")),
     Case("calibrate: output is a file", _calibrate_to_a_file, ("out", "folder")),
     Case(

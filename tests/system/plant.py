@@ -23,10 +23,12 @@ import zenoh
 from observer.publish.codec import decode_estimate
 from observer.publish.session import session_config
 from tests.patience import PATIENCE_S, Stopwatch, until
+from tests.publish.router import free_port
 
 ROOT = Path(__file__).parents[2]
 DEMO = ROOT / "config" / "demo.toml"
 PREFIX = "ballscrew/demo/x"
+AXIS = ("--machine", "demo", "--axis", "x")
 PERIOD_S = 0.1  # of estimator and thermocouples in these tests
 CAN_TIMEOUT_S = 0.3
 HELD_UP_S = 1.0
@@ -122,6 +124,17 @@ def write(folder: Path, table: dict[str, Any], name: str = "config.toml") -> Pat
     return path
 
 
+def run_observer(*words: str) -> subprocess.CompletedProcess[str]:
+    """Run a command of `observer` to its end."""
+    command = [sys.executable, "-m", "observer", *words]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=500, check=False)
+
+
+def ask(verb: str, endpoint: str, *more: str) -> subprocess.CompletedProcess[str]:
+    """Give the service at an endpoint a command."""
+    return run_observer(verb, *more, *AXIS, "--connect", endpoint, "--timeout-s", "30")
+
+
 class Daemon:
     """`observer run` as a process; what it says on standard error is kept in a file."""
 
@@ -211,7 +224,7 @@ class Subscriber:
     """Keeps every message of the axis in the order of arrival."""
 
     def __init__(self, endpoint: str, attempts_s: float = START_S) -> None:
-        self._endpoint = endpoint
+        self.endpoint = endpoint
         self._attempts_s = attempts_s
         self.estimates: list[dict[str, Any]] = []
         self.documents: dict[str, list[dict[str, Any]]] = {}
@@ -227,7 +240,7 @@ class Subscriber:
 
     def _attempt(self) -> zenoh.Session | None:
         try:
-            return zenoh.open(session_config("client", (self._endpoint,), ()))
+            return zenoh.open(session_config("client", (self.endpoint,), ()))
         except zenoh.ZError:
             return None  # nobody listens yet
 
@@ -290,3 +303,15 @@ def is_alive(pid: int) -> bool:
     except ProcessLookupError:
         return False
     return True
+
+
+@contextmanager
+def service(
+    folder: Path, launcher: tuple[str, ...] = ("-m", "observer"), **tables: Any
+) -> Iterator[tuple[Machine, Daemon, Subscriber]]:
+    """Run a machine, the daemon on it with these tables in its configuration, and a subscriber."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with machine() as plant:
+        table = table_for(plant.wires, listen=[endpoint]) | tables
+        with Daemon(folder, table, launcher) as daemon, Subscriber(endpoint) as seen:
+            yield plant, daemon, seen

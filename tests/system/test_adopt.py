@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +14,12 @@ import zenoh
 from observer.installation import load
 from observer.installation.adopt import sha256
 from tests.publish.router import free_port
-from tests.system.plant import PERIOD_S, PREFIX, ROOT, Daemon, Subscriber, machine, table_for, until
+from tests.system.plant import PERIOD_S, PREFIX, Daemon, Subscriber, machine, run_observer, table_for, until
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
 
 LONGEST_PAUSE_S = 5.0
 """Parts end within 1.4 s and begin within some; a busy computer takes longer than a quiet one."""
-
-
-def _observer(*words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "observer", *words]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=100, check=False)
 
 
 def _found(folder: Path, config: Path, table: dict[str, Any]) -> Path:
@@ -86,7 +79,7 @@ def test_a_service_follows_an_adoption_and_its_undoing(tmp_path):
                 (("--undo",), before_hash),
             ):
                 before = len(seen.estimates)
-                done = _observer("adopt", *words, "--config", str(config))
+                done = run_observer("adopt", *words, "--config", str(config))
                 assert done.returncode == 0, done.stderr
                 begun = until(lambda before=before: _begun_anew(seen, before), 90.0)
                 until(lambda begun=begun: len(seen.estimates) > begun + 5, 60.0)
@@ -96,37 +89,3 @@ def test_a_service_follows_an_adoption_and_its_undoing(tmp_path):
     assert "carried over into another model" in daemon.said()
     assert "cold start" not in daemon.said().replace("there is none yet", "").split("begun anew", 1)[1]
     assert PERIOD_S < LONGEST_PAUSE_S
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ([], "name either the folder of results, or --status, or --undo"),
-        (["found", "--undo"], "name either the folder of results, or --status, or --undo"),
-        (["absent"], "holds no result.json or calibration.json"),
-        (["--undo"], "nothing was adopted in its place"),
-    ],
-)
-def test_what_cannot_be_adopted_is_reported(tmp_path, command, words, said):
-    config = tmp_path / "c.toml"
-    config.write_text(tomlkit.dumps(table_for({"modbus_port": 1, "can_device": "x"})), encoding="utf-8")
-    code, _, errors = command(["adopt", *words, "--config", str(config)])
-    assert code == 2
-    assert said in errors
-    assert "Traceback" not in errors
-
-
-def test_logs_and_recent_hours_exclude_each_other(tmp_path, command):
-    config = tmp_path / "c.toml"
-    config.write_text(tomlkit.dumps(table_for({"modbus_port": 1, "can_device": "x"})), encoding="utf-8")
-    common = ("--config", str(config), "--output", str(tmp_path / "out"))
-    for words, said in (
-        ((), "name either logs or --recent"),
-        (("log.csv", "--recent", "8h"), "name either logs or --recent"),
-        (("--recent", "8"), "is not a duration"),
-        (("--recent", "8h"), "no record.directory"),
-    ):
-        code, _, errors = command(["discover", *words, *common])
-        assert code == 2, errors
-        assert said in errors
-    assert not (tmp_path / "out").exists()

@@ -6,8 +6,6 @@ as they go. The commands are the program's own.
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -18,7 +16,7 @@ from observer.fit.runs import joined
 from observer.frames import FrameBlock
 from observer.installation import Installation, load
 from tests.logs.recordings import recorded, thinned
-from tests.system.plant import ROOT
+from tests.system.plant import run_observer
 from tests.truth.machine.effects import Effect
 from tests.truth.machine.generate import Case, Run, logged, machine_of, trace
 from tests.truth.machine.logs import configuration
@@ -33,8 +31,7 @@ BEFORE, AFTER = Case("adopted"), Case("adopted", (EFFECT,))
 
 
 def _observer(*words: str) -> str:
-    command = [sys.executable, "-m", "observer", *words]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=500, check=False)
+    done = run_observer(*words)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -134,17 +134,6 @@ def test_results_of_before_survive_a_replay_that_fails(tmp_path, command):
     assert _tree(tmp_path) == before
 
 
-def test_a_log_without_a_single_value_is_rejected(tmp_path, command):
-    """Empty cells are allowed, but where no sensor has one filled nothing can be estimated."""
-    empty = [row if k == 0 else [row[0], "", "", "", ""] for k, row in enumerate(rows())]
-    (tmp_path / "log.csv").write_text(text(empty), encoding="utf-8")
-    config = write(tmp_path, TABLE)
-    code, _, errors = command(["replay", "log.csv", "--config", str(config), "--output", "out"])
-    assert code == 2
-    assert "log.csv: no sensor has a value in any row" in errors
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_quiet_log_says_what_it_cannot_determine(tmp_path, command):
     still = [row if k == 0 else [*row[:3], "0.3", "0"] for k, row in enumerate(rows(800))]
     (tmp_path / "log.csv").write_text(text(still), encoding="utf-8")

@@ -4,27 +4,19 @@ from __future__ import annotations
 
 import json
 import socket
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.system.plant import ROOT, machine, table_for, write
+from tests.system.plant import machine, run_observer, table_for, write
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
 
 def look(folder: Path, table: dict[str, Any], *more: str) -> tuple[int, str]:
     """Exit code and output of the command."""
-    done = subprocess.run(
-        [sys.executable, "-m", "observer", "check", "--wires", "--config", str(write(folder, table)), *more],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=90,
-    )
+    done = run_observer("check", "--wires", "--config", str(write(folder, table)), *more)
     assert "Traceback" not in done.stderr
     return done.returncode, done.stdout + done.stderr
 

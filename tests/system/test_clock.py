@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 
 from observer.files.logs import read_log
-from tests.publish.router import free_port
-from tests.system.plant import COMPENSATION, ROOT, Daemon, Subscriber, machine, table_for, until
+from tests.system.plant import COMPENSATION, Subscriber, ask, service, until
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(180)]
 
@@ -31,26 +28,21 @@ def _set_clock(folder: Path, ahead_s: float) -> None:
 @pytest.mark.parametrize("step_s", [HOUR_S, -HOUR_S])
 def test_a_clock_that_is_set(tmp_path, step_s):
     """Estimates go on with the new time and from where they stood; the compensation is off at once."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with machine() as plant:
-        table = table_for(plant.wires, mode="router", listen=[endpoint])
-        table["compensation"] = COMPENSATION
-        with Daemon(tmp_path, table, LAUNCHER) as daemon, Subscriber(endpoint) as seen:
-            seen.wait_until_good()
-            command = ["arm", "--connect", endpoint, "--machine", "demo", "--axis", "x"]
-            until(lambda: _observer(command) == 0, 30.0)
-            until(lambda: seen.documents["compensation"][-1]["armed"], 30.0)
-            _set_clock(tmp_path, step_s)
-            set_s = time.time()
-            until(lambda: any("clock" in r for r in seen.health()["reasons"]), 30.0)
-            seen_at = len(seen.documents["compensation"])
-            until(lambda: abs(seen.estimates[-1]["time_s"] - time.time() - step_s) < HOUR_S / 2, 60.0)
-            before = [e for e in seen.estimates if abs(e["time_s"] - set_s) < HOUR_S / 2]
-            new = len(seen.estimates)
-            until(lambda: len(seen.estimates) > new + 20, 30.0)
-            until(lambda: seen.health()["clock_offset_s"] == pytest.approx(0.0, abs=0.5), 30.0)
-            documents = list(seen.documents["compensation"])
-            assert daemon.stop() < 2.0
+    with service(tmp_path, LAUNCHER, compensation=COMPENSATION) as (_, daemon, seen):
+        seen.wait_until_good()
+        until(lambda: ask("arm", seen.endpoint).returncode == 0, 30.0)
+        until(lambda: seen.documents["compensation"][-1]["armed"], 30.0)
+        _set_clock(tmp_path, step_s)
+        set_s = time.time()
+        until(lambda: any("clock" in r for r in seen.health()["reasons"]), 30.0)
+        seen_at = len(seen.documents["compensation"])
+        until(lambda: abs(seen.estimates[-1]["time_s"] - time.time() - step_s) < HOUR_S / 2, 60.0)
+        before = [e for e in seen.estimates if abs(e["time_s"] - set_s) < HOUR_S / 2]
+        new = len(seen.estimates)
+        until(lambda: len(seen.estimates) > new + 20, 30.0)
+        until(lambda: seen.health()["clock_offset_s"] == pytest.approx(0.0, abs=0.5), 30.0)
+        documents = list(seen.documents["compensation"])
+        assert daemon.stop() < 2.0
     after = [e for e in seen.estimates if abs(e["time_s"] - set_s - step_s) < HOUR_S / 2]
     assert len(before) + len(after) == len(seen.estimates)
     # from when the step is seen until somebody arms again, no document is armed, whichever clock it carries
@@ -74,24 +66,20 @@ def test_a_clock_that_is_set(tmp_path, step_s):
 @pytest.mark.parametrize("step_s", [HOUR_S, -HOUR_S])
 def test_a_step_of_the_clock_announces_no_standing_alarm_again(tmp_path, step_s):
     """An open thermocouple is reported and acknowledged before; no folder keeps its alarm."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with machine() as plant:
-        table = table_for(plant.wires, mode="router", listen=[endpoint])
-        with Daemon(tmp_path, table, LAUNCHER) as daemon, Subscriber(endpoint) as seen:
-            seen.wait_until_good()
-            plant.fault(open="t3_degC")
-            until(lambda: PLUG in _alarms(seen), 60.0)
-            command = ["acknowledge", "--connect", endpoint, "--machine", "demo", "--axis", "x"]
-            until(lambda: _observer(command) == 0, 30.0)
-            until(lambda: _alarms(seen)[PLUG]["state"] == "acknowledged", 30.0)
-            first = seen.documents["alarms"][-1]["instance"]
-            _set_clock(tmp_path, step_s)
-            until(lambda: seen.documents["alarms"][-1]["instance"] != first, 60.0)
-            new = len(seen.documents["alarms"])
-            until(lambda: len(seen.documents["alarms"]) > new + 1, 60.0)
-            after = seen.documents["alarms"][new:]
-            assert daemon.stop() < 2.0
-        announced = [json.loads(line) for line in daemon.said().splitlines() if '"alarm"' in line]
+    with service(tmp_path, LAUNCHER) as (plant, daemon, seen):
+        seen.wait_until_good()
+        plant.fault(open="t3_degC")
+        until(lambda: PLUG in _alarms(seen), 60.0)
+        until(lambda: ask("acknowledge", seen.endpoint).returncode == 0, 30.0)
+        until(lambda: _alarms(seen)[PLUG]["state"] == "acknowledged", 30.0)
+        first = seen.documents["alarms"][-1]["instance"]
+        _set_clock(tmp_path, step_s)
+        until(lambda: seen.documents["alarms"][-1]["instance"] != first, 60.0)
+        new = len(seen.documents["alarms"])
+        until(lambda: len(seen.documents["alarms"]) > new + 1, 60.0)
+        after = seen.documents["alarms"][new:]
+        assert daemon.stop() < 2.0
+    announced = [json.loads(line) for line in daemon.said().splitlines() if '"alarm"' in line]
     for document in after:
         alarms = {alarm["id"]: alarm for alarm in document["alarms"]}
         assert alarms[PLUG]["state"] == "acknowledged"
@@ -109,21 +97,13 @@ def _alarms(seen: Subscriber) -> dict[str, dict]:
 
 def test_a_clock_that_is_wrong_at_boot(tmp_path):
     """A computer without a battery starts in 1970; the time comes from the network some seconds later."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
     _set_clock(tmp_path, -time.time())
-    with machine() as plant:
-        table = table_for(plant.wires, mode="router", listen=[endpoint])
-        with Daemon(tmp_path, table, LAUNCHER) as daemon, Subscriber(endpoint) as seen:
-            until(lambda: any(e["quality"] == "good" for e in seen.estimates), 90.0)
-            assert seen.estimates[-1]["time_s"] < 1e6
-            _set_clock(tmp_path, 0.0)
-            until(lambda: abs(seen.estimates[-1]["time_s"] - time.time()) < 10.0, 60.0)
-            seen.wait_until_good(60.0)
-            assert daemon.stop() < 2.0
-        said = [json.loads(line) for line in daemon.said().splitlines()]
+    with service(tmp_path, LAUNCHER) as (_, daemon, seen):
+        until(lambda: any(e["quality"] == "good" for e in seen.estimates), 90.0)
+        assert seen.estimates[-1]["time_s"] < 1e6
+        _set_clock(tmp_path, 0.0)
+        until(lambda: abs(seen.estimates[-1]["time_s"] - time.time()) < 10.0, 60.0)
+        seen.wait_until_good(60.0)
+        assert daemon.stop() < 2.0
+    said = [json.loads(line) for line in daemon.said().splitlines()]
     assert any("clock was set" in str(line.get("reason")) for line in said)
-
-
-def _observer(command: list[str]) -> int:
-    done = subprocess.run([sys.executable, "-m", "observer", *command], cwd=ROOT, capture_output=True)
-    return done.returncode

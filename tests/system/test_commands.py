@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import random
-import subprocess
-import sys
 import threading
 
 import pytest
@@ -18,12 +16,15 @@ from tests.patience import PATIENCE_S
 from tests.publish.people import published
 from tests.publish.router import free_port
 from tests.system.plant import (
+    AXIS,
     COMPENSATION,
-    ROOT,
     START_S,
     Daemon,
     Subscriber,
+    ask,
     machine,
+    run_observer,
+    service,
     table_for,
     until,
     write,
@@ -32,44 +33,30 @@ from tests.system.terminal import Terminal
 from tests.system.test_recording import _assert_same, _replay, _rows
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
-NAMES = ("--machine", "demo", "--axis", "x")
-
-
-def _observer(*words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "observer", *words]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=100)
 
 
 @pytest.mark.slow
 def test_reset_and_disarm_are_done_recorded_and_replayed_to_the_last_bit(tmp_path):
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-
-    def give(kind, *more):
-        return _observer(kind, *NAMES, "--connect", endpoint, "--timeout-s", "20", *more)
-
-    with machine() as plant:
-        table = table_for(plant.wires, mode="router", listen=[endpoint])
-        table["compensation"] = COMPENSATION
-        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
-            seen.wait_until_good()
-            for kind, text in (("arm", "armed"), ("reset", "the estimator restarts")):
-                done = give(kind)
-                assert done.returncode == 0, done.stdout + done.stderr
-                assert json.loads(done.stdout)["text"] == text
-            until(lambda: seen.documents["compensation"][-1]["armed"] is False, 20)
-            assert "has reset the estimator" in seen.documents["compensation"][-1]["reason"]
-            seen.wait_until_good()
-            assert give("disarm").returncode == 0
-            wrong = give("reset", "--config-hash", "0123456789abcdef")
-            assert wrong.returncode == 1
-            assert "not in force" in wrong.stdout
-            count = len(seen.estimates)
-            until(lambda: len(seen.estimates) > count + 30, 60)
-            instances = {m["instance"] for d in seen.documents.values() for m in d}
-            assert instances == {e["instance"] for e in seen.estimates}
-            assert len(instances) == 1
-            daemon.stop()
-            live = list(seen.estimates)
+    with service(tmp_path, compensation=COMPENSATION) as (_, daemon, seen):
+        seen.wait_until_good()
+        for kind, text in (("arm", "armed"), ("reset", "the estimator restarts")):
+            done = ask(kind, seen.endpoint)
+            assert done.returncode == 0, done.stdout + done.stderr
+            assert json.loads(done.stdout)["text"] == text
+        until(lambda: seen.documents["compensation"][-1]["armed"] is False, 20)
+        assert "has reset the estimator" in seen.documents["compensation"][-1]["reason"]
+        seen.wait_until_good()
+        assert ask("disarm", seen.endpoint).returncode == 0
+        wrong = ask("reset", seen.endpoint, "--config-hash", "0123456789abcdef")
+        assert wrong.returncode == 1
+        assert "not in force" in wrong.stdout
+        count = len(seen.estimates)
+        until(lambda: len(seen.estimates) > count + 30, 60)
+        instances = {m["instance"] for d in seen.documents.values() for m in d}
+        assert instances == {e["instance"] for e in seen.estimates}
+        assert len(instances) == 1
+        daemon.stop()
+        live = list(seen.estimates)
     said = [json.loads(line) for line in daemon.said().splitlines() if '"event": "command"' in line]
     assert [(s["command"], s["done"]) for s in said] == [
         ("arm", True), ("reset", True), ("disarm", True), ("reset", False)
@@ -84,19 +71,16 @@ def test_reset_and_disarm_are_done_recorded_and_replayed_to_the_last_bit(tmp_pat
 
 
 def test_a_second_service_of_the_same_name_does_not_start(tmp_path):
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with machine() as plant:
-        table = table_for(plant.wires, mode="router", listen=[endpoint])
-        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
-            seen.wait_until_good()
-            for mode in ("client", "peer"):
-                second = table_for(plant.wires, mode=mode, connect=[endpoint])
-                config = write(tmp_path, second, f"{mode}.toml")
-                done = _observer("run", "--config", str(config), "--seconds", "60")
-                assert done.returncode == 2, done.stderr
-                assert "observer: another service runs as ballscrew/demo/x; end it" in done.stderr
-                assert "Traceback" not in done.stderr
-            daemon.stop()
+    with service(tmp_path) as (plant, daemon, seen):
+        seen.wait_until_good()
+        for mode in ("client", "peer"):
+            second = table_for(plant.wires, mode=mode, connect=[seen.endpoint])
+            config = write(tmp_path, second, f"{mode}.toml")
+            done = run_observer("run", "--config", str(config), "--seconds", "60")
+            assert done.returncode == 2, done.stderr
+            assert "observer: another service runs as ballscrew/demo/x; end it" in done.stderr
+            assert "Traceback" not in done.stderr
+        daemon.stop()
 
 
 @pytest.mark.parametrize("kind", ["arm", "disarm", "reset"])
@@ -107,7 +91,7 @@ def test_a_second_service_of_the_same_name_does_not_start(tmp_path):
         (("--machine", "a/b", "--axis", "x"), "--machine: 'a/b' is not a valid name"),
         (("--machine", "a", "--axis", "x?config=1"), "is not a valid name"),
         (
-            (*NAMES, "--client", "/nowhere.toml"),
+            (*AXIS, "--client", "/nowhere.toml"),
             "/nowhere.toml: no such file; give the path of a client's file",
         ),
     ],
@@ -121,7 +105,7 @@ def test_a_command_names_one_axis(kind, words, sentence, command):
 
 def test_a_command_that_nobody_answers_says_so():
     for kind in ("arm", "health"):
-        done = _observer(kind, *NAMES, "--connect", f"tcp/127.0.0.1:{free_port()}", "--timeout-s", "0.5")
+        done = run_observer(kind, *AXIS, "--connect", f"tcp/127.0.0.1:{free_port()}", "--timeout-s", "0.5")
         assert done.returncode == 1
         assert "no service answers at" in done.stdout
         assert done.stderr == ""
@@ -131,7 +115,7 @@ def test_health_is_bad_while_no_sensor_has_ever_been_heard_and_good_once_one_is(
     endpoint = f"tcp/127.0.0.1:{free_port()}"
 
     def health():
-        done = _observer("health", "--json", "--connect", endpoint, "--timeout-s", "20")
+        done = run_observer("health", "--json", "--connect", endpoint, "--timeout-s", "20")
         return (done.returncode, json.loads(done.stdout)) if done.stdout.startswith("{") else None
 
     with machine() as plant:
@@ -155,12 +139,14 @@ def test_health_is_for_people_with_colour_only_in_a_terminal_and_one_line_of_jso
     with published() as (made, endpoint):
         made.document("health", report)
         words = ("health", "--json", "--connect", endpoint)
-        piped = until(lambda: (done := _observer(*words)).returncode == 0 and done)
+        piped = until(lambda: (done := run_observer(*words)).returncode == 0 and done)
         assert json.loads(piped.stdout) == report | {"sequence": None, "sensors_used": 0, "sensors": 2}
         assert piped.stdout.count("\n") == 1
         alarm = {"id": "heat_high.nut", "severity": "minor", "state": "active", "remedy": "look at the nut"}
         made.document("alarms", {"alarms": [alarm]})
-        plain = until(lambda: "minor" in (done := _observer("health", "--connect", endpoint)).stdout and done)
+        plain = until(
+            lambda: "minor" in (done := run_observer("health", "--connect", endpoint)).stdout and done
+        )
         assert "\x1b" not in plain.stdout
         assert "  to do: look at the nut" in plain.stdout
         with Terminal("-m", "observer", "health", "--connect", endpoint) as terminal:
@@ -176,7 +162,7 @@ def test_watch_says_which_axis_answers_where_the_one_asked_for_does_not():
     with published() as (_, endpoint):
         words = ("watch", "--connect", endpoint, "--machine", "lathe-8", "--seconds")
         instead = "answers lathe-7/z, not lathe-8/*"
-        done = _observer(*words, "1")
+        done = run_observer(*words, "1")
         assert (done.returncode, done.stdout) == (2, "")
         assert done.stderr == f"observer: at {endpoint} {instead}; name it with --machine and --axis\n"
         with Terminal("-m", "observer", *words, "60") as terminal:
@@ -203,23 +189,10 @@ def test_watch_shows_whatever_a_hostile_publisher_sends():
         thread = threading.Thread(target=attack)
         thread.start()
         try:
-            done = _observer("watch", "--connect", endpoint, "--seconds", "4")
+            done = run_observer("watch", "--connect", endpoint, "--seconds", "4")
         finally:
             ended.set()
             thread.join()
     assert done.returncode in (0, 2)  # 2: nothing but rubbish was heard last
     assert "Traceback" not in done.stderr
     assert "\x1b" not in done.stdout
-
-
-def test_a_password_file_that_others_can_read_is_rejected_at_the_start(tmp_path, command):
-    users = tmp_path / "users"
-    users.write_text("anna:see\n")
-    users.chmod(0o644)
-    wires = {"modbus_port": 9, "can_device": "/dev/null"}
-    listen = [f"tcp/127.0.0.1:{free_port()}"]
-    table = table_for(wires, listen=listen, login={"users_file": str(users)})
-    code, _, errors = command(["run", "--config", str(write(tmp_path, table)), "--seconds", "1"])
-    assert code == 2
-    assert f"publish.login.users_file: {users} can be read by others (mode 0644); run chmod 600" in errors
-    assert "Traceback" not in errors

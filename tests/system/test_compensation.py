@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 
 import httpx
 import numpy as np
@@ -13,61 +11,60 @@ import pytest
 
 from tests.patience import PATIENCE_S, Stopwatch
 from tests.publish.router import free_port
-from tests.system.plant import COMPENSATION, ROOT, Daemon, Subscriber, machine, table_for, until
+from tests.system.plant import (
+    COMPENSATION,
+    Daemon,
+    Subscriber,
+    ask,
+    machine,
+    run_observer,
+    service,
+    table_for,
+    until,
+)
 
 pytestmark = pytest.mark.system
 
 
-def _arm(endpoint: str, *names: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "observer", "arm", "--connect", endpoint, *names]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S)
-
-
 def test_a_fault_switches_a_compensation_off_until_somebody_arms_it_again(tmp_path):
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    demo = ("--machine", "demo", "--axis", "x")
-    with machine() as plant:
-        table = table_for(plant.wires, mode="router", listen=[endpoint])
-        table["compensation"] = COMPENSATION
-        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
-            heard.wait_until_good()
+    with service(tmp_path, compensation=COMPENSATION) as (plant, daemon, heard):
+        heard.wait_until_good()
 
-            def newest():
-                return (heard.documents.get("compensation") or [{}])[-1]
+        def newest():
+            return (heard.documents.get("compensation") or [{}])[-1]
 
-            until(lambda: newest().get("armed") is False)
-            assert newest()["reason"] == "not armed yet"
-            assert newest()["error_um"] is None
-            done = _arm(endpoint, *demo)
-            assert done.returncode == 0, done.stdout + done.stderr
-            assert json.loads(done.stdout)["done"] is True
-            assert json.loads(done.stdout)["instance"] == newest()["instance"]
-            until(lambda: newest()["armed"] and newest()["error_um"])
+        until(lambda: newest().get("armed") is False)
+        assert newest()["reason"] == "not armed yet"
+        assert newest()["error_um"] is None
+        done = ask("arm", heard.endpoint)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert json.loads(done.stdout)["done"] is True
+        assert json.loads(done.stdout)["instance"] == newest()["instance"]
+        until(lambda: newest()["armed"] and newest()["error_um"])
 
-            watch = Stopwatch(plant.pid, daemon.process.pid)
-            plant.fault(open=["t1_degC"])
-            assert watch.until(lambda: not newest()["armed"]) < 5.0
-            assert "arm again" in newest()["reason"]
-            until(lambda: newest()["offset_um"] is None)  # at its rate
-            refused = _arm(endpoint, *demo)
-            assert refused.returncode == 1
-            assert json.loads(refused.stdout)["done"] is False
-            assert "cannot be armed" in json.loads(refused.stdout)["text"]
+        watch = Stopwatch(plant.pid, daemon.process.pid)
+        plant.fault(open=["t1_degC"])
+        assert watch.until(lambda: not newest()["armed"]) < 5.0
+        assert "arm again" in newest()["reason"]
+        until(lambda: newest()["offset_um"] is None)  # at its rate
+        refused = ask("arm", heard.endpoint)
+        assert refused.returncode == 1
+        assert json.loads(refused.stdout)["done"] is False
+        assert "cannot be armed" in json.loads(refused.stdout)["text"]
 
-            plant.fault()
-            heard.wait_until_good()
-            seen = len(heard.documents["compensation"])
-            until(lambda: len(heard.documents["compensation"]) > seen + 5)
-            assert not any(d["armed"] for d in heard.documents["compensation"][seen:])
-            # on a busy computer a position may be late just now: then the refusal is right
-            until(lambda: _arm(endpoint, *demo).returncode == 0)
-            daemon.stop()
+        plant.fault()
+        heard.wait_until_good()
+        seen = len(heard.documents["compensation"])
+        until(lambda: len(heard.documents["compensation"]) > seen + 5)
+        assert not any(d["armed"] for d in heard.documents["compensation"][seen:])
+        # on a busy computer a position may be late just now: then the refusal is right
+        until(lambda: ask("arm", heard.endpoint).returncode == 0)
+        daemon.stop()
 
 
 def _outlets(endpoint: str, metrics: int, heard: Subscriber) -> dict[str, str]:
     """What people and programs see of the alarms: the health command, metrics, and the alarms' message."""
-    command = [sys.executable, "-m", "observer", "health", "--connect", endpoint]
-    health = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S)
+    health = run_observer("health", "--connect", endpoint)
     page = httpx.get(f"http://127.0.0.1:{metrics}/metrics", timeout=PATIENCE_S).text
     alarms = heard.documents["alarms"][-1]["alarms"]
     return {"health": health.stdout, "metrics": page, "alarms": json.dumps(alarms)}
@@ -81,7 +78,7 @@ def test_a_late_position_is_held_and_a_lost_one_is_an_alarm_at_every_outlet(tmp_
         table["metrics"] = {"listen": f"127.0.0.1:{metrics}"}
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
             heard.wait_until_good()
-            done = _arm(endpoint)  # one service answers: no names are needed
+            done = run_observer("arm", "--connect", endpoint)  # one service answers: no names are needed
             assert done.returncode == 0, done.stdout + done.stderr
             until(lambda: heard.documents["compensation"][-1]["armed"])
 
@@ -121,14 +118,14 @@ def test_a_late_position_is_held_and_a_lost_one_is_an_alarm_at_every_outlet(tmp_
             heard.wait_until_good()
             [checkpoint] = tmp_path.rglob("*.checkpoint")
             written_ns = checkpoint.stat().st_mtime_ns
-            assert _arm(endpoint).returncode == 0
+            assert ask("arm", endpoint).returncode == 0
             until(lambda: checkpoint.stat().st_mtime_ns > written_ns)  # it is written after the next step
             daemon.process.kill()
             daemon.process.wait(PATIENCE_S)
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
             until(lambda: "the service ended or began anew" in str(heard.documents.get("alarms", "")))
             heard.wait_until_good()
-            assert _arm(endpoint).returncode == 0
+            assert ask("arm", endpoint).returncode == 0
             daemon.stop()
             until(lambda: ": the service ended; arm again" in str(heard.documents["alarms"][-1]))
             assert not heard.documents["compensation"][-1]["armed"]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ import pytest
 from tests.control.a_control import simulated_control
 from tests.patience import PATIENCE_S, Stopwatch, until
 from tests.publish.router import free_port
-from tests.system.plant import COMPENSATION, ROOT, Daemon, Subscriber, machine, table_for
+from tests.system.plant import COMPENSATION, Daemon, Subscriber, ask, machine, service, table_for
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 FOLLOWING, LET_GO = 1, 0
@@ -33,12 +31,6 @@ CASES = {
     "exchanged": ({"exchanged": ["t1_degC", "t2_degC"]}, "t1, t2 are exchanged()", None),
     "homed anew": ({"homed_off_m": 0.05}, r"nut_position_m has jumped by (\S+) m", (0.05, 0.02)),
 }
-
-
-def _arm(endpoint: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "observer", "arm", "--connect", endpoint]
-    command += ["--machine", "demo", "--axis", "x"]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
 
 def _wait_until_judged(heard: Subscriber) -> None:
@@ -83,7 +75,7 @@ def test_a_control_is_released_when_values_are_wrong(tmp_path, case):
         table["compensation"] = COMPENSATION | {
             "rate_limit_um_s": 500.0,
             "gradient_limit_um_m": 1000.0,
-            "control": {"kind": "modbus", "host": "127.0.0.1", "port": control.port},
+            "control": control.settings,
         }
         with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
 
@@ -92,7 +84,7 @@ def test_a_control_is_released_when_values_are_wrong(tmp_path, case):
 
             heard.wait_until_good()
             _wait_until_judged(heard)
-            done = _arm(endpoint)
+            done = ask("arm", endpoint)
             assert done.returncode == 0, done.stdout + done.stderr
             until(lambda: control.status()["state"] == FOLLOWING and control.largest_um > 20.0)
             until(lambda: newest()["armed"] and not newest()["limited"])
@@ -113,25 +105,23 @@ def test_a_control_is_released_when_values_are_wrong(tmp_path, case):
                     off_um = np.abs(np.subtract(document["error_um"], before["error_um"]))
                     assert (off_um <= (document["bound_um"] or 0.0)).all()  # held values do not move
             until(lambda: control.largest_um == 0.0)
-            assert _arm(endpoint).returncode == 1  # as long as the fault is new, it cannot be armed
+            assert ask("arm", endpoint).returncode == 1  # as long as the fault is new, it cannot be armed
             daemon.stop()
 
 
 def test_a_bound_beyond_the_limit_is_reported_and_nothing_is_written(tmp_path):
     """Heats that may be anything are good long before a sensor's fault could not hide in them."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with machine() as plant, simulated_control() as control:
-        table = table_for(plant.wires, mode="router", listen=[endpoint])
-        table["compensation"] = COMPENSATION | {
-            "limit_um": 60.0, "control": {"kind": "modbus", "host": "127.0.0.1", "port": control.port}
-        }  # fmt: skip
-        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as heard:
-            heard.wait_until_good()
-            refused = _arm(endpoint)
-            assert refused.returncode == 1
-            answer = json.loads(refused.stdout)["text"]
-            assert answer.startswith("not armed: a faulty sensor could hide ")
-            assert "µm, allowed are 60 µm (add a sensor, or raise compensation.limit_um)" in answer
-            assert not heard.documents["compensation"][-1]["armed"]
-            assert control.status()["writes"] == 0
-            daemon.stop()
+    limited = COMPENSATION | {"limit_um": 60.0}
+    with (
+        simulated_control() as control,
+        service(tmp_path, compensation=limited | {"control": control.settings}) as (_, daemon, heard),
+    ):
+        heard.wait_until_good()
+        refused = ask("arm", heard.endpoint)
+        assert refused.returncode == 1
+        answer = json.loads(refused.stdout)["text"]
+        assert answer.startswith("not armed: a faulty sensor could hide ")
+        assert "µm, allowed are 60 µm (add a sensor, or raise compensation.limit_um)" in answer
+        assert not heard.documents["compensation"][-1]["armed"]
+        assert control.status()["writes"] == 0
+        daemon.stop()

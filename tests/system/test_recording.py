@@ -5,15 +5,13 @@ from __future__ import annotations
 import csv
 import json
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.publish.router import free_port
-from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for
+from tests.system.plant import run_observer, service
 
 pytestmark = pytest.mark.system
 
@@ -28,9 +26,7 @@ def _run_replay(
     recording: Path, config: Path, output: Path, *options: str
 ) -> subprocess.CompletedProcess[str]:
     command = ["replay", str(recording), "--config", str(config), "--output", str(output), *options]
-    return subprocess.run(
-        [sys.executable, "-m", "observer", *command], cwd=ROOT, capture_output=True, text=True
-    )
+    return run_observer(*command)
 
 
 def _rows(output: Path) -> dict[float, dict[str, str]]:
@@ -88,21 +84,18 @@ def assert_replay_is_live(
 
 
 def test_the_replay_of_a_modbus_and_can_recording_is_the_live_run(tmp_path):
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with machine() as plant:
-        table = table_for(plant.wires, mode="router", listen=[endpoint])
-        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
-            seen.wait_until_good()
-            seen.wait_for_more(30)
-            plant.fault(open="t3_degC")
-            seen.wait_for_more(15)
-            plant.fault(silence_can=True)
-            seen.wait_for_more(10)
-            plant.fault()
-            seen.wait_until_good()
-            seen.wait_for_more(30)
-            assert daemon.stop() < 2.0
-            live = list(seen.estimates)
+    with service(tmp_path) as (plant, daemon, seen):
+        seen.wait_until_good()
+        seen.wait_for_more(30)
+        plant.fault(open="t3_degC")
+        seen.wait_for_more(15)
+        plant.fault(silence_can=True)
+        seen.wait_for_more(10)
+        plant.fault()
+        seen.wait_until_good()
+        seen.wait_for_more(30)
+        assert daemon.stop() < 2.0
+        live = list(seen.estimates)
     daemon.assert_no_tick_is_missing()
     # every fault was in it, and more than 8 s of estimates
     assert {q for e in live for q in e["sensor_quality"]} >= {"good", "rejected"}

@@ -12,7 +12,7 @@ import pytest
 
 from tests.patience import until
 from tests.publish.router import free_port
-from tests.system.plant import START_S, Daemon, Subscriber, children_of, machine, table_for
+from tests.system.plant import START_S, Daemon, Subscriber, children_of, machine, service, table_for
 from tests.system.test_start import heard, service_manager
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
@@ -104,31 +104,32 @@ def test_a_reload_keeps_process_estimates_and_recording_and_ends_the_children(tm
 
 
 def test_a_wrong_configuration_changes_nothing_and_a_repaired_one_is_taken(tmp_path):
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with machine() as plant:
-        table = table_for(plant.wires, mode="router", listen=[endpoint])
-        with Daemon(tmp_path, table) as daemon, Subscriber(endpoint) as seen:
-            seen.wait_until_good()
-            text = daemon.config.read_text(encoding="utf-8")
-            instance = seen.estimates[-1]["instance"]
-            for wrong, words in (("[screw", "not valid TOML"), ("x = 1\n" + text, "unknown key")):
-                daemon.config.write_text(wrong, encoding="utf-8")
-                os.kill(daemon.process.pid, signal.SIGHUP)
-                until(lambda words=words: any(words in r for r in seen.health()["reasons"]), START_S)
-            assert seen.estimates[-1]["instance"] == instance
-            daemon.config.write_text(text, encoding="utf-8")
-            begun = _reload(daemon, seen)
-            _assert_warm(seen.estimates[begun - 1], seen.estimates[begun])
-            until(lambda: not any("rejected" in r for r in seen.health()["reasons"]), START_S)
+    with service(tmp_path) as (_, daemon, seen):
+        seen.wait_until_good()
+        text = daemon.config.read_text(encoding="utf-8")
+        instance = seen.estimates[-1]["instance"]
+        for wrong, words in (
+            ("[screw", "not valid TOML"),
+            ("x = 1\n" + text, "unknown key"),
+            (text.replace("[estimator]", "[estimator]\ngate_sigma = -1.0"), "estimator.gate_sigma"),
+        ):
+            daemon.config.write_text(wrong, encoding="utf-8")
+            os.kill(daemon.process.pid, signal.SIGHUP)
+            until(lambda words=words: any(words in r for r in seen.health()["reasons"]), START_S)
+        assert seen.estimates[-1]["instance"] == instance
+        daemon.config.write_text(text, encoding="utf-8")
+        begun = _reload(daemon, seen)
+        _assert_warm(seen.estimates[begun - 1], seen.estimates[begun])
+        until(lambda: not any("rejected" in r for r in seen.health()["reasons"]), START_S)
 
-            # one that is spoilt while the process restarts neither ends the service nor goes unnoticed
-            before = seen.health()["restart"]
-            os.kill(daemon.process.pid, signal.SIGHUP)
-            until(lambda: seen.health()["restart"] != before, START_S)
-            daemon.config.write_text("[screw", encoding="utf-8")
-            os.kill(daemon.process.pid, signal.SIGHUP)
-            instance = seen.estimates[-1]["instance"]
-            until(lambda: seen.estimates[-1]["instance"] != instance, START_S)
-            until(lambda: any("not valid TOML" in r for r in seen.health()["reasons"]), START_S)
-            assert daemon.process.poll() is None
-            assert daemon.stop() < 2.0
+        # one that is spoilt while the process restarts neither ends the service nor goes unnoticed
+        before = seen.health()["restart"]
+        os.kill(daemon.process.pid, signal.SIGHUP)
+        until(lambda: seen.health()["restart"] != before, START_S)
+        daemon.config.write_text("[screw", encoding="utf-8")
+        os.kill(daemon.process.pid, signal.SIGHUP)
+        instance = seen.estimates[-1]["instance"]
+        until(lambda: seen.estimates[-1]["instance"] != instance, START_S)
+        until(lambda: any("not valid TOML" in r for r in seen.health()["reasons"]), START_S)
+        assert daemon.process.poll() is None
+        assert daemon.stop() < 2.0

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
 from observer.files.logs import read_log
 from tests.control.a_control import simulated_control
-from tests.patience import PATIENCE_S, until
+from tests.patience import until
 from tests.publish.router import free_port
-from tests.system.plant import COMPENSATION, ROOT, Daemon, Subscriber, machine, table_for
+from tests.system.plant import COMPENSATION, Daemon, Subscriber, ask, machine, table_for
 
 pytestmark = pytest.mark.system
 AT_M = 0.5
@@ -24,11 +22,7 @@ def test_the_control_gets_the_error_since_the_zero_before_and_after_a_restart(tm
     endpoint = f"tcp/127.0.0.1:{free_port()}"
 
     def give(kind):
-        command = [sys.executable, "-m", "observer", kind, "--connect", endpoint]
-        command += ["--machine", "demo", "--axis", "x", "--timeout-s", "20"]
-        done = subprocess.run(
-            command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE_S, check=False
-        )
+        done = ask(kind, endpoint)
         assert done.returncode == 0, done.stdout + done.stderr
         return json.loads(done.stdout)["text"]
 
@@ -36,7 +30,7 @@ def test_the_control_gets_the_error_since_the_zero_before_and_after_a_restart(tm
         table = table_for(plant.wires, mode="router", listen=[endpoint])
         table["compensation"] = COMPENSATION | {
             "rate_limit_um_s": 1000.0, "gradient_limit_um_m": 1000.0, "zero_at_m": AT_M,
-            "control": {"kind": "modbus", "host": "127.0.0.1", "port": control.port},
+            "control": control.settings,
         }  # fmt: skip
 
         def newest():
