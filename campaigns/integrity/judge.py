@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from campaigns.first_day.judge import runs
 from campaigns.integrity.catalogue import HOUSINGS, NEW_PROGRAM, NONE
 from campaigns.integrity.days import FAULT_S, FIRST_SEED, day_of
 from campaigns.integrity.faults import Fault, Readings
@@ -101,7 +102,7 @@ def verdict(block: EstimateBlock, day: Day, fault: Fault) -> Verdict:
         field=_over(ratio["field"][good]),
         error=_over(ratio["error"][good]),
         beyond=None if beyond is None else int(beyond.sum()),
-        excursions=None if beyond is None else _begun(beyond),
+        excursions=None if beyond is None else runs(beyond),
         sigmas=float(worst[good].max(initial=0.0)),
         worst_um=float(np.abs(off["error"][0])[good].max(initial=0.0)),
         bad_s=bad_s,
@@ -135,11 +136,6 @@ def _beyond(
         if (bound := bounds[name]) is not None
     ]
     return np.asarray(np.any(found, axis=0) & good) if found else None
-
-
-def _begun(beyond: BoolArray) -> int:
-    """Return how many runs of consecutive steps there are."""
-    return int(beyond[0]) + int((beyond[1:] & ~beyond[:-1]).sum())
 
 
 def _mean(value: FloatArray) -> float:

@@ -1,32 +1,8 @@
-"""The trial of calibrations: its faults, and what it counts as worse."""
+"""The trial of calibrations: what it counts as worse."""
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
-
-from campaigns.first_day.calibration import FAULTS, MOST_WORSE, summary, with_fault
-
-TIME_s = np.arange(0.0, 2400.0, 0.5)
-LOG = {
-    "time_s": TIME_s,
-    "nut_body_degC": 22.0 + TIME_s / 400.0,
-    "ambient_degC": np.full(len(TIME_s), 22.0),
-    "nut_position_m": np.full(len(TIME_s), 0.3),
-}
-
-
-@pytest.mark.parametrize(
-    ("fault", "column"),
-    [("position", "nut_position_m"), ("stuck", "nut_body_degC"), ("loose", "nut_body_degC")],
-)
-def test_a_fault_begins_late_and_is_in_one_column(fault: str, column: str) -> None:
-    faulty = with_fault(fault, LOG)
-    changed = {name for name in LOG if not np.array_equal(faulty[name], LOG[name])}
-    assert changed == {column}
-    first = int(np.flatnonzero(faulty[column] != LOG[column])[0])
-    assert TIME_s[first] >= 0.4 * TIME_s[-1]
-    assert LOG["nut_body_degC"][-1] == 22.0 + TIME_s[-1] / 400.0
+from campaigns.first_day.calibration import FAULTS, MOST_WORSE, summary
 
 
 def test_only_what_was_written_and_is_clearly_worse_counts() -> None:

@@ -6,13 +6,12 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pyarrow
 import pytest
 
 import observer
 from campaigns.first_day.configuration import write_configuration
-from campaigns.first_day.judge import error_quality, row_of, runs, write_machine
+from campaigns.first_day.judge import error_quality, row_of, write_machine
 from campaigns.first_day.promise import DEVELOPMENT, JUDGED, PROMISES, bound_width, share, wideness, worst
 from campaigns.first_day.report import promises_table
 from tests.truth.first_day.machine import draw_machine
@@ -60,10 +59,6 @@ def test_an_error_is_judged_by_its_own_quality_where_it_has_one(
     estimates = observer.load(tmp_path / "config.toml").replay(tmp_path / "log.csv.gz")
     table = pyarrow.table({"time_s": [0.0], "quality": ["starting"], **more})
     assert list(error_quality(replace(estimates, _table=table))) == [expected]
-
-
-def test_runs_are_counted_once_each() -> None:
-    assert runs(np.array([True, True, False, True, False])) == 2
 
 
 def test_judged_machines_are_none_of_those_for_development() -> None:

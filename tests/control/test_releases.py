@@ -95,15 +95,3 @@ def test_a_value_that_jumps_is_noticed(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("observer.control.compensation._most_um", lambda *_: 1e3)
     with pytest.raises(AssertionError):
         axis.step(StepInput(error_um=40.0))
-
-
-def test_a_campaign_of_drawn_faults_is_the_same_again(tmp_path) -> None:
-    from campaigns.releases.__main__ import campaign
-
-    tallies = []
-    for name in ("one", "two"):
-        (tmp_path / name).mkdir()
-        axis, drawn, released = campaign(5, 12, tmp_path / name)
-        assert axis.tally.alarms == axis.tally.releases
-        tallies.append((drawn, released, axis.tally))
-    assert tallies[0] == tallies[1]

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rich.console import Console
 
 from campaigns.discovery import __main__ as command
 from campaigns.discovery import trial
@@ -22,7 +20,7 @@ from campaigns.discovery.summary import (
     parameter_lines,
     summary,
 )
-from campaigns.resumable import append_rows, go_on, with_tables
+from campaigns.resumable import with_tables
 from observer.discovery import localise
 from observer.effects.catalogue import KINDS
 from tests.truth.machine.effects import LIBRARY, Effect
@@ -181,43 +179,6 @@ def test_unknowns_are_judged_by_place_and_phase() -> None:
     elsewhere = trial.judged(outside, result("unknown", where=[where | {"phase": "dwell"}]), SHOWS, 8.0)
     assert (there.localised, elsewhere.localised) == ("1", "0")
     assert trial.judged(outside, result("none"), SHOWS, 8.0).localised == ""
-
-
-def test_a_search_sees_logs_and_a_failure_is_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The search finds no answer to its own case; what it raises is noted in the table."""
-    seen: list[str] = []
-
-    def search(entry: Entry, folder: Path) -> tuple[dict[str, Any], float]:
-        seen.extend(p.name for p in tmp_path.rglob("*.json"))
-        if entry.case.seed == 1001:
-            raise RuntimeError("no\nluck")
-        return result("none"), 1.5
-
-    monkeypatch.setattr(trial, "search", search)
-    monkeypatch.setattr(trial, "showing_of", lambda case: SHOWS)
-    table, answers = tmp_path / "results.csv", tmp_path / "answers"
-    for seed in (1000, 1001):
-        row = trial.try_entry(Entry("null", "null", Case("null", (), seed)), answers)
-        append_rows(table, [asdict(row)])
-        assert (answers / f"null.null.{seed}.json").exists()
-    assert seen == ["null.null.1000.json"]  # of the case before, none of its own
-    first, second = command.latest(table)
-    assert (first["outcome"], first["good"], first["search_s"]) == ("none", "1", "1.5")
-    assert (second["outcome"], second["good"], second["reason"]) == ("failed", "0", "RuntimeError: no luck")
-    console = Console(file=io.StringIO())
-    go_on([], lambda _entry: [], table, console, 1)
-    assert len(command.latest(table)) == 2
-    again = trial.judged(Entry("null", "null", Case("null", (), 1001)), result("none"), SHOWS, 2.0)
-    append_rows(table, [asdict(again)])
-    assert [row["outcome"] for row in command.latest(table)] == ["none", "none"]
-
-
-def test_tables_go_between_their_marks() -> None:
-    page = "# Page\n\n<!-- campaign -->\n\nold\n\n<!-- end of campaign -->\n\nMore.\n"
-    once = with_tables(page, "| new |\n", command.MARKS)
-    assert once == page.replace("old\n", "| new |\n")
-    assert with_tables(once, "| new |\n", command.MARKS) == once
-    assert with_tables("", "| new |\n", command.MARKS) == "| new |\n"
 
 
 @pytest.mark.parametrize("name", ["rough", "housings"])

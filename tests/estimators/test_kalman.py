@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from observer.estimators import build_estimator
 from observer.estimators.kalman import KalmanEstimator
 from observer.frames import EstimateBlock, EstimateQuality, Inputs, Quality
-from observer.model.discretise import augmented, step_matrices
 from observer.tables.estimator import EstimatorSettings
 from tests.bits.shared import EVERY, learning
 from tests.logs.inputs import inputs
@@ -147,37 +146,3 @@ def test_nan_never_enters_the_state():
     assert list(np.flatnonzero(block.quality == EstimateQuality.INVALID)) == [20, 30]
     assert np.isnan(block.heat_W[20]).all()
     assert np.isfinite(np.delete(block.heat_W, [20, 30], axis=0)).all()
-
-
-def test_heats_of_a_simulated_plant_are_within_their_intervals():
-    """Truth and model are the same here; coverage against an independent truth is tested elsewhere."""
-    plant = rod(law_uncertainty=0.0, initial_sigma_W=10.0, initial_sigma_K=1.0)
-    steps, inside, total = 300, 0, 0
-    step = step_matrices(plant, 0.5)
-    F, Q = augmented(plant, step)
-    scale = np.sqrt(np.maximum(np.diag(Q), 1e-300))
-    w, V = np.linalg.eigh(Q / np.outer(scale, scale))
-    root = scale[:, None] * V * np.sqrt(np.maximum(w, 0))
-    n_x = len(plant.decay_1_s)
-    prior = np.linalg.eigh(plant.prior_P)
-    for seed in range(60):
-        rng = np.random.default_rng(seed)
-        u = inputs(plant, steps=steps, seed=seed, missing=0.1, law_steps=False)
-        x = np.zeros(len(F))
-        x[:n_x] = plant.uniform * 20.0 + prior[1] @ (np.sqrt(np.maximum(prior[0], 0)) * rng.normal(size=n_x))
-        x[n_x:] = plant.initial_sigma_W * rng.normal(size=3)
-        truth = np.empty((steps, 3))
-        for k in range(steps):
-            if k:
-                x = F @ x + root @ rng.normal(size=len(x))
-                x[:n_x] += step.hold * (plant.E @ u.z_start[k]) + step.ramp * (
-                    plant.E @ (u.z_end[k] - u.z_start[k])
-                )
-            truth[k] = x[n_x:]
-            u.y_degC[k] = plant.rows.C[:4] @ x[:n_x] + 0.05 * rng.normal(size=4)
-        _, block = run(plant, u)
-        hit = np.abs(block.heat_W[50::50] - truth[50::50]) < 1.96 * block.heat_sigma_W[50::50]
-        inside, total = inside + hit.sum(), total + hit.size
-    # 60 runs x 3 heats, nearly independent, at few moments: ± 4 standard errors of a proportion of 0.95 over
-    # 180.
-    assert abs(inside / total - 0.95) < 4 * np.sqrt(0.95 * 0.05 / 180)

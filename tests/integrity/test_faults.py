@@ -7,13 +7,12 @@ import pytest
 
 from campaigns.integrity import faults as of
 from campaigns.integrity import trial
-from campaigns.integrity.catalogue import LEGITIMATE, LISTED, NEW_PROGRAM, NONE, Fault
-from campaigns.integrity.days import FAULT_S, RUN_OF, day_of, with_new_stroke
+from campaigns.integrity.catalogue import LISTED, NEW_PROGRAM, NONE, Fault
+from campaigns.integrity.days import FAULT_S, day_of, with_new_stroke
 from campaigns.integrity.faults import Readings
 from campaigns.integrity.judge import OUT, faulty, verdict
 from campaigns.integrity.promise import short_of
 from campaigns.integrity.rates import rates
-from campaigns.integrity.trial import COLUMNS, chosen, row_of, table
 from campaigns.resumable import read_rows
 from observer.frames import EstimateBlock, EstimateQuality
 from tests.learning.cover import estimates
@@ -22,7 +21,6 @@ from tests.truth.machine.cycles import Phase
 from tests.truth.machine.machine import SENSORS
 
 ROWS = 3600
-NUMBERS = range(len(RUN_OF))
 
 
 @pytest.fixture
@@ -45,11 +43,6 @@ def changed(readings):
     return by
 
 
-def test_there_are_forty_faults_or_more_with_distinct_names_and_harmless_cases():
-    assert len(LISTED) - len(LEGITIMATE) >= 40
-    assert {NONE, NEW_PROGRAM} <= set(LISTED)
-
-
 @pytest.mark.parametrize("fault", LISTED.values(), ids=lambda fault: fault.name)
 def test_a_fault_changes_what_its_name_says_and_only_from_its_time_on(fault: Fault):
     day = day_of(1)
@@ -68,20 +61,8 @@ def test_a_drift_goes_up_by_its_rate_and_no_further_than_its_most(changed):
     np.testing.assert_allclose(by[[0, 200, 600, -1]], [0.0, 1.0, 3.0, 3.0], atol=1e-9)
 
 
-def test_an_offset_is_one_for_all_or_each_sensors_own(changed):
-    np.testing.assert_allclose(changed(of.offset(("t2", "t4"), 2.0, -2.0))[0], [0, 2, 0, -2, 0], atol=1e-9)
-    np.testing.assert_allclose(changed(of.offset(("t2", "t4"), 1.0))[0], [0, 1, 0, 1, 0], atol=1e-9)
-
-
 def test_a_gain_takes_its_part_of_the_rise_above_the_air(changed):
     np.testing.assert_allclose(changed(of.gain(SENSORS, 0.85))[5], [0, -1.5, -3.0, -4.5, -6.0], atol=0.05)
-
-
-def test_a_sensor_shows_anothers_value_and_two_show_each_others(readings):
-    one = of.exchanged({"t4": "t3"})(readings, np.random.default_rng(2)).sensor_degC
-    np.testing.assert_array_equal(one, readings.sensor_degC[:, [0, 1, 2, 2, 4]])
-    two = of.exchanged({"t1": "t5", "t5": "t1"})(readings, np.random.default_rng(2)).sensor_degC
-    np.testing.assert_array_equal(two, readings.sensor_degC[:, [4, 1, 2, 3, 0]])
 
 
 def test_a_held_sensor_keeps_its_value_and_its_noise():
@@ -109,12 +90,6 @@ def test_spikes_and_what_comes_and_goes_are_there_for_their_time(changed):
     np.testing.assert_array_equal(there[:420], np.arange(420) < 120)
 
 
-def test_a_nut_homed_wrong_is_off_by_that_and_a_heater_warms_the_air_in_its_time(readings):
-    assert np.all(of.nut_off(-0.05)(readings, None).nut_m == 0.25)
-    air = of.air_off(8.0, 180.0)(readings, None).air_degC
-    np.testing.assert_allclose(air[[0, 180, -1]], [20.0, 20.0 + 8.0 * (1 - np.exp(-1)), 28.0], atol=0.01)
-
-
 def test_a_new_program_has_other_strokes_from_the_fault_on_and_the_same_length():
     phases = (Phase(3000, 1000, 0.2, 0.8), Phase(3000, 2000, 0.3, 0.7), Phase(100))
     after = with_new_stroke(phases)
@@ -126,14 +101,6 @@ def test_a_new_program_has_other_strokes_from_the_fault_on_and_the_same_length()
     ]
     assert (after[1].low_m, after[1].high_m) == (0.3, 0.7)
     assert (after[2].low_m, after[2].high_m) == pytest.approx((0.35, 0.6))
-
-
-def test_fifty_minutes_are_watched_and_on_half_of_the_machines_the_nut_moves_when_it_begins():
-    days = [day_of(n) for n in NUMBERS]
-    assert min(d.time_s[-1] for d in days) >= FAULT_S + 3000.0
-    moves = [d.speed_rpm[np.searchsorted(d.time_s, FAULT_S)] != 0.0 for d in days]
-    assert sum(moves) == len(days) / 2
-    assert all(np.ptp(d.speed_rpm[d.time_s > FAULT_S]) > 0 for d in days)
 
 
 @pytest.fixture(scope="module")
@@ -169,24 +136,6 @@ def test_the_truth_itself_is_never_wrong(judged_before):
     right = EstimateBlock(**_columns(block) | truth)
     found = verdict(right, day, fault)
     assert (found.wrong, found.sigmas, found.worst_um) == (0, 0.0, 0.0)
-
-
-def test_a_rows_table_has_a_line_for_its_fault_in_its_group(judged_before):
-    day, fault, block = judged_before
-    row = row_of(fault.name, 1, verdict(block, day, fault))
-    assert tuple(row) == COLUMNS
-    lines = table([row, row]).splitlines()
-    assert lines[2].startswith("| *common jump*")
-    assert lines[3].startswith("| all +4 K | 2 |")
-
-
-def test_faults_are_chosen_by_name_by_group_or_by_a_part_of_the_name(monkeypatch):
-    monkeypatch.setattr(trial, "catalogue", lambda: LISTED)
-    assert chosen("all +1 K") == ["all +1 K"]
-    assert chosen("common jump") == ["all +1 K", "all +4 K", "all +15 K", "all -3 K"]
-    assert chosen("swapped; none")[-1] == NONE
-    with pytest.raises(SystemExit):
-        chosen("no such fault")
 
 
 AS_PROMISED = {

@@ -9,9 +9,8 @@ from typing import Any
 import pytest
 
 from campaigns.integrity import faults as of
-from campaigns.integrity.catalogue import TWICE, Fault, catalogue, minimal_detectable_K
+from campaigns.integrity.catalogue import Fault
 from campaigns.integrity.judge import RIG, judged
-from campaigns.integrity.promise import TWICE_THE_LEAST
 from observer.report.sensitivity import detectable
 from tests.learning.machines import config_of
 from tests.truth.machine.machine import SENSORS
@@ -31,13 +30,6 @@ def jump(sensor: str, share: float) -> Fault:
     """A part of the least jump that is noticed."""
     size_K = share * said()[sensor]["fault_K"]
     return Fault(f"{sensor} {share:g} of its least", "jump of one", (sensor,), of.offset((sensor,), size_K))
-
-
-def test_the_campaign_tries_each_sensor_at_twice_its_least() -> None:
-    assert set(minimal_detectable_K()) == set(SENSORS)
-    own = {name: fault for name, fault in catalogue().items() if fault.group == TWICE_THE_LEAST}
-    assert set(own) == set(TWICE)
-    assert [fault.sensors for fault in own.values()] == [(name,) for name in SENSORS]
 
 
 @pytest.mark.parametrize(("sensor", "number"), list(zip(SENSORS, itertools.cycle(MACHINES))))

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from campaigns.first_day.judge import runs
 from campaigns.integrity import rates as of
-from campaigns.integrity.judge import _begun
 from campaigns.integrity.promise import short_of
 
 
@@ -32,8 +32,8 @@ def test_every_run_may_have_an_event():
 
 
 def test_excursions_are_runs_of_consecutive_steps():
-    assert _begun(np.array([True, True, False, True, False, False, True])) == 3
-    assert _begun(np.zeros(4, bool)) == 0
+    assert runs(np.array([True, True, False, True, False, False, True])) == 3
+    assert runs(np.zeros(4, bool)) == 0
 
 
 def test_each_class_has_its_hours_excursions_and_upper_limits():

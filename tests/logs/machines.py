@@ -40,7 +40,8 @@ def machine_table(name: str, **by_path: Any) -> dict[str, Any]:
 def put_values(table: dict[str, Any], by_path: dict[str, Any]) -> dict[str, Any]:
     """Put values into a table by their paths; returns it."""
     for path, value in by_path.items():
-        *parents, last = [int(part) if part.isdigit() else part for part in path.split("__")]
+        keys: list[Any] = [int(part) if part.isdigit() else part for part in path.split("__")]
+        *parents, last = keys
         at: Any = table
         for part in parents:
             at = at[part] if isinstance(at, list) else at.setdefault(part, {})

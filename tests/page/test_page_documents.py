@@ -150,7 +150,8 @@ def test_good_estimates_with_a_released_compensation_are_good_and_the_headline_s
 
 def test_long_and_numerous_texts_stay_in_their_panel(crowded):
     # of panels none has anything cut off, and of tables no last column is out of sight
-    out = """() => [...document.querySelectorAll('html, header, .hero, .panel, .scroll, #heats')]
+    out = """() => [...document.querySelectorAll(
+      'html, header, .hero, .panel, .tools, h2, .scroll, #heats, #crossed')]
       .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.id || e.className || e.tagName)"""
     for size, (width, height) in SIZES.items():
         crowded.set_viewport_size({"width": width, "height": height})

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.page.browser import IN_A_BROWSER, SIZES, complaints
-from tests.page.served import DOCUMENTS, HEAD, NOW_S, PLACES_M, estimate, send_all, served_page
+from tests.page.browser import IN_A_BROWSER, complaints
+from tests.page.served import DOCUMENTS, HEAD, NOW_S, PLACES_M, served_page
 from tests.patience import PATIENCE_S
 from tests.steps.made import write_steps
 
@@ -254,21 +254,6 @@ def test_a_picture_shows_something(opened, panel):
     assert len(np.unique(picture.reshape(-1, picture.shape[-1]), axis=0)) > 20
 
 
-def test_a_sensor_is_crossed_out_in_words_where_it_sits(opened, served):
-    page = opened()
-    # of the estimate: missing, of which there is a reading again
-    page.wait_for_function(
-        "() => document.getElementById('crossed').innerText === 'Crossed out: t3 no reading.'"
-    )
-    _, feed = served
-    excluded = estimate(8).replace(b"gmissing", b"hexcluded")
-    send_all(feed, {}, excluded)
-    page.wait_for_function(
-        "() => document.getElementById('crossed').innerText === 'Crossed out: t3 excluded.'"
-    )
-    assert page.get_attribute("#screw", "aria-label").endswith("crossed out: t3 excluded")
-
-
 def test_a_hundred_thousand_points_are_trends_with_their_mean(opened):
     page = opened(f"#panel=p8&from={NOW_S - 2 * POINTS}&to={NOW_S}")
     page.wait_for_selector("#c-past[data-from] [data-unit=degC] canvas", timeout=PATIENCE_S * 1000)
@@ -281,14 +266,3 @@ def test_a_hundred_thousand_points_are_trends_with_their_mean(opened):
         # a saw of 100 values, and r more at worst all at one end: r (100 - r) / 2 / (100 + r) is at most 8.6
         assert float(row["t3_degC_mean"]) == pytest.approx(69.5, abs=8.6)
     assert page.evaluate("() => document.querySelector('[data-unit=m] + .readout') !== null")
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_with_everything_shown_nothing_overflows(opened, size):
-    page = opened()
-    width, height = SIZES[size]
-    page.set_viewport_size({"width": width, "height": height})
-    page.wait_for_function(f"() => innerWidth === {width}")
-    out = """() => [...document.querySelectorAll('html, header, .hero, .panel, .tools, h2, #crossed')]
-      .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.id || e.className || e.tagName)"""
-    assert page.evaluate(out) == []

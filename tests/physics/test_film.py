@@ -97,10 +97,6 @@ def test_walls_follow_the_table(facing: str, number: float, C: float, n: float) 
     assert film.wall_nusselt(facing, number) == pytest.approx(C * number**n)
 
 
-def test_a_wall_that_faces_down_loses_half_as_much_as_one_that_faces_up() -> None:
-    assert film.wall_nusselt("up", 1e6) == pytest.approx(2 * film.wall_nusselt("down", 1e6))
-
-
 def test_the_gap_conducts_until_vortices_begin_and_the_ranges_meet() -> None:
     edges = film.taylor_nusselt(np.array([0.0, 1699.0, 1700.0, 9999.0, 10001.0]))
     assert edges[0] == edges[1] == 2.0
@@ -121,11 +117,6 @@ def test_linearised_radiation_loses_what_exact_radiation_loses(
 ) -> None:
     exact = emissivity * 5.670374419e-8 * ((cold + rise + 273.15) ** 4 - (cold + 273.15) ** 4)
     assert film.radiation_film_W_m2K(emissivity, cold, rise) * rise == pytest.approx(exact, rel=1e-6)
-
-
-def test_radiation_by_hand() -> None:
-    # 4 · 5.670374e-8 · 293.15³ = 5.714 W/(m² K) for a black body at 20 °C; Lathe's steel has ε = 0.2
-    assert film.radiation_film_W_m2K(0.2, 20.0, 0.0) == pytest.approx(0.2 * 5.714, rel=1e-3)
 
 
 def test_a_thread_has_the_surface_of_its_profile_along_the_helix() -> None:
