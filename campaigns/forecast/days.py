@@ -9,9 +9,9 @@ import numpy as np
 
 from observer.align.aligner import frames_of_log
 from observer.estimate.pipeline import MachineModel
-from observer.forecast.ahead import Runner, ahead, runner
-from observer.forecast.program import Bins, Program, binned, joined, learnt
-from observer.forecast.settling import settling_between
+from observer.forecast.ahead import ahead, runner
+from observer.forecast.program import Bins, binned, joined, learnt
+from observer.forecast.settling import settling_of_all
 from observer.frames import EstimateBlock, FloatArray
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Day, EXPANSION_um_K_m, Rough, config_of, draw, work
@@ -165,13 +165,9 @@ def forecasts(one: Day, *, settles: bool = False) -> dict[str, Forecast]:
                 program = learnt(joined(parts))
                 begin = runner(machine.plant, config.estimator, pipeline.snapshot()[1], program)
                 row = int(np.searchsorted(one.time_s, block.time_s[-1]))
-                of = _settling(begin, program) if settles else (None, None)
+                where = settling_of_all([(1.0, begin)], program, TRAVEL, WITHIN_UM) if settles else None
+                of = (None, None) if where is None else (where.after_s, where.between_s)
                 hour = ahead(begin, program, 3600.0)
                 last = block.field_degC[-1], block.error_um[-1]
                 found[name] = Forecast(row, hour, *of, program.text, *last)
     return found
-
-
-def _settling(begin: Runner, program: Program) -> tuple[float | None, tuple[float, float] | None]:
-    settled, between_s = settling_between(begin, program, TRAVEL, WITHIN_UM)
-    return settled.after_s, between_s

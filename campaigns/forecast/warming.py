@@ -16,8 +16,9 @@ import numpy as np
 from campaigns.forecast.days import COARSE_M, WITHIN_UM
 from observer.align.aligner import frames_of_log
 from observer.estimate.pipeline import MachineModel
+from observer.forecast.ahead import runner
 from observer.forecast.document import Forecast, forecast
-from observer.forecast.friction import FrictionBank, forecast_by_all
+from observer.forecast.friction import FrictionBank
 from observer.forecast.program import Bins, binned, joined, learnt
 from observer.frames import FloatArray
 from tests.learning.cover import calibrated, log_of
@@ -166,12 +167,9 @@ def forecasts(
         if now_s >= REST_S + WARM_S:
             break
     program, state = learnt(joined(parts)), pipeline.snapshot()[1]
-    live = forecast(config, machine.plant, state, program, hours, WITHIN_UM)
-    begins = bank.begins(program)
-    return (
-        forecast_by_all(config, machine.plant, begins, state.time_s, program, hours, WITHIN_UM),
-        live, now_s,
-    )  # fmt: skip
+    live = [(1.0, runner(machine.plant, config.estimator, state, program))]
+    by_log, by_live = (forecast(config, b, program, hours, WITHIN_UM) for b in (bank.begins(program), live))
+    return by_log, by_live, now_s
 
 
 def predicted(found: Forecast, field_degC: FloatArray, error_um: FloatArray) -> PredictedSettling:
@@ -180,7 +178,7 @@ def predicted(found: Forecast, field_degC: FloatArray, error_um: FloatArray) -> 
     sigma_K = nothing if where.field_sigma_K is None else where.field_sigma_K
     sigma_um = (nothing if where.error_sigma_um is None else where.error_sigma_um)[1:]
     off_K, off_um = where.field_degC - field_degC, (where.error_um - error_um)[1:]
-    between_s = found.between_s or (np.nan, np.nan)
+    between_s = where.between_s or (np.nan, np.nan)
     return PredictedSettling(
         _rms(off_K), float(sigma_K.mean()), float(np.mean(np.abs(off_K) <= Z95 * sigma_K)),
         _rms(off_um), float(sigma_um.mean()), float(np.mean(np.abs(off_um) <= Z95 * sigma_um)),

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from observer.config import Config
-from observer.estimators.protocol import EstimatorState
-from observer.forecast.ahead import ahead, runner
+from observer.forecast.ahead import Runner, ahead
 from observer.forecast.program import Program
-from observer.forecast.settling import Settled, settling_between
+from observer.forecast.settling import Settled, settling_of_all
 from observer.frames import BoolArray, EstimateBlock, EstimateQuality, FloatArray
 from observer.model.plant import Plant
 
@@ -29,38 +29,56 @@ class Forecast:
         program: The program that it assumes.
         ahead: Estimates of the next hours, with times from now.
         settled: The state to which the program leads.
-        between_s: 95 % interval of the time until then, s from now; None if it is unknown.
     """
 
     now_s: float
     program: Program
     ahead: EstimateBlock
     settled: Settled
-    between_s: tuple[float, float] | None
 
 
 def forecast(
-    config: Config, plant: Plant, state: EstimatorState, program: Program, hours: float, within_um: float
+    config: Config,
+    begins: Sequence[tuple[float, Runner]],
+    program: Program,
+    hours: float,
+    within_um: float,
 ) -> Forecast:
-    """Forecast from a state of the estimator.
+    """Forecast from weighted runners: mean and σ of their mixture.
 
     Args:
         config: The machine.
-        plant: Its model.
-        state: State of the estimator at the present moment.
+        begins: Runners at the present moment, with weights that add up to 1.
         program: The program.
         hours: How far ahead, h.
         within_um: Distance from the settled error that counts as settled, µm.
 
     Raises:
-        ValueError: If the estimate cannot be used, or if the laws heat the screw beyond `HOTTEST_degC`.
+        ValueError: If the laws heat the screw beyond `HOTTEST_degC`.
     """
-    begin = runner(plant, config.estimator, state, program)
-    settled, between_s = settling_between(
-        begin, program, travel_of(config, plant.layout.position_m), within_um
-    )
-    block = ahead(begin, program, 3600.0 * hours)
-    return plausible(Forecast(state.time_s, program, block, settled, between_s))
+    now = begins[0][1]
+    settled = settling_of_all(begins, program, travel_of(config, now.plant.layout.position_m), within_um)
+    blocks = [ahead(begin, program, 3600.0 * hours) for _, begin in begins]
+    block = mixture(blocks, np.array([weight for weight, _ in begins]))
+    return plausible(Forecast(now.state.time_s, program, block, settled))
+
+
+def mixture(blocks: Sequence[EstimateBlock], weight: FloatArray) -> EstimateBlock:
+    """Return one block with mean and σ of field and error over several.
+
+    The variance of a mixture is Σ w (σ² + (mean − common mean)²). All other columns are those of the first
+    block.
+
+    Args:
+        blocks: Blocks of the same steps.
+        weight: Weights that add up to 1.
+    """
+    moments = {}
+    for name, sigma in (("field_degC", "field_sigma_K"), ("error_um", "error_sigma_um")):
+        means, sigmas = (np.array([getattr(b, n) for b in blocks]) for n in (name, sigma))
+        moments[name] = np.tensordot(weight, means, 1)
+        moments[sigma] = np.sqrt(np.tensordot(weight, sigmas**2 + (means - moments[name]) ** 2, 1))
+    return replace(blocks[0], **moments)
 
 
 def plausible(result: Forecast) -> Forecast:
@@ -84,8 +102,7 @@ def plausible(result: Forecast) -> Forecast:
     spread = (a for a in (settled.field_sigma_K, settled.error_sigma_um) if a is not None)
     if _within_limits(settled.field_degC, settled.error_um, *spread):
         return result
-    unsettled = replace(settled, after_s=None, field_sigma_K=None, error_sigma_um=None)
-    return replace(result, settled=unsettled, between_s=None)
+    return replace(result, settled=Settled(settled.field_degC, settled.error_um, None))
 
 
 def _within_limits(field_degC: FloatArray, *others: FloatArray) -> bool:
@@ -146,7 +163,7 @@ def document(
         rounded: list[float] = np.round(values[places], 4).tolist()
         return rounded
 
-    after_s, between_s = result.settled.after_s, result.between_s
+    after_s, between_s = result.settled.after_s, result.settled.between_s
     reason = None if good else f"the estimate that it begins from is {quality.label}"
     return no_forecast(result.now_s, quality, instance, reason, within_um) | {
         "program": {
@@ -232,9 +249,10 @@ def _settling_place(settled: Settled, plant: Plant) -> list[str]:
 
 def _settles(result: Forecast, within_um: float) -> str:
     """Return the sentence about the time until the travel settles."""
-    after_s, target = result.settled.after_s, f"within {within_um:g} µm of where it settles"
-    if after_s is None or result.between_s is None:
+    after_s, between_s = result.settled.after_s, result.settled.between_s
+    target = f"within {within_um:g} µm of where it settles"
+    if after_s is None or between_s is None:
         return f"The travel does not come {target} in a day."
-    low, high = (s / 60.0 for s in result.between_s)
+    low, high = (s / 60.0 for s in between_s)
     moment = "now" if after_s == 0.0 else f"after {after_s / 60:.0f} min"
     return f"The travel is {target} {moment} (95 %: {low:.0f} to {high:.0f} min)."

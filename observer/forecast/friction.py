@@ -16,19 +16,15 @@ from dataclasses import replace
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from observer.config import Config
 from observer.estimators import packing
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import Chunk
-from observer.forecast.ahead import CALM, Runner, ahead, runner, runner_by_law
-from observer.forecast.document import Forecast, plausible, travel_of
+from observer.forecast.ahead import CALM, Runner, runner, runner_by_law
 from observer.forecast.known import KnownRunIn, known_run_in, run_from_starts
 from observer.forecast.program import Program
-from observer.forecast.settling import MOST_S as LONGEST_S
-from observer.forecast.settling import Settled, draws, settling, with_spread
 from observer.frames import EstimateBlock, FloatArray, Inputs, Quality
 from observer.model.build import build_plant
 from observer.model.learning import WANDER_S, Nuisance
@@ -43,12 +39,6 @@ TIMES = (0.7, 1.0, 1.4)
 """… and, where it has found how friction runs in, in parts of the time constants found."""
 EXCESS_SIGMA = 0.15
 """One standard deviation of what it has more or less when work begins, in parts of its law."""
-DRAWS = 20
-"""Of what may be, by each rival, for the spread of when and where it settles."""
-DRAWS_OF_ALL = 80
-"""Of what may be where a calibration has found the laws, by each rival as its weight says: its bands are so
-much narrower that the least and the largest of 20 draws, with 90 % between them, would cut them short.
-"""
 EACH_COUNTS = 0.5
 """The power, where a calibration has left the laws so well known that readings near each other share what no
 rival describes: each counts as half a one.
@@ -254,83 +244,3 @@ def running_in(
         learning=replace(plant.learning, wander_s=wander_s),
         initial_sigma_W=np.where(by_law, 1e-3, plant.initial_sigma_W),
     )
-
-
-def forecast_by_all(
-    config: Config,
-    plant: Plant,
-    begins: Sequence[tuple[float, Runner]],
-    now_s: float,
-    program: Program,
-    hours: float,
-    within_um: float,
-) -> Forecast:
-    """Forecast from weighted runners: moments and quantiles of their mixture.
-
-    Args:
-        config: The machine.
-        plant: Model of the estimate.
-        begins: Weights and runners, as `FrictionBank.begins` returns them.
-        now_s: The present moment, s since the epoch.
-        program: The program.
-        hours: How far ahead, h.
-        within_um: Distance from the settled error that counts as settled, µm.
-
-    Raises:
-        ValueError: If the laws heat the screw beyond `HOTTEST_degC`.
-    """
-    travel, weight = travel_of(config, plant.layout.position_m), np.array([w for w, _ in begins])
-    means = [settling(begin, program, travel, within_um) for _, begin in begins]
-    counts = counts_of(weight) if is_calibrated(config) else np.full(len(weight), DRAWS)
-    runners = [draws(begin, program, n) for (_, begin), n in zip(begins, counts.tolist(), strict=True)]
-    drawn = [settling(one, program, travel, within_um) for of_rival in runners for one in of_rival]
-    weight_of_draw = np.repeat(weight / counts, counts)
-    field, error = (weight @ np.array([getattr(s, n) for s in means]) for n in ("field_degC", "error_um"))
-    settled, between_s = replace(means[0], field_degC=field, error_um=error), None
-    settled = with_spread(settled, drawn, weight_of_draw)
-    if settled.after_s is not None:
-        low_s, after_s, high_s = quantiles_s(drawn, weight_of_draw, (0.025, 0.5, 0.975))
-        settled, between_s = replace(settled, after_s=after_s), (low_s, high_s)
-    blocks = [ahead(begin, program, 3600.0 * hours) for _, begin in begins]
-    return plausible(Forecast(now_s, program, mixture(blocks, weight), settled, between_s))
-
-
-def counts_of(weight: FloatArray) -> NDArray[np.int64]:
-    """Return how many draws each rival gets by its weight, (r,): an even number, 2 or more.
-
-    Args:
-        weight: Weights that add up to 1, (r,).
-    """
-    return np.asarray(2 * np.maximum(1, np.round(0.5 * DRAWS_OF_ALL * weight)), np.int64)
-
-
-def mixture(blocks: Sequence[EstimateBlock], weight: FloatArray) -> EstimateBlock:
-    """Return one block with mean and σ of field and error over several.
-
-    The variance of a mixture is Σ w (σ² + (mean − common mean)²). All other columns are those of the first
-    block.
-
-    Args:
-        blocks: Blocks of the same steps.
-        weight: Weights that add up to 1.
-    """
-    moments = {}
-    for name, sigma in (("field_degC", "field_sigma_K"), ("error_um", "error_sigma_um")):
-        means, sigmas = (np.array([getattr(b, n) for b in blocks]) for n in (name, sigma))
-        moments[name] = np.tensordot(weight, means, 1)
-        moments[sigma] = np.sqrt(np.tensordot(weight, sigmas**2 + (means - moments[name]) ** 2, 1))
-    return replace(blocks[0], **moments)
-
-
-def quantiles_s(drawn: Sequence[Settled], weight: FloatArray, parts: Sequence[float]) -> list[float]:
-    """Return the times before which given fractions of the draws have settled, s.
-
-    Args:
-        drawn: The draws; one that does not settle counts as a day.
-        weight: Their weights, which add up to 1, (d,).
-        parts: The fractions, 0 to 1.
-    """
-    after_s = np.array([LONGEST_S if one.after_s is None else one.after_s for one in drawn])
-    order = np.argsort(after_s)
-    below = np.cumsum(weight[order]) - 0.5 * weight[order]
-    return [float(v) for v in np.interp(parts, below, after_s[order])]

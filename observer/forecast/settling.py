@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import repeat
 
@@ -31,6 +31,7 @@ class Settled:
             without an error.
         field_sigma_K: σ of the settled field, K, (g,); None if not computed.
         error_sigma_um: σ of the settled error, µm, (g,); None if not computed.
+        between_s: 95 % interval of `after_s`, s, within a day; None if not computed.
     """
 
     field_degC: FloatArray
@@ -38,6 +39,7 @@ class Settled:
     after_s: float | None
     field_sigma_K: FloatArray | None = None
     error_sigma_um: FloatArray | None = None
+    between_s: tuple[float, float] | None = None
 
 
 def _part(one: Bins) -> Bins:
@@ -84,7 +86,7 @@ def _settled_after_s(
     return None if outside[-1] + 1 >= len(time_s) else float(time_s[outside[-1] + 1])
 
 
-def draws(begin: Runner, program: Program, count: int = _DRAWS) -> list[Runner]:
+def draws(begin: Runner, program: Program) -> list[Runner]:
     """Return random runners that represent all present uncertainty: each has another state, machine, and
     heats.
 
@@ -95,7 +97,6 @@ def draws(begin: Runner, program: Program, count: int = _DRAWS) -> list[Runner]:
     Args:
         begin: The runner at the present moment.
         program: The program.
-        count: Number of runners, even.
     """
     state, plant, n_x = begin.state, begin.plant, len(begin.plant.decay_1_s)
     free = np.flatnonzero(plant.estimated)
@@ -112,7 +113,7 @@ def draws(begin: Runner, program: Program, count: int = _DRAWS) -> list[Runner]:
     if begin.drifts:
         P[heats, heats] += varies * np.outer(share, share)
     values, axes = np.linalg.eigh(P)
-    half = np.random.default_rng(_SEED).standard_normal((count // 2, len(P) + len(free)))
+    half = np.random.default_rng(_SEED).standard_normal((_DRAWS // 2, len(P) + len(free)))
     runners = []
     for draw in np.concatenate([half, -half]):
         x = state.x_hat + axes @ (np.sqrt(np.maximum(values, 0.0)) * draw[: len(P)])
@@ -127,48 +128,40 @@ def draws(begin: Runner, program: Program, count: int = _DRAWS) -> list[Runner]:
     return runners
 
 
-def with_spread(settled: Settled, drawn: Sequence[Settled], weight: FloatArray) -> Settled:
-    """Return the settled state with its σ about the mean, from draws.
+def settling_of_all(
+    begins: Sequence[tuple[float, Runner]], program: Program, travel: BoolArray, within_um: float
+) -> Settled:
+    """Return the settled state of weighted runners, with σ and the 95 % interval of its time from draws.
+
+    Field and error are means over the runners, the time is their median.
 
     Args:
-        settled: The settled state.
-        drawn: Settled states of the draws.
-        weight: Their weights, which add up to 1, (d,).
+        begins: Runners with weights that add up to 1.
+        program: The program.
+        travel: As in `settling`.
+        within_um: As in `settling`.
     """
-    field, error = (
-        np.sqrt(weight @ (np.array([getattr(d, name) for d in drawn]) - getattr(settled, name)) ** 2)
-        for name in ("field_degC", "error_um")
+    weight = np.array([w for w, _ in begins])
+    means = [settling(begin, program, travel, within_um) for _, begin in begins]
+    drawn = [
+        settling(draw, program, travel, within_um) for _, begin in begins for draw in draws(begin, program)
+    ]
+
+    def sigma(values: Callable[[Settled], FloatArray | float], mean: FloatArray | float) -> FloatArray:
+        squares = (np.array([values(d) for d in drawn]) - mean) ** 2
+        return np.asarray(np.sqrt(np.repeat(weight / _DRAWS, _DRAWS) @ squares))
+
+    field_degC, error_um = (
+        weight @ np.array([getattr(m, n) for m in means]) for n in ("field_degC", "error_um")
     )
-    return replace(settled, field_sigma_K=field, error_sigma_um=error)
-
-
-def settles_between_s(settled: Settled, drawn: Sequence[Settled]) -> tuple[float, float] | None:
-    """Return the 95 % interval of the settling time, s, from its deviations in draws.
-
-    Args:
-        settled: The settled state with its time.
-        drawn: Settled states of the draws; one that does not settle counts as a day.
-
-    Returns:
-        Both ends, within 0 and a day; None if the settling time is unknown.
-    """
-    if settled.after_s is None:
-        return None
-    off_s = [(MOST_S if d.after_s is None else d.after_s) - settled.after_s for d in drawn]
-    reach_s = _Z95 * float(np.sqrt(np.mean(np.square(off_s))))
-    return max(settled.after_s - reach_s, 0.0), min(settled.after_s + reach_s, MOST_S)
-
-
-def settling_between(
-    begin: Runner, program: Program, travel: BoolArray, within_um: float
-) -> tuple[Settled, tuple[float, float] | None]:
-    """Return the settled state with σ and time, and the 95 % interval of that time.
-
-    Arguments as in `settling`. Without a settling time, σ and interval are None.
-    """
-    settled = settling(begin, program, travel, within_um)
-    begins = draws(begin, program) if settled.after_s is not None else []
-    drawn = [settling(b, program, travel, within_um) for b in begins]
-    if drawn:
-        settled = with_spread(settled, drawn, np.full(len(drawn), 1.0 / len(drawn)))
-    return settled, settles_between_s(settled, drawn)
+    sigmas = sigma(lambda s: s.field_degC, field_degC), sigma(lambda s: s.error_um, error_um)
+    times_s = sorted(
+        (m.after_s, w) for m, w in zip(means, weight.tolist(), strict=True) if m.after_s is not None
+    )
+    if len(times_s) < len(means):
+        return Settled(field_degC, error_um, None, *sigmas)
+    each_s, shares = np.array(times_s).T
+    after_s = float(np.interp(0.5, np.cumsum(shares) - 0.5 * shares, each_s))
+    reach_s = _Z95 * float(sigma(lambda s: MOST_S if s.after_s is None else s.after_s, after_s))
+    between_s = max(after_s - reach_s, 0.0), min(after_s + reach_s, MOST_S)
+    return Settled(field_degC, error_um, after_s, *sigmas, between_s)

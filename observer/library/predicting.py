@@ -19,9 +19,10 @@ from observer.files.documents import write_json
 from observer.files.folders import results_in
 from observer.files.logs import TIME, Log
 from observer.files.writer import arrow_table
+from observer.forecast.ahead import runner
 from observer.forecast.document import Forecast, document, sentences
 from observer.forecast.document import forecast as look_ahead
-from observer.forecast.friction import FrictionBank, forecast_by_all, is_of_use
+from observer.forecast.friction import FrictionBank, is_of_use
 from observer.forecast.program import learnt, repeating
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, NutPath
 from observer.installation import Installation
@@ -196,14 +197,11 @@ def forecast_run(
         else:
             next_program = repeating(program_bins(program_of(program, config), machine), past_bins)
         state, hours = pipeline.snapshot()[1], hours or settings.hours
-        plant, within_um = machine.plant, settings.within_um
         if is_of_use(config, next_program):
-            run_in_starts = bank.begins(next_program)
-            forecast = forecast_by_all(
-                config, plant, run_in_starts, state.time_s, next_program, hours, within_um
-            )
+            begins = bank.begins(next_program)
         else:
-            forecast = look_ahead(config, plant, state, next_program, hours, within_um)
+            begins = [(1.0, runner(machine.plant, config.estimator, state, next_program))]
+        forecast = look_ahead(config, begins, next_program, hours, settings.within_um)
     except ValueError as error:
         raise LogError(f"{log.path}: no forecast from its end: {error}") from None
     content = document(

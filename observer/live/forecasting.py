@@ -17,6 +17,7 @@ from observer.estimate.checkpoint import Snapshot
 from observer.estimate.pipeline import MachineModel
 from observer.estimators.protocol import EstimatorState
 from observer.files.logs import Log
+from observer.forecast.ahead import runner
 from observer.forecast.document import Forecast, document, forecast, no_forecast
 from observer.forecast.program import Bins, binned, joined, learnt
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, Inputs, Layout
@@ -143,9 +144,8 @@ class Forecaster(StepObserver):
             if state is None or not state.started:
                 raise ValueError("there is no estimate yet; wait until `observer health` shows one")
             program = learnt(self._learner.bins)
-            prediction = forecast(
-                self._machine.config, plant, state, program, self._settings.hours, within_um
-            )
+            begins = [(1.0, runner(plant, self._machine.config.estimator, state, program))]
+            prediction = forecast(self._machine.config, begins, program, self._settings.hours, within_um)
         except ValueError as error:
             worse = max(quality, EstimateQuality.STARTING)
             return no_forecast(float(last.time_s[-1]), worse, self._instance, str(error), within_um)

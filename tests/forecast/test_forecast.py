@@ -14,7 +14,7 @@ from observer.estimators.protocol import EstimatorState
 from observer.forecast.ahead import AIR_K_sqrt_h, ahead, drift_scale, runner
 from observer.forecast.document import document, forecast
 from observer.forecast.program import BIN_S, Bins, averaged, learnt, noise_W2_s, period_bins
-from observer.forecast.settling import settling, settling_between
+from observer.forecast.settling import settling, settling_of_all
 from observer.frames import EstimateQuality, FloatArray
 from observer.model.build import build_plant
 from observer.model.plant import Plant
@@ -125,14 +125,29 @@ def test_heats_that_drifted_are_forecast_with_more_drift() -> None:
 def test_the_time_of_settling_has_a_band_as_wide_as_what_is_not_known() -> None:
     plant, program = rod(), learnt(bins_of(np.full(60, 40.0)))
     begin = runner(plant, CONFIG.estimator, at_degC(plant, 20.0), program)
-    settled, between_s = settling_between(begin, program, EVERYWHERE, 2.0)
+    settled = settling_of_all([(1.0, begin)], program, EVERYWHERE, 2.0)
     surer = replace(begin, state=replace(begin.state, P=1e-4 * begin.state.P))
-    _, narrow_s = settling_between(surer, program, EVERYWHERE, 2.0)
+    between_s, narrow_s = (
+        settled.between_s,
+        settling_of_all([(1.0, surer)], program, EVERYWHERE, 2.0).between_s,
+    )
     assert settled.after_s is not None
     assert between_s is not None
     assert narrow_s is not None
     assert between_s[0] <= narrow_s[0] <= settled.after_s <= narrow_s[1] <= between_s[1]
     assert between_s[1] > between_s[0] + 60.0
+
+
+def test_runners_in_doubt_settle_at_their_mean_with_the_spread_of_their_mixture() -> None:
+    plant, program = rod(), learnt(bins_of(np.full(60, 40.0)))
+    begin = runner(plant, CONFIG.estimator, at_degC(plant, 20.0), program)
+    warmer = replace(begin, heats=begin.heats._replace(extra_W=np.array([4.0])))
+    both = settling_of_all([(0.75, begin), (0.25, warmer)], program, EVERYWHERE, 2.0)
+    apart_K = 4.0 / LOSS_W_K
+    np.testing.assert_allclose(both.field_degC, 20.0 + 40.0 / LOSS_W_K + 0.25 * apart_K, atol=0.03)
+    assert both.field_sigma_K is not None
+    # each is sure to a few hundredths of a kelvin, so σ is that of two values with their weights
+    np.testing.assert_allclose(both.field_sigma_K, np.sqrt(0.75 * 0.25) * apart_K, rtol=0.02)
 
 
 def test_too_little_is_no_program() -> None:
@@ -155,7 +170,8 @@ def test_sigma_is_what_is_not_known_of_the_heat_and_what_varies() -> None:
 
 def test_a_forecast_of_a_doubtful_estimate_is_doubtful() -> None:
     plant, program = rod(), learnt(bins_of(np.full(60, 40.0)))
-    found = forecast(CONFIG, plant, at_degC(plant, 20.0), program, 1.0, 2.0)
+    begin = runner(plant, CONFIG.estimator, at_degC(plant, 20.0), program)
+    found = forecast(CONFIG, [(1.0, begin)], program, 1.0, 2.0)
     doubtful = document(found, plant, EstimateQuality.DEGRADED, "a", 2.0)
     assert doubtful["quality"] == "degraded"
     assert "degraded" in doubtful["reason"]

@@ -7,18 +7,16 @@ import pytest
 
 from campaigns.forecast import warming
 from observer.estimators.steps import StepCache
+from observer.forecast.document import mixture
 from observer.forecast.friction import (
     WeighedFilter,
     known_at_start,
-    mixture,
-    quantiles_s,
     running_in,
     since_start,
     weights_of,
     with_known_scales,
 )
 from observer.forecast.known import KnownRunIn, known_run_in, run_from_starts
-from observer.forecast.settling import Settled
 from observer.frames import EstimateBlock, Inputs
 from observer.model.build import build_plant
 from observer.model.drive import Drive
@@ -98,12 +96,6 @@ def test_a_mixture_has_the_moments_of_its_parts() -> None:
     found = mixture([block(10.0, 1.0), block(14.0, 3.0)], np.array([0.75, 0.25]))
     np.testing.assert_allclose(found.field_degC, 11.0)
     np.testing.assert_allclose(found.error_sigma_um**2, 0.75 * (1.0 + 1.0) + 0.25 * (9.0 + 9.0))
-
-
-def test_when_it_settles_goes_by_the_draws_and_their_weight() -> None:
-    drawn = [Settled(np.zeros(1), np.zeros(1), after_s) for after_s in (100.0, 300.0, 200.0)]
-    assert quantiles_s(drawn, np.full(3, 1 / 3), (0.5,)) == [200.0]
-    assert quantiles_s(drawn, np.array([0.01, 0.98, 0.01]), (0.5,)) == pytest.approx([300.0], abs=5.0)
 
 
 def test_half_an_hour_of_a_warm_up_says_where_and_when_a_rough_machine_settles() -> None:
