@@ -47,17 +47,6 @@ def test_poles_are_reached_on_every_set_of_sensors_or_it_is_refused(film, dt_s, 
         assert (gain.K[:, ~present] == 0).all()
 
 
-def test_placing_on_all_sensors_and_dropping_one_puts_poles_elsewhere():
-    """Why there is a gain per set: columns of the full gain left out do not keep the poles."""
-    plant = rod(sources_m=(0.1, 0.5))
-    step = step_matrices(plant, 0.5)
-    gain = design_bandwidth(plant, step, np.ones(4, dtype=bool), 6e-3)
-    dropped = gain.K.copy()
-    dropped[:, 0] = 0
-    reached = poles_of(closed_loop(plant, step, dropped), 0.5)[: len(gain.poles_requested_1_s)]
-    assert pole_error(gain.poles_requested_1_s, reached) > 0.1
-
-
 def test_noise_gain_is_what_white_noise_does():
     plant = rod(sources_m=(0.1, 0.5))
     step = step_matrices(plant, 0.5)

@@ -141,19 +141,6 @@ def test_after_a_start_a_constant_gain_is_the_kalman_filter(silent):
     assert states[1].started
 
 
-def test_long_after_the_start_a_constant_gain_is_no_longer_the_kalman_filters():
-    """Until a law jumps: then the gain of the moment is larger."""
-    plant = small(walk_W_sqrt_s=0.01)
-    for jump_W, is_same in ((0.0, False), (100.0, True)):
-        u, heats = lively(plant, steps=2), []
-        u.law_jump_W[0, 2] = jump_W
-        for engine in ("compiled", "constant"):
-            first = settled(plant, built(plant, "kalman", "constant"))
-            _, block = built(plant, "kalman", engine).run(first, u)
-            heats.append(block.heat_W)
-        assert (np.abs(heats[0] - heats[1]).max() < 1e-6) == is_same
-
-
 def test_a_constant_gain_goes_over_to_that_of_other_sensors_without_a_leap():
     """A gain made for the covariance of other sensors, applied at once, throws heats far off."""
     plant = small(walk_W_sqrt_s=3.0)

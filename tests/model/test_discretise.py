@@ -61,14 +61,6 @@ def test_slow_modes_do_not_cancel(rate):
     assert step.ramp[0] == pytest.approx(1 / 2 - rate / 6 + rate**2 / 24 - rate**3 / 120, rel=1e-9)
 
 
-def test_two_half_steps_are_one_step():
-    plant = rod(heat_rate_1_s=2e-3)
-    Ad, Qd = augmented(plant, step_matrices(plant, 1.0))
-    half, Qh = augmented(plant, step_matrices(plant, 0.5))
-    np.testing.assert_allclose(half @ half, Ad, rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(half @ Qh @ half.T + Qh, Qd, rtol=1e-9, atol=1e-18)
-
-
 def test_time_must_not_run_backwards():
     with pytest.raises(ValueError, match="times must increase"):
         step_matrices(rod(), -0.1)

@@ -38,13 +38,6 @@ def test_the_heat_is_the_printed_one() -> None:
     np.testing.assert_allclose(heat_W, [1.047e-4 * 216 * 35.0, 0.0, 1.047e-4 * 216 * 35.0], rtol=3e-4)
 
 
-def test_the_lubricants_torque_drops_at_the_switch_as_printed_and_grows_after_it() -> None:
-    low, high = friction.lubricant_torque_Nm(np.array([1999.999, 2000.0]), 1.0, 1.0, 0.05)
-    assert high / low == pytest.approx(2000 ** (2 / 3) / 160)
-    grows = friction.lubricant_torque_Nm(np.linspace(2000, 9000, 50), 1.0, 1.0, 0.05)
-    assert (np.diff(grows) > 0).all()
-
-
 def test_a_radial_load_alone_is_the_load_that_acts() -> None:
     pair = friction.BEARING_TYPES["angular_contact_pair"]
     assert friction.bearing_load_N(pair, 0.0, 300.0) == 300.0
@@ -73,11 +66,6 @@ def test_a_preloaded_nut_turns_all_its_power_into_heat(
     torque_Nm = friction.preload_torque_Nm(preload_N, efficiency, lead_m)
     assert 2 * math.pi * torque_Nm == pytest.approx(driven_J - returned_J, rel=1e-9)
     assert friction.load_friction_torque_Nm(preload_N, efficiency, lead_m) == pytest.approx(torque_Nm / 2)
-
-
-def test_a_preload_by_hand() -> None:
-    # 2000 N, 95 %, 10 mm: 20/π · 0.052632 N m
-    assert friction.preload_torque_Nm(2000.0, 0.95, 0.01) == pytest.approx(0.33506, rel=1e-4)
 
 
 def test_a_nut_that_turns_with_the_screw_rubs_nothing_and_yet_both_drives_warm() -> None:

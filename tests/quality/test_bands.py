@@ -10,7 +10,6 @@ from campaigns.alarms.months import Story
 from campaigns.alarms.trial import watched
 from observer.quality import bands
 from observer.quality.bands import Window
-from observer.tables.publishing import AlarmSettings
 
 
 def _window(hour: float, heat_W: float, law_W: float = 10.0, rise_K: float = 5.0) -> Window:
@@ -106,8 +105,3 @@ def test_what_friction_falls_by_early_is_running_in_and_later_is_not():
 @pytest.mark.parametrize("harmless", [{"slower": 0.5}, {"rest_d": 14}, {"stiff": 0.33}])
 def test_slower_parts_a_holiday_and_stiff_grease_are_no_fault(harmless):
     assert watched(Story(days=45, begins_h=60.0, **harmless), 3).false == 0
-
-
-def test_the_settings_are_those_of_the_trial():
-    settings = AlarmSettings()
-    assert (settings.learn_h, settings.deadband) == (30.0, 0.25)

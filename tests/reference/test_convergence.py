@@ -40,16 +40,6 @@ def rms(difference: FloatArray) -> float:
     return float(np.sqrt(np.mean(difference**2)))
 
 
-def test_plain_truncation_converges_as_n_to_minus_three_halves() -> None:
-    """The dropped modes' steady share falls as 1/n² each, so its root sum of squares as N^(−3/2)."""
-    time_s, heat_W = np.array([0.0, 1e6]), np.array([10.0])
-    truth = exact.steady_fin(BAR, HELD, SOURCE_M, 10.0, GRID_M)
-    errors = [rms(field_after(n, time_s, heat_W, False) - truth) for n in COUNTS]
-    # sin²(nπa) makes the tail wobble about its mean by a tenth or so
-    assert rate_of(errors) == pytest.approx(-1.5, abs=0.15)
-    assert max(rms(field_after(n, time_s, heat_W, True) - truth) for n in COUNTS) < 1e-9 * errors[-1] + 1e-9
-
-
 def test_with_correction_a_rising_heat_converges_two_orders_faster() -> None:
     """What is left under a ramp is the dropped modes' delay beside the lag's, b_n/Λ_n (1/Λ_{N+1} − 1/Λ_n)."""
     rate_W_s, end_s = 1e-3, 2000.0
