@@ -158,8 +158,8 @@ class _Broker:
     def _why_not(self, error: BaseException | None) -> str:
         """Return the reason of a failed connection, from the error that the library handles."""
         if isinstance(error, ssl.SSLError):
-            why = getattr(error, "verify_message", None) or error.reason
-            return f"the broker at {self._settings.broker} is not trusted ({why}); check mqtt.ca"
+            cause = getattr(error, "verify_message", None) or error.reason
+            return f"the broker at {self._settings.broker} is not trusted ({cause}); check mqtt.ca"
         return self._no_broker()
 
     def _report(self, reason: str) -> None:

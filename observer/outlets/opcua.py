@@ -134,10 +134,10 @@ class _Tree:
         self._variables: dict[tuple[str, ...], Node] = {}
         self._written: dict[tuple[str, ...], Value] = {}
 
-    async def write_all(self, known: Iterable[Value]) -> None:
-        """Write the variables that have changed; those that are not known any more become invalid."""
-        gone = {path: last._replace(quality="invalid") for path, last in self._written.items()}
-        for value in (gone | {value.path: value for value in known}).values():
+    async def write_all(self, current: Iterable[Value]) -> None:
+        """Write the variables that have changed; others become invalid."""
+        unknown = {path: last._replace(quality="invalid") for path, last in self._written.items()}
+        for value in (unknown | {value.path: value for value in current}).values():
             await self._write(value)
 
     async def _write(self, value: Value) -> None:

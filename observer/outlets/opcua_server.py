@@ -7,7 +7,7 @@ encrypt. Nobody can log in that way, whatever the password.
 
 asyncua also buffers data before it checks a message's length, and keeps unread answers without limit. A
 client without a session may send requests without end. asyncua has no settings for these three, so
-`_Connection` sets the bounds. `opcua_limits` has the bounds of sessions.
+`_Connection` stands between its protocol and the transport. `opcua_limits` has the bounds of sessions.
 
 Namespace 0 (part 5 of the standard) has 6,000 nodes, which take 50 MB. Only the nodes in use are created: the
 server's own object, the base types and the data types, without the descriptions of their encodings.
@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from asyncio import BaseTransport
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -26,9 +25,8 @@ import structlog
 from asyncua import server as package
 from asyncua import ua
 from asyncua.common.connection import TransportLimits
-from asyncua.common.utils import Buffer, ServiceError
+from asyncua.common.utils import ServiceError
 from asyncua.crypto.permission_rules import User, UserRole
-from asyncua.server import binary_server_asyncio
 from asyncua.server.address_space import NodeManagementService
 from asyncua.server.internal_server import InternalServer
 from asyncua.server.internal_session import InternalSession
@@ -184,8 +182,9 @@ _MOST_CONNECTIONS = 100
 _ACTIVE_WITHIN_S = 10.0
 _MOST_WAITING = 8  # connections of one address without a session
 _MOST_EARLY_MESSAGES = 32  # messages before a session is active; a client takes some five
-_MOST_UNREAD = 4_000_000  # bytes of answers that a client has not taken when it asks for more
+_MOST_UNREAD = 4_000_000  # bytes of answers that a client has not taken
 _PIECE = 8192  # each message is kept with the rest of what it came with
+_HEADER = 8  # bytes: type, kind of chunk, and size of the whole chunk
 
 
 def bound(server: Server) -> None:
@@ -194,57 +193,84 @@ def bound(server: Server) -> None:
     limit(server.iserver)
     server.iserver.max_connections = _MOST_CONNECTIONS
     server.iserver.max_pending_activation_seconds = _ACTIVE_WITHIN_S
-    binary_server_asyncio.OPCUAProtocol = _Connection  # type: ignore[misc]  # it has no setting for that
+    server.iserver.asyncio_transports = _Transports()
 
 
-class _Connection(binary_server_asyncio.OPCUAProtocol):
-    """A connection that is closed if its client takes too much."""
+class _Transports(list[asyncio.Transport]):
+    """The open connections of a server, each of them bounded from its beginning."""
 
-    _early_messages = 0
-
-    def connection_made(self, transport: BaseTransport) -> None:
+    def append(self, transport: asyncio.Transport) -> None:
         """Take a connection; where an address has many without a session, the oldest of them make room."""
-        peer = transport.get_extra_info("peername")
-        ours = [c for c in self.clients if isinstance(c, _Connection) and c.peer_name[0] == peer[0]]
-        waiting = [c for c in ours if not c._is_active]
-        for connection in waiting[: max(0, len(waiting) - _MOST_WAITING + 1)]:
-            connection._abort()
-        super().connection_made(transport)
+        connection = _Connection(transport)
+        ours = [other for other in map(_connection_of, self) if other.address == connection.address]
+        waiting = [other for other in ours if not other.is_active]
+        for other in waiting[: max(0, len(waiting) - _MOST_WAITING + 1)]:
+            other.transport.abort()
+        transport.set_protocol(connection)
+        super().append(transport)
 
-    def connection_lost(self, ex: BaseException | None) -> None:
-        """End the session, too: nobody can take it up again."""
-        super().connection_lost(ex)
-        if self.processor is not None and (session := self.processor.session) is not None:
-            self.closing_tasks.append(asyncio.create_task(session.close_session(True)))
 
-    def data_received(self, data: bytes) -> None:
-        """Take received data, and at most a chunk of an incomplete message."""
-        for start in range(0, len(data), _PIECE):
-            super().data_received(data[start : start + _PIECE])
-            if len(self._buffer) > _CHUNK + _PIECE:
-                self._abort()
-            if self.transport is None or self.transport.is_closing():
-                return
+def _connection_of(transport: asyncio.Transport) -> _Connection:
+    connection = transport.get_protocol()
+    assert isinstance(connection, _Connection)
+    return connection
 
-    async def _process_one_msg(self, header: Any, buf: Buffer) -> bool:
-        if not self._is_active:
-            self._early_messages += 1
-        if self._early_messages > _MOST_EARLY_MESSAGES or self._unread() > _MOST_UNREAD:
-            self._abort()
-            return False
-        return await super()._process_one_msg(header, buf)
+
+class _Connection(asyncio.Protocol):
+    """Stands before asyncua's protocol, and ends the connection if its client takes too much."""
+
+    def __init__(self, transport: asyncio.Transport) -> None:
+        self.transport = transport
+        self.address = transport.get_extra_info("peername")[0]
+        self._served: Any = transport.get_protocol()
+        self._header = b""
+        self._missing_bytes = 0
+        self._early_messages = 0
+        transport.set_write_buffer_limits(high=_MOST_UNREAD)
 
     @property
-    def _is_active(self) -> bool:
-        session = None if self.processor is None else self.processor.session
+    def is_active(self) -> bool:
+        """Whether its client has logged in."""
+        session = self._served.processor.session
         return session is not None and session.is_activated()
 
-    def _unread(self) -> int:
-        return 0 if self.transport is None else self.transport.get_write_buffer_size()
+    def connection_lost(self, exc: Exception | None) -> None:
+        """End the session, too: nobody can take it up again."""
+        self._served.connection_lost(exc)
+        if (session := self._served.processor.session) is not None:
+            self._served.closing_tasks.append(asyncio.create_task(session.close_session(True)))
 
-    def _abort(self) -> None:
-        if self.transport is not None:
+    def pause_writing(self) -> None:
+        """End a connection whose answers are not taken."""
+        self.transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        """Pass on what is received, unless its header announces too much."""
+        if not self._is_within_bounds(data):
             self.transport.abort()
+        for start in range(0, len(data), _PIECE):
+            if self.transport.is_closing():
+                return
+            self._served.data_received(data[start : start + _PIECE])
+
+    def _is_within_bounds(self, data: bytes) -> bool:
+        """Whether all chunks that begin in the data are short enough, and few before the login."""
+        position = 0
+        while position < len(data):
+            if self._missing_bytes:
+                count = min(self._missing_bytes, len(data) - position)
+                self._missing_bytes -= count
+            else:
+                count = min(_HEADER - len(self._header), len(data) - position)
+                self._header += data[position : position + count]
+                if len(self._header) == _HEADER:
+                    self._missing_bytes = int.from_bytes(self._header[4:], "little") - _HEADER
+                    self._header = b""
+                    self._early_messages += not self.is_active
+                    if not 0 <= self._missing_bytes <= _CHUNK or self._early_messages > _MOST_EARLY_MESSAGES:
+                        return False
+            position += count
+        return True
 
 
 _SPACE = "standard_address_space"

@@ -59,7 +59,7 @@ class _Link:
     publishers: dict[str, zenoh.Publisher]
     queryables: dict[str, Any]
     duplicates: DuplicateServiceDetector | None
-    kept: tuple[Any, ...]
+    declarations: tuple[Any, ...]
 
     def close(self) -> None:
         """End the sessions, however long it takes."""
@@ -398,10 +398,10 @@ class ZenohPublisher:
         self,
         session: zenoh.Session,
         duplicates: DuplicateServiceDetector | None,
-        *kept: Any,
+        *declarations: Any,
         kinds: Sequence[str] = KINDS,
     ) -> _Link:
-        """Declare on a session what is published and answered there; `kept` stays as long as it."""
+        """Declare on a session what is published and answered there; `declarations` stay as long as it."""
         publishers = {
             name: session.declare_publisher(
                 f"{self._prefix}/{name}",
@@ -417,7 +417,7 @@ class ZenohPublisher:
             session.liveliness().declare_token(f"{self._prefix}/{key}")
             for key in ("alive", f"alive/{self._instance}")
         ]
-        return _Link(session, publishers, queryables, duplicates, (*tokens, *kept))
+        return _Link(session, publishers, queryables, duplicates, (*tokens, *declarations))
 
 
 _QUERY_S = 1.0

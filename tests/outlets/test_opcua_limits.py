@@ -129,6 +129,29 @@ async def test_nobody_uses_the_subscription_of_another_session(served):
         await subscription.subscribe_data_change([await node_of(one)])
 
 
+async def test_a_client_that_takes_no_answers_is_cut_off(served):
+    status = ua.ReadValueId(ua.NodeId(ua.ObjectIds.Server_ServerStatus), ua.AttributeIds.Value)
+    client = Client(served, timeout=PATIENCE_S)
+    await client.connect()
+    protocol = client.uaclient.protocol
+    protocol.transport.pause_reading()
+    answers = []
+
+    def is_cut_off() -> bool:
+        request = ua.ReadRequest()
+        request.Parameters.NodesToRead = [status] * 300
+        answers.append(protocol._send_request(request))
+        return protocol.transport.is_closing()
+
+    await eventually(is_cut_off)
+    client.disconnect_socket()
+    for answer in answers:
+        answer.cancel()
+    await asyncio.gather(*answers, return_exceptions=True)
+    async with Client(served, timeout=PATIENCE_S) as other:
+        assert await other.nodes.objects.get_children()
+
+
 async def test_a_session_ends_with_its_connection(served):
     """Were they kept, the limit of all subscriptions would be reached."""
     for _ in range(25):
