@@ -40,6 +40,7 @@ from observer.publish.session import (
 from observer.tables.publishing import Publish
 
 _LOOK_S = 0.05
+_LONGEST_SOCKET_BYTES = 107  # of a path, by Linux
 _LINKED_S = 1.5  # by then a peer is linked to its router, or there is none
 _GONE_S = LEASE_MS / 1000 + 1.0  # by then the token of a dead service is gone
 
@@ -346,10 +347,14 @@ class ZenohPublisher:
         """Try once to open the session of the outlets, and start them."""
         try:
             self._folder = self._folder or tempfile.mkdtemp(prefix="observer-")
-            endpoint = f"{LOCAL}/{self._folder}/bus"
+            socket = f"{self._folder}/bus"
+            if len(os.fsencode(socket)) > _LONGEST_SOCKET_BYTES:
+                self._no_socket = f"outlets: no socket can be {socket}; set TMPDIR to a shorter path"
+                return
+            endpoint = f"{LOCAL}/{socket}"
             session = zenoh.open(session_config("peer", (), (endpoint,), MOST_BYTES))
         except (OSError, zenoh.ZError) as error:
-            self._no_socket = f"outlets: no socket for them ({error}); make room for temporary files"
+            self._no_socket = f"outlets: no socket for them ({short(error)}); make room for temporary files"
             return
         report = session.declare_subscriber(
             f"{self._prefix}/outlets", lambda sample: outlets.take(sample.payload.to_bytes())

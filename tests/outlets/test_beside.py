@@ -64,6 +64,14 @@ def test_without_room_for_a_socket_the_reason_says_so_until_there_is(made, socke
     until(lambda: made.status.reason is None)
 
 
+def test_a_folder_whose_path_is_too_long_for_a_socket_is_named(made, sockets, monkeypatch):
+    folder = sockets / ("long" * 25)
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    folder.mkdir(parents=True)
+    until(lambda: "set TMPDIR to a shorter path" in (made.status.reason or ""))
+    assert str(folder) in made.status.reason
+
+
 def test_only_this_user_reaches_the_socket_and_it_takes_one_kind_of_command(made, sockets):
     sockets.mkdir()
     (socket,) = until(lambda: list(sockets.glob("observer-*/bus")))
