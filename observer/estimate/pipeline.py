@@ -77,7 +77,7 @@ class Live:
     def step(self, data: bytes) -> EstimateBlock:
         """Return the estimate of the next frame.
 
-        After an exception the state of the parts is unknown; the caller puts a copy back.
+        After an exception the state of the parts is unknown.
 
         Args:
             data: The bytes of a frame with the layout `of`.
@@ -148,9 +148,8 @@ class Pipeline(Generic[State]):
         self._states: list[Any] = [drive.initial(), *self._begin()]
         self._past: tuple[tuple[Finding, int], ...] = ()
         self._live: Live | None = None
-        self._is_live = self._is_ahead = False  # whether the live parts are in that state too, or ahead of it
-        self._rests = False  # whether something of the last step is still to be done
-        self._kept: list[Any] = []
+        self._is_live = False  # whether the live parts are in that state too, or a step ahead of it
+        self._rests = False  # whether they are ahead, and something of that step is still to be done
         self._inputs: Any = None
 
     @property
@@ -186,14 +185,9 @@ class Pipeline(Generic[State]):
         if not self._is_live:
             for part, state in zip(live.parts, self._states, strict=True):
                 part.take(state)
-            self._is_live, self._kept = True, [part.keep() for part in live.parts]
-        try:
-            estimates = live.step(data)
-        except BaseException:
-            for part, saved in zip(live.parts, self._kept, strict=True):
-                part.put_back(saved)
-            raise
-        self._is_ahead = self._rests = True
+        self._is_live = False  # in a step that fails
+        estimates = live.step(data)
+        self._is_live = self._rests = True
         return estimates
 
     def _live_of(self, frames: FrameBlock) -> tuple[Live | None, bytes]:
@@ -203,13 +197,11 @@ class Pipeline(Generic[State]):
         if not (of and isinstance(drive, Drive) and isinstance(self._estimator, BlockEstimator)):
             return None, data
         if self._live is None or self._live.of is not of:
-            self._settle()
             self._live, self._is_live = Live(drive, self._estimator, self._test, of), False
         return self._live, data
 
     def _run(self, frames: FrameBlock) -> EstimateBlock:
         """Step by a block."""
-        self._settle()
         test, (drive_state, state, *test_states) = self._test, self._states
         drive_state, inputs = self._drive.run(drive_state, frames)
         if test is None:
@@ -225,16 +217,10 @@ class Pipeline(Generic[State]):
         return estimates
 
     def _finish(self) -> None:
-        """Do the work that can wait until an estimate has been sent."""
+        """Do the work that can wait until an estimate has been sent: copy the states, and watch the gap."""
         if self._rests and self._live is not None:
-            self._rests, self._kept = False, [part.keep() for part in self._live.parts]
+            self._rests, self._states = False, [part.state for part in self._live.parts]
             self._take(self._live.inputs)
-
-    def _settle(self) -> None:
-        """Copy the states of the live parts."""
-        self._finish()
-        if self._is_ahead and self._live is not None:
-            self._is_ahead, self._states = False, [part.state for part in self._live.parts]
 
     def _take(self, inputs: Inputs) -> None:
         self._inputs = inputs
@@ -251,14 +237,14 @@ class Pipeline(Generic[State]):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """The present findings of self-test and screening."""
-        self._settle()
+        self._finish()
         test_findings = () if self._test is None else self._test.findings(self._states[2])
         return (*test_findings, *screening_findings(self._estimator.layout, self._states[1]))
 
     @property
     def history(self) -> tuple[tuple[Finding, int], ...]:
         """All findings of self-test and screening so far, with their numbers of steps."""
-        self._settle()
+        self._finish()
         test_history = () if self._test is None else self._test.history(self._states[2])
         return (*self._past, *test_history, *screening_history(self._estimator.layout, self._states[1]))
 
@@ -274,13 +260,13 @@ class Pipeline(Generic[State]):
 
         The last is None without that monitor.
         """
-        self._settle()
+        self._finish()
         return self._states[0], self._states[1], None if self.gap is None else self.gap.state
 
     @property
     def test_state(self) -> SelfTestState | None:
         """The state of the self-test, None without one."""
-        self._settle()
+        self._finish()
         return None if self._test is None else self._states[2]
 
     def restore(
@@ -298,7 +284,7 @@ class Pipeline(Generic[State]):
             gap: The state of the open-loop residual; None leaves it as it is.
             test: The state of the self-test; None leaves it as it is.
         """
-        self._settle()
+        self._finish()
         self._states[:2], self._is_live = [drive, estimator], False
         if self._test is not None and test is not None:
             self._states[2] = test

@@ -254,7 +254,6 @@ class Bank:
             packing.Running._make(self._filters[name][f] for name in packing.Running._fields)
             for f in range(F)
         )
-        self._octets: bytes | None = None
         self._own = Bundle.of(_between(plant))
         self.gathered = Gathered._make(self._own[name] for name in Gathered._fields)
         self.gathered_record = record(self.gathered)
@@ -303,7 +302,6 @@ class Bank:
         estimator without a bank.
         """
         own_size = len(self._own.octets)
-        self._octets = None
         if len(octets) == own_size + len(self._filters.octets):
             self._own.octets[:], self._filters.octets[:] = octets[:own_size], octets[own_size:]
 
@@ -315,28 +313,10 @@ class Bank:
             P: Its covariance, (n, n).
             linearisation_point: As in `EstimatorState.around`.
         """
-        self._octets = None
         self._answers.begin_again()
         for state in self._runnings:
             state.flags[0] = 1
             state.x[:], state.P[:, : len(P)], state.around[:] = x, P, linearisation_point
-
-    def keep(self) -> tuple[bytes, bytes]:
-        """Return the state for `put_back`.
-
-        The bytes of the filters are cached between two steps of the bank, so calling this at every step is
-        cheap.
-        """
-        if self._octets is None:
-            self._octets = self._filters.octets.tobytes()
-        return self._own.octets.tobytes(), self._octets
-
-    def put_back(self, saved: tuple[bytes, bytes]) -> None:
-        """Restore a state that `keep` returned; filters that have not stepped meanwhile are not copied."""
-        self._own.put_back(saved[0])
-        if self._octets is not saved[1]:
-            self._filters.put_back(saved[1])
-            self._octets = saved[1]
 
     def step(
         self, main: packing.Running, main_record: Any, results: packing.Results, k: int, time_s: float
@@ -353,7 +333,6 @@ class Bank:
             k: The step, an index into `results`.
             time_s: Time of the step, s.
         """
-        self._octets = None
         pour(self.gathered_record, main_record, self._batch.inputs)
         span_s = float(quantise(self._inputs.dt_s)[0])
         self._inputs.dt_s[0] = span_s

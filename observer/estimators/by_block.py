@@ -12,7 +12,6 @@ from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import Chunk, StepCache, chunks
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
 from observer.kernels import record
-from observer.kernels.layout import Bundle
 from observer.model.plant import Plant
 from observer.tables.estimator import EstimatorSettings
 
@@ -24,8 +23,7 @@ class Scratch:
     """The memory that kernels change during a run, of one thread.
 
     Attributes:
-        bundle: All arrays of the state in one piece of memory, so that saving is one copy.
-        running: These arrays by name.
+        running: The arrays of the state.
         work: Scratch of a step.
         running_record: `running` as a record.
         work_record: `work` as a record.
@@ -42,9 +40,7 @@ class Scratch:
             initial: The state at the start.
             bank: The bank of filters, or None.
         """
-        self.bundle = Bundle.of(packing.thaw(initial)._asdict())
-        self.running = packing.Running._make(self.bundle[name] for name in packing.Running._fields)
-        self.work = packing.scratch(arrays)
+        self.running, self.work = packing.thaw(initial), packing.scratch(arrays)
         self.work_record, self.running_record = record(self.work), record(self.running)
         self.bank = bank
 
@@ -69,16 +65,6 @@ class Scratch:
         """
         if self.bank is not None:
             self.bank.step(self.running, self.running_record, results, k, time_s)
-
-    def keep(self) -> Any:
-        """Return the state for `put_back`, as bytes."""
-        return self.bundle.octets.tobytes(), None if self.bank is None else self.bank.keep()
-
-    def put_back(self, saved: Any) -> None:
-        """Restore a state that `keep` returned."""
-        self.bundle.put_back(saved[0])
-        if self.bank is not None:
-            self.bank.put_back(saved[1])
 
 
 class BlockEstimator(ABC):

@@ -93,15 +93,6 @@ class LiveEstimator:
             for name in _FOLDED:
                 self._block[name][...] = getattr(named, name)
 
-    def keep(self) -> tuple[Any, float]:
-        """Return the state and its time for `put_back`, so that a step can be repeated."""
-        return self._scratch.keep(), self._block["time_s"][0]
-
-    def put_back(self, saved: tuple[Any, float]) -> None:
-        """Restore a state that `keep` returned."""
-        self._scratch.put_back(saved[0])
-        self._block["time_s"][0] = saved[1]
-
     @property
     def state(self) -> EstimatorState:
         """The current state, a copy, valid at the time of the last step."""
@@ -206,8 +197,7 @@ class LiveSelfTest:
             inputs_record: `inputs` as a record.
             results: Results that the estimator overwrites.
         """
-        self._bundle = Bundle.of(test.initial()._asdict())
-        self._state = SelfTestState._make(self._bundle[name] for name in SelfTestState._fields)
+        self._state = test.initial()
         tested = Tested(
             inputs.time_s, inputs.dt_s, inputs.quality, results.sensor_quality, results.innovation,
             results.innovation_sigma, results.heat, results.heat_sigma, results.law,
@@ -220,14 +210,6 @@ class LiveSelfTest:
                 self._state, inputs_record, tested, test.trust_record, np.empty(3),
             )
         )  # fmt: skip
-
-    def keep(self) -> bytes:
-        """Return the state to be put back."""
-        return self._bundle.octets.tobytes()
-
-    def put_back(self, saved: bytes) -> None:
-        """Restore a state that `keep` returned."""
-        self._bundle.put_back(saved)
 
     @property
     def state(self) -> SelfTestState:

@@ -3,7 +3,6 @@ cdef Py_ssize_t ESTIMATE_GOOD, ESTIMATE_STARTING, ESTIMATE_DEGRADED, ESTIMATE_ST
 cdef Py_ssize_t HEAT, FIELD, ERROR, PARTS
 cdef Py_ssize_t INPUT_LOST, NUT_LOST
 cdef Py_ssize_t AMBIENT, LAW, OFFSET
-cdef Py_ssize_t NO_PRODUCT, OF_SPEED, OF_CHANNEL, OF_NOTHING
 cdef double STILL
 cdef double TICKS_PER_S
 cdef Py_ssize_t FINISHED

@@ -28,12 +28,6 @@ AMBIENT = 3
 LAW = 5
 OFFSET = 6
 
-# What a heat law that is a product is made of beside factors (`observer.model.law.Product`).
-NO_PRODUCT = -1
-OF_SPEED = 0
-OF_CHANNEL = 1
-OF_NOTHING = 2
-
 STILL = 0.1
 """Part of a heat's first σ that is left where the machine stands still."""
 

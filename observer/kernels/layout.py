@@ -85,10 +85,6 @@ class Bundle:
     def __getitem__(self, name: str) -> Any:
         return self._whole[name]
 
-    def put_back(self, data: bytes) -> None:
-        """Restore the octets."""
-        self.octets[:] = np.frombuffer(data, np.uint8)
-
     def over(self, name: str, shape: tuple[int, ...]) -> Array:
         """Return one array of floats over that one and those behind it."""
         fields: Any = self.fields.dtype.fields

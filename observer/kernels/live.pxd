@@ -8,8 +8,6 @@ cpdef void fill_inputs(ColumnsRead read, DriveDesk desk, double begin_s, double 
 cdef inline bint _fill_known(ColumnsRead read, DriveDesk desk, Py_ssize_t k, double hours, double hours_before) noexcept nogil
 @cython.locals(before=double)
 cdef inline void _fill_laws(DriveDesk desk, Py_ssize_t k) noexcept nogil
-@cython.locals(heat_W=double)
-cdef void put_products(Products laws, const double[:, ::1] values, double[:, ::1] law) noexcept nogil
 @cython.locals(desk=DriveDesk, inputs=Inputs, moment=double[::1], nut=LiveNut)
 cdef drive_frame(DriveTick tick)
 cdef watch_frame(TestTick tick)

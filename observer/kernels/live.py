@@ -7,7 +7,7 @@ belongs to the part that takes the steps.
 from __future__ import annotations
 
 from observer.kernels.bank import gather, put_bounds
-from observer.kernels.codes import GOOD, INPUT_LOST, NO_PRODUCT, NUT_LOST, OF_NOTHING, OF_SPEED, TICKS_PER_S
+from observer.kernels.codes import GOOD, INPUT_LOST, NUT_LOST, TICKS_PER_S
 from observer.kernels.kalman import filter_steps
 from observer.kernels.libc import bytes_of, isfinite, isnan, rint, take_bytes
 from observer.kernels.path import average_columns
@@ -100,23 +100,9 @@ def _fill_laws(desk, k):
         desk.law_W[k, j], desk.jump_W[k, j] = (before + law[k, j]) / 2, law[k, j] - before
 
 
-def put_products(laws, values, law):
-    """Fill in the heats at a tick of the laws that are products (see `observer.model.law.Product`)."""
-    for j in range(len(laws.base)):
-        if laws.base[j] == NO_PRODUCT:
-            continue
-        heat_W = 1.0 if laws.base[j] == OF_NOTHING else values[0, laws.column[j]]
-        if laws.base[j] == OF_SPEED:
-            heat_W = abs(heat_W)
-        for f in range(laws.factors.shape[1]):
-            heat_W = laws.factors[j, f] * heat_W
-        law[0, j] = heat_W
-
-
 def drive_frame(tick):
     """Fill in the inputs of one frame, and the state after it."""
     desk, inputs, moment = tick.desk, tick.inputs, tick.moment
-    put_products(tick.laws, desk.values, desk.law)
     if isnan(moment[0]):
         moment[0] = desk.time_s[0]
     fill_inputs(tick.read, desk, moment[0], moment[1])
@@ -165,8 +151,7 @@ def step_frame(step, data):
     """
     drive, estimator, test = step.drive, step.estimator, step.test
     take_bytes(drive.octets, data)
-    if drive.before is not None:
-        drive.before()
+    drive.before()
     drive_frame(drive)
     if drive.after is not None:
         drive.after()

@@ -1,8 +1,3 @@
-cdef class Products(Record):
-    cdef public Py_ssize_t[::1] base, column
-    cdef public double[:, ::1] factors
-
-
 cdef class LiveNut(Record):
     cdef public NutTable table
     cdef public NutDesk desk
@@ -22,7 +17,6 @@ cdef class LiveWalk(Record):
 cdef class DriveTick(Record):
     cdef public unsigned char[::1] octets
     cdef public ColumnsRead read
-    cdef public Products laws
     cdef public DriveDesk desk
     cdef public double[::1] dt_s, moment
     cdef public tuple nuts

@@ -18,9 +18,8 @@ from observer.config import Config
 from observer.effects.terms import AmbientShift, LawFactor, SensorOffset, SpeedLoss
 from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, NutPath, QualityArray
 from observer.kernels import fill_inputs, record
-from observer.kernels.codes import NO_PRODUCT
 from observer.kernels.layout import Records, packed
-from observer.model.law import Law, Product, heat_law
+from observer.model.law import Law, heat_law
 from observer.model.plant import AMBIENT, BED, LEFT, OFFSET, REFERENCE, RIGHT, MovingSource, Plant
 from observer.model.realise import realise
 from observer.model.rod import moving
@@ -102,7 +101,6 @@ class Drive:
         self._sensor_channels = [s.channel for s in config.sensor]
         self._scale = np.array([s.channel_scale for s in config.sensor])
         self.displaces = not plant.thermal.all()
-        self._all_sources = range(len(config.source))
         self._laws: list[tuple[tuple[str, ...], Law]] = [
             (law_channels(s, config.source), heat_law(s, config.source, config.screw.length_m))
             for s in config.source
@@ -181,7 +179,7 @@ class Drive:
         """Inputs and readings of K steps, the time of the first frame, and the running time of each law."""
         self.set_channels(frames.channels)
         desk = _desk(frames, state, len(self._sensor_channels))
-        running_s = self.heats(desk.law, frames.values, frames.dt_s, state.running_s, self._all_sources)
+        running_s = self.heats(desk.law, frames.values, frames.dt_s, state.running_s)
         begin_s = float(frames.time_s[0]) if math.isnan(state.begin_s) else state.begin_s
         fill_inputs(self.read, record(desk), begin_s, state.last_s)
         self.displace(desk.time_s, desk.y_degC, desk.usable, begin_s)
@@ -240,21 +238,19 @@ class Drive:
         values: FloatArray,
         dt_s: FloatArray,
         running_s: FloatArray,
-        sources: Sequence[int],
     ) -> FloatArray:
-        """Fill in the heats by some laws at each tick, W, NaN before the first value.
+        """Fill in the heats by the laws at each tick, W, NaN before the first value.
 
         Args:
             law: Heats of all m sources, W, (K, m), changed in place.
             values: Values of the channels, (K, channels).
             dt_s: Lengths of the steps, s, (K,).
             running_s: Running time of each law before, s, (m,).
-            sources: Numbers of the sources to compute.
 
         Returns:
             The running time of each law after the last tick, s, (m,).
         """
-        for j in sources:
+        for j in range(len(self._laws)):
             read = [values[:, i] for i in self._law_columns[j]] or [np.zeros(len(values))]
             law[:, j] = self._laws[j][1](*read)
             if factors := self._factors[j]:
@@ -265,26 +261,6 @@ class Drive:
                 for factor in factors:
                     law[:, j] *= factor(read[0], ran_s)
         return running_s
-
-    def products(self) -> tuple[Products, list[int]]:
-        """Return the laws as products for the kernel, and the numbers of those that are not constant
-        products.
-
-        The latter are computed by `heats`.
-        """
-        laws = [
-            law if isinstance(law, Product) and not factors else Product(NO_PRODUCT, ())
-            for (_, law), factors in zip(self._laws, self._factors, strict=True)
-        ]
-        width = max((len(law.factors) for law in laws), default=0)
-        products = Products(
-            np.array([law.base for law in laws], np.int64),
-            np.array([columns[0] if columns else 0 for columns in self._law_columns], np.int64),
-            np.array([[*law.factors, *(width - len(law.factors)) * [1.0]] for law in laws]).reshape(
-                -1, width
-            ),
-        )
-        return products, [j for j, law in enumerate(laws) if law.base == NO_PRODUCT]
 
     def loss(self, values: FloatArray, ambient_degC: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the rate of the losses by speed, 1/s, (K,), and the temperature that they approach, °C,
@@ -392,20 +368,6 @@ def _desk(frames: FrameBlock, state: DriveState, s: int) -> DriveDesk:
     numbers = (np.empty((k, width)) for width in (m, p, p, p, m, m, s))
     flags = np.empty((k, s), np.bool_), np.empty((k, s), np.int8), np.empty(k, np.int8)
     return DriveDesk._make([*map(packed, read), *numbers, *flags])
-
-
-class Products(NamedTuple):
-    """Laws as products (see `law.Product`) for the kernel.
-
-    Attributes:
-        base: Code of the base of each law, (m,); `NO_PRODUCT` for other laws.
-        column: Column of the law's channel, (m,).
-        factors: Factors, (m, f), padded with 1.
-    """
-
-    base: NDArray[np.int64]
-    column: NDArray[np.int64]
-    factors: FloatArray
 
 
 def turned(

@@ -3,45 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from observer.frames import FloatArray
-from observer.kernels.codes import OF_CHANNEL, OF_NOTHING, OF_SPEED
 from observer.physics import friction
 from observer.tables.laws import SPEED_LAWS, BearingFriction
 from observer.tables.sections import Source, owner, part_of_heat
-from observer.units import RAD_S_PER_RPM
 
 Law = Callable[..., FloatArray]
 """Heat in W from the law's channels, one array (k,) each, in the order of `law_channels`."""
-
-
-@dataclass(frozen=True, slots=True)
-class Product:
-    """A law that is a product of factors and a base.
-
-    Attributes:
-        base: Code of the base: the size of its channel (a speed), the channel itself, or 1.
-        factors: The factors, multiplied in this order by Python and kernels alike.
-    """
-
-    base: int
-    factors: tuple[float, ...]
-
-    def __call__(self, channel: FloatArray) -> FloatArray:
-        """Return the heat, W, (k,), for the values of its channel, (k,)."""
-        heat_W = np.abs(channel) if self.base == OF_SPEED else channel
-        if self.base == OF_NOTHING:
-            heat_W = np.ones_like(channel)
-        for factor in self.factors:
-            heat_W = factor * heat_W
-        return heat_W
-
-    def times(self, factor: float) -> Product:
-        """Return the law with one more factor."""
-        return Product(self.base, (*self.factors, factor))
 
 
 def heat_law(source: Source, sources: Sequence[Source], screw_m: float) -> Law:
@@ -71,11 +42,11 @@ def heat_law(source: Source, sources: Sequence[Source], screw_m: float) -> Law:
         other = heat_law(owner(source, sources), sources, screw_m)
         return _times(other, part_of_heat(source))
     if source.law == "power_channel":
-        return Product(OF_CHANNEL, (source.scale,))
+        return lambda power_W: source.scale * power_W
     if source.law not in SPEED_LAWS:
         heat_W = source.scale * (source.heat_W or 0.0)
         if source.drive_channel is None:
-            return Product(OF_NOTHING, (heat_W,))
+            return lambda shape: np.full_like(shape, heat_W)
         return lambda drive: np.where(drive != 0.0, heat_W, 0.0)
     factor, of_speed = _factor(source, screw_m), _of_speed(source)
     return of_speed if factor == 1.0 else _times(of_speed, factor)
@@ -83,7 +54,7 @@ def heat_law(source: Source, sources: Sequence[Source], screw_m: float) -> Law:
 
 def _times(law: Law, factor: float) -> Law:
     """A law times a factor."""
-    return law.times(factor) if isinstance(law, Product) else lambda *channels: factor * law(*channels)
+    return lambda *channels: factor * law(*channels)
 
 
 def _factor(source: Source, screw_m: float) -> float:
@@ -101,10 +72,10 @@ def _of_speed(source: Source) -> Law:
     if source.bearing is not None:
         return _bearing(source.bearing)
     if source.heat_W_rpm is not None:
-        return Product(OF_SPEED, (source.heat_W_rpm,))
+        return _times(np.abs, source.heat_W_rpm)
     torque_Nm = _nut_torque_Nm(source)
     if source.nut_speed_channel is None:
-        return Product(OF_SPEED, (RAD_S_PER_RPM, torque_Nm))  # `friction_heat_W`
+        return lambda speed_rpm: friction.friction_heat_W(torque_Nm, speed_rpm)
     if source.nut_torque_Nm is None:
         return lambda speed_rpm, nut_rpm: friction.relative_heat_W(torque_Nm, speed_rpm, nut_rpm)
     own_Nm = source.nut_torque_Nm

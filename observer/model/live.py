@@ -9,8 +9,8 @@ import numpy as np
 
 from observer.frames import FloatArray, Inputs, NutPath
 from observer.kernels import record
-from observer.kernels.layout import Bundle, Fields, Records
-from observer.model.drive import Drive, DriveDesk, DriveState, Products, turned
+from observer.kernels.layout import Bundle, Fields
+from observer.model.drive import Drive, DriveDesk, DriveState, turned
 from observer.model.plant import MovingSource, Plant
 from observer.model.rod import moving
 from observer.model.rod.moving import NutDesk
@@ -75,25 +75,23 @@ class DriveTick(NamedTuple):
     Attributes:
         octets: Bytes of the frame.
         read: Record of `ColumnsRead`.
-        laws: Laws as products.
         desk: Inputs and outputs of the kernel.
         dt_s: Length of the step, s, (1,).
         moment: Times of the first and of the last frame, s, (2,).
         nuts: Records of `LiveNut`.
         inputs: Record of the resulting `Inputs`.
-        before: Step in Python before the kernel's own, or None.
-        after: Step in Python after it, or None.
+        before: Fills in the heats by the laws, in Python.
+        after: Step in Python after the kernel's own, or None.
     """
 
     octets: Any
     read: Any
-    laws: Products
     desk: DriveDesk
     dt_s: FloatArray
     moment: FloatArray
     nuts: tuple[Any, ...]
     inputs: Any
-    before: Callable[[], None] | None
+    before: Callable[[], None]
     after: Callable[[], None] | None
 
 
@@ -119,7 +117,6 @@ class LiveDrive:
         """
         self._drive, self._plant, self._frame = drive, plant, frame
         drive.set_channels(frame.channels)
-        laws, self._others = drive.products()
         state = drive.initial()
         self._turns = state.turns
         self._bundle = Bundle.of(_arrays(state))
@@ -149,8 +146,8 @@ class LiveDrive:
         after = bool(drive.losses) or any(source.ends_fraction for source in plant.moving) or drive.displaces
         self.record = record(
             DriveTick(
-                frame_fields.octets, drive.read, laws, desk, frame_fields["dt_s"], state_fields["moment"],
-                nuts, self.inputs_record, self._put_heats if self._others else None,
+                frame_fields.octets, drive.read, desk, frame_fields["dt_s"], state_fields["moment"],
+                nuts, self.inputs_record, self._put_heats,
                 self._put_rest if after else None,
             )
         )  # fmt: skip
@@ -162,10 +159,10 @@ class LiveDrive:
         return NutDesk(**state_fields, out_B=out_B, out_C=out_C, step_B=np.empty(B), step_C=np.empty(C))
 
     def _put_heats(self) -> None:
-        """Fill in the heats by laws that are not products."""
+        """Fill in the heats by the laws."""
         state_fields, frame = self._bundle, self._frame.bundle
         state_fields["running_s"][:] = self._drive.heats(
-            self._law, frame["values"], frame["dt_s"], state_fields["running_s"], self._others
+            self._law, frame["values"], frame["dt_s"], state_fields["running_s"]
         )
 
     def _put_rest(self) -> None:
@@ -191,15 +188,6 @@ class LiveDrive:
         """Return a copy of the inputs of the last frame, for whoever uses them after the next one."""
         data = self._inputs.octets.tobytes()
         return Inputs._make(self._inputs.fields.columns(data, Inputs._fields))
-
-    def keep(self) -> tuple[bytes, tuple[Records, ...]]:
-        """Return a checkpoint for `put_back`, so that a frame can be repeated."""
-        return self._bundle.octets.tobytes(), self._turns
-
-    def put_back(self, checkpoint: tuple[bytes, tuple[Records, ...]]) -> None:
-        """Restore a checkpoint."""
-        self._bundle.put_back(checkpoint[0])
-        self._turns = checkpoint[1]
 
     @property
     def state(self) -> DriveState:

@@ -98,7 +98,7 @@ def test_a_law_of_the_owner_that_wears_is_one_of_its_parts_too():
     law = np.zeros((3, 3))
     drive.set_channels(config.channels)
     values = np.full((3, len(config.channels)), 500.0)
-    drive.heats(law, values, np.array([0.0, 60.0, 600.0]), np.zeros(3), range(3))
+    drive.heats(law, values, np.array([0.0, 60.0, 600.0]), np.zeros(3))
     np.testing.assert_allclose(law[:, 1], law[:, 0] / 3.0)
     assert law[2, 0] < law[0, 0]
 

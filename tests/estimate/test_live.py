@@ -212,12 +212,3 @@ def test_an_estimate_is_cut_out_when_it_is_asked_for_and_only_then():
     assert len({field.tobytes() for field in late if np.isfinite(field).all()}) > 5
     with pytest.raises(AttributeError, match="EstimateBlock has no field_K"):
         estimates[0].field_K  # noqa: B018
-
-
-def test_only_a_laws_own_channels_are_read():
-    machine = machine_of("laws")
-    drive = Drive(machine.config, machine.plant)
-    drive.set_channels(machine.plan.channels)
-    products, others = drive.products()
-    assert others == [2, 5]  # Palmgren's law, and what stops with the drive
-    assert products.base.tolist() == [0, 0, -1, 1, 2, -1, 0]
