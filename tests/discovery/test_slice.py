@@ -5,8 +5,6 @@ Twelve cases of some 30 s of one core each, so three minutes on two.
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -36,16 +34,3 @@ def test_a_hidden_effect_is_found_or_left_open_rightly(entry: Entry, tmp_path: P
         assert float(row.after_K) < 0.5 * float(row.before_K), said
     if row.outcome == "unknown":
         assert row.localised == "1", said
-
-
-@pytest.mark.slow
-@pytest.mark.nightly
-def test_the_campaign_runs_as_a_program_and_goes_on_where_it_was(tmp_path: Path) -> None:
-    case = ["--slice", "typical", "--only", "typical.null.10000", "--answers", str(tmp_path / "answers")]
-    options = [*case, "--folder", str(tmp_path), "--workers", "1"]
-    command = [sys.executable, "-m", "campaigns.discovery", *options]
-    for known in (0, 1):
-        printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-        assert f"1 cases, {known} already in" in printed.replace("\n", " ")
-    assert len((tmp_path / "typical.csv").read_text(encoding="utf-8").splitlines()) == 2
-    assert "typical, nothing hidden: “none”" in (tmp_path / "summary.md").read_text(encoding="utf-8")

@@ -4,10 +4,9 @@ import time
 from dataclasses import replace
 
 import numpy as np
-import pytest
 import structlog
 
-from observer.align.aligner import blocks_of_log, commands_of, faults_of, frames_of_log
+from observer.align.aligner import commands_of, faults_of
 from observer.control.compensation import NOT_ARMED, CompensationState
 from observer.control.compensator import Compensator
 from observer.control.steering import NoControl
@@ -81,28 +80,6 @@ async def test_the_replay_of_a_recording_is_the_live_run_with_its_resets_to_the_
     assert EstimateQuality.DEGRADED in {quality for block in live for quality in block.quality}
     without = replace(log, flags=tuple((flags or "").partition("!")[0] for flags in log.flags))
     assert bits(replay(without), "field_degC") != bits(live, "field_degC")  # the resets were needed
-
-
-@pytest.mark.parametrize("block", [1, 3, 4096])
-def test_a_block_begins_at_each_reset_whatever_its_size(block):
-    rows, step = 12, [k % 2 == 1 for k in range(12)]
-    flags = [None] * rows
-    for row in (0, 4, 6, 7, 11):
-        flags[row] = "!reset=done by a"
-    flags[2] = "!reset=refused to a: no"
-    log = Log(
-        "run.csv", np.arange(rows, dtype=float), CHANNELS, np.full((rows, 3), np.nan), np.array(step),
-        tuple(flags),
-    )  # fmt: skip
-    blocks = list(blocks_of_log(log, plan(), block))
-    first, afresh = 0, []
-    for frames, reset in blocks:
-        afresh += [first] * reset
-        first += len(frames)
-    assert first == 6
-    assert afresh == [0, 2, 3, 5]  # one on a tick's own row comes before that tick
-    whole = np.concatenate([frames.time_s for frames in frames_of_log(log, plan(), block)])
-    np.testing.assert_array_equal(whole, np.arange(1.0, rows, 2.0))
 
 
 def test_a_command_is_not_a_fault_of_any_channel():

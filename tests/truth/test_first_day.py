@@ -177,12 +177,3 @@ def test_a_uniform_rise_moves_each_place_by_its_distance_from_the_fixed_bearing(
         expected_um = 1e6 * EXPANSION_1_K * 5.0 * (places_m - fixed_m)
         assert error_um(machine, warm_degC, places_m, 20.0) == pytest.approx(expected_um, abs=1e-9)
         assert field_degC(machine, warm_degC, places_m) == pytest.approx(25.0)
-
-
-def test_half_of_the_machines_stand_upright() -> None:
-    assert [draw_machine(number).nameplate.vertical for number in range(101, 105)] == [
-        False,
-        True,
-        False,
-        True,
-    ]

@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.truth.machine.catalogue import OUTSIDE, PAIRS
-from tests.truth.machine.cycles import PROGRAMMES, RUNS
-from tests.truth.machine.effects import LADDERS, LIBRARY, Effect
-from tests.truth.machine.entries import FIRST_SEED, campaign, slice_entries
+from tests.truth.machine.cycles import RUNS
+from tests.truth.machine.effects import Effect
+from tests.truth.machine.entries import FIRST_SEED, campaign
 from tests.truth.machine.generate import LINKS_OFF, Case, runs_of, trace, write_answer, write_case
 from tests.truth.machine.logs import CHANNELS
 from tests.truth.machine.visibility import hidden_rms_K
@@ -96,30 +95,6 @@ def test_faults(fault: str) -> None:
     assert (np.unique(step_s.round(3)).size > 20) == (fault == "uneven")
     assert np.isnan(sensors).any() == (fault == "missing")
     assert (np.diff(sensors[-3000:], axis=0) == 0.0).all(axis=0).any() == (fault == "stuck")
-
-
-def test_a_case_names_only_what_exists() -> None:
-    with pytest.raises(ValueError, match="unknown"):
-        Case("strange", (Effect("gremlin"),))
-    with pytest.raises(ValueError, match="unknown"):
-        Case("strange", cycle="waltz")
-
-
-def test_the_catalogue_covers_what_was_asked() -> None:
-    entries = campaign()
-    assert len({e.name for e in entries}) == len(entries)
-    assert min(e.case.seed for e in entries) == FIRST_SEED
-    assert {ladder.kind for ladder in LADDERS} == set(LIBRARY)
-    rungs = [(e.case.effects[0].kind, e.rung, e.case.seed) for e in entries if e.group == "ladder"]
-    assert len(set(rungs)) == len(rungs) == len(LIBRARY) * 5 * 8
-    for ladder in LADDERS:
-        neutral = 1.0 if ladder.key == "exponent" else 0.0
-        assert np.all(np.diff(np.abs(np.array(ladder.strengths) - neutral)) > 0.0)
-    assert all(a.kind != b.kind for a, b in PAIRS)
-    assert len({e.kind for e in OUTSIDE}) == 5
-    assert sum(e.group == "null" for e in entries) == 200
-    assert {e.case.cycle for e in entries} == set(PROGRAMMES)
-    assert all(len(runs_of(e.case)) == len(RUNS) for e in slice_entries(901)[:1])
 
 
 def test_strengths_are_what_the_sensors_see() -> None:
