@@ -264,9 +264,9 @@ def linearise_at(p, u, k, C, x, linearisation_point):
 
 
 def is_at_rest(p, u, k, usable, C):
-    """Return whether no law makes heat and every sensor agrees with the air's temperature.
+    """Return whether no law makes heat and every thermocouple agrees with the air's temperature.
 
-    At least one sensor must respond to the screw more than to the air.
+    At least one of them must respond to the screw more than to the air.
     """
     ambient_K, count = 0.0, 0
     for q in range(p.learn.machine):
@@ -277,7 +277,7 @@ def is_at_rest(p, u, k, usable, C):
         quiet = quiet and u.law_W[k, j] == 0.0
     for q in range(p.learn.machine, len(p.learn.kind)):
         i = p.learn.of[q]
-        if p.learn.kind[q] == OFFSET and usable[i]:
+        if p.learn.kind[q] == OFFSET and usable[i] and p.thermal[i]:
             part = 0.0
             for a in range(len(p.uniform)):
                 part += C[i, a] * p.uniform[a]

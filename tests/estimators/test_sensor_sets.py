@@ -63,12 +63,12 @@ def test_a_set_among_many_is_as_sure_as_a_machine_that_has_only_its_sensors():
 def test_a_probing_is_worth_more_the_oftener_it_comes_and_nothing_before_it_comes():
     sets, nothing = [(0, 2, PROBE)], together(housings(), [(0, 2)])
     field, error = -2, -1
-    minute, half, hourly, never = (
-        together(housings(), sets, every_s)[0] for every_s in (60.0, 1800.0, 3600.0, 1e6)
+    always, minute, half, hourly, never = (
+        together(housings(), sets, every_s)[0] for every_s in (None, 60.0, 1800.0, 3600.0, 1e6)
     )
     np.testing.assert_allclose(never, nothing[0], rtol=1e-9)
     for part in (field, error):
-        assert minute[part] < half[part] < hourly[part] < never[part]
+        assert always[part] < minute[part] < half[part] < hourly[part] < never[part]
     # three readings of 1 µm, the zero known to 2 µm: what was 4 to 9 µm is about 2 µm from then on
     assert hourly[error] < 0.8 * never[error]
 
