@@ -66,12 +66,13 @@ class StateWriter:
     def _replace(self, content: Callable[[], bytes], before: threading.Thread) -> None:
         if before.is_alive():
             before.join()
+        failure: Exception | None = None
         try:
             problem = save_state(self._path, content())
-        except Exception as error:  # noqa: BLE001 - a defect: the service continues, but health says it cannot resume
-            problem = f"{self._path}: cannot be written ({error!r}); report this"
+        except Exception as error:  # noqa: BLE001 - a defect; the service continues
+            failure, problem = error, f"{self._path}: cannot be written ({error!r}); report this"
         if problem is not None and self.problem is None:
-            log.warning("state not saved", reason=problem, exc_info=True)
+            log.warning("state not saved", reason=problem, exc_info=failure)
         self.problem = problem
 
 

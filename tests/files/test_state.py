@@ -75,6 +75,7 @@ def test_a_defect_is_a_problem_until_a_content_is_written(tmp_path: Path) -> Non
             writer.replace(lambda: bytes(1 // 0))
             assert writer.wait(PATIENCE_S)
     assert [entry["event"] for entry in logs] == ["state not saved"], "it is logged once"
+    assert isinstance(logs[0]["exc_info"], ZeroDivisionError)
     assert "report this" in str(writer.problem)
     writer.replace(lambda: b"")
     assert writer.wait(PATIENCE_S)
