@@ -12,14 +12,12 @@ from observer.discovery.search import FittedCandidate, Search
 from observer.discovery.verdict import Partial, Verdict, proposable
 from observer.discovery.workers import IN_PROCESS, WorkerPool
 from observer.fit.hypothesis import Fit
-from observer.fit.problem import Problem
 
 MOST_ASKED = 5
 """Effects not identifiable from the logs for which a test is sought."""
 
 
 def decisive_test(
-    problem: Problem,
     search: Search,
     verdict: Verdict,
     with_one_less: Sequence[tuple[str, Fit]] = (),
@@ -29,7 +27,6 @@ def decisive_test(
     """Return the test that would separate several answers.
 
     Args:
-        problem: Data and free parameters.
         search: Result of the search.
         verdict: Its verdict.
         with_one_less: Each chosen effect with the fit of the others alone.
@@ -41,10 +38,11 @@ def decisive_test(
     """
     if verdict.suspected:
         return None
+    problem = search.null.problem
     if verdict.kind == "ambiguous":
         return propose(problem, [fit.config for fit in verdict.fits], pool)
     if verdict.kind == "not_identifiable":
-        return _that_shows(problem, search, pool)
+        return _that_shows(search, pool)
     if verdict.unproved:
         without = [fit.config for name, fit in with_one_less if name in verdict.unproved]
         return propose(problem, [search.fit.config, *without], pool)
@@ -54,12 +52,12 @@ def decisive_test(
     return None
 
 
-def _that_shows(problem: Problem, search: Search, pool: WorkerPool) -> Experiment | None:
+def _that_shows(search: Search, pool: WorkerPool) -> Experiment | None:
     """Return the first test that shows an effect which these logs cannot show; None if no test does."""
     config = search.fit.config
     for unseen in search.blind[:MOST_ASKED]:
         effects = (*config.effect, unseen.effect(unseen.shapes[0]))
-        test = propose(problem, [config, config.model_copy(update={"effect": effects})], pool)
+        test = propose(search.null.problem, [config, config.model_copy(update={"effect": effects})], pool)
         if test.separation_sigma >= SEPARATES:
             return test
     return None

@@ -211,13 +211,10 @@ class ErrorLocation:
     correlation_ci95: tuple[float, float]
 
 
-def localised(fit: Fit, rows: BoolArray) -> tuple[ErrorLocation, ...]:
-    """Return where a fit is wrong, the worst first, at most twelve places.
+def localised(fit: Fit) -> tuple[ErrorLocation, ...]:
+    """Return where a fit is wrong on the rows that it may use, the worst first, at most twelve places.
 
-    Args:
-        fit: The fit.
-        rows: True for the rows of the evidence that count, (n,). Phases with fewer than six means are left
-            out.
+    Phases with fewer than six means are left out.
     """
     problem, evidence = fit.problem, fit.problem.evidence
     error_K = problem.error_K(fit.config)
@@ -227,7 +224,7 @@ def localised(fit: Fit, rows: BoolArray) -> tuple[ErrorLocation, ...]:
     regressors = {key: evidence.rows(values) for key, values in _regressors(fit, courses).items()}
     places = []
     for s, name in enumerate(names):
-        of_sensor = rows & (evidence.sensor == s)
+        of_sensor = evidence.used & (evidence.sensor == s)
         key, correlation, ci95 = _goes_with(error_K, regressors, of_sensor)
         for p, phase_name in enumerate(PHASES):
             counted = of_sensor & (phase == p)

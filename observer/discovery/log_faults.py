@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from operator import attrgetter
 from typing import Literal
 
@@ -105,28 +106,20 @@ class FaultFit:
 
 @dataclass(frozen=True)
 class Linearised:
-    """The problem at a configuration: predictions and derivatives from which faults are fitted.
+    """The problem at a configuration, where faults are fitted.
 
     Attributes:
         problem: Data and free parameters.
         config: The configuration.
-        means: Predicted means with their f derivatives, (b, s, 1 + f) of each run, K per scale.
     """
 
     problem: Problem
     config: Config
-    means: Means
 
-    @classmethod
-    def at(cls, problem: Problem, config: Config) -> Linearised:
-        """Return the problem at a configuration; it costs one prediction more than there are free
-        parameters.
-        """
-        predicted, slopes = problem.forward(config), []
-        for moved, per in problem.differences(config):
-            slopes.append([(m - p) * per for m, p in zip(problem.forward(moved), predicted, strict=True)])
-        means = [np.stack([p, *(s[i] for s in slopes)], axis=2) for i, p in enumerate(predicted)]
-        return cls(problem, config, means)
+    @cached_property
+    def means(self) -> Means:
+        """Predicted means with their f derivatives, (b, s, 1 + f) of each run, K per scale."""
+        return self.problem.means_with_slopes(self.config)
 
     def fitted(self, fault: LogFault, null: float) -> FaultFit:
         """Fit a fault with the free parameters, linear about this configuration.
@@ -301,7 +294,7 @@ def fit_faults(null: Fit) -> list[FaultFit]:
         null: The fit without effects or faults.
     """
     problem, without = null.problem, null.deviance_of_all
-    linearised = Linearised.at(problem, null.config)
+    linearised = Linearised(problem, null.config)
     best: dict[str, FaultFit] = {}
     for fault in possible_faults(problem):
         fitted = linearised.fitted(fault, without)
@@ -325,7 +318,7 @@ def _refined(problem: Problem, fitted: FaultFit, null: float) -> FaultFit:
     for start in (fitted, replace(fitted, config=problem.config)):
         end = start
         for finer_s in FINER_S:
-            linearised, fault = Linearised.at(problem, end.config), end.fault
+            linearised, fault = Linearised(problem, end.config), end.fault
             near = [fault]
             if fault.late_s:
                 near = [late(problem, fault.late_s + i * finer_s) for i in range(-2, 3)]

@@ -171,7 +171,7 @@ def plain(
     config, strict = intolerant(null.config, fitted.fault.kind), null
     if config.tolerance != null.config.tolerance:
         strict = replace(null, problem=null.problem.with_nuisance(config))
-        fitted = Linearised.at(strict.problem, fitted.config).fitted(fitted.fault, strict.deviance_of_all)
+        fitted = Linearised(strict.problem, fitted.config).fitted(fitted.fault, strict.deviance_of_all)
     misfit = fitted.left + fitted.drop - noise
     earned = fitted.score >= LEAST and fitted.drop >= SHARE * misfit
     return earned and _no_effect_explains(null, fitted, rivals, marks)
@@ -280,7 +280,7 @@ def _differs(problem: Problem, fitted: FaultFit) -> Description:
 def _follows(problem: Problem, fitted: FaultFit) -> Description:
     at, by = fitted.fault.indices
     channel = problem.config.sensor[at].channel
-    slowly = Linearised.at(problem, fitted.config).fitted(follows(at, by, SLOWLY), fitted.left)
+    slowly = Linearised(problem, fitted.config).fitted(follows(at, by, SLOWLY), fitted.left)
     per_W = float(np.sum(slowly.values))
     return channel, per_W, (
         f"{channel} responds to the heat of {problem.config.source[by].name} at once, {per_W:.2g} K per watt "
@@ -317,7 +317,7 @@ def misscaled(null: Fit) -> Iterator[Suspect]:
         null: The fit without effects. The factors are taken at the configured values, before calibration.
     """
     config = null.problem.config
-    factors = Linearised.at(null.problem, config).heats()
+    factors = Linearised(null.problem, config).heats()
     units, ratios = dict[str, str](), dict[str, list[float]]()
     for source in config.source:
         units_by_channel = {source.speed_channel: "rpm", source.power_channel: "W"}

@@ -222,7 +222,7 @@ def partial_of(search: Search) -> Partial | None:
         for i, s in enumerate(problem.config.sensor)
     }
     worst = max(of_sensor, key=lambda name: of_sensor[name])
-    phases = [place.phase for place in localised(best.fit, used) if place.sensor == worst]
+    phases = [place.phase for place in localised(best.fit) if place.sensor == worst]
     of_worst = used & (problem.evidence.sensor == [s.name for s in problem.config.sensor].index(worst))
     of_run = {
         int(r): rms(left_K[of_worst & (problem.evidence.run == r)])

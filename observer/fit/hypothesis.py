@@ -20,7 +20,7 @@ import numpy as np
 from observer.config import Config
 from observer.effects.terms import SensorOffset, StretchFilm, Term
 from observer.fit.parameters import info_of
-from observer.fit.problem import NuisanceColumns, Problem, modelled_lags
+from observer.fit.problem import Problem, modelled_lags
 from observer.frames import BoolArray, FloatArray
 from observer.linear_fit import LinearFit, Marginal
 
@@ -248,11 +248,7 @@ class Fit:
             named: Configuration whose effects limit the tolerances about the same thing to `OWN_SIGMA`. None
                 takes the fit's own.
         """
-        nuisance = self.problem.nuisance
-        if nuisance is None or not nuisance.columns.shape[1]:
-            return np.zeros(len(self.residual))
-        counted, taken = self._taken(nuisance, named or self.config)
-        return np.asarray(nuisance.changes_K[:, counted] @ taken)
+        return self._taken(named or self.config)[0]
 
     def stretch(self, named: Config | None = None) -> float:
         """Return the most probable value of the most stretched tolerance, in σ; 0 without tolerances.
@@ -260,19 +256,22 @@ class Fit:
         Args:
             named: As in `within_tolerances_K`.
         """
+        return float(np.max(np.abs(self._taken(named or self.config)[1]), initial=0.0))
+
+    def _taken(self, named: Config) -> tuple[FloatArray, FloatArray]:
+        """The contribution of the tolerances beside a fit, K or µm, (n,), and their most probable values,
+        σ, (t,).
+        """
         nuisance = self.problem.nuisance
         if nuisance is None or not nuisance.columns.shape[1]:
-            return 0.0
-        return float(np.max(np.abs(self._taken(nuisance, named or self.config)[1]), initial=0.0))
-
-    def _taken(self, nuisance: NuisanceColumns, named: Config) -> tuple[BoolArray, FloatArray]:
-        """The tolerances (t,) that count beside a fit, and their most probable values on the used rows."""
+            return np.zeros(len(self.residual)), np.zeros(0)
         counted = nuisance.except_lags(modelled_lags(self.config))
         replaced = np.array([replaces(term, named) for term in nuisance.terms])
         most = np.where(replaced, OWN_SIGMA, MOST_SIGMA)[counted]
         used = self.problem.evidence.used
         linear = LinearFit.of(nuisance.columns[used][:, counted], self.residual[used], prior_weight=1.0)
-        return counted, linear.bounded_step(-most, most)
+        taken = linear.bounded_step(-most, most)
+        return np.asarray(nuisance.changes_K[:, counted] @ taken), taken
 
     @cached_property
     def covariance(self) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -227,23 +227,23 @@ class Problem:
         return self.by_run(change) if scope == "run" else self.by_sensor(change)
 
     def derivatives(self, config: Config) -> Derivatives:
-        """Return the derivatives by the free parameters, from one-sided differences that stay inside the
-        bounds.
-        """
-        predicted = self.predicted(config)
-        columns = [(self.predicted(moved) - predicted) * per for moved, per in self.differences(config)]
-        return Derivatives(self._columns(columns), self.free_values(config) / self.scale)
+        """Return the derivatives by the free parameters."""
+        columns = self.evidence.rows(self.means_with_slopes(config))[:, 1:]
+        return Derivatives(self.evidence.whitened(columns), self.free_values(config) / self.scale)
 
-    def differences(self, config: Config) -> Iterator[tuple[Config, float]]:
-        """Yield the configuration with each free parameter changed by a thousandth of its scale.
+    def means_with_slopes(self, config: Config) -> list[FloatArray]:
+        """Return the predicted means of each run with their f derivatives per scale, (b, s, 1 + f).
 
-        Each comes with the factor that makes a change of the prediction a derivative per scale.
+        Differences are one-sided, a thousandth of each scale, and stay inside the bounds.
         """
-        values = self.free_values(config)
+        predicted, values = self.forward(config), self.free_values(config)
+        columns = [[means] for means in predicted]
         for i, scale in enumerate(self.scale):
-            step = DIFFERENCE * scale
-            step = step if values[i] + step <= self.bounds[1][i] else -step
-            yield self.with_free(config, values + step * (np.arange(len(values)) == i)), scale / step
+            share = DIFFERENCE if values[i] + DIFFERENCE * scale <= self.bounds[1][i] else -DIFFERENCE
+            moved = self.with_free(config, values + share * scale * (np.arange(len(values)) == i))
+            for run, means in zip(columns, self.forward(moved), strict=True):
+                run.append((means - run[0]) / share)
+        return [np.stack(run, axis=2) for run in columns]
 
     def by_sensor(self, change: FloatArray) -> list[FloatArray]:
         """Split a change (n,) into one of each sensor alone."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from observer.estimators.kalman import KalmanEstimator
 from observer.forecast.ahead import HOUR_S, Runner
-from observer.forecast.program import Bins, Program
+from observer.forecast.program import Program
 from observer.frames import BoolArray, EstimateBlock, FloatArray
 
 STEP_S = 30.0
@@ -42,16 +42,6 @@ class Settled:
     between_s: tuple[float, float] | None = None
 
 
-def _part(one: Bins) -> Bins:
-    """Return some steps of a mean bin."""
-    return one.at(np.zeros(_PART, np.int64))._replace(dt_s=np.full(_PART, STEP_S))
-
-
-def _without_sigma(begin: Runner) -> Runner:
-    """Return the runner with a covariance of zero, since only the means are used."""
-    return replace(begin, state=replace(begin.state, P=np.zeros_like(begin.state.P)))
-
-
 def settling(begin: Runner, program: Program, travel: BoolArray, within_um: float) -> Settled:
     """Follow the mean program until the field changes by less than 1 mK in ten minutes, at most for a day.
 
@@ -62,7 +52,9 @@ def settling(begin: Runner, program: Program, travel: BoolArray, within_um: floa
         within_um: Distance from the settled error that counts as settled, µm.
     """
     parts = list[EstimateBlock]()
-    for part in _without_sigma(begin).follow(repeat(_part(program.mean))):
+    bins = program.mean.at(np.zeros(_PART, np.int64))._replace(dt_s=np.full(_PART, STEP_S))
+    exact = replace(begin, state=replace(begin.state, P=np.zeros_like(begin.state.P)))
+    for part in exact.follow(repeat(bins)):
         parts.append(part)
         still = np.abs(part.field_degC[-1] - part.field_degC[0]).max() < _STILL_K
         if still or part.time_s[-1] >= MOST_S:

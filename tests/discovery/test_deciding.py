@@ -55,5 +55,5 @@ def test_a_test_is_to_separate_all_answers_that_are_left(
     """Of an unknown, what explains most stands against none of it and the next best of another family."""
     monkeypatch.setattr(deciding, "propose", lambda _problem, answers, _pool: list(answers))
     less = [("loss", WITHOUT_LOSS), ("body", WITHOUT_BODY)]
-    found: Any = decisive_test(NULL.problem, FOUND, verdict, less, of_unknown)
+    found: Any = decisive_test(FOUND, verdict, less, of_unknown)
     assert found == (None if asked is None else [fit.config for fit in asked])
