@@ -86,7 +86,7 @@ coverage: $(READY)  ## which lines no test without processes runs; ARGS goes to 
 	$(BIN)/python -m coverage report
 
 hostile: $(READY)  ## ten thousand hostile queries against a running service; ARGS goes to pytest
-	HOSTILE_QUERIES=10000 $(BIN)/python -m pytest tests/publish/test_hostile.py -s -p no:benchmark $(ARGS)
+	HOSTILE_QUERIES=10000 $(BIN)/python -m pytest tests/bus/test_hostile.py -s -p no:benchmark $(ARGS)
 
 bench: $(READY)  ## the speed table beside filterpy, statsmodels, solve_banded and the run kept last; keeps its ratios
 	$(BIN)/python -m benchmarks --compare --keep $(ARGS)

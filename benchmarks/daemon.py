@@ -22,9 +22,9 @@ import zenoh
 
 from benchmarks.table import Result
 from drivers.simulated.wires import ThermocoupleServer
-from observer.publish.session import session_config
+from observer.bus.session import session_config
+from tests.bus.router import free_port
 from tests.logs.machines import SCREW
-from tests.publish.router import free_port
 
 SENSORS, MODES, POINTS, PERIOD_S = 12, 40, 200, 0.1
 ROOT, HOUSED = Path(__file__).parents[1], "demo-housings.toml"

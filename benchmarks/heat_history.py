@@ -13,7 +13,8 @@ import numpy as np
 from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
 from observer.align.aligner import frames_of_log
-from observer.config import Config
+from observer.config.estimator import EstimatorSettings
+from observer.config.machine import Config
 from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import inputs_of
 from observer.files.logs import Log
@@ -26,7 +27,6 @@ from observer.installation import load
 from observer.model.build import build_plant
 from observer.model.plant import Plant
 from observer.model.simulate import simulate, start
-from observer.tables.estimator import EstimatorSettings
 from tests.logs.inputs import even_inputs
 from tests.logs.machines import config_of
 

@@ -14,6 +14,7 @@ from benchmarks import bare
 from benchmarks.plants import dense
 from benchmarks.table import Result, judged
 from benchmarks.timing import medians_s, shown
+from observer.config.estimator import Integrity
 from observer.estimators.bank import Design
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.packing import padded_width
@@ -23,7 +24,6 @@ from observer.library.machine import load
 from observer.model.build import build_plant
 from observer.model.discretise import step_matrices
 from observer.model.plant import Plant
-from observer.tables.estimator import Integrity
 from tests.logs.inputs import even_inputs
 from tests.logs.machines import config_of
 from tests.logs.plants import moving_columns

@@ -11,7 +11,7 @@ import time
 
 import zenoh
 
-from observer.publish.session import session_config
+from observer.bus.session import session_config
 
 
 def main() -> None:

@@ -17,16 +17,16 @@ import zenoh
 from benchmarks.table import Result, judged
 from benchmarks.timing import shown
 from observer.align.aligner import Aligner, AlignPlan
-from observer.config import Config
+from observer.bus.codec import EstimateEncoder
+from observer.bus.session import session_config
+from observer.config.machine import Config
 from observer.estimate.pipeline import Pipeline
 from observer.estimators.kalman import KalmanEstimator
 from observer.frames import EstimateBlock, Reading
 from observer.model.build import build_plant
 from observer.model.drive import Drive
-from observer.publish.codec import EstimateEncoder
-from observer.publish.session import session_config
+from tests.bus.router import free_port
 from tests.logs.machines import config_of
-from tests.publish.router import free_port
 
 PREFIX = "ballscrew/benchmark/x"
 PERIOD_S = 0.01

@@ -18,7 +18,7 @@ from drivers.mtconnect import MtConnectSettings
 from drivers.opcua import OpcUaSettings
 from drivers.player import PlayerSettings
 from drivers.protocol import DriverTable
-from observer.tables.outside import is_outside, outside
+from observer.config.outside import is_outside, outside
 
 
 def _from_outside(value: Any, validate_builtin: ValidatorFunctionWrapHandler) -> DriverTable:

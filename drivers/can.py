@@ -19,8 +19,8 @@ from drivers.places import (
     dbc_file,
 )
 from drivers.protocol import ChannelName, Driver, InputOr
+from observer.config.quantities import File, exactly_one
 from observer.frames import Reading
-from observer.tables.quantities import File, exactly_one
 
 
 class CanSettings(CanTable):

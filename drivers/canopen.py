@@ -16,7 +16,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from drivers.places import CanTable
 from drivers.protocol import ChannelName, Decoded, Driver, not_zero
-from observer.tables.quantities import Count, Finite
+from observer.config.quantities import Count, Finite
 
 if TYPE_CHECKING:  # the bus library is imported only when it is used
     import can

@@ -14,7 +14,7 @@ from drivers.decode import MAX_REGISTERS, spans
 from drivers.places import MODBUS_INPUTS, ModbusChannel, check_channels, modbus_input
 from drivers.polled import PolledTable
 from drivers.protocol import ChannelName, InputOr, PollPeriod, SharedWire, Text, Timeout
-from observer.tables.quantities import Count, Number, checked_host
+from observer.config.quantities import Count, Number, checked_host
 
 
 @dataclass(frozen=True, slots=True)

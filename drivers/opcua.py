@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from drivers.places import OpcUaChannel, check_channels
 from drivers.polled import PolledTable
 from drivers.protocol import ChannelName, PollPeriod, Text, Timeout
-from observer.tables.quantities import File, all_or_none
+from observer.config.quantities import File, all_or_none
 
 
 class OpcUaSettings(PolledTable):

@@ -26,8 +26,8 @@ from drivers.protocol import (
     Timeout,
     Word,
 )
+from observer.config.quantities import Count, Finite, Number
 from observer.errors import raise_all
-from observer.tables.quantities import Count, Finite, Number
 
 WORDS = {
     "int16": 1, "uint16": 1, "int32": 2, "uint32": 2, "float32": 2, "int64": 4, "uint64": 4, "float64": 4,

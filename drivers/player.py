@@ -11,10 +11,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from drivers.protocol import ChannelName, Clock, Deliver, Driver, DriverStatus, DriverTable, faulty
+from observer.config.quantities import File, Finite
 from observer.errors import LogError
 from observer.files.logs import read_log
 from observer.frames import Reading
-from observer.tables.quantities import File, Finite
 
 SHORTEST_S = 0.005  # between the faults after the log's end
 

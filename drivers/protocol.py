@@ -25,8 +25,8 @@ from pydantic import (
     Tag,
 )
 
+from observer.config.quantities import Count, Finite, Number, checked_channel
 from observer.frames import Reading
-from observer.tables.quantities import Count, Finite, Number, checked_channel
 
 Deliver = Callable[[Reading], None]
 Clock = Callable[[], float]

@@ -25,12 +25,12 @@ from rich.console import Console
 from campaigns.resumable import go_on, read_rows, show
 from drivers.protocol import DriverStatus
 from observer.align.aligner import frames_of_log
+from observer.bus.exchange import PublishStatus
+from observer.config.publishing import AlarmSettings
 from observer.estimate.pipeline import MachineModel
-from observer.exchange import PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock
 from observer.quality.alarms import AlarmDesk
 from observer.quality.conditions import Facts, conditions
-from observer.tables.publishing import AlarmSettings
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Day, Rough, Specimen, config_of, draw, work
 from tests.truth.machine.cycles import RUNS, Phase, START_m, programme

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from campaigns.alarms.months import Story, months
+from observer.config.publishing import AlarmSettings
 from observer.quality import bands
-from observer.tables.publishing import AlarmSettings
 
 SEED, MACHINES = 12_000, 64
 STORIES = {

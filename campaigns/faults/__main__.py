@@ -26,10 +26,10 @@ import numpy as np
 from campaigns.faults import outlets
 from campaigns.faults.judge import Fault, believed_for_s, is_used, unflagged
 from campaigns.faults.table import Row, as_markdown
+from tests.bus.router import Router, free_port
 from tests.drivers.slave import Slave
 from tests.drivers.test_modbus_wires import read_rtu, values, wrong
 from tests.patience import PATIENCE_S, Stopwatch, until
-from tests.publish.router import Router, free_port
 from tests.system.plant import PERIOD_S, ROOT, Daemon, Machine, Subscriber, machine, table_for
 
 SENSORS = frozenset({"t1", "t2", "t3", "t4", "t5"})
@@ -302,7 +302,7 @@ def _hung_pings(folder: Path) -> tuple[int, int]:
     command = [
         sys.executable,
         "-m",
-        "tests.live.process",
+        "tests.service.process",
         f"tcp/127.0.0.1:{free_port()}",
         str(folder),
         "step",

@@ -25,10 +25,10 @@ from asyncua.ua.uaerrors import UaError
 
 from campaigns.faults.table import Row
 from observer.outlets.opcua import NAMESPACE
+from tests.bus.router import free_port
 from tests.outlets.test_mqtt import Listener, broker
 from tests.page.browser import SIZES, answers, chromium
 from tests.patience import until
-from tests.publish.router import free_port
 from tests.system.plant import (
     HELD_UP_S,
     PERIOD_S,

@@ -24,11 +24,11 @@ from pathlib import Path
 import tomlkit
 import zenoh
 
-from observer.publish.session import session_config
+from observer.bus.session import session_config
+from tests.bus.router import Router
 from tests.logs.machines import configuration
 from tests.logs.simulated import written_log
 from tests.patience import PATIENCE_S, computed_s, until
-from tests.publish.router import Router
 
 PERIOD_S = 0.5
 

@@ -20,10 +20,10 @@ from observer.estimate.checkpoint import Snapshot
 from observer.estimate.pipeline import MachineModel
 from observer.forecast.document import forecast
 from observer.frames import EstimateBlock, FloatArray, FrameBlock
-from observer.live import forecasting
-from observer.live.forecasting import Forecaster
-from observer.live.observers import Step
-from observer.live.wires import take_short_turns
+from observer.service import forecasting
+from observer.service.forecasting import Forecaster
+from observer.service.observers import Step
+from observer.service.wires import take_short_turns
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, config_of, day, draw
 

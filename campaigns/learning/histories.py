@@ -14,7 +14,7 @@ from rich.console import Console
 from campaigns.learning.trial import DOCS, KNOWN
 from campaigns.resumable import go_on, read_rows, show
 from observer.align.aligner import frames_of_log
-from observer.config import Config
+from observer.config.machine import Config
 from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import inputs_of
 from observer.frames import FloatArray

@@ -100,7 +100,7 @@ NEAREST: dict[str, Nearest] = {
         "tests/estimators/test_steps.py", "tests/estimators/test_given_gain.py", SPECIFIED, BITS
     ),
     "observer/kernels/walk.py": _at("tests/align/test_align.py", "tests/align/test_dejitter.py", BITS),
-    "observer/linear_fit.py": _at("tests/fit/test_linear_fit.py"),
+    "observer/fit/linear.py": _at("tests/fit/test_linear_fit.py"),
     "observer/model/generator.py": _at("tests/model/test_basis.py"),
     "observer/model/couple.py": _at(
         "tests/model/test_couple.py",
@@ -118,6 +118,6 @@ NEAREST: dict[str, Nearest] = {
         SPECIFIED,
     ),
     "observer/model/rod/moving.py": _at("tests/model/test_path.py"),
-    "observer/publish/codec.py": _at("tests/publish/test_codec.py"),
+    "observer/bus/codec.py": _at("tests/bus/test_codec.py"),
     "observer/align/aligner.py": _at("tests/align/test_align.py", "tests/record/test_can_log.py"),
 }

@@ -21,20 +21,20 @@ from typing import Any
 import numpy as np
 import structlog
 
+from observer.bus.exchange import Command, Outcome, PublishStatus
 from observer.control.compensation import plan_of, valid_s
 from observer.control.compensator import Compensator
 from observer.control.steering import NoControl
 from observer.estimate.checkpoint import CheckpointFit, Snapshot
 from observer.estimate.pipeline import MachineModel
-from observer.exchange import Command, Outcome, PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Quality
 from observer.installation import Installation, parse
-from observer.live.commands import Commands
-from observer.live.observers import CompensationObserver, Keeper, Step, stored
 from observer.quality.alarms import AlarmDesk
 from observer.quality.conditions import Facts
 from observer.quality.health import assess
 from observer.quality.kinds import Condition
+from observer.service.commands import Commands
+from observer.service.observers import CompensationObserver, Keeper, Step, stored
 
 PERIOD_S = 0.5
 HOLD_S = 5.0

@@ -24,10 +24,10 @@ import tomlkit
 import zenoh
 
 from campaigns.soak.flat import Trend, trend
-from observer.publish.codec import decode_estimate
-from observer.publish.session import session_config
+from observer.bus.codec import decode_estimate
+from observer.bus.session import session_config
+from tests.bus.router import free_port
 from tests.patience import until
-from tests.publish.router import free_port
 from tests.system.plant import PREFIX, Daemon, Machine, machine, table_for
 
 PERIOD_S = 0.05

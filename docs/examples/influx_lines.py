@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 
-from observer.tables.outlets import NewestMessages, OutletTable, ReportState
+from observer.config.outlets import NewestMessages, OutletTable, ReportState
 
 
 class InfluxLines(OutletTable):

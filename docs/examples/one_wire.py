@@ -9,8 +9,8 @@ from pathlib import Path
 from pydantic import Field
 
 from drivers.protocol import ChannelName, Clock, Deliver, Driver, DriverStatus, DriverTable, PollPeriod, Text
+from observer.config.quantities import File
 from observer.frames import Reading
-from observer.tables.quantities import File
 
 
 class OneWireSettings(DriverTable):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from observer.config import EstimatorSettings
+from observer.config.machine import EstimatorSettings
 from observer.estimators import packing
 from observer.estimators.protocol import EstimatorState
 from observer.frames import BoolArray, EstimateBlock, EstimateQuality, FloatArray, Inputs, Layout

@@ -6,11 +6,11 @@ from typing import Annotated
 
 from pydantic import Field
 
-from observer.effects import base
-from observer.effects.base import EffectTable, Fitted, Target
-from observer.effects.terms import Term, WarmedAir
-from observer.tables.quantities import Finite
-from observer.tables.sections import Description
+from observer.config.effects import base
+from observer.config.effects.base import EffectTable, Fitted, Target
+from observer.config.effects.terms import Term, WarmedAir
+from observer.config.quantities import Finite
+from observer.config.sections import Description
 
 
 class Cover(EffectTable):

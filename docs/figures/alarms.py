@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 
 from campaigns.alarms.months import Story, months
 from campaigns.alarms.trial import SEED
+from observer.config.publishing import AlarmSettings
 from observer.quality import bands
 from observer.report.panels import CATEGORIES
-from observer.tables.publishing import AlarmSettings
 
 HERE = Path(__file__).parent
 STORY = Story(lost=0.75, loses_h=200.0)

@@ -19,7 +19,7 @@ from matplotlib.patches import FancyBboxPatch, Rectangle
 
 import observer
 from observer import installation
-from observer.config import Config
+from observer.config.machine import Config
 from observer.files.logs import Log, read_log
 from observer.files.writer import write_log
 from observer.frames import FloatArray

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from observer.config.estimator import Learnable
 from observer.report.panels import CATEGORIES
 from observer.report.sensitivity import tolerances
-from observer.tables.estimator import Learnable
 from tests.learning.machines import CONFIG, config_of
 
 HERE = Path(__file__).parent

@@ -20,7 +20,7 @@ from observer.align.log_times import doubt_of_times, expected_cells, gaps_of, gi
 from observer.align.passing import Passing, Passings, never_read, passings_of, with_passings
 from observer.align.plausibility import Breach, Limits, doubts_of_log, implausible
 from observer.align.walk import Expected, Memory, Rows, Walk
-from observer.config import Config
+from observer.config.machine import Config
 from observer.errors import LogError
 from observer.files.logs import Log
 from observer.frames import BoolArray, FloatArray, FrameBlock, NutPath, Reading, contiguous

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.files.log_checks import duration_words
 from observer.files.logs import Log
 from observer.frames import BoolArray, FloatArray

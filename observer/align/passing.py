@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
+from observer.config.sensors import PASSING_S
 from observer.files.logs import Log
 from observer.frames import FloatArray, Reading
-from observer.tables.sensors import PASSING_S
 
 APART_S = 5.0
 """Readings further apart say nothing of the place between them …"""

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.frames import BoolArray, FloatArray, NutPath
 from observer.kernels.selftest import DISAGREE, FALLS_SHORT
 from observer.kernels.walk import GRADUAL_K, WARMED

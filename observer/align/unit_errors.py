@@ -23,7 +23,7 @@ from observer.align.plausibility import (
     warm_enough,
     way_ratio,
 )
-from observer.config import Config
+from observer.config.machine import Config
 from observer.files.logs import Log
 from observer.frames import FloatArray, NutPath
 from observer.units import BY_NAME, Unit, others_of

@@ -84,8 +84,8 @@ def main() -> None:
 
 def _sentence(error: Exception) -> str | None:
     """Say what the user can do about a missing package or a class from outside; None for a defect."""
+    from observer.config.outside import fault_outside
     from observer.errors import install_remedy
-    from observer.tables.outside import fault_outside
 
     verb = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
     missing = isinstance(error, ModuleNotFoundError) and install_remedy(f"observer {verb}", error)

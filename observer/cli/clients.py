@@ -23,13 +23,13 @@ from observer.cli.options import (
 )
 from observer.errors import UserError
 from observer.process import shutdown
-from observer.terminal import echo, print_for_people, readable_json
+from observer.process.terminal import echo, print_for_people, readable_json
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from observer.publish.ask import Address, Reply
-    from observer.tables.publishing import Client
+    from observer.bus.ask import Address, Reply
+    from observer.config.publishing import Client
 
 verbs = typer.Typer()
 
@@ -43,7 +43,7 @@ def watch(
     client: ClientOption = None,
 ) -> None:
     """Subscribe to a running service and show heats, field and quality in the terminal."""
-    from observer.view import watch as show
+    from observer.bus.view import watch as show
 
     shutdown.leave(show(connect, machine, axis, seconds, _client(client)))
 
@@ -55,7 +55,7 @@ def _client(path: Path | None) -> Client | None:
 
 
 def _address(connect: str, machine: str, axis: str, client: Path | None) -> Address:
-    from observer.publish.ask import Address
+    from observer.bus.ask import Address
 
     return Address(connect, machine, axis, _client(client))
 
@@ -70,8 +70,8 @@ def health(
     as_json: JsonOption = False,
 ) -> None:
     """Show the health of the running service; exit code 0 if it gives estimates, else 1."""
-    from observer.publish.ask import ask, ask_health, gives_estimates
-    from observer.publish.watch import health_table
+    from observer.bus.ask import ask, ask_health, gives_estimates
+    from observer.bus.watch import health_table
 
     address = _address(connect, machine, axis, client)
     answer = ask_health(address, timeout_s)
@@ -129,7 +129,7 @@ def _give(
     parameters: dict[str, str] | None = None,
 ) -> None:
     """Give a running service a command and print the outcome."""
-    from observer.publish.ask import command
+    from observer.bus.ask import command
 
     answer = command(kind, address, timeout_s, config_hash, parameters)
     _print_answer(answer, lambda document: document.get("done") is True)

@@ -14,7 +14,7 @@ import typer
 from observer.cli.options import flattened, with_parameters
 from observer.cli.output import counting, warn
 from observer.errors import UserError
-from observer.terminal import echo
+from observer.process.terminal import echo
 
 if TYPE_CHECKING:
     from observer.fleet.jobs import Job

@@ -11,7 +11,7 @@ import typer
 from observer.cli.options import flattened
 from observer.cli.output import warn
 from observer.errors import UserError
-from observer.terminal import echo
+from observer.process.terminal import echo
 
 if TYPE_CHECKING:
     from observer.intake.importing import ImportedLog

@@ -20,7 +20,7 @@ from observer.cli.options import (
 from observer.cli.output import advancing, counting, show, show_sentence, warn, warn_of_paths
 from observer.errors import UserError
 from observer.files.folders import results_in
-from observer.terminal import echo
+from observer.process.terminal import echo
 
 verbs = typer.Typer()
 

@@ -25,7 +25,7 @@ from observer.cli.output import advancing, counting, print_error, show
 from observer.errors import UserError
 from observer.files.folders import results_in
 from observer.process import shutdown
-from observer.terminal import echo
+from observer.process.terminal import echo
 
 verbs = typer.Typer()
 
@@ -55,8 +55,8 @@ def demo(
     """Run the service on a simulated machine with Modbus and CAN; show estimates beside the true heats."""
     from pydantic import ValidationError
 
-    from observer.demo import run_demo
-    from observer.tables.outlets import Page
+    from observer.cli.demo import run_demo
+    from observer.config.outlets import Page
 
     try:
         shown = None if no_page else Page() if page is None else Page(listen=page)
@@ -82,8 +82,8 @@ def run(
     from observer.process.memory import import_sparingly, not_found
 
     import_sparingly()
-    from observer.daemon import serve_file
     from observer.process.messages import configure
+    from observer.service.daemon import serve_file
 
     configure(as_json=log_format == "json")
     try:
@@ -253,7 +253,7 @@ def check(
 
     settings = examine(config)
     if wires:
-        from observer.live.wire_doubts import wires_of
+        from observer.service.wire_doubts import wires_of
 
         wires_document = wires_of(settings)
         show(wires_document, as_json, wires_as_text)

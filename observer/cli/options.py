@@ -84,7 +84,7 @@ def endpoint(option: typer.CallbackParam, text: str) -> str:
     Raises:
         UserError: It is not a Zenoh endpoint; the sentence names the option.
     """
-    from observer.tables.publishing import checked_endpoint
+    from observer.config.publishing import checked_endpoint
 
     try:
         return checked_endpoint(text)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from observer.errors import UserError
 from observer.files.documents import result_text
-from observer.terminal import echo, print_for_people, printable
+from observer.process.terminal import echo, print_for_people, printable
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

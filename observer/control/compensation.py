@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.control.zero import NEVER, ZeroPoint, since
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.control.compensation import (
     CompensationState,
     advance,

@@ -13,18 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.effects.base import EffectTable, Fitted, Shape
+from observer.config.effects.catalogue import LIBRARY, effect_class
+from observer.config.effects.terms import SensorOffset
+from observer.config.machine import Config
+from observer.config.sections import Description
 from observer.discovery.workers import IN_PROCESS, WorkerPool
-from observer.effects.base import EffectTable, Fitted, Shape
-from observer.effects.catalogue import LIBRARY, effect_class
-from observer.effects.terms import SensorOffset
 from observer.errors import ConfigError
 from observer.fit.hypothesis import EffectParameter, Fit
+from observer.fit.linear import unabsorbed
 from observer.fit.problem import Problem, modelled_lags
 from observer.frames import FloatArray
-from observer.linear_fit import unabsorbed
 from observer.model.build import refuse_on_followed
-from observer.tables.sections import Description
 
 PER_PARAMETER = 6.0
 """Drop of the deviance required for each parameter beyond the first."""

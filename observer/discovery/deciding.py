@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.discovery.experiment import SEPARATES, Experiment, propose
 from observer.discovery.search import FittedCandidate, Search
 from observer.discovery.verdict import Partial, Verdict, proposable

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.discovery.candidates import Candidate, library
 from observer.discovery.deciding import decisive_test
 from observer.discovery.displacement import AGAINST, DisplacementFindings, displacements_of

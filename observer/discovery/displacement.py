@@ -17,7 +17,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
+from observer.config.sections import Bed
 from observer.discovery.proof import proves, rms
 from observer.discovery.search import ACCEPT
 from observer.discovery.verdict import WITHIN_REACH, WITHIN_SHARE, Verdict
@@ -27,7 +28,6 @@ from observer.fit.parameters import candidates, free_keys, info_of
 from observer.fit.problem import Problem
 from observer.fit.runs import Run, prepare_all
 from observer.frames import BoolArray, FloatArray, FrameBlock
-from observer.tables.sections import Bed
 
 BED = "bed.expansion_1_K"
 KEYS = (

@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.discovery.localise import courses_of
 from observer.discovery.workers import IN_PROCESS, WorkerPool
+from observer.fit.linear import unabsorbed
 from observer.fit.problem import Problem, modelled_lags
 from observer.fit.runs import prepare
 from observer.frames import FloatArray, FrameBlock, NutPath
-from observer.linear_fit import unabsorbed
 from observer.model.cycle import LEAD_M
 
 STEP_S = 1.0

@@ -11,10 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
-from observer.discovery.candidates import Candidate
-from observer.effects.base import EffectTable, Family
-from observer.effects.terms import (
+from observer.config.effects.base import EffectTable, Family
+from observer.config.effects.terms import (
     Body,
     EndConductance,
     Film,
@@ -24,13 +22,15 @@ from observer.effects.terms import (
     SpeedLoss,
     StretchFilm,
 )
+from observer.config.machine import Config
+from observer.config.sections import law_channels
+from observer.discovery.candidates import Candidate
 from observer.fit.hypothesis import FORM_SHARE, NORMAL_95, EffectParameter, Fit, with_effects
 from observer.fit.problem import Problem
 from observer.fit.runs import mean_over
 from observer.frames import BoolArray, FloatArray
 from observer.model.law import heat_law
 from observer.physics.constants import STEFAN_BOLTZMANN_W_m2K4
-from observer.tables.sections import law_channels
 from observer.units import ZERO_DEGC_K
 
 SurfaceTerm = Film | StretchFilm | SpeedLoss | Radiation | RisingFilm

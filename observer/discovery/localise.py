@@ -14,16 +14,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.config import Config
+from observer.config.machine import Config
+from observer.config.sections import Source
+from observer.config.sensors import Sensor
 from observer.fit.hypothesis import Fit
+from observer.fit.linear import LinearFit
 from observer.fit.problem import Problem
 from observer.fit.runs import Run
 from observer.fit.steps import SteppedRun
 from observer.frames import BoolArray, FloatArray
-from observer.linear_fit import LinearFit
 from observer.model.cycle import DWELL_S, FAST, PHASES
-from observer.tables.sections import Source
-from observer.tables.sensors import Sensor
 
 
 @dataclass(frozen=True)

@@ -17,14 +17,14 @@ from typing import Literal
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.effects.terms import AmbientShift, SensorOffset, Term
+from observer.config.machine import Config
 from observer.discovery.candidates import score
-from observer.effects.terms import AmbientShift, SensorOffset, Term
 from observer.fit.hypothesis import Fit
+from observer.fit.linear import LinearFit
 from observer.fit.problem import Problem, modelled_lags
 from observer.fit.tolerance import Scope, with_terms
 from observer.frames import FloatArray
-from observer.linear_fit import LinearFit
 
 FaultKind = Literal[
     "heat starts late",

@@ -13,14 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
+from observer.config.sections import Source
 from observer.discovery.candidates import Candidate
 from observer.discovery.log_faults import FaultKind
 from observer.discovery.suspects import Suspect
 from observer.fit.runs import FEWEST, LEAST_LEAD_M, Run, stretches_of_a_speed
 from observer.frames import FloatArray
 from observer.kernels.path import SAMPLES_PER_TRAVERSE
-from observer.tables.sections import Source
 
 NUTS_WAY: FaultKind = "nut's way"
 LASTS_S = 180.0

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.fit.hypothesis import Fit
 from observer.frames import BoolArray, FloatArray
 

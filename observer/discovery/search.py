@@ -13,9 +13,9 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from observer.config.effects.base import Fitted
 from observer.discovery.candidates import Candidate, Promise, Signature, promises, score, signatures
 from observer.discovery.workers import IN_PROCESS, WorkerPool
-from observer.effects.base import Fitted
 from observer.fit.hypothesis import MOST_STEP, EffectParameter, Fit, fit_effects, fit_null, refitted
 from observer.fit.problem import Problem
 

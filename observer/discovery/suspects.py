@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.effects.base import EffectTable
+from observer.config.effects.terms import AmbientShift, SensorOffset
+from observer.config.machine import Config
 from observer.discovery.candidates import Signature, promises, score
 from observer.discovery.log_faults import FaultFit, FaultKind, Linearised, fit_faults, follows
 from observer.discovery.search import BLIND, MATERIAL, FittedCandidate
 from observer.discovery.verdict import WITHIN_REACH
-from observer.effects.base import EffectTable
-from observer.effects.terms import AmbientShift, SensorOffset
 from observer.fit.hypothesis import Fit
 from observer.fit.problem import Problem
 from observer.units import others_of

@@ -22,7 +22,7 @@ from multiprocessing.connection import Connection
 from typing import Any, Self
 
 from observer.fit.problem import Problem
-from observer.signals import blocked
+from observer.process.signals import blocked
 
 Work = Callable[..., Any]
 Task = tuple[Any, ...]

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.frames import FloatArray, FrameBlock, Inputs
 from observer.model.beginning import Beginning, beginning
 from observer.model.drive import Drive

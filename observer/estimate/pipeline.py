@@ -12,7 +12,7 @@ import numpy as np
 
 from observer.align.aligner import AlignPlan
 from observer.align.walk import OfFrame
-from observer.config import Config
+from observer.config.machine import Config
 from observer.errors import ConfigError
 from observer.estimate.shown import ShownHeats
 from observer.estimators import build_estimator

@@ -11,7 +11,8 @@ import numpy as np
 
 from observer.align.aligner import AlignPlan, blocks_of_log
 from observer.align.walk import Walk
-from observer.config import Config
+from observer.config.machine import Config
+from observer.config.sensors import Sensor
 from observer.errors import LogError
 from observer.estimate.checkpoint import CheckpointFit, Snapshot, UnfitError, load, recent
 from observer.estimate.pipeline import Pipeline
@@ -34,7 +35,6 @@ from observer.model.plant import Plant
 from observer.model.rod.moving import judge_path
 from observer.quality.reasons import NotGood
 from observer.record.retention import START_SUFFIX, STATE_SUFFIX
-from observer.tables.sensors import Sensor
 
 Progress = Callable[[int, int], None]
 _SENSOR_LABELS = np.array([quality.label for quality in Quality])

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.errors import UserError
 from observer.estimate.pipeline import MachineModel
 from observer.fit.runs import joined, thinned, without_rows

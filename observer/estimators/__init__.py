@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import inspect
 
+from observer.config.estimator import EstimatorSettings, Integrity
+from observer.config.outside import outside
 from observer.errors import UserError
 from observer.estimators.protocol import Estimator
 from observer.model.plant import Plant
-from observer.tables.estimator import EstimatorSettings, Integrity
-from observer.tables.outside import outside
 
 
 def build_estimator(

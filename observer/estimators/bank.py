@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.config.estimator import Integrity
 from observer.estimators import packing
 from observer.estimators.answers import PREDICTIONS, SETTLED_S, SensorAnswers, answers_of, heat_response_K_W
 from observer.estimators.fault_search import BankObservation, SearchResult, Trace, search
@@ -36,7 +37,6 @@ from observer.kernels.selftest import KNOWN_SHARE
 from observer.model.discretise import quantise
 from observer.model.learning import Nuisance
 from observer.model.plant import Plant
-from observer.tables.estimator import Integrity
 
 RISK_PER_H = 1e-5
 """Design risk of the half-widths of bounds; a campaign measured the failure rate."""

@@ -7,13 +7,13 @@ from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators import packing
 from observer.estimators.protocol import EstimatorState
 from observer.estimators.steps import Chunk, StepCache, chunks
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
 from observer.kernels import record
 from observer.model.plant import Plant
-from observer.tables.estimator import EstimatorSettings
 
 if TYPE_CHECKING:  # only the Kalman filter has one
     from observer.estimators.bank import Bank

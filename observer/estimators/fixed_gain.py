@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from observer.config.estimator import EstimatorSettings
 from observer.errors import UserError
 from observer.estimators.by_block import BlockEstimator, Scratch
 from observer.estimators.design.gains import LuenbergerGain, Refusal, closed_loop, everything, poles_of
@@ -26,7 +27,6 @@ from observer.kernels.codes import FINISHED
 from observer.kernels.fixed_gain import KEY
 from observer.model.discretise import StepMatrices, quantise, step_matrices
 from observer.model.plant import Plant
-from observer.tables.estimator import EstimatorSettings
 
 # Gains are designed for steps of period · 2^{l/4}: a step is then at most 9 % off the one its gain was
 # designed for.

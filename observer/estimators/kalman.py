@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.config.estimator import EstimatorSettings, Integrity
 from observer.estimators import packing
 from observer.estimators.bank import Bank
 from observer.estimators.by_block import BlockEstimator, Scratch
@@ -18,7 +19,6 @@ from observer.estimators.steps import Chunk
 from observer.frames import FloatArray
 from observer.kernels import put_bounds, run_kalman, run_until_due
 from observer.model.plant import Plant
-from observer.tables.estimator import EstimatorSettings, Integrity
 
 
 class KalmanEstimator(BlockEstimator):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from observer.align.plausibility import Limits
-from observer.config import Config
+from observer.config.machine import Config
 from observer.control.compensation import LATE_PERIODS, plan_of
 from observer.export import sequence
 from observer.export.exportable import refuse_unexportable

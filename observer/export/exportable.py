@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from observer.config import Config
-from observer.effects.terms import Fade, LawFactor, Radiation, RisingFilm, SpeedLoss, StrokeEnds, Term
+from observer.config.effects.terms import Fade, LawFactor, Radiation, RisingFilm, SpeedLoss, StrokeEnds, Term
+from observer.config.machine import Config
+from observer.config.outside import is_outside
 from observer.errors import ConfigError
 from observer.model.drive import Drive
 from observer.model.plant import Plant
-from observer.tables.outside import is_outside
 
 _WHY: tuple[tuple[type[Term], str], ...] = (
     (LawFactor, "changes a heat law with the time run"),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.errors import ConfigError
 from observer.estimators.design.gains import (
     LuenbergerGain,

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
+from observer.config.sections import law_channels
 from observer.errors import ConfigError
 from observer.frames import FloatArray
 from observer.model.law import Law, heat_law
-from observer.tables.sections import law_channels
 
 _PROBES = (-1700.0, -3.0, 0.0, 0.5, 41.0, 2300.0)
 _SAME = 1e-9

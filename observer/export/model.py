@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.export import sequence
 from observer.export.data import Exportable, force_slots, plant_constants
 from observer.export.form import Form, Kind, Slot, identifiers

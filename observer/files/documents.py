@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from observer.errors import UserError
-from observer.terminal import readable_json
+from observer.process.terminal import readable_json
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.frames import FloatArray
 from observer.model.rod.supports import Restraint, restraint_of, taken_off_um
 from observer.model.simulate import Means

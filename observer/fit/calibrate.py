@@ -17,11 +17,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
+from observer.config.sections import law_channels
 from observer.errors import LogError
 from observer.fit.evidence import gather
 from observer.fit.forward import Forward
 from observer.fit.hypothesis import Fit, FittedParameter, fit_null
+from observer.fit.linear import unabsorbed
 from observer.fit.parameters import FILM, free_keys, replaced
 from observer.fit.prior import prior_of
 from observer.fit.problem import Problem
@@ -29,8 +31,6 @@ from observer.fit.run_in import running_in_of
 from observer.fit.runs import BLOCK_S, Run, calibration_tick_s, prepare_all, refuse_short
 from observer.fit.tolerance import calibration_tolerances, remaining_tolerances, tolerances
 from observer.frames import BoolArray, FloatArray, FrameBlock
-from observer.linear_fit import unabsorbed
-from observer.tables.sections import law_channels
 
 MOST_WORSE = 1.05
 """Largest ratio by which the error of one sensor may grow if the error of all sensors together falls."""

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.config import Config, untied
-from observer.effects.terms import Body
+from observer.config.effects.terms import Body
+from observer.config.machine import Config, untied
+from observer.config.sections import Source, owner
 from observer.fit.bend import Bend, unbent
 from observer.fit.runs import TICK_S, Run, driven, mean_over
 from observer.fit.steps import Cache, SteppedRun, driving
@@ -21,7 +22,6 @@ from observer.model.build import build_plant
 from observer.model.plant import Plant
 from observer.model.realise import terms_of
 from observer.model.simulate import Means, simulate_means, start_from_sensors
-from observer.tables.sections import Source, owner
 
 OUTAGE_S, OUTAGE_ROWS, MOST_OUTAGES = 30.0, 2.5, 12
 """An outage is longer than this time and this number of usual row distances; only the longest count."""

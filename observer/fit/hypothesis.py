@@ -17,12 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
-from observer.effects.terms import SensorOffset, StretchFilm, Term
+from observer.config.effects.terms import SensorOffset, StretchFilm, Term
+from observer.config.machine import Config
+from observer.fit.linear import LinearFit, Marginal
 from observer.fit.parameters import info_of
 from observer.fit.problem import Problem, modelled_lags
 from observer.frames import BoolArray, FloatArray
-from observer.linear_fit import LinearFit, Marginal
 
 TRIALS = 8
 """Number of times that a diverging step is shortened."""

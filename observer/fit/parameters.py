@@ -10,9 +10,9 @@ import difflib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
-from observer.config import Config
+from observer.config.machine import Config
+from observer.config.sections import Source
 from observer.errors import ConfigError
-from observer.tables.sections import Source
 
 FILM = "surface.convection_W_m2K"
 

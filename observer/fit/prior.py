@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.fit.parameters import PARAMETERS, bounds_of, get
 from observer.fit.tolerance import TOLERANCE_OF, tolerances_of_parts
 from observer.frames import FloatArray

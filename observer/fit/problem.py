@@ -8,18 +8,18 @@ from functools import cached_property
 
 import numpy as np
 
-from observer.config import Config
-from observer.effects.base import EffectTable
-from observer.effects.terms import Lag, Term
+from observer.config.effects.base import EffectTable
+from observer.config.effects.terms import Lag, Term
+from observer.config.machine import Config
 from observer.fit.evidence import GROWTH_SHARE, SLOW_SHARE, Evidence, gather
 from observer.fit.forward import Forward
+from observer.fit.linear import Marginal
 from observer.fit.parameters import bounds_of, get, scale_of, with_values
 from observer.fit.prior import Prior
 from observer.fit.runs import Run
 from observer.fit.steps import Cache
 from observer.fit.tolerance import Scope, tolerances
 from observer.frames import BoolArray, FloatArray
-from observer.linear_fit import Marginal
 
 DIFFERENCE = 1e-3
 """Finite difference, in natural scales; the prediction is free of noise, so no digits are lost."""

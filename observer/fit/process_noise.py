@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.estimators import packing
 from observer.estimators.steps import StepCache, chunks
 from observer.fit.evidence import FITTED_SHARE, MARGIN_SHARE

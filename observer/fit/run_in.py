@@ -13,15 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
-from observer.effects.terms import LawFactor
+from observer.config.effects.terms import LawFactor
+from observer.config.machine import Config
+from observer.config.sections import Source, law_channels
 from observer.fit.hypothesis import Fit
+from observer.fit.linear import LinearFit
 from observer.fit.problem import modelled_lags
 from observer.fit.runs import Run
 from observer.fit.tolerance import SETTLING_S, SettlingFriction
 from observer.frames import FloatArray
-from observer.linear_fit import LinearFit
-from observer.tables.sections import Source, law_channels
 
 OVER_S = np.linspace(0.0, 5400.0, 19)
 """The running times over which a curve is compared with an exponential."""

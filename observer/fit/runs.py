@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.errors import LogError
 from observer.frames import BoolArray, FloatArray, FrameBlock, NutPath, Quality
 from observer.model.build import build_plant

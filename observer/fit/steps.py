@@ -19,8 +19,10 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.config import Config
-from observer.effects.terms import INPUT_TERMS, SpeedLoss
+from observer.config.effects.terms import INPUT_TERMS, SpeedLoss
+from observer.config.laws import HeatLaw
+from observer.config.machine import Config
+from observer.config.sections import Source
 from observer.fit.runs import TICK_S, Run, mean_over, means_of, rows_of, ticks_of
 from observer.frames import FloatArray, Inputs
 from observer.model.drive import Drive, Driving
@@ -30,8 +32,6 @@ from observer.model.rod import moving
 from observer.model.rod.modes import Stretch, mean_stretch
 from observer.model.rod.moving import NutTable
 from observer.model.simulate import Means
-from observer.tables.laws import HeatLaw
-from observer.tables.sections import Source
 
 PER_MODE = 4
 """Tabulated wave numbers per π/L."""

@@ -17,10 +17,9 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from observer.config import Config
-from observer.effects.base import EffectTable, Unnamed
-from observer.effects.catalogue import offset_of
-from observer.effects.terms import (
+from observer.config.effects.base import EffectTable, Unnamed
+from observer.config.effects.catalogue import offset_of
+from observer.config.effects.terms import (
     AmbientShift,
     End,
     EndConductance,
@@ -30,10 +29,11 @@ from observer.effects.terms import (
     StretchFilm,
     Term,
 )
+from observer.config.laws import SPEED_LAWS
+from observer.config.machine import Config
+from observer.config.sensors import Sensor
 from observer.fit.parameters import PARAMETERS, candidates, get, with_values
 from observer.frames import FloatArray
-from observer.tables.laws import SPEED_LAWS
-from observer.tables.sensors import Sensor
 
 Scope = Literal["whole", "position", "lag", "run"]
 

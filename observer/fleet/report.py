@@ -18,8 +18,8 @@ import numpy as np
 
 from observer.files.folders import results_in
 from observer.fleet.journal import Row, rows_in
+from observer.process.terminal import readable_json
 from observer.report.page import Html, document, paragraph, safe, section, table, tiles
-from observer.terminal import readable_json
 
 NEAR = 0.2
 """Speeds within this fraction of each other are compared; beyond it friction depends on speed."""

@@ -24,7 +24,7 @@ from observer.errors import UserError
 from observer.fleet.jobs import Job
 from observer.fleet.journal import TRIES, Row, RunOptions, exclusive, finished_row
 from observer.fleet.work import failed, work
-from observer.signals import blocked
+from observer.process.signals import blocked
 
 WAIT_S = 30.0
 MOST_JOBS = 8

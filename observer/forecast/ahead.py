@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.protocol import Estimator, EstimatorState
 from observer.forecast.program import BIN_S, Bins, Program
 from observer.frames import BoolArray, EstimateBlock, FloatArray, Inputs
 from observer.model.learning import WANDER_S, Nuisance
 from observer.model.plant import Plant
-from observer.tables.estimator import EstimatorSettings
 
 HOUR_S = 3600.0
 DRIFT = 0.2

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.forecast.ahead import Runner, ahead
 from observer.forecast.program import Program
 from observer.forecast.settling import Settled, settling_of_all

@@ -17,7 +17,8 @@ from typing import Any, get_args
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.estimator import EstimatorSettings, Learnable
+from observer.config.machine import Config
 from observer.estimators import packing
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.protocol import EstimatorState
@@ -29,7 +30,6 @@ from observer.frames import EstimateBlock, FloatArray, Inputs, Quality
 from observer.model.build import build_plant
 from observer.model.learning import WANDER_S, Nuisance
 from observer.model.plant import Plant
-from observer.tables.estimator import EstimatorSettings, Learnable
 
 RUNS_IN_S = (900.0, 1800.0, 3600.0)
 """Time constants with which friction may settle to its law, once running …"""

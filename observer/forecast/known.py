@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.protocol import EstimatorState
 from observer.frames import FloatArray, Inputs

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from observer.config.estimator import EstimatorSettings
 from observer.errors import UserError
 from observer.frames import FloatArray, Inputs
 from observer.history.conjugate_gradient import descend, draw, refuse_bent, spread, stepwise
@@ -17,7 +18,6 @@ from observer.history.sweeps import Readings, Sweeps, readings
 from observer.history.tikhonov import BENDS, Regularised, by_discrepancy, by_gcv, by_ico, by_l_curve, trials
 from observer.history.tolerances import Changes, averaged, most_probable, without_changes
 from observer.model.plant import Plant
-from observer.tables.estimator import EstimatorSettings
 
 _EXPLAINED = 1.2
 """Up to this multiple of the noise's own misfit, heats explain a log."""

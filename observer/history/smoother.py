@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators import packing
 from observer.estimators.packing import IntArray
 from observer.estimators.steps import StepCache, chunks
@@ -16,7 +17,6 @@ from observer.history.history import HeatHistory
 from observer.kernels import record, run_backward, run_changes_backward, run_changes_forward, run_forward
 from observer.kernels.layout import padded_width
 from observer.model.plant import Plant
-from observer.tables.estimator import EstimatorSettings
 
 
 class Tape(NamedTuple):

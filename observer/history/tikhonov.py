@@ -19,12 +19,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer.config.estimator import EstimatorSettings
 from observer.frames import FloatArray, Inputs
 from observer.history.prior import independent, jumps_W, walking
 from observer.history.smoother import Smoothed, smooth_all, smooth_heats
 from observer.history.sweeps import Sweeps, readings
 from observer.model.plant import Plant
-from observer.tables.estimator import EstimatorSettings
 
 _OPEN = 1e9
 _DIGITS = 3e-5

@@ -21,18 +21,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.estimator import EstimatorSettings
+from observer.config.machine import Config
 from observer.estimators import packing
 from observer.estimators.steps import StepCache, chunks
+from observer.fit.linear import LinearFit
 from observer.frames import BoolArray, FloatArray, Inputs
 from observer.history.smoother import smooth_changes
 from observer.kernels import record, run_tolerances
-from observer.linear_fit import LinearFit
 from observer.model.build import build_plant
 from observer.model.learning import Nuisance, of_parameters
 from observer.model.plant import Plant
 from observer.model.simulate import start_from_sensors
-from observer.tables.estimator import EstimatorSettings
 
 AVERAGED_S = 300.0
 """Time over which the heats are averaged along which changes are simulated. The smoother's response to a

@@ -17,16 +17,16 @@ from tomlkit.items import AoT, Array
 from drivers import DriverSettings
 from drivers.places import CanTable
 from drivers.protocol import Driver
-from observer.config import Config, effect_problems
-from observer.effects.base import EffectTable
+from observer.config.candidates import CandidateFile, SensorCandidate, candidate_problems
+from observer.config.effects.base import EffectTable
+from observer.config.machine import Config, effect_problems
+from observer.config.outlets import Metrics, Mqtt, Opcua, OutletSettings, Page
+from observer.config.publishing import AlarmSettings, Checkpoint, Client, Publish, RecordSettings
+from observer.config.quantities import Name
 from observer.errors import ConfigError
 from observer.files.regular import read_toml
 from observer.fit.parameters import rounded
 from observer.installation.problems import as_message, problems_of
-from observer.tables.candidates import CandidateFile, SensorCandidate, candidate_problems
-from observer.tables.outlets import Metrics, Mqtt, Opcua, OutletSettings, Page
-from observer.tables.publishing import AlarmSettings, Checkpoint, Client, Publish, RecordSettings
-from observer.tables.quantities import Name
 
 Model = TypeVar("Model", bound=BaseModel)
 

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from drivers import DriverSettings
-from observer.config import effect_problems
+from observer.config.machine import effect_problems
 from observer.errors import ConfigError
 from observer.files.regular import read_toml
 from observer.fit.parameters import free_problems

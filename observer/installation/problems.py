@@ -13,12 +13,12 @@ from pydantic_core import ErrorDetails
 
 from drivers import DRIVER_KINDS
 from drivers.protocol import UNION_TAGS
-from observer.effects.catalogue import KINDS
+from observer.config.effects.catalogue import KINDS
+from observer.config.outside import entry_names, is_outside, outside
 from observer.errors import SeveralError
 from observer.files.toml_slips import truth, without_quotes
 from observer.installation.typed import key_name
 from observer.installation.typical_ranges import hint
-from observer.tables.outside import entry_names, is_outside, outside
 
 Path = tuple[int | str, ...]
 _MOST_LISTED = 40

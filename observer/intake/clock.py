@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from observer.config.logs import TIME_UNITS, Logs
 from observer.errors import LogError
 from observer.frames import FloatArray
 from observer.intake.cells import numbers_of
@@ -15,7 +16,6 @@ from observer.intake.moments import NO_TIME, Moments, moments_of
 from observer.intake.sheets import RawColumn, Sheet, full_name
 from observer.intake.units import factor, known_unit, split_name
 from observer.intake.zones import in_repeated_hour, localised, offset_ns, zone_in
-from observer.tables.logs import TIME_UNITS, Logs
 from observer.units import BY_NAME
 
 _TIME_WORDS = frozenset(

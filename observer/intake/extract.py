@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from observer.config.logs import Logs
 from observer.errors import LogError, UserError
 from observer.intake.readers.text import encoding_of
 from observer.intake.sheets import RawColumn, full_name
 from observer.intake.sources import Sources, sources_of
-from observer.tables.logs import Logs
 
 MOST_BYTES = 19_500
 """Of an extract; its readers promise less than 20 kB."""

@@ -12,7 +12,8 @@ from scipy.optimize import linear_sum_assignment
 
 from observer.align.plausibility import TEMPERATURES, ChannelKind, Limits
 from observer.align.unit_errors import likely_unit
-from observer.config import Config
+from observer.config.logs import LogColumn, Logs
+from observer.config.machine import Config
 from observer.errors import LogError
 from observer.frames import FloatArray
 from observer.intake.cells import numbers_of
@@ -28,7 +29,6 @@ from observer.intake.units import (
     split_name,
     unit_of_channel,
 )
-from observer.tables.logs import LogColumn, Logs
 
 SURE, APART = 0.75, 0.15
 """The smallest score of a match without doubt, and its lead over the next best column."""

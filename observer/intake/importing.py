@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from observer.align.plausibility import kinds_of
-from observer.config import Config
+from observer.config.logs import LogColumn, Logs
+from observer.config.machine import Config
 from observer.errors import LogError
 from observer.files.log_checks import several
 from observer.files.logs import Log
@@ -21,7 +22,6 @@ from observer.intake.mapped import Placed, logged, mapped, misunderstood, no_clo
 from observer.intake.sheets import full_name
 from observer.intake.sources import Sources, sources_of
 from observer.intake.units import shown_unit, unit_of_channel
-from observer.tables.logs import LogColumn, Logs
 
 SHOWN_ROWS = 4
 MOST_APART_S = 20.0

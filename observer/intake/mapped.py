@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from observer.align.plausibility import ChannelKind, kinds_of
-from observer.config import Config
+from observer.config.logs import TIME_UNITS, LogColumn, Logs
+from observer.config.machine import Config
 from observer.errors import LogError
 from observer.files.log_checks import Words, refuse_other_units, several
 from observer.files.logs import Log
@@ -32,7 +33,6 @@ from observer.intake.units import (
     split_name,
     unit_of_channel,
 )
-from observer.tables.logs import TIME_UNITS, LogColumn, Logs
 
 MOST_WORDS = 0.5
 """Fraction of a column's cells that may be words; with more it is not a column of numbers."""

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from observer.align.plausibility import ChannelKind, kinds_of
-from observer.config import Config
+from observer.config.logs import Logs
+from observer.config.machine import Config
 from observer.files.logs import FLAGS, STEP, SUFFIXES, TIME, Log, read_log
 from observer.intake.join import with_steps
 from observer.intake.layout import is_value
 from observer.intake.mapped import keeps_its_value, read_foreign
 from observer.intake.sentinels import cleaned
-from observer.tables.logs import Logs
 
 _HEAD = 65_536
 

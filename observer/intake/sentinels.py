@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from observer.config.logs import Logs
 from observer.files.log_checks import Words
 from observer.files.logs import Log
 from observer.frames import BoolArray, FloatArray
 from observer.intake.units import known_unit, split_name
-from observer.tables.logs import Logs
 from observer.units import BY_NAME, ZERO_DEGC_K
 
 OVERLOAD = 9e36

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.config.logs import Logs, LongForm
 from observer.errors import LogError
 from observer.frames import BoolArray
 from observer.intake.cells import numbers_of
 from observer.intake.clock import HOUR_S, SheetClock, clock_of, is_called_time
 from observer.intake.readers import read_sheets
 from observer.intake.sheets import RawColumn, Sheet
-from observer.tables.logs import Logs, LongForm
 
 _NAME = re.compile(
     r"^(?:data ?item ?id|data ?item|name|signal|channel|kanal|tag|tagname|variable|metric|sensor|item|id|"

@@ -1,4 +1,4 @@
-"""An estimate as CBOR (see `observer.publish.codec.EstimateEncoder`), in one pass over its numbers."""
+"""An estimate as CBOR (see `observer.bus.codec.EstimateEncoder`), in one pass over its numbers."""
 
 from __future__ import annotations
 

@@ -15,8 +15,11 @@ from typing import Any, Generic, TypeVar
 
 import zenoh
 
+from observer.bus.ask import Address, ask, command
+from observer.bus.codec import decode_estimate
+from observer.bus.exchange import KINDS
+from observer.bus.session import client_config, close_within
 from observer.errors import UserError
-from observer.exchange import KINDS
 from observer.library.messages import (
     ServiceAlarms,
     ServiceField,
@@ -26,9 +29,6 @@ from observer.library.messages import (
     documents_of,
     message_from,
 )
-from observer.publish.ask import Address, ask, command
-from observer.publish.codec import decode_estimate
-from observer.publish.session import client_config, close_within
 
 Message = TypeVar("Message", ServiceHeat, ServiceField, ServiceThermalError, ServiceHealth, ServiceAlarms)
 _NAMES = re.compile(r"[A-Za-z0-9_.,-]{1,250}")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from observer.align.aligner import refuse_empty
+from observer.config.logs import Logs
 from observer.errors import LogError
 from observer.files.logs import TIME, Log, log_of
 from observer.files.logs import read_log as read_file
@@ -15,7 +16,6 @@ from observer.intake.reading import own_header, read_channels
 from observer.intake.sentinels import cleaned
 from observer.library.packages import in_words
 from observer.library.signals import SignalTable
-from observer.tables.logs import Logs
 
 GivenLog = str | Path | Log | SignalTable | Mapping[str, Any] | Any
 """A log's path, a `Log`, the result of a simulation, columns by name, or a `pandas.DataFrame`."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from observer.align.aligner import doubts, frames_of_log, read_in, refuse_implausible
 from observer.align.plausibility import RATE_K_S
-from observer.config import Output
+from observer.config.machine import Output
 from observer.errors import LogError, UserError
 from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import heat_columns, history_summary, inputs_of, nut_paths, speeds

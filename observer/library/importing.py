@@ -7,11 +7,11 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from observer.config.logs import LogColumn, Logs
 from observer.errors import LogError
 from observer.intake.importing import ImportedLog, proposed
 from observer.library.machine import Machine, load
 from observer.library.packages import in_words
-from observer.tables.logs import LogColumn, Logs
 
 GivenFiles = str | Path | Sequence[str | Path]
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from observer.errors import ConfigError
 from observer.library.packages import in_words
-from observer.steps.files import axes_of
-from observer.steps.store import Past
+from observer.record.step_files import axes_of
+from observer.record.step_store import Past
 
 
 class PublishedSteps:

@@ -413,7 +413,7 @@ class Machine:
             UserError: A file that a driver names cannot be used. A device that cannot be reached is a
                 finding.
         """
-        from observer.live.wire_doubts import wires_of
+        from observer.service.wire_doubts import wires_of
 
         return wires_of(self.config)
 
@@ -458,7 +458,7 @@ class Machine:
             ConfigError: The supports have play, so the thermal error is not a linear output.
             UserError: The package `control` is not installed.
         """
-        from observer.config import untied
+        from observer.config.machine import untied
         from observer.model.build import build_plant
         from observer.model.generator import state_space
 

@@ -11,7 +11,9 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
+from observer.config.sections import AMBIENT
+from observer.config.sensors import Sensor
 from observer.errors import UserError, check_choice
 from observer.estimators.design.placing import SetLimits, best_sets
 from observer.estimators.design.spread import NotDefined, SensorSet, Spread, spread, with_sensors
@@ -22,8 +24,6 @@ from observer.library.packages import in_words
 from observer.model.build import build_plant
 from observer.model.plant import Plant
 from observer.report.sensitivity import few_modes
-from observer.tables.sections import AMBIENT
-from observer.tables.sensors import Sensor
 
 GivenCandidates = str | Path | Sequence[Mapping[str, Any]] | None
 """A file of candidates, their tables, or None for those of the configuration."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from observer.align.aligner import doubts, frames_of_log, read_in, refuse_empty, refuse_implausible
+from observer.config.estimator import AHEAD_H
 from observer.errors import LogError, UserError
 from observer.estimate.checkpoint import CheckpointFit
 from observer.estimate.open_loop import OpenLoop
@@ -28,11 +29,10 @@ from observer.frames import EstimateBlock, EstimateQuality, FloatArray, NutPath
 from observer.installation import Installation
 from observer.library.packages import in_words
 from observer.library.signals import SignalTable
-from observer.live.forecasting import Learner, forecast_columns, program_bins
 from observer.quality.conditions import of_finding
 from observer.report.collect import Decimator, simulated
 from observer.report.panels import Panel
-from observer.tables.estimator import AHEAD_H
+from observer.service.forecasting import Learner, forecast_columns, program_bins
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

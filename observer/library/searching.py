@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.discovery.discover import Discovery
 from observer.discovery.discover import discover as find
 from observer.discovery.result import CANDIDATE, TEST_CYCLE, calibrated_of, discovery_result

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.frames import FloatArray
 from observer.model.build import with_many_modes
 from observer.model.plant import Plant

@@ -9,8 +9,10 @@ from functools import partial
 
 import numpy as np
 
-from observer.config import Config
-from observer.effects.terms import COUPLING_TERMS, LawFactor, SensorOffset, StrokeEnds, Term
+from observer.config.effects.terms import COUPLING_TERMS, LawFactor, SensorOffset, StrokeEnds, Term
+from observer.config.laws import SPEED_LAWS
+from observer.config.machine import Config
+from observer.config.sections import Description, Source, following, part_of_heat
 from observer.errors import ConfigError
 from observer.frames import FloatArray
 from observer.model.bending import CANDIDATES, with_bending
@@ -37,8 +39,6 @@ from observer.model.rod.screw import rod_of
 from observer.model.rod.supports import Restraint, restraint_of
 from observer.model.rough_network import with_rough_network
 from observer.model.steady import ScrewAtRest, with_closed_form
-from observer.tables.laws import SPEED_LAWS
-from observer.tables.sections import Description, Source, following, part_of_heat
 
 MOST_MODES = 400
 MOST_ASKED = 150

@@ -11,7 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer.effects.terms import Fade, Lag, Radiation, RisingFilm, SpeedLoss, StretchFilm, Term
+from observer.config.effects.terms import Fade, Lag, Radiation, RisingFilm, SpeedLoss, StretchFilm, Term
+from observer.config.sections import Description
 from observer.frames import FloatArray
 from observer.kernels.layout import packed
 from observer.model.coupling import Fades, Links, Uneven, no_coupling
@@ -42,7 +43,6 @@ from observer.model.reduce import FullModel, bed_rows, dropped_under
 from observer.model.rod.modes import Modes, Stretch, wetted_within
 from observer.model.rod.screw import surface_rate
 from observer.physics.constants import STEFAN_BOLTZMANN_W_m2K4
-from observer.tables.sections import Description
 
 
 def with_coupling(

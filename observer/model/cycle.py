@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from observer.config import Config
-from observer.effects.terms import LawFactor, SpeedLoss
+from observer.config.effects.terms import LawFactor, SpeedLoss
+from observer.config.machine import Config
+from observer.config.sections import Source, law_channels
 from observer.frames import FloatArray, Inputs
 from observer.model.law import heat_law
 from observer.model.plant import AMBIENT, BED, LEFT, REFERENCE, RIGHT, Plant
@@ -17,7 +18,6 @@ from observer.model.realise import Realised, realise
 from observer.model.rod.moving import columns_at
 from observer.model.rod.screw import surface_rate
 from observer.model.simulate import simulate, start
-from observer.tables.sections import Source, law_channels
 
 PHASES = ("isothermal", "heat_up", "steady", "dwell", "cool_down")
 DWELL_S = 1500.0

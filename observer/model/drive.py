@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.config import Config
-from observer.effects.terms import AmbientShift, LawFactor, SensorOffset, SpeedLoss
+from observer.config.effects.terms import AmbientShift, LawFactor, SensorOffset, SpeedLoss
+from observer.config.machine import Config
+from observer.config.sections import law_channels
 from observer.frames import BoolArray, FloatArray, FrameBlock, Inputs, NutPath, QualityArray
 from observer.kernels import fill_inputs, record
 from observer.kernels.layout import Records, packed
@@ -24,7 +25,6 @@ from observer.model.plant import AMBIENT, BED, LEFT, OFFSET, REFERENCE, RIGHT, M
 from observer.model.realise import realise
 from observer.model.rod import moving
 from observer.model.rod.screw import surface_rate
-from observer.tables.sections import law_channels
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
+from observer.config.sections import Description
+from observer.config.sensors import Sensor
 from observer.frames import FloatArray
 from observer.model.learning import REST_K, Change, Nuisance, Parameter, learning_of, no_change
 from observer.model.network import Attached, NodeModes
@@ -17,8 +19,6 @@ from observer.model.plant import Plant
 from observer.model.reduce import FullModel, dropped_under
 from observer.model.rod.modes import Modes, Stretch, modal_input
 from observer.model.rod.screw import surface_rate
-from observer.tables.sections import Description
-from observer.tables.sensors import Sensor
 
 
 class States(NamedTuple):

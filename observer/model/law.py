@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from observer.config.laws import SPEED_LAWS, BearingFriction
+from observer.config.sections import Source, owner, part_of_heat
 from observer.frames import FloatArray
 from observer.physics import friction
-from observer.tables.laws import SPEED_LAWS, BearingFriction
-from observer.tables.sections import Source, owner, part_of_heat
 
 Law = Callable[..., FloatArray]
 """Heat in W from the law's channels, one array (k,) each, in the order of `law_channels`."""

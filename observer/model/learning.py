@@ -19,8 +19,8 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.config.estimator import Learnable
 from observer.frames import FloatArray
-from observer.tables.estimator import Learnable
 
 WANDER_S = 86_400.0
 """Time constant of a parameter's random changes: films, clamps and laws differ from day to day."""

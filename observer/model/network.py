@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.effects.terms import Body, Term, WarmedAir
+from observer.config.effects.terms import Body, Term, WarmedAir
+from observer.config.sections import AMBIENT, Description, Link, Source
 from observer.frames import FloatArray
 from observer.model.caching import cached
 from observer.model.coupling import Spreads
@@ -28,7 +29,6 @@ from observer.model.rod.modes import (
     quadrature,
     shapes_within,
 )
-from observer.tables.sections import AMBIENT, Description, Link, Source
 
 
 def conductance_W_K(link: Link) -> float:

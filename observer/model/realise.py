@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from observer.config import Config
-from observer.effects.terms import Body, EndConductance, Film, Heat, LawScale, SpeedLoss, Term
+from observer.config.effects.terms import Body, EndConductance, Film, Heat, LawScale, SpeedLoss, Term
+from observer.config.laws import Surface
+from observer.config.machine import Config
+from observer.config.quantities import LEAST_END_FILM_W_m2K
+from observer.config.sections import Boundary, Source
 from observer.model.rod.screw import surface_film_W_m2K, turning_film
-from observer.tables.laws import Surface
-from observer.tables.quantities import LEAST_END_FILM_W_m2K
-from observer.tables.sections import Boundary, Source
 
 
 class Realised(NamedTuple):

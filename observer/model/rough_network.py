@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer.config import Config
-from observer.effects.terms import Term
+from observer.config.effects.terms import Term
+from observer.config.machine import Config
+from observer.config.sections import AMBIENT, Link
 from observer.frames import FloatArray
 from observer.model.extend import wide, with_learning
 from observer.model.generator import Constant, generator
@@ -29,7 +30,6 @@ from observer.model.network import (
 from observer.model.plant import Plant
 from observer.model.reduce import FullModel
 from observer.model.rod.modes import Modes
-from observer.tables.sections import AMBIENT, Link
 
 
 def with_rough_network(

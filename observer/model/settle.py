@@ -16,8 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from observer.config import Config
-from observer.effects.terms import AmbientShift
+from observer.config.effects.terms import AmbientShift
+from observer.config.machine import Config
+from observer.config.sections import covers_only, law_channels
 from observer.errors import ConfigError, meant
 from observer.frames import FloatArray, FrameBlock, Inputs, Quality
 from observer.kernels.coupling import uniform_loss
@@ -27,7 +28,6 @@ from observer.model.generator import generator, on_the_screw
 from observer.model.plant import Plant
 from observer.model.realise import realise
 from observer.model.rod.moving import columns_at
-from observer.tables.sections import covers_only, law_channels
 
 SLOWEST_1_S = 1e-8
 """Slower states (three years) are rounding errors of undamped ones."""

@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
+from observer.config.sensors import Sensor
 from observer.frames import FloatArray
 from observer.model.build import build_plant, grid_of
 from observer.model.plant import Plant
 from observer.model.rod.supports import Restraint, displacement_um, force_N
-from observer.tables.sensors import Sensor
 
 NODE = "node."
 """Prefix of the name of a survey's sensor on a node."""

@@ -16,10 +16,10 @@ from typing import Any
 import structlog
 import zenoh
 
-from observer.exchange import KEYS, RETAINED
+from observer.bus.codec import instance_of
+from observer.bus.exchange import KEYS, RETAINED
+from observer.bus.session import RETRY_MS, client_config, close_within, short
 from observer.outlets.start import STATES, OutletState, Start
-from observer.publish.codec import instance_of
-from observer.publish.session import RETRY_MS, client_config, close_within, short
 
 _REPORT_S = 1.0
 _QUERY_S = 10.0

@@ -16,17 +16,17 @@ from typing import TYPE_CHECKING
 
 import structlog
 
+from observer.bus.backlog import STEP_KEYS, Backlog, MissingSpan, holds_a_step
+from observer.bus.codec import decode_estimate
 from observer.errors import UserError
-from observer.publish.backlog import STEP_KEYS, Backlog, MissingSpan, holds_a_step
-from observer.publish.codec import decode_estimate
-from observer.steps.pages import LatePage, Pages, Span
+from observer.record.pages import LatePage, Pages, Span
 
 if TYPE_CHECKING:
     from paho.mqtt.client import MQTTMessageInfo
 
+    from observer.config.outlets import ReportState
     from observer.outlets.messages import Latest
     from observer.outlets.start import Start
-    from observer.tables.outlets import ReportState
 
 _LAST_OF_A_STEP = "readings"
 _OF_EVERY_STEP = ("estimate", "heat", "readings")  # field and error are published less often

@@ -9,7 +9,7 @@ import time
 from collections.abc import AsyncIterator, Callable
 from typing import Any
 
-from observer.publish.codec import decode_estimate
+from observer.bus.codec import decode_estimate
 
 Message = tuple[str, bytes]
 

@@ -16,12 +16,12 @@ from prometheus_client import CollectorRegistry, make_asgi_app
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from observer.exchange import KEYS, SEVERITIES, AlarmState, KeyFigure
+from observer.bus.exchange import KEYS, SEVERITIES, AlarmState, KeyFigure
+from observer.config.outlets import ReportState
 from observer.frames import EstimateQuality
 from observer.outlets.messages import Latest
 from observer.outlets.server import served
 from observer.outlets.start import Start
-from observer.tables.outlets import ReportState
 
 _SHOWN = ("good", "starting", "degraded")
 Rows = list[tuple[dict[str, str], float]]

@@ -17,13 +17,13 @@ from paho.mqtt.client import Client, MQTTMessageInfo
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 from paho.mqtt.reasoncodes import ReasonCode
 
+from observer.bus.exchange import RETAINED
+from observer.config.outlets import Mqtt, ReportState, host_and_port
 from observer.errors import ConfigError
-from observer.exchange import RETAINED
 from observer.files.regular import read_password
 from observer.outlets.late import LateSender
 from observer.outlets.messages import Latest
 from observer.outlets.start import Start, run_together
-from observer.tables.outlets import Mqtt, ReportState, host_and_port
 
 _LOOK_S = 0.1
 _RETRY_S = 1

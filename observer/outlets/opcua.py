@@ -25,12 +25,12 @@ from asyncua.common.node import Node
 from asyncua.server.server import Server
 from asyncua.ua.status_codes import StatusCodes
 
-from observer.exchange import KEYS, KeyFigure
+from observer.bus.exchange import KEYS, KeyFigure
+from observer.config.outlets import ReportState
 from observer.outlets.messages import Latest
 from observer.outlets.opcua_history import PastValues
 from observer.outlets.opcua_server import guarded
 from observer.outlets.start import Start
-from observer.tables.outlets import ReportState
 
 # asyncua logs every client error with a traceback, which would fill the service's log.
 logging.getLogger("asyncua").setLevel(logging.CRITICAL)

@@ -20,8 +20,8 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.status_codes import StatusCodes
 
 from observer.errors import UserError
-from observer.steps.series import Series, has_history, series
-from observer.steps.store import Past
+from observer.record.series import Series, has_history, series
+from observer.record.step_store import Past
 
 MOST_VALUES = 5000
 """Of an answer; a continuation point gives the remaining ones."""

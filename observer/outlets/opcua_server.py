@@ -37,11 +37,11 @@ from asyncua.ua.status_codes import StatusCodes
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
 
+from observer.config.outlets import Opcua
 from observer.errors import ConfigError
 from observer.files.regular import read_named, read_users
 from observer.outlets.opcua_limits import MOST_SESSIONS, LimitedSession, announce_limits, limit
 from observer.outlets.users import Users
-from observer.tables.outlets import Opcua
 
 _LEAST_BITS = 2048  # of a key, by every policy below
 _PKCS1 = "http://www.w3.org/2001/04/xmlenc#rsa-1_5"

@@ -5,7 +5,10 @@ from __future__ import annotations
 import asyncio
 from functools import partial
 
-from observer.exchange import plain_name
+from observer.bus.answers import LONGEST_ID
+from observer.bus.ask import Address, command
+from observer.bus.exchange import plain_name
+from observer.config.outlets import ReportState
 from observer.files.regular import read_users
 from observer.outlets.messages import Latest
 from observer.outlets.page_app import application
@@ -13,9 +16,6 @@ from observer.outlets.page_guard import Logins
 from observer.outlets.page_stream import Stream
 from observer.outlets.server import served
 from observer.outlets.start import Start, run_together
-from observer.publish.answers import LONGEST_ID
-from observer.publish.ask import Address, command
-from observer.tables.outlets import ReportState
 
 _ANSWER_S = 5.0
 

@@ -30,12 +30,12 @@ from starlette.responses import (
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
+from observer.config.outlets import host_and_port
 from observer.errors import LogError
 from observer.outlets.page_guard import COOKIE, Guard, Logins
 from observer.outlets.page_stream import Stream
 from observer.outlets.start import Start
-from observer.steps.bins import history
-from observer.tables.outlets import host_and_port
+from observer.record.bins import history
 
 Acknowledge = Callable[[str, str], Awaitable[str | None]]
 _MOST_FORM_BYTES = 4096

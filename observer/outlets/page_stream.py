@@ -11,12 +11,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from observer.exchange import KEYS, Key
+from observer.bus.codec import decode_estimate
+from observer.bus.exchange import KEYS, Key
 from observer.frames import FORCE
 from observer.outlets.messages import Latest
 from observer.outlets.page_viewers import Viewers, event
 from observer.outlets.start import Start
-from observer.publish.codec import decode_estimate
 from observer.report import appearance
 
 _BEAT_S = 1.0

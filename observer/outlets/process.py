@@ -16,6 +16,9 @@ from typing import Any
 
 import structlog
 
+from observer.bus.session import LOCAL
+from observer.config.outlets import ReportState
+from observer.config.outside import fault_outside
 from observer.errors import UserError, extra_remedy
 from observer.outlets.bus import Bus
 from observer.outlets.messages import Latest
@@ -23,9 +26,6 @@ from observer.outlets.start import Start
 from observer.process.memory import leave_in_peace
 from observer.process.messages import configure
 from observer.process.shutdown import leave
-from observer.publish.session import LOCAL
-from observer.tables.outlets import ReportState
-from observer.tables.outside import fault_outside
 
 _RETRY_S = 1.0
 _BUS_END_S = 0.3

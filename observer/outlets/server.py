@@ -18,8 +18,8 @@ from typing import Any
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from observer.config.outlets import host_and_port
 from observer.errors import ConfigError
-from observer.tables.outlets import host_and_port
 
 _END_S = 0.8
 _BACKLOG = 1024

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import structlog
 from pydantic import BaseModel, ConfigDict, FiniteFloat, TypeAdapter
 
-from observer.steps.store import Past
-from observer.tables.outlets import Metrics, Mqtt, Opcua, OutsideOutlet, Page
-from observer.tables.publishing import DEFAULT_ENDPOINT, Client
+from observer.config.outlets import Metrics, Mqtt, Opcua, OutsideOutlet, Page
+from observer.config.publishing import DEFAULT_ENDPOINT, Client
+from observer.record.step_store import Past
 
 if TYPE_CHECKING:
     from observer.installation import Installation

@@ -6,7 +6,7 @@ import sys
 
 import structlog
 
-from observer.terminal import readable_json
+from observer.process.terminal import readable_json
 
 
 def configure(*, as_json: bool) -> None:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from observer.exchange import Severity
-from observer.tables.publishing import AlarmKind
+from observer.bus.exchange import Severity
+from observer.config.publishing import AlarmKind
 
 
 class AlarmClass(NamedTuple):

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-from observer.exchange import SEVERITIES, AlarmState
+from observer.bus.exchange import SEVERITIES, AlarmState
 from observer.quality.alarm_classes import ALARM_CLASSES
 
 _NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9_.-]")

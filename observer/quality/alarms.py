@@ -12,7 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import structlog
 
-from observer.config import Config
+from observer.config.machine import Config
+from observer.config.publishing import AlarmSettings
+from observer.config.sections import law_channels
 from observer.files.state import StateFile, StateWriter
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout
 from observer.quality import alarm_states, bands
@@ -20,8 +22,6 @@ from observer.quality.alarm_classes import ALARM_CLASSES, channel_fault
 from observer.quality.alarm_states import Alarm, AlarmCause, KnownOffset, acknowledged, advance, alarm_of
 from observer.quality.bands import Band, Window
 from observer.quality.kinds import Condition, ConditionKind
-from observer.tables.publishing import AlarmSettings
-from observer.tables.sections import law_channels
 
 _KEPT_S = 60.0
 _MOST_STEP_S = 30.0

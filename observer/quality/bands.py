@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from observer.fit.linear import LinearFit
 from observer.frames import FloatArray
-from observer.linear_fit import LinearFit
 
 WINDOW_S = 600.0
 """Length of one window of running."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from drivers.protocol import DriverStatus
+from observer.bus.exchange import PublishStatus
 from observer.estimators.selftest import Fault, Finding
-from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, FrameBlock, Quality
 from observer.process.clock import STEP_S
 from observer.quality.gap import Departure

@@ -19,6 +19,7 @@ import numpy as np
 
 from observer.align.aligner import AlignPlan, blocks_of_log
 from observer.align.passing import Passings, passings_of
+from observer.config.publishing import RecordSettings
 from observer.errors import ConfigError, LogError
 from observer.files.logs import Log, read_log
 from observer.fit.runs import LEAST_S, joined, part
@@ -26,7 +27,6 @@ from observer.frames import FrameBlock, Reading
 from observer.installation import Installation
 from observer.record.recorder import flags_of
 from observer.record.retention import START_SUFFIX, Recording, recordings
-from observer.tables.publishing import RecordSettings
 from observer.units import BY_NAME
 
 PAUSE_S = 30.0

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from observer.config.publishing import RecordSettings
 from observer.errors import ConfigError, LogError
-from observer.tables.publishing import RecordSettings
 
 START_SUFFIX = ".start"
 """The checkpoint beside a recording, from which its estimates start, has the recording's name and this."""

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from observer.align.plausibility import Limits
-from observer.effects.terms import Radiation, RisingFilm, SpeedLoss, StretchFilm
+from observer.config.effects.terms import Radiation, RisingFilm, SpeedLoss, StretchFilm
+from observer.config.sections import Source
 from observer.errors import ConfigError
 from observer.estimators.design.report import DesignReport, design_report
 from observer.estimators.selftest import smallest_jump_m
@@ -29,7 +30,6 @@ from observer.model.rod.screw import biot_number, rod_of
 from observer.model.rod.supports import force_N
 from observer.physics.film import BIOT_LIMIT
 from observer.report.sensitivity import detectable, tolerances
-from observer.tables.sections import Source
 
 TRANSIENT_S = (0.5, 10.0)
 MOST_DESIGNED = 200

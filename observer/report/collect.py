@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.frames import EstimateBlock, FloatArray, Inputs, Layout
 from observer.model.plant import OutputRows
 

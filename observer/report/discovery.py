@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from observer.config.estimator import Tolerance
+from observer.config.sensors import Sensor
 from observer.discovery.candidates import PER_PARAMETER
 from observer.discovery.discover import Discovery
 from observer.discovery.proof import rms
@@ -32,8 +34,6 @@ from observer.report.page import (
     table,
 )
 from observer.report.panels import duration_text
-from observer.tables.estimator import Tolerance
-from observer.tables.sensors import Sensor
 
 PLACES = 5
 """How many of the largest errors are reported."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.forecast.document import thinned
 from observer.frames import EstimateQuality, FloatArray, Quality
 from observer.report.appearance import MM_PER_M, TEMPERATURE_COLOURS

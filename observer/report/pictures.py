@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.files.folders import results_in
 from observer.forecast.document import Forecast
 from observer.frames import FloatArray, Inputs

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.estimators.design.detectable import noticed, slow_faults_K
 from observer.estimators.design.spread import NotDefined, Spread, spread, with_tolerances
 from observer.frames import FloatArray

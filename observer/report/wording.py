@@ -6,12 +6,12 @@ from collections.abc import Iterator, Sequence
 from math import floor, log10
 from typing import Any
 
+from observer.config.effects.base import FAMILIES
+from observer.config.effects.catalogue import effect_class
 from observer.discovery.candidates import Candidate
 from observer.discovery.discover import Discovery
 from observer.discovery.experiment import HOPELESS, SEPARATES
 from observer.discovery.verdict import Verdict
-from observer.effects.base import FAMILIES
-from observer.effects.catalogue import effect_class
 from observer.report.panels import duration_text
 
 PHASES = {

@@ -12,7 +12,7 @@ import pytest
 
 from observer.align.aligner import Aligner, AlignPlan, frames_of_log
 from observer.align.passing import PASSING_S
-from observer.config import Config
+from observer.config.machine import Config
 from observer.errors import UserError
 from observer.estimate.pipeline import MachineModel
 from observer.files.logs import Log

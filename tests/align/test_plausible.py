@@ -17,7 +17,7 @@ from observer.align.plausibility import (
     unit_hint,
 )
 from observer.align.unit_errors import in_configured_units
-from observer.config import ConfigError
+from observer.config.machine import ConfigError
 from observer.files.logs import Log
 from observer.frames import Quality, Reading
 from observer.installation import load, parse

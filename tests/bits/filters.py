@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators.kalman import KalmanEstimator
 from observer.frames import Quality
-from observer.tables.estimator import EstimatorSettings
 from tests.bits.shared import (
     COUPLINGS,
     EVERY,

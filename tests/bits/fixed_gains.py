@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators.design.gains import everything
 from observer.estimators.design.steady import steady_covariance
 from observer.estimators.fixed_gain import ConstantGainEstimator, LuenbergerEstimator
 from observer.model.discretise import step_matrices
-from observer.tables.estimator import EstimatorSettings
 from tests.bits.digests import estimated, given
 from tests.bits.shared import (
     COUPLINGS,

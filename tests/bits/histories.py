@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators.carry import carry_from as what_is_known
 from observer.estimators.carry import carry_into
 from observer.estimators.kalman import KalmanEstimator
@@ -14,7 +15,6 @@ from observer.frames import EstimateBlock
 from observer.history.smoother import smooth_heats
 from observer.model.discretise import step_matrices
 from observer.model.simulate import simulate, start
-from observer.tables.estimator import EstimatorSettings
 from tests.bits.digests import estimated, given, state_of
 from tests.bits.shared import (
     COUPLINGS,

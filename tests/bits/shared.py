@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators.kalman import KalmanEstimator
 from observer.frames import FrameBlock, Inputs, NutPath, Quality
-from observer.tables.estimator import EstimatorSettings
 from tests.bits.digests import estimated, given
 from tests.logs.inputs import driven, noise, to_and_fro
 from tests.logs.plants import described, small

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.control import compensation
 from observer.control.compensation import CompensationPlan, CompensationState, doubt_about
 from observer.control.compensator import Compensator
@@ -19,9 +19,9 @@ from observer.control.zero import NEVER
 from observer.errors import ConfigError
 from observer.frames import EstimateBlock, EstimateQuality, FloatArray, FrameBlock, Layout
 from observer.installation import parse
+from tests.bus.blocks import block
 from tests.logs.machines import table
 from tests.logs.simulated import frames
-from tests.publish.blocks import block
 
 ON = {"enabled": True, "controller_compensates": False, "position_feedback": "motor"}
 GRID = np.linspace(0.0, 0.4, 9)

@@ -22,7 +22,7 @@ from campaigns.releases.faults import (
     arm,
     run,
 )
-from observer.live.observers import CompensationObserver
+from observer.service.observers import CompensationObserver
 
 GOOD = StepInput()
 SECONDS = st.sampled_from([0.5, 1.0, 4.5, 5.0, 5.5, 8.0, 30.0])

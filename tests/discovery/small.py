@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.fit.parameters import free_keys
 from observer.fit.problem import Problem
 from observer.fit.runs import prepare

@@ -21,8 +21,8 @@ from campaigns.discovery.summary import (
     summary,
 )
 from campaigns.resumable import with_tables
+from observer.config.effects.catalogue import KINDS
 from observer.discovery import localise
-from observer.effects.catalogue import KINDS
 from tests.truth.machine.effects import LIBRARY, Effect
 from tests.truth.machine.entries import Entry, campaign
 from tests.truth.machine.generate import Case

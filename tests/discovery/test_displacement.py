@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from observer import discover
-from observer.config import Config
+from observer.config.machine import Config
 from observer.discovery.displacement import _supported, displacements_of
 from observer.frames import FrameBlock
 from observer.installation import parse

@@ -7,11 +7,11 @@ from functools import cache
 
 import pytest
 
-from observer.config import Config
+from observer.config.effects.base import EffectTable
+from observer.config.effects.heat import EndHeat, MotorHeat
+from observer.config.machine import Config
 from observer.discovery import experiment
 from observer.discovery.experiment import SEPARATES, Phase, habits_of, menu, propose
-from observer.effects.base import EffectTable
-from observer.effects.heat import EndHeat, MotorHeat
 from observer.fit.problem import Problem
 from tests.discovery.small import problem_of
 from tests.logs.machines import machine

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from observer import discover
-from observer.config import Config
+from observer.config.effects.catalogue import effect_class
+from observer.config.machine import Config
 from observer.discovery import nut_path
 from observer.discovery.candidates import Candidate
 from observer.discovery.nut_path import needs_path, positions_a_traverse, sparse_paths
-from observer.effects.catalogue import effect_class
 from observer.fit.runs import prepare
 from observer.frames import FloatArray, FrameBlock
 from observer.kernels.path import SAMPLES_PER_TRAVERSE

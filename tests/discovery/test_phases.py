@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import AlignPlan, frames_of_log
-from observer.config import Config
+from observer.config.machine import Config
 from observer.discovery.localise import Course, course_of, missing_excitation, speeds_rpm
 from observer.files.logs import Log
 from observer.fit.runs import Run, prepare

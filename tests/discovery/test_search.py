@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.effects.catalogue import BY_KIND, KINDS
+from observer.config.machine import Config
 from observer.discovery.candidates import Candidate, library
 from observer.discovery.discover import Discovery, discover
 from observer.discovery.search import FittedCandidate, held_out, same_physics
-from observer.effects.catalogue import BY_KIND, KINDS
 from observer.errors import LogError
 from observer.fit.hypothesis import Fit
 from observer.fit.parameters import free_keys

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from observer import discover
+from observer.config.effects.heat import EndHeat
 from observer.discovery.candidates import library, signatures
 from observer.discovery.search import FittedCandidate
-from observer.effects.heat import EndHeat
 from observer.fit.evidence import resolution
 from observer.fit.hypothesis import fit_null
 from observer.fit.parameters import free_keys

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.discovery.worth import worth_of
 from tests.logs.machines import config_of
 

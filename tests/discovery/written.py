@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.effects.catalogue import BY_KIND
+from observer.config.machine import Config
 from observer.discovery.candidates import Candidate
 from observer.discovery.search import FittedCandidate
-from observer.effects.catalogue import BY_KIND
 from observer.fit.evidence import Evidence
 from observer.fit.hypothesis import EffectParameter, Fit
 from observer.fit.problem import NuisanceColumns, Problem

@@ -20,12 +20,12 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from drivers import can, canopen, modbus, mtconnect, opcua, places, player
-from observer.effects.base import EffectTable
-from observer.effects.catalogue import LIBRARY
-from observer.exchange import KEYS
+from observer.bus.exchange import KEYS
+from observer.config import publishing
+from observer.config.effects.base import EffectTable
+from observer.config.effects.catalogue import LIBRARY
+from observer.config.quantities import Section
 from observer.installation import Installation
-from observer.tables import publishing
-from observer.tables.quantities import Section
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from observer.exchange import KEYS
+from observer.bus.exchange import KEYS
 from tests.docs.console import blocks
 
 ROOT = Path(__file__).parents[2]
@@ -23,14 +23,14 @@ import zenoh
 
 from observer.outlets.beside import OutletsProcess
 from observer.outlets.start import Start
-from observer.publish.session import session_config
-from observer.publish.zenoh import ServiceIdentity, ZenohPublisher
-from observer.tables.outlets import Metrics
-from observer.tables.publishing import Publish
+from observer.bus.session import session_config
+from observer.bus.zenoh import ServiceIdentity, ZenohPublisher
+from observer.config.outlets import Metrics
+from observer.config.publishing import Publish
 from tests.docs.reference import keys
 from tests.patience import until
-from tests.publish.blocks import LAYOUT, block
-from tests.publish.router import free_port
+from tests.bus.blocks import LAYOUT, block
+from tests.bus.router import free_port
 
 endpoint, metrics = (f"127.0.0.1:{free_port()}" for _ in range(2))
 start = Start(machine="lathe", axis="z", period_s=60.0, metrics=Metrics(listen=metrics))

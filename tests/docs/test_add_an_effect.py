@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from observer import installation
+from observer.config.effects.catalogue import KINDS
 from observer.discovery.candidates import library
-from observer.effects.catalogue import KINDS
 from observer.errors import ConfigError
 from observer.fit.parameters import free_keys
 from observer.installation import with_effects
@@ -99,7 +99,7 @@ def test_an_effect_from_outside_is_checked_like_ours(cover: Path) -> None:
         ({"heatet": 1.0}, "effect[0].heatet: unknown key (did you mean heated?)"),
         ({"target": "nuts"}, 'target "nuts" is no source'),
         ({"kind": "telescopic:Hood"}, "telescopic has no class Hood"),
-        ({"kind": "telescopic:Fitted"}, "name a subclass of observer.effects.base.EffectTable"),
+        ({"kind": "telescopic:Fitted"}, "name a subclass of observer.config.effects.base.EffectTable"),
         ({"kind": "nowhere:Cover"}, "put its folder on PYTHONPATH"),
         ({"kind": "covers"}, "unknown kind 'covers'; give one of surface_convection"),
     ],

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from observer import installation
+from observer.config.estimator import EstimatorSettings
 from observer.estimate.pipeline import MachineModel
 from observer.estimators.protocol import Estimator
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality, Inputs
 from observer.model.plant import Plant
-from observer.tables.estimator import EstimatorSettings
 from tests.reference.service_path import inputs_of
 
 ROOT = Path(__file__).parents[2]

@@ -12,17 +12,17 @@ from pathlib import Path
 
 import pytest
 
+from observer.bus.codec import config_json
 from observer.errors import ConfigError
 from observer.installation import parse
 from observer.outlets.start import Start
-from observer.publish.codec import config_json
 from tests.outlets.feeding import fed_outlets
 from tests.patience import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]
 TABLE = tomllib.loads((ROOT / "config" / "demo.toml").read_text("utf-8"))
 BROKEN = """
-from observer.tables.outlets import OutletTable
+from observer.config.outlets import OutletTable
 
 class Broken(OutletTable):
     async def serve(self, prefix, latest, report_state):
@@ -85,7 +85,7 @@ def test_the_page_s_outlet_sends_heats_and_one_that_fails_is_reported(kind: str)
         ({"kind": "influx-lines", "port": "none"}, "outlets.also.x.port"),
         ({"kind": "screen"}, "give one of broken, influx-lines, stranger, unfinished, module:Class"),
         ({"port": 1}, 'kind is "None"'),
-        ({"kind": "stranger"}, "name a subclass of observer.tables.outlets.OutletTable"),
+        ({"kind": "stranger"}, "name a subclass of observer.config.outlets.OutletTable"),
         ({"kind": "unfinished"}, "unfinished has no serve"),
         ({"kind": "missing:Class"}, "missing:Class cannot be imported"),
     ],

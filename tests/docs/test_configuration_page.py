@@ -10,9 +10,9 @@ from pydantic import BaseModel
 
 import drivers
 from drivers import places
-from observer.effects.base import EffectTable
-from observer.effects.catalogue import LIBRARY
-from observer.tables import candidates, laws, quantities, sections, sensors
+from observer.config import candidates, laws, quantities, sections, sensors
+from observer.config.effects.base import EffectTable
+from observer.config.effects.catalogue import LIBRARY
 from tests.docs.reference import CONFIGURATION, DEVICES, REFERENCE, TABLES, written
 
 

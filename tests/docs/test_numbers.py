@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from observer import config, installation
+from observer.config import laws
 from observer.files.logs import Log, read_log
-from observer.tables import laws
 from tests.reference.service_path import replay
 
 ROOT = Path(__file__).parents[2]

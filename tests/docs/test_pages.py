@@ -12,13 +12,13 @@ from pydantic import BaseModel, TypeAdapter
 
 from drivers import DriverSettings
 from observer import installation
-from observer.effects.catalogue import Effect
+from observer.config import sections, sensors
+from observer.config.candidates import SensorCandidate
+from observer.config.effects.catalogue import Effect
+from observer.config.publishing import Client
+from observer.config.quantities import Section
 from observer.installation.examine import examine
 from observer.installation.variants import variants_of
-from observer.tables import sections, sensors
-from observer.tables.candidates import SensorCandidate
-from observer.tables.publishing import Client
-from observer.tables.quantities import Section
 from tests.docs.console import blocks
 
 ROOT = Path(__file__).parents[2]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from observer.exchange import ESTIMATE_ENCODING, KEYS
+from observer.bus.exchange import ESTIMATE_ENCODING, KEYS
 from tests.docs.reference import REFERENCE, written
 
 

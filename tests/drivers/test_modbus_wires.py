@@ -11,9 +11,9 @@ import pytest
 
 from drivers.modbus import ModbusRtuSettings, ModbusTcpSettings
 from drivers.protocol import DriverTable
-from observer.config import ConfigError
+from observer.config.machine import ConfigError
 from observer.installation import parse
-from observer.live.one_look import look
+from observer.service.one_look import look
 from tests.drivers.harness import Recorder, running
 from tests.drivers.slave import Slave, crc, on_pty, on_tcp
 from tests.reference import live

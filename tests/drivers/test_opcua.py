@@ -15,11 +15,11 @@ from asyncua.crypto.uacrypto import load_certificate
 from asyncua.crypto.validator import CertificateValidator, CertificateValidatorOptions
 
 from drivers.opcua import OpcUaSettings
+from tests.bus.people import secret
+from tests.bus.router import free_port
 from tests.drivers.harness import running
 from tests.outlets.applications import application
 from tests.patience import eventually
-from tests.publish.people import secret
-from tests.publish.router import free_port
 
 pytestmark = [
     pytest.mark.system,

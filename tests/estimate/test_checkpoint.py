@@ -14,6 +14,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from observer.align.aligner import frames_of_log
+from observer.config.publishing import STATE_DIRECTORY, Checkpoint, RecordSettings
 from observer.control import compensation
 from observer.control.zero import ZeroPoint
 from observer.estimate import checkpoint
@@ -33,8 +34,7 @@ from observer.estimators.protocol import SCREENING_VERDICT, SENSOR_GUARD
 from observer.files.logs import read_log
 from observer.frames import EstimateQuality
 from observer.installation import load as load_config
-from observer.live.observers import Keeper, Step, stored
-from observer.tables.publishing import STATE_DIRECTORY, Checkpoint, RecordSettings
+from observer.service.observers import Keeper, Step, stored
 from tests.patience import PATIENCE_S
 
 ROOT = Path(__file__).parents[2]

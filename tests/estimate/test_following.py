@@ -10,7 +10,7 @@ import pytest
 
 import observer
 from observer import installation
-from observer.config import untied
+from observer.config.machine import untied
 from observer.errors import ConfigError
 from observer.model.build import build_plant
 from observer.model.drive import Drive

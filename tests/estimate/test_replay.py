@@ -14,8 +14,8 @@ from observer.estimate.replay import estimates_of, result_columns, write_estimat
 from observer.files.logs import Log, read_log
 from observer.files.writer import TableWriter
 from observer.frames import Reading
-from tests.live.fakes import FakeDrive, FakeEstimator
 from tests.logs.recordings import CHANNELS, plan, play, write
+from tests.service.fakes import FakeDrive, FakeEstimator
 
 
 def _log(rows: int = 10_000) -> Log:

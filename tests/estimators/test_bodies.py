@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from campaigns.learning.trial import UNSCREENED
+from observer.config.estimator import EstimatorSettings
 from observer.estimators import build_estimator
 from observer.estimators.design.gains import (
     Refusal,
@@ -17,7 +18,6 @@ from observer.estimators.design.gains import (
     poles_of,
 )
 from observer.model.discretise import step_matrices
-from observer.tables.estimator import EstimatorSettings
 from tests.bits.shared import COUPLINGS, coupled
 from tests.estimators.test_specification import assert_same
 from tests.learning.cover import judged

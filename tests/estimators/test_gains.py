@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
+from observer.config.estimator import EstimatorSettings
 from observer.errors import UserError
 from observer.estimators import build_estimator
 from observer.estimators.design.gains import (
@@ -20,7 +21,6 @@ from observer.estimators.design.gains import (
 from observer.estimators.design.steady import steady_covariance, steady_kalman
 from observer.frames import EstimateQuality
 from observer.model.discretise import augmented, step_matrices
-from observer.tables.estimator import EstimatorSettings
 from tests.logs.inputs import inputs, temperatures
 from tests.logs.plants import rod
 

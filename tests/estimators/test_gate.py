@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators import build_estimator
 from observer.frames import EstimateQuality, Quality
-from observer.tables.estimator import EstimatorSettings
 from tests.logs.inputs import inputs
 from tests.logs.plants import AMBIENT_DEGC, rod
 

@@ -7,10 +7,10 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators import build_estimator
 from observer.frames import EstimateQuality, Quality
 from observer.model.discretise import augmented, quantise, step_matrices
-from observer.tables.estimator import EstimatorSettings
 from tests.estimators.test_learning import ALL, a_day, set_up, textbook
 from tests.logs.inputs import lively
 from tests.logs.plants import AMBIENT_DEGC, at, small

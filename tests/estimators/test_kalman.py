@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators import build_estimator
 from observer.estimators.kalman import KalmanEstimator
 from observer.frames import EstimateBlock, EstimateQuality, Inputs, Quality
-from observer.tables.estimator import EstimatorSettings
 from tests.bits.shared import EVERY, learning
 from tests.logs.inputs import inputs
 from tests.logs.plants import rod

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators.design.report import design_report
 from observer.fit.process_noise import fit_process_noise, innovations_log_likelihood
 from observer.model.discretise import augmented, step_matrices
-from observer.tables.estimator import EstimatorSettings
 from tests.logs.inputs import inputs, temperatures
 from tests.logs.plants import LENGTH_M, rod
 

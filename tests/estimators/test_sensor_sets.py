@@ -6,12 +6,12 @@ from typing import get_args
 
 import numpy as np
 
-from observer.config import LEARNT
+from observer.config.estimator import Learnable
+from observer.config.machine import LEARNT
+from observer.config.sensors import Sensor
 from observer.estimators.design.spread import spread, with_sensors
 from observer.installation import load
 from observer.model.build import build_plant
-from observer.tables.estimator import Learnable
-from observer.tables.sensors import Sensor
 
 CONFIG = Path(__file__).parents[2] / "config"
 STEP_S = 5.0

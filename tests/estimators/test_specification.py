@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators import build_estimator
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.specification import (
@@ -17,7 +18,6 @@ from observer.estimators.specification import (
     transition,
 )
 from observer.model.learning import Nuisance
-from observer.tables.estimator import EstimatorSettings
 from tests.bits.shared import COUPLINGS, EVERY, coupled, learning
 
 WIDE = EstimatorSettings(gate_sigma=1e9)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators.kalman import KalmanEstimator
 from observer.estimators.specification import Belief, Columns, correct, predict, transition
 from observer.fit.process_noise import innovations_log_likelihood
 from observer.frames import EstimateQuality, Quality
-from observer.tables.estimator import EstimatorSettings
 from tests.logs.inputs import lively
 from tests.logs.plants import at, small
 

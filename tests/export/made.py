@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.export.c99 import c99_files
 from observer.export.form import Form, FormRunner
 from tests.logs.machines import machine, table

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from observer.config.mounting import Compensation
 from observer.estimators.design.gains import everything
 from observer.estimators.design.steady import standing_growth_1_s, steady_kalman
 from observer.export.data import Exportable, observer_form
 from observer.export.form import Form, FormRunner
 from observer.export.gain_sets import gain_sets
 from observer.installation import load
-from observer.tables.mounting import Compensation
 from tests.export.made import built, by_c, nut_machine
 from tests.logs.machines import RIG
 

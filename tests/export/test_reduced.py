@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import AlignPlan, frames_of_log
-from observer.config import Config
+from observer.config.machine import Config
 from observer.errors import ConfigError
 from observer.estimators import build_estimator
 from observer.estimators.fixed_gain import FixedGainEstimator

@@ -9,11 +9,11 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
+from observer.config.logs import Logs
 from observer.errors import LogError
 from observer.files.logs import read_log
 from observer.frames import Reading
 from observer.record.recorder import Part, header, row_of_reading
-from observer.tables.logs import Logs
 
 GOOD = "time_s,t1_degC,nut_position_m\n0,20.5,0.1\n0.5,,0.2\n1.25,21,\n"
 CHANNELS = ("t1_degC", "t2_degC")

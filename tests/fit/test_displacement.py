@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import AlignPlan, frames_of_log
-from observer.config import Config
+from observer.config.machine import Config
 from observer.files.logs import Log
 from observer.fit.calibrate import calibrate
 from tests.logs.machines import SCREW, machine

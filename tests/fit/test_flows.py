@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.effects.catalogue import BY_KIND
+from observer.config.machine import Config
 from observer.discovery.family import ScrewHistory, loss_W
-from observer.effects.catalogue import BY_KIND
 from tests.logs.machines import machine
 
 STEPS, LENGTH_M, DIAMETER_M = 60, 0.4, 0.02

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import AlignPlan, frames_of_log
-from observer.config import Config
-from observer.effects.base import EffectTable
-from observer.effects.bodies import AttachedMass, EndConduction
-from observer.effects.heat import Dwell
-from observer.effects.sensing import SensorLag
+from observer.config.effects.base import EffectTable
+from observer.config.effects.bodies import AttachedMass, EndConduction
+from observer.config.effects.heat import Dwell
+from observer.config.effects.sensing import SensorLag
+from observer.config.machine import Config
+from observer.config.screw import ScrewSection
 from observer.files.logs import read_log
 from observer.fit.forward import Forward, lean_config
 from observer.fit.runs import Run, means_of, prepare
@@ -23,7 +24,6 @@ from observer.model.build import build_plant
 from observer.model.plant import Plant
 from observer.model.rod import moving
 from observer.model.simulate import simulate_means
-from observer.tables.screw import ScrewSection
 from tests.logs.machines import RIG, rig
 from tests.logs.simulated import simulated_rows
 

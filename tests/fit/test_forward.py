@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import AlignPlan, frames_of_log
-from observer.config import Config
+from observer.config.machine import Config
+from observer.config.sections import Node
 from observer.errors import LogError
 from observer.files.logs import Log
 from observer.fit.calibrate import calibrate
@@ -21,7 +22,6 @@ from observer.installation import parse
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import start_from_sensors
-from observer.tables.sections import Node
 from tests.logs.machines import SCREW, machine, rig
 from tests.logs.simulated import frames, made_log, run_model, simulated_rows
 

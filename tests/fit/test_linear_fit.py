@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.linear_fit import LinearFit, Marginal, unabsorbed
+from observer.fit.linear import LinearFit, Marginal, unabsorbed
 
 SEEDS, ROWS, PARAMETERS = st.integers(0, 10**6), st.integers(6, 20), st.integers(1, 5)
 

@@ -7,7 +7,7 @@ import tomlkit
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.errors import ConfigError
 from observer.fit.parameters import (
     FILM,

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.config import Config
-from observer.effects.terms import Lag, SensorOffset, StretchFilm
+from observer.config.effects.terms import Lag, SensorOffset, StretchFilm
+from observer.config.machine import Config
 from observer.fit.evidence import (
     PROOF,
     UNUSED,

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.estimators.kalman import KalmanEstimator
 from observer.fit.calibrate import calibrate
 from observer.fit.process_noise import (

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.fit.calibrate import calibrate
 from observer.fit.parameters import replaced
 from observer.fit.run_in import Fading, Settles, begins_cold, nearest, spread

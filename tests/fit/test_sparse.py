@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.fit.forward import _undetermined
 from observer.fit.runs import filled, shows_ends
 from observer.frames import FrameBlock, NutPath

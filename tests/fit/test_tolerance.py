@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.effects.base import Unnamed
+from observer.config.effects.bodies import EndConduction
+from observer.config.effects.terms import AmbientShift, SensorOffset
+from observer.config.machine import Config
 from observer.discovery.candidates import library, promises, signatures
 from observer.discovery.search import tried
-from observer.effects.base import Unnamed
-from observer.effects.bodies import EndConduction
-from observer.effects.terms import AmbientShift, SensorOffset
 from observer.fit.forward import Forward
 from observer.fit.hypothesis import fit_effects, fit_null
+from observer.fit.linear import LinearFit
 from observer.fit.parameters import replaced
 from observer.fit.problem import Problem
 from observer.frames import FloatArray, FrameBlock
-from observer.linear_fit import LinearFit
 from observer.model.build import build_plant
 from observer.model.drive import Drive
 from observer.model.simulate import simulate, start

@@ -11,10 +11,10 @@ import pytest
 import zenoh
 
 from campaigns.fleet.axes import axes_of, listening_at, served
-from observer.publish.session import session_config
+from observer.bus.session import session_config
+from tests.bus.router import Router, free_port
 from tests.docs.console import blocks
 from tests.patience import PATIENCE_S, until
-from tests.publish.router import Router, free_port
 
 AXES = 3
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "fleet.md"

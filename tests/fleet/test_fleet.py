@@ -21,10 +21,10 @@ from observer.errors import UserError
 from observer.fleet import run as running
 from observer.fleet.jobs import jobs_of, read_table, rows_of_logs
 from observer.fleet.journal import DONE_FILE, RunOptions
+from tests.bus.router import free_port
 from tests.logs.machines import configuration
 from tests.logs.simulated import a_fleet, written_log
 from tests.patience import PATIENCE_S, until
-from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
 MACHINES, LOGS, ROWS = 3, 5, 1500

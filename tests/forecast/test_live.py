@@ -18,8 +18,8 @@ from observer.estimate.checkpoint import Snapshot
 from observer.estimate.pipeline import MachineModel
 from observer.files.logs import Log
 from observer.files.writer import write_log
-from observer.live.forecasting import Forecaster, is_wanted
-from observer.live.observers import Step
+from observer.service.forecasting import Forecaster, is_wanted
+from observer.service.observers import Step
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, config_of, day, draw
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import AlignPlan, frames_of_log
-from observer.config import Config
+from observer.config.machine import Config
 from observer.estimators.tolerant import Tolerant, TolerantState, gathered
 from observer.frames import FloatArray, Inputs
 from observer.model.build import build_plant

@@ -18,10 +18,10 @@ from observer.estimate.pipeline import MachineModel, Pipeline
 from observer.files.folders import write_whole
 from observer.frames import EstimateBlock, FrameBlock
 from observer.installation import load
-from observer.live.observers import stored
 from observer.model.cycle import PHASES
 from observer.quality.conditions import of_departure
 from observer.quality.gap import BREAK_S, Departure, GapWatch
+from observer.service.observers import stored
 from tests.learning.cover import log_of
 from tests.learning.machines import CONFIG, Rough, config_of, day, draw, work
 from tests.truth.machine.cycles import START_m, programme

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators.specification import Columns, columns_in_place, transition
 from observer.history.smoother import smooth_changes, smooth_heats
 from observer.history.tolerances import _roughly_known, changes_within
@@ -12,7 +13,6 @@ from observer.kernels.codes import REJECTED
 from observer.model.discretise import quantise, step_matrices
 from observer.model.learning import Nuisance
 from observer.model.simulate import start_from_sensors
-from observer.tables.estimator import EstimatorSettings
 from tests.bits.shared import COUPLINGS
 from tests.logs.inputs import driven
 from tests.logs.plants import described

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from observer.config.estimator import EstimatorSettings
 from observer.errors import UserError
 from observer.history.conjugate_gradient import descend, draw, spread, stepwise
 from observer.history.history import MethodOptions
 from observer.history.identify import heat_history
 from observer.history.sweeps import Sweeps, readings
-from observer.tables.estimator import EstimatorSettings
 from tests.bits.shared import COUPLINGS, coupled
 from tests.history.known_heats import DT_S, heat_at, logged
 from tests.logs.inputs import inputs, temperatures

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from observer.config.estimator import EstimatorSettings
 from observer.history.history import MethodOptions
 from observer.history.identify import heat_history
 from observer.history.prior import walking
@@ -20,7 +21,6 @@ from observer.history.tikhonov import (
     by_l_curve,
     trials,
 )
-from observer.tables.estimator import EstimatorSettings
 from tests.bits.shared import COUPLINGS
 from tests.estimators.dense import posterior_heats
 from tests.history.known_heats import logged

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators import build_estimator
 from observer.history import smoother
 from observer.history.history import MethodOptions
@@ -13,7 +14,6 @@ from observer.history.smoother import smooth_heats
 from observer.kernels.codes import NUT_LOST, REJECTED
 from observer.model.build import build_plant
 from observer.model.discretise import augmented, step_matrices
-from observer.tables.estimator import EstimatorSettings
 from tests.bits.shared import COUPLINGS
 from tests.estimators.dense import posterior_heats
 from tests.logs.inputs import driven, inputs

@@ -8,8 +8,9 @@ import pytest
 from campaigns.learning.histories import FIRST_SEED, covered, identified
 from campaigns.learning.trial import KNOWN
 from observer.align.aligner import frames_of_log
-from observer.effects.base import Unnamed
-from observer.effects.terms import AmbientShift
+from observer.config.effects.base import Unnamed
+from observer.config.effects.terms import AmbientShift
+from observer.config.estimator import EstimatorSettings
 from observer.estimate.pipeline import MachineModel
 from observer.estimate.replay import inputs_of
 from observer.frames import Inputs
@@ -20,7 +21,6 @@ from observer.history.sweeps import Sweeps, readings
 from observer.history.tolerances import Changes, averaged, changes_within, most_probable, without_changes
 from observer.model.discretise import step_matrices
 from observer.model.simulate import simulate, start_from_sensors
-from observer.tables.estimator import EstimatorSettings
 from tests.history.known_heats import DT_S, logged
 from tests.learning.cover import log_of
 from tests.learning.machines import AS_CONFIGURED, CONFIG, Rough, config_of, day, draw

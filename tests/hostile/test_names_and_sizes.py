@@ -18,7 +18,7 @@ from observer.errors import ConfigError
 from observer.files.regular import MOST_DEPTH, MOST_ENTRIES, read_toml
 from observer.installation import load
 from observer.installation.examine import examine
-from observer.terminal import print_for_people, printable
+from observer.process.terminal import print_for_people, printable
 
 CONFIG = Path(__file__).parents[2] / "config" / "demo.toml"
 COMMANDS = "\x1b[31mred", "\x9b2J", "\x1b]0;owned\x07", "\u202egnp.exe", "\u2066x\u2069", "\rgood"

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from observer.errors import EXTRAS, install_remedy
-from tests.publish.router import free_port
+from tests.bus.router import free_port
 from tests.system.plant import Daemon, Subscriber, machine, table_for, write
 
 ROOT = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ from observer.installation import Installation, parse
 from observer.installation.catalogue import SCREWS, screw_of
 from observer.installation.first_configuration import answers
 from observer.installation.first_template import filled
-from observer.live.wire_doubts import wires_of
+from observer.service.wire_doubts import wires_of
 from tests.drivers.harness import device
 
 GIVEN = {"length_m": "1100 mm", "stroke_m": "150 850 mm", "sensors_m": "300 700 mm", "module_at": "127.0.0.1"}

@@ -14,8 +14,8 @@ from pydantic import TypeAdapter
 
 from drivers import DriverSettings
 from drivers.modbus import ModbusTcpSettings
-from observer.tables.estimator import EstimatorSettings
-from observer.tables.outside import entry_names, is_outside, outside
+from observer.config.estimator import EstimatorSettings
+from observer.config.outside import entry_names, is_outside, outside
 
 GROUPS = ("drivers", "estimators", "effects")
 MODULE = """
@@ -106,7 +106,7 @@ def test_check_lists_the_names_of_entry_points(installed: Path) -> None:
 
 BROKEN = """
 from drivers.protocol import DriverTable
-from observer.effects.base import EffectTable
+from observer.config.effects.base import EffectTable
 from observer.estimators.kalman import KalmanEstimator
 
 

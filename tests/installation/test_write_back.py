@@ -5,8 +5,8 @@ import tomllib
 
 import pytest
 
-from observer.effects.bodies import EndConduction
-from observer.effects.sensing import SensorLag
+from observer.config.effects.bodies import EndConduction
+from observer.config.effects.sensing import SensorLag
 from observer.errors import ConfigError
 from observer.fit.parameters import get, rounded
 from observer.installation import parse, with_effects, write_back

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from observer.config.logs import Logs
 from observer.library.given import recorded
-from observer.tables.logs import Logs
 from tests.intake.rod import rod
 
 

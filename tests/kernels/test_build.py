@@ -104,7 +104,7 @@ NUMERIC = (
     "tests/bits", "tests/kernels/test_covariance.py", "tests/kernels/test_motion.py", "tests/history",
     "tests/estimators/test_steps.py", "tests/estimators/test_given_gain.py",
     "tests/estimators/test_selftest.py", "tests/estimators/test_following.py", "tests/align/test_align.py",
-    "tests/publish/test_codec.py", "tests/model/test_moving.py", "tests/model/test_path.py",
+    "tests/bus/test_codec.py", "tests/model/test_moving.py", "tests/model/test_path.py",
 )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from observer.align.aligner import AlignPlan, frames_of_log
-from observer.config import Config
+from observer.config.machine import Config
 from observer.estimate.pipeline import MachineModel
 from observer.files.logs import Log
 from observer.fit.calibrate import calibrate

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from tests.truth.machine.cycles import (
     RUNS,
     Phase,

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.estimators.design.spread import SensorSet, spread, with_sensors
 from observer.frames import FloatArray
 from observer.model.build import build_plant

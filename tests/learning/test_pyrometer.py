@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from observer.config.sensors import Sensor
 from observer.frames import EstimateBlock
-from observer.tables.sensors import Sensor
 from tests.learning.cover import QUANTITIES, estimates, judged_estimates
 from tests.learning.machines import CONFIG, GRID_M, Day, Rough, config_of, day, draw
 from tests.truth.machine.machine import stream

@@ -10,8 +10,8 @@ import pytest
 
 import observer
 from observer.library.messages import message_from
+from tests.bus.router import Router, free_port
 from tests.patience import PATIENCE_S
-from tests.publish.router import Router, free_port
 from tests.system.plant import COMPENSATION, Daemon, Subscriber, machine, table_for
 
 

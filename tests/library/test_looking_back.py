@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import observer
-from tests.steps.lived import BEGIN_S
-from tests.steps.made import write_steps
+from tests.record.lived import BEGIN_S
+from tests.record.made import write_steps
 
 TIME_S = BEGIN_S + 0.5 * np.arange(100)
 

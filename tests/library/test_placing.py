@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 
 import observer
 from observer.cli import app
+from observer.config.sensors import Sensor
 from observer.estimators.design.spread import spread
 from observer.model.build import build_plant
 from observer.report.placing import as_text
-from observer.tables.sensors import Sensor
 
 CONFIG = Path(__file__).parents[2] / "config"
 HOUSINGS = """

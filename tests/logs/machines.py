@@ -11,7 +11,7 @@ import numpy as np
 import tomlkit
 
 from observer.align.aligner import AlignPlan, frames_of_log
-from observer.config import Config
+from observer.config.machine import Config
 from observer.files.logs import read_log
 from observer.frames import FrameBlock
 from observer.installation import load, parse

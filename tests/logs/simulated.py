@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import observer
-from observer.config import Config
+from observer.config.machine import Config
 from observer.discovery.experiment import Habits, Phase, frames_of
 from observer.estimate.pipeline import MachineModel
 from observer.files.logs import read_log

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from scipy.sparse import diags_array, lil_array
 from scipy.sparse.linalg import spsolve
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.installation import load, parse
 from observer.model.bending import with_bending
 from observer.model.build import build_plant, full_model

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.errors import ConfigError
 from observer.installation import parse
 from observer.model.build import build_plant

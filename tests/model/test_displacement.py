@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import Aligner, AlignPlan, frames_of_log
-from observer.config import Config
+from observer.config.machine import Config
 from observer.errors import UserError
 from observer.estimate.open_loop import OpenLoop
 from observer.estimate.pipeline import MachineModel

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.estimators.design.steady import steady_kalman
 from observer.frames import FloatArray, Inputs
 from observer.installation import parse

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import observer
-from observer.config import Config
+from observer.config.machine import Config
 from observer.errors import ConfigError
 from observer.files.logs import read_log
 from observer.files.writer import write_log

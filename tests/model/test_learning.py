@@ -6,8 +6,8 @@ from typing import get_args
 
 import numpy as np
 
+from observer.config.estimator import Learnable
 from observer.model.learning import Nuisance, Parameter, joined, learning_of, no_change, of_parameters
-from observer.tables.estimator import Learnable
 
 
 def parameters() -> list[Parameter]:

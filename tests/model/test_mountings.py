@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from observer.config.mounting import Supports
+from observer.config.screw import Screw
 from observer.frames import FloatArray
 from observer.model.rod.mountings import MountingProblem, best_of_each, judged
-from observer.tables.mounting import Supports
-from observer.tables.screw import Screw
 
 GRID_M = np.linspace(0.0, 1.0, 11)
 AREA_m2, MODULUS_Pa = 1e-3, 2.06e11

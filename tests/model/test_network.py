@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.linalg import expm
 
+from observer.config.sections import Link
 from observer.errors import ConfigError
 from observer.frames import FloatArray
 from observer.installation import parse
@@ -27,7 +28,6 @@ from observer.model.network import (
     ring_W_K,
 )
 from observer.model.simulate import start
-from observer.tables.sections import Link
 from tests.logs.machines import table
 from tests.reference.cases import config_of, known, play, point
 from tests.reference.printed import crank_nicolson, steady

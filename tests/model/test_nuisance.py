@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.estimator import EstimatorSettings
+from observer.config.machine import Config
 from observer.estimators.kalman import KalmanEstimator
 from observer.frames import FloatArray
 from observer.installation import parse
@@ -15,7 +16,6 @@ from observer.model.extend import with_parameters
 from observer.model.learning import Change, Nuisance, Parameter, no_change
 from observer.model.plant import Plant
 from observer.model.rod.modes import held_s
-from observer.tables.estimator import EstimatorSettings
 from tests.logs.machines import table
 from tests.logs.simulated import made_log
 from tests.model.unturned import unturned

@@ -7,7 +7,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.frames import FloatArray
 from observer.model.build import build_plant
 from observer.model.generator import generator

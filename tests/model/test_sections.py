@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from observer import installation
-from observer.config import Config
+from observer.config.machine import Config
 from observer.errors import ConfigError
 from observer.estimators.design.steady import gain_for, standing_growth_1_s
 from observer.installation import parse

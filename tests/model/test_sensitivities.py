@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.fit.parameters import with_values
 from observer.installation import load
 from observer.model.build import build_plant

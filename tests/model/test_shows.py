@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.errors import UserError
 from observer.fit.calibrate import calibrate
 from observer.fit.parameters import with_values

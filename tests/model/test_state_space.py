@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.frames import FloatArray, Inputs
 from observer.installation import parse
 from observer.model.build import build_plant

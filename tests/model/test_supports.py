@@ -14,7 +14,9 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 import observer
-from observer.config import Config
+from observer.config.machine import Config
+from observer.config.mounting import Supports
+from observer.config.screw import Screw
 from observer.errors import ConfigError
 from observer.estimators import build_estimator
 from observer.files.logs import read_log
@@ -32,8 +34,6 @@ from observer.model.rod.supports import (
     restraint_of,
 )
 from observer.report.check import findings
-from observer.tables.mounting import Supports
-from observer.tables.screw import Screw
 from tests.logs.machines import table
 from tests.logs.simulated import frames
 

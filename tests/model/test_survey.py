@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.model.build import build_plant, restraint_on
 from observer.model.settle import point_of, settled
 from observer.model.survey import displaced, growth_of, survey_of

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.config import Config
-from observer.effects.film import SpeedConvection
-from observer.effects.terms import SpeedLoss
+from observer.config.effects.film import SpeedConvection
+from observer.config.effects.terms import SpeedLoss
+from observer.config.machine import Config
 from observer.errors import ConfigError
 from observer.frames import FloatArray
 from observer.installation import parse

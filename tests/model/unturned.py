@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.model.bending import with_bending
 from observer.model.build import full_model, keep_modes
 from observer.model.couple import with_coupling

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import zenoh
 
+from observer.bus.codec import EstimateEncoder
+from observer.bus.session import session_config
 from observer.frames import EstimateBlock, Layout
 from observer.outlets.start import Start
-from observer.publish.codec import EstimateEncoder
-from observer.publish.session import session_config
+from tests.bus.router import free_port
 from tests.patience import PATIENCE_S, until
-from tests.publish.router import free_port
 
 LAYOUT = Layout(("nut", "left"), np.array([0.0, 0.5, 1.0]), ("t1", "t2"), True)
 QUALITIES = ("good", "starting", "degraded", "stale", "invalid")

@@ -14,16 +14,16 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from observer.bus.session import LOCAL, session_config
+from observer.bus.zenoh import ServiceIdentity, ZenohPublisher
+from observer.config.outlets import Metrics
+from observer.config.publishing import Publish
 from observer.outlets import beside
 from observer.outlets.beside import OutletsProcess
 from observer.outlets.start import Start
-from observer.publish.session import LOCAL, session_config
-from observer.publish.zenoh import ServiceIdentity, ZenohPublisher
-from observer.tables.outlets import Metrics
-from observer.tables.publishing import Publish
+from tests.bus.blocks import LAYOUT
+from tests.bus.router import free_port
 from tests.patience import PATIENCE_S, until
-from tests.publish.blocks import LAYOUT
-from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
 PREFIX = "ballscrew/lathe/z"

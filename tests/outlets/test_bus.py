@@ -11,20 +11,20 @@ import pytest
 import zenoh
 from asyncua import Client as OpcuaClient
 
+from observer.bus.session import session_config
+from observer.config.outlets import Metrics, Opcua
+from observer.config.publishing import Client, Login
 from observer.errors import ConfigError
 from observer.outlets import bus
 from observer.outlets.bus import Bus
 from observer.outlets.messages import Latest
 from observer.outlets.page_stream import Stream
 from observer.outlets.start import Start
-from observer.publish.session import session_config
-from observer.tables.outlets import Metrics, Opcua
-from observer.tables.publishing import Client, Login
+from tests.bus.router import free_port
 from tests.outlets.feeding import HEALTH, fed_outlets
 from tests.outlets.nodes import read_node
 from tests.outlets.test_metrics import scraped
 from tests.patience import PATIENCE_S, eventually, until
-from tests.publish.router import free_port
 
 ARMED = {"time_s": 1.0, "armed": True, "phase": "following", "quality": "good", "instance": "0a0a0a0a"}
 CONFIG = Path("config/demo.toml")

@@ -7,9 +7,9 @@ import urllib.request
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from observer.tables.outlets import Metrics
+from observer.config.outlets import Metrics
+from tests.bus.router import free_port
 from tests.outlets.feeding import fed_outlets
-from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
 WHO = {"machine": "lathe", "axis": "z"}

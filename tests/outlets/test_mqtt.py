@@ -14,11 +14,11 @@ import pytest
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from observer.tables.outlets import Mqtt
+from observer.config.outlets import Mqtt
+from tests.bus.people import Authority
+from tests.bus.router import free_port
 from tests.outlets.feeding import HEALTH, fed_outlets
 from tests.patience import PATIENCE_S, until
-from tests.publish.people import Authority
-from tests.publish.router import free_port
 
 MOSQUITTO = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
 pytestmark = [

@@ -6,15 +6,15 @@ import asyncio
 
 import pytest
 
+from observer.bus.codec import EstimateEncoder
+from observer.config.outlets import Mqtt
 from observer.outlets import late, process
 from observer.outlets.messages import Latest
 from observer.outlets.start import Start
-from observer.publish.codec import EstimateEncoder
-from observer.tables.outlets import Mqtt
+from tests.bus.router import free_port
 from tests.outlets.feeding import LAYOUT, block
 from tests.outlets.test_mqtt import TOPIC, broker, pytestmark  # noqa: F401  (the marks hold here, too)
 from tests.patience import eventually
-from tests.publish.router import free_port
 
 
 async def test_a_task_of_an_outlet_that_ends_is_reported_and_restarted(tmp_path, monkeypatch):

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from asyncua import Client, ua
 
+from observer.config.outlets import Opcua
 from observer.outlets.opcua import NAMESPACE
-from observer.tables.outlets import Opcua
+from tests.bus.router import free_port
 from tests.outlets.feeding import fed_outlets
 from tests.outlets.nodes import node_of
 from tests.patience import until
-from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
 

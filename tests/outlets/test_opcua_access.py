@@ -21,16 +21,16 @@ from asyncua.crypto.security_policies import (
 from asyncua.crypto.uacrypto import CertProperties
 from pydantic import ValidationError
 
+from observer.config.outlets import Opcua
 from observer.errors import ConfigError
 from observer.outlets.opcua_server import _Guarded, _Readers, guarded
-from observer.tables.outlets import Opcua
+from tests.bus.people import secret
+from tests.bus.router import free_port
 from tests.docs.console import blocks
 from tests.outlets.applications import PAGE, application, made_as_on_the_page
 from tests.outlets.feeding import OutletsFeed, fed_outlets
 from tests.outlets.nodes import node_of
 from tests.patience import eventually
-from tests.publish.people import secret
-from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
 POLICIES = (SecurityPolicyBasic256Sha256, SecurityPolicyAes128Sha256RsaOaep, SecurityPolicyAes256Sha256RsaPss)

@@ -14,10 +14,10 @@ from asyncua.common.connection import SecureConnection, TransportLimits
 from asyncua.crypto.security_policies import SecurityPolicyNone
 from asyncua.ua.ua_binary import struct_to_binary, uatcp_to_binary
 
-from observer.tables.outlets import Opcua
+from observer.config.outlets import Opcua
+from tests.bus.router import free_port
 from tests.outlets.feeding import OutletsFeed, fed_outlets
 from tests.patience import PATIENCE_S, until
-from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
 STRANGERS = 6

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from asyncua import Client, ua
 
+from observer.bus.codec import config_json, decode_estimate
+from observer.config.outlets import Opcua
 from observer.outlets.opcua import STATUS
-from observer.publish.codec import config_json, decode_estimate
-from observer.tables.outlets import Opcua
+from tests.bus.router import free_port
 from tests.outlets.feeding import fed_outlets
 from tests.outlets.nodes import node_of
 from tests.patience import until
-from tests.publish.router import free_port
-from tests.steps.lived import BEGIN_S, configuration, lived
+from tests.record.lived import BEGIN_S, configuration, lived
 
 pytestmark = pytest.mark.system
 

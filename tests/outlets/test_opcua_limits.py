@@ -11,11 +11,11 @@ import urllib.request
 import pytest
 from asyncua import Client, ua
 
-from observer.tables.outlets import Opcua, Page
+from observer.config.outlets import Opcua, Page
+from tests.bus.router import free_port
 from tests.outlets.feeding import fed_outlets, feed_machine
 from tests.outlets.nodes import node_of
 from tests.patience import PATIENCE_S, Stopwatch, eventually, until
-from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
 ROOT = ua.NodeId(ua.ObjectIds.RootFolder)

@@ -8,8 +8,8 @@ import sys
 import pytest
 from asyncua import ua
 
+from observer.config.outlets import Opcua
 from observer.outlets.opcua_server import guarded
-from observer.tables.outlets import Opcua
 
 IDS = ua.ObjectIds
 MOST_NODES = 2000  # of 6174 of asyncua 2.1

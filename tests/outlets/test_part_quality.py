@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from observer.bus.codec import decode_estimate
+from observer.bus.watch import live_line
 from observer.library.messages import documents_of
-from observer.publish.codec import decode_estimate
-from observer.publish.watch import live_line
 from tests.outlets.feeding import ENCODER, block
 
 PARTS = np.array([[1, 0, 0]], np.int8)

@@ -15,10 +15,10 @@ from typing import Any
 
 import pytest
 
-from observer.tables.outlets import Metrics
+from observer.config.outlets import Metrics
+from tests.bus.router import free_port
 from tests.outlets.feeding import fed_outlets, feed_machine
 from tests.patience import PATIENCE_S, until
-from tests.publish.router import free_port
 
 pytestmark = [
     pytest.mark.system,

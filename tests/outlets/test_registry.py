@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from asyncua import Client, ua
 
-from observer.exchange import KEYS
-from observer.tables.outlets import Metrics, Mqtt, Opcua
+from observer.bus.exchange import KEYS
+from observer.config.outlets import Metrics, Mqtt, Opcua
+from tests.bus.router import free_port
 from tests.outlets.feeding import ALARM, ENCODER, HEALTH, QUALITIES, OutletsFeed, block, fed_outlets
 from tests.outlets.nodes import read_node
 from tests.outlets.test_metrics import labelled, scraped
 from tests.outlets.test_mqtt import Listener, broker, pytestmark  # noqa: F401  (the marks hold here, too)
 from tests.patience import eventually, until
-from tests.publish.router import free_port
 
 STATUS = {
     None: ua.StatusCodes.Good,

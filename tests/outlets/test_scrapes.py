@@ -8,9 +8,9 @@ import urllib.request
 
 import pytest
 
-from observer.tables.outlets import Metrics
+from observer.config.outlets import Metrics
+from tests.bus.router import free_port
 from tests.outlets.feeding import fed_outlets
-from tests.publish.router import free_port
 
 pytestmark = pytest.mark.system
 

@@ -20,11 +20,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.bus.router import free_port
 from tests.logs.machines import machine_text
 from tests.packaging.dockerfile import Machine, Step, carry_out, parse
 from tests.packaging.network import of_network
 from tests.patience import PATIENCE_S, until
-from tests.publish.router import free_port
 
 ROOT = Path(__file__).parents[2]
 STEPS = parse(ROOT / "Dockerfile")

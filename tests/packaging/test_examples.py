@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from observer import installation
-from observer.publish.codec import config_json
+from observer.bus.codec import config_json
 from observer.report import check
 
 ROOT = Path(__file__).parents[2]

@@ -10,9 +10,9 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
+from tests.bus.router import free_port
 from tests.packaging.installed import Installed, install_wheel
 from tests.patience import PATIENCE_S
-from tests.publish.router import free_port
 
 pytestmark = [pytest.mark.slow, pytest.mark.system]
 NOTEBOOKS = sorted((Path(__file__).parents[2] / "docs" / "notebooks").glob("*.ipynb"))

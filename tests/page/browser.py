@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
+from tests.bus.router import free_port
 from tests.patience import PATIENCE_S, until
-from tests.publish.router import free_port
 from tests.system.plant import Daemon, Subscriber, machine, table_for
 
 CHROMIUM = Path("/usr/bin/chromium")

@@ -14,12 +14,12 @@ from typing import Any
 
 import cbor2
 
+from observer.config.outlets import Page
 from observer.outlets.start import Start
-from observer.tables.outlets import Page
+from tests.bus.router import free_port
 from tests.outlets.feeding import OutletsFeed, fed_outlets
 from tests.page.browser import answers
 from tests.patience import PATIENCE_S, until
-from tests.publish.router import free_port
 
 NASTY = "<img src=x onerror=alert(1)> t3 is open"
 NOW_S = time.time()

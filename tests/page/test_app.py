@@ -11,12 +11,12 @@ import httpx
 import numpy as np
 import pytest
 
+from observer.config.outlets import Page
 from observer.outlets.messages import Latest
 from observer.outlets.page_app import application
 from observer.outlets.page_guard import COOKIE, POLICY, Logins
 from observer.outlets.page_stream import Innovations, Stream
 from observer.outlets.start import Start
-from observer.tables.outlets import Page
 
 HERE = "http://127.0.0.1:8080"
 

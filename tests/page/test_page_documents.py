@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.bus.people import Authority, secret
 from tests.page.browser import IN_A_BROWSER, SIZES, complaints
 from tests.page.served import DOCUMENTS, NASTY, crowd, crowd_estimate, estimate, send_all, served_page
 from tests.patience import PATIENCE_S, until
-from tests.publish.people import Authority, secret
 
 pytestmark = IN_A_BROWSER
 

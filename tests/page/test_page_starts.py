@@ -7,13 +7,13 @@ import subprocess
 
 import pytest
 
+from observer.config.outlets import Page
 from observer.errors import ConfigError
 from observer.outlets.messages import Latest
 from observer.outlets.page import serve
 from observer.outlets.start import Start
-from observer.tables.outlets import Page
-from tests.publish.people import Authority
-from tests.publish.router import free_port
+from tests.bus.people import Authority
+from tests.bus.router import free_port
 
 
 async def test_a_port_that_is_taken_is_a_reason_in_words():

@@ -13,7 +13,7 @@ import pytest
 from tests.page.browser import IN_A_BROWSER, complaints
 from tests.page.served import DOCUMENTS, HEAD, NOW_S, PLACES_M, served_page
 from tests.patience import PATIENCE_S
-from tests.steps.made import write_steps
+from tests.record.made import write_steps
 
 pytestmark = IN_A_BROWSER
 

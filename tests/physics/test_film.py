@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from observer.config.laws import Surface
 from observer.model.rod.screw import surface_film_W_m2K, turning_film
 from observer.physics import film
 from observer.physics.film import YU_AIR, air_at
-from observer.tables.laws import Surface
 
 KUZNETSOV_TABLE_1 = {
     2: (0.5, 0.75, 1.0, 1.25, 1.50, 1.75, 2.0, 2.25, 2.50, 2.75, 3.0),

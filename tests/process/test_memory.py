@@ -7,9 +7,9 @@ import sys
 
 import pytest
 
-from observer.tables.outlets import Metrics, Opcua, Page
+from observer.config.outlets import Metrics, Opcua, Page
+from tests.bus.router import free_port
 from tests.outlets.feeding import fed_outlets
-from tests.publish.router import free_port
 from tests.system.plant import ROOT, Daemon, Subscriber, machine, table_for
 
 pytestmark = pytest.mark.system

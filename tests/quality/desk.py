@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from observer.config.publishing import AlarmSettings
 from observer.frames import Layout
 from observer.quality.alarms import AlarmDesk
-from observer.tables.publishing import AlarmSettings
 from tests.learning.machines import CONFIG, config_of
 
 SENSORS = ("t1", "t2", "t3", "t4", "t5")

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from drivers.protocol import DriverStatus
+from observer.bus.exchange import PublishStatus
 from observer.estimators.selftest import Fault, Finding
-from observer.exchange import PublishStatus
 from observer.frames import EstimateBlock, EstimateQuality, FrameBlock
 from observer.quality.alarms import AlarmDesk
 from observer.quality.conditions import Facts, conditions
-from tests.publish.blocks import block
+from tests.bus.blocks import block
 from tests.quality.desk import LAYOUT, alarm_desk
 
 STEP_S = 20.0

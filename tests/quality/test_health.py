@@ -9,11 +9,11 @@ import pytest
 
 from drivers.protocol import DriverStatus
 from observer.align.aligner import Aligner
+from observer.bus.codec import EstimateEncoder, to_json
+from observer.bus.exchange import PublishStatus
 from observer.estimators.selftest import Fault, Finding
-from observer.exchange import PublishStatus
 from observer.frames import EstimateQuality, Quality, Reading
 from observer.model.build import build_plant
-from observer.publish.codec import EstimateEncoder, to_json
 from observer.quality.conditions import Facts, of_finding
 from observer.quality.health import assess
 from observer.quality.kinds import Condition, ConditionKind

@@ -9,9 +9,9 @@ from typing import get_args
 import pytest
 
 from drivers.places import CAN_INPUTS, MODBUS_INPUTS, can_input, modbus_input
+from observer.config.publishing import AlarmKind
 from observer.quality.alarm_classes import ALARM_CLASSES, remedy_for
 from observer.quality.alarm_states import AlarmCause
-from observer.tables.publishing import AlarmKind
 
 ROOT = Path(__file__).parents[2]
 UNKNOWN = remedy_for("no_such_fault", None)
@@ -34,7 +34,7 @@ WIRES = ["disconnected", "timeout", "bad_reply", "slow_poll", "rtu_frames", "tin
 
 @pytest.mark.parametrize("fault", WIRES)
 def test_every_fault_of_a_wire_is_reported_and_has_a_remedy(fault):
-    folders = ("drivers", "observer/align", "observer/record", "observer/live")
+    folders = ("drivers", "observer/align", "observer/record", "observer/service")
     source = "".join(path.read_text() for folder in folders for path in (ROOT / folder).glob("*.py"))
     assert re.search(rf'"{fault}"', source), "no driver reports it any more"
     assert remedy_for(fault, None) != UNKNOWN

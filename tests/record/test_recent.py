@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from observer.config.publishing import RecordSettings
 from observer.errors import ConfigError, LogError
 from observer.record.recent import duration_s, stretches
 from observer.record.retention import START_SUFFIX
-from observer.tables.publishing import RecordSettings
 from tests.logs.recordings import CHANNELS, joined, plan, recorded, same_bits, tick_row
 
 BEGIN_S = 1.79e9

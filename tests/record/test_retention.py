@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from observer.config.publishing import RecordSettings
 from observer.record import retention
 from observer.record.retention import Recording, Retention, tidy, to_remove
-from observer.tables.publishing import RecordSettings
 
 NOW_S = 1.8e9
 DAY_S = 86_400.0

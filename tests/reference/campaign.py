@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.estimators.kalman import KalmanEstimator
 from observer.files.logs import Log
 from observer.frames import EstimateBlock, FloatArray

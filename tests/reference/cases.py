@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.installation import parse
 from observer.model.plant import Plant
 from tests.truth.bar import Bar, End, FloatArray

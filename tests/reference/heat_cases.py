@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.files.logs import Log
 from observer.frames import FloatArray, Inputs
 from observer.model.build import build_plant

@@ -16,7 +16,7 @@ import numpy as np
 from drivers.simulated.machine import SimulatedMachine as Axis
 from drivers.simulated.machine import heats, speed_rpm
 from observer.align.aligner import Aligner
-from observer.config import Config
+from observer.config.machine import Config
 from observer.estimate.pipeline import MachineModel
 from observer.frames import EstimateBlock, FloatArray, Reading
 from observer.installation import load

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.files.logs import Log
 from tests.reference.cases import config_of
 from tests.reference.service_path import log_of

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from observer.align.aligner import AlignPlan, frames_of_log
-from observer.config import Config
+from observer.config.machine import Config
 from observer.estimators.kalman import KalmanEstimator
 from observer.files.logs import Log
 from observer.frames import EstimateBlock, FloatArray, Inputs

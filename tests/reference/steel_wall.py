@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.files.logs import Log
 from observer.installation import parse
 from tests.reference.service_path import log_of

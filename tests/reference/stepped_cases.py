@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from observer import installation
-from observer.config import Config
+from observer.config.machine import Config
 from observer.files.logs import Log
 from observer.frames import FloatArray
 from observer.installation import parse

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from observer.align.aligner import AlignPlan, frames_of_log
-from observer.config import Config
+from observer.config.machine import Config
 from observer.files.logs import read_log
 from observer.fit.runs import joined
 from observer.frames import FloatArray

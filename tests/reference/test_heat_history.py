@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.estimator import EstimatorSettings
+from observer.config.machine import Config
 from observer.frames import FloatArray
 from observer.history.history import HeatHistory, MethodOptions
 from observer.history.identify import heat_history
 from observer.installation import load
 from observer.model.build import build_plant
-from observer.tables.estimator import EstimatorSettings
 from tests.reference.heat_cases import (
     FAR_M,
     MORE_M,

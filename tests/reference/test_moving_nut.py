@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.files.logs import Log
 from observer.frames import EstimateBlock, FloatArray, NutPath
 from observer.model.build import build_plant

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.estimators import build_estimator
 from observer.frames import FloatArray
 from observer.model.build import build_plant

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.files.logs import Log, read_log
 from observer.installation import load
 from tests.reference.service_path import replay

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.errors import ConfigError
 from observer.files.logs import Log, log_of
 from observer.frames import FloatArray

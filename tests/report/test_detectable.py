@@ -12,7 +12,8 @@ import pytest
 from rich.console import Console
 
 from observer import installation
-from observer.config import Config
+from observer.config.candidates import SensorCandidate
+from observer.config.machine import Config
 from observer.estimators.bank import Bank
 from observer.estimators.fault_search import MISFIT
 from observer.estimators.packing import Running
@@ -25,7 +26,6 @@ from observer.report import check, sensitivity
 from observer.report.check import findings
 from observer.report.check_text import _least, as_text
 from observer.report.sensitivity import buys, detectable
-from observer.tables.candidates import SensorCandidate
 from tests.logs.simulated import shift_log
 
 ROOT = Path(__file__).parents[2]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.discovery.discover import Discovery, discover
 from observer.discovery.localise import Event
 from observer.discovery.result import discovery_result

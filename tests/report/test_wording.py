@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
+from observer.config.effects.catalogue import LIBRARY
+from observer.config.sensors import Sensor
 from observer.discovery.verdict import Verdict
-from observer.effects.catalogue import LIBRARY
 from observer.report.discovery import _suspects, site
 from observer.report.wording import as_sentences, interval, joined
-from observer.tables.sensors import Sensor
 from tests.report.verdicts import BASE, BODY, FELL, SURFACE, TEST, candidate
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from observer.config.effects.catalogue import BY_KIND
 from observer.discovery.candidates import Candidate
-from observer.effects.catalogue import BY_KIND
 
 BASE: dict[str, Any] = {
     "verdict": "none",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.publish.router import free_port
+from tests.bus.router import free_port
 from tests.system.plant import Subscriber, until
 from tests.system.terminal import CTRL_C, Terminal, busy_cores
 

@@ -20,10 +20,10 @@ from typing import Any
 import tomlkit
 import zenoh
 
-from observer.publish.codec import decode_estimate
-from observer.publish.session import session_config
+from observer.bus.codec import decode_estimate
+from observer.bus.session import session_config
+from tests.bus.router import free_port
 from tests.patience import PATIENCE_S, Stopwatch, until
-from tests.publish.router import free_port
 
 ROOT = Path(__file__).parents[2]
 DEMO = ROOT / "config" / "demo.toml"

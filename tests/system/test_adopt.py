@@ -13,7 +13,7 @@ import zenoh
 
 from observer.installation import load
 from observer.installation.adopt import sha256
-from tests.publish.router import free_port
+from tests.bus.router import free_port
 from tests.system.plant import PERIOD_S, PREFIX, Daemon, Subscriber, machine, run_observer, table_for, until
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.publish.router import free_port
+from tests.bus.router import free_port
 from tests.system.plant import Daemon, Subscriber, ask, machine, service, table_for, until
 
 pytestmark = pytest.mark.system

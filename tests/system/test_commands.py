@@ -9,12 +9,12 @@ import threading
 import pytest
 import zenoh
 
+from observer.bus.session import session_config
+from observer.bus.watch import SHOWN
 from observer.files.logs import read_log
-from observer.publish.session import session_config
-from observer.publish.watch import SHOWN
+from tests.bus.people import published
+from tests.bus.router import free_port
 from tests.patience import PATIENCE_S
-from tests.publish.people import published
-from tests.publish.router import free_port
 from tests.system.plant import (
     AXIS,
     COMPENSATION,

@@ -9,8 +9,8 @@ import httpx
 import numpy as np
 import pytest
 
+from tests.bus.router import free_port
 from tests.patience import PATIENCE_S, Stopwatch
-from tests.publish.router import free_port
 from tests.system.plant import (
     COMPENSATION,
     Daemon,

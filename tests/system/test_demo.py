@@ -15,10 +15,10 @@ from typing import Any
 
 import pytest
 
-from observer.demo import recordings
+from observer.cli.demo import recordings
 from observer.errors import UserError
+from tests.bus.router import free_port
 from tests.patience import PATIENCE_S
-from tests.publish.router import free_port
 from tests.system.plant import ROOT, Subscriber, children_of, is_alive, until
 
 pytestmark = pytest.mark.system

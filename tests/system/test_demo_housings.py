@@ -10,8 +10,8 @@ import tomllib
 import pytest
 
 from observer.installation.first_configuration import write_new
+from tests.bus.router import free_port
 from tests.patience import PATIENCE_S
-from tests.publish.router import free_port
 from tests.system.plant import ROOT, Daemon, Subscriber, machine, until
 
 pytestmark = pytest.mark.system

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from observer.process.shutdown import GRACE_S
+from tests.bus.router import free_port
 from tests.patience import PATIENCE_S, Stopwatch
-from tests.publish.router import free_port
 from tests.system.beside_truth import SETTLED_S, SHARE, watched
 from tests.system.plant import Subscriber, children_of, is_alive, until
 from tests.system.terminal import CTRL_C, Terminal
@@ -61,7 +61,7 @@ def test_the_service_continues_without_its_view_and_says_so():
         Subscriber(endpoint, 120.0) as seen,
     ):
         until(lambda: re.search("estimates: (good|starting)", terminal.shown()), 120.0)
-        (view,) = [pid for pid in children_of(terminal.process.pid) if _command(pid).count(b"observer.view")]
+        (view,) = [pid for pid in children_of(terminal.process.pid) if b"bus.view" in _command(pid)]
         os.kill(view, signal.SIGKILL)
         until(lambda: "the view has ended" in terminal.shown(), 20.0)
         heard = len(seen.estimates)

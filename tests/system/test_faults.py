@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.bus.router import free_port
 from tests.patience import Stopwatch
-from tests.publish.router import free_port
 from tests.system.plant import (
     CAN_TIMEOUT_S,
     PERIOD_S,
@@ -33,7 +33,7 @@ pytestmark = pytest.mark.system
 SENSORS = ("t1", "t2", "t3", "t4", "t5")
 SLOW = """
 import sys, time, zenoh
-from observer.publish.session import session_config
+from observer.bus.session import session_config
 
 def dawdle(sample):
     print("got one")

@@ -8,9 +8,9 @@ import re
 import numpy as np
 import pytest
 
+from tests.bus.router import free_port
 from tests.control.a_control import simulated_control
 from tests.patience import PATIENCE_S, Stopwatch, until
-from tests.publish.router import free_port
 from tests.system.plant import COMPENSATION, Daemon, Subscriber, ask, machine, service, table_for
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]

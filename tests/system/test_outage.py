@@ -19,9 +19,9 @@ import pytest
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from observer.publish.codec import decode_estimate
+from observer.bus.codec import decode_estimate
+from tests.bus.router import free_port
 from tests.patience import PATIENCE_S, until
-from tests.publish.router import free_port
 from tests.system.plant import PREFIX, Daemon, Subscriber, machine, table_for
 
 MOSQUITTO = shutil.which("mosquitto") or "/usr/sbin/mosquitto"

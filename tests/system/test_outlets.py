@@ -15,10 +15,10 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from observer.publish.session import session_config
+from observer.bus.session import session_config
+from tests.bus.router import free_port
 from tests.outlets.test_mqtt import MOSQUITTO, Listener, broker
 from tests.patience import until
-from tests.publish.router import free_port
 from tests.system.plant import PREFIX, ROOT, START_S, Daemon, Subscriber, children_of, machine, table_for
 
 pytestmark = pytest.mark.system

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import zenoh
 
-from observer.publish.codec import decode
-from observer.publish.session import session_config
+from observer.bus.codec import decode
+from observer.bus.session import session_config
+from tests.bus.router import Router, free_port
 from tests.patience import PATIENCE_S, until
-from tests.publish.router import Router, free_port
 from tests.system.plant import PERIOD_S, PREFIX, Daemon, Subscriber, machine, table_for
 
 pytestmark = pytest.mark.system

@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.bus.router import free_port
 from tests.patience import until
-from tests.publish.router import free_port
 from tests.system.plant import Daemon, Subscriber, machine, table_for
 from tests.system.test_recording import assert_replay_is_live
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.bus.router import free_port
 from tests.patience import until
-from tests.publish.router import free_port
 from tests.system.plant import START_S, Daemon, Subscriber, children_of, machine, service, table_for
 from tests.system.test_start import heard, service_manager
 

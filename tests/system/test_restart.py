@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import tomlkit
 
-from tests.publish.router import free_port
+from tests.bus.router import free_port
 from tests.system.plant import Daemon, Subscriber, machine, service, table_for, until
 from tests.system.test_recording import assert_replay_is_live
 

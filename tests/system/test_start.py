@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.publish.router import free_port
+from tests.bus.router import free_port
 from tests.system.plant import ROOT, START_S, Daemon, Subscriber, children_of, machine, table_for, until
 
 pytestmark = pytest.mark.system

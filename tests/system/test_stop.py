@@ -8,8 +8,8 @@ import signal
 import pytest
 
 from observer.files.logs import read_log
+from tests.bus.router import free_port
 from tests.patience import Stopwatch, computed_s
-from tests.publish.router import free_port
 from tests.system.plant import Daemon, Subscriber, machine, table_for, until
 
 pytestmark = pytest.mark.system

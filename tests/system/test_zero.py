@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from observer.files.logs import read_log
+from tests.bus.router import free_port
 from tests.control.a_control import simulated_control
 from tests.patience import until
-from tests.publish.router import free_port
 from tests.system.plant import COMPENSATION, Daemon, Subscriber, ask, machine, table_for
 
 pytestmark = pytest.mark.system

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.machine import Config
 from observer.estimators.bank import DUE_S
 from observer.estimators.design.spread import NotDefined, spread
 from observer.estimators.fault_search import MISFIT

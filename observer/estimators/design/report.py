@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer.config.estimator import EstimatorSettings
 from observer.estimators.design import gains
 from observer.estimators.design.exact_poles import MOST_STATES, exact_poles
 from observer.estimators.design.gains import LuenbergerGain, Refusal
@@ -15,7 +16,6 @@ from observer.frames import FloatArray
 from observer.model.discretise import StepMatrices, step_matrices
 from observer.model.generator import generator, settled_rows
 from observer.model.plant import Plant
-from observer.tables.estimator import EstimatorSettings
 
 _MOST_SUBSET_SENSORS = 8
 _MOST_DESIGN_WORK = 2e7  # states cubed times designs: some ten seconds on a slow computer

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgWarning, eigvals, solve_discrete_are
 
+from observer.config.estimator import EstimatorSettings
 from observer.errors import UserError
 from observer.estimators.design import gains
 from observer.estimators.design.gains import (
@@ -31,7 +32,6 @@ from observer.model.discretise import StepMatrices, step_matrices
 from observer.model.generator import design_step
 from observer.model.plant import Plant
 from observer.model.rod.moving import columns_at
-from observer.tables.estimator import EstimatorSettings
 
 _SLOWEST_1_S = 1e-5
 _PER_DECADE = 4

@@ -10,10 +10,10 @@ import gzip
 import zlib
 from pathlib import Path
 
+from observer.config.logs import Logs
 from observer.errors import LogError, UserError
 from observer.files.regular import one_line, refuse_irregular, refuse_large
 from observer.intake.sheets import Sheet
-from observer.tables.logs import Logs
 
 _HEAD = 4096
 WORKBOOKS = (".xlsx", ".xlsm", ".xls", ".ods")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.config.logs import Logs
 from observer.files.log_checks import MOST_LISTED, several
 from observer.files.logs import bytes_of
 from observer.intake.cells import without_units
@@ -34,7 +35,6 @@ from observer.intake.layout import (
 )
 from observer.intake.readers import klippy, line_protocol, lvm, shdr, twincat
 from observer.intake.sheets import RawColumn, Sheet
-from observer.tables.logs import Logs
 
 _BOMS = (
     (codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF32_BE, "utf-32"),

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from observer.config.logs import Logs
 from observer.errors import LogError
 from observer.files.log_checks import several
 from observer.files.regular import one_line
@@ -21,7 +22,6 @@ from observer.intake.cells import without_units
 from observer.intake.headers import above_the_table, another_header, headers_left_out, repeated_headers
 from observer.intake.layout import SAMPLE_LINES, decimal_of, layout_of, names_of, numeric_columns
 from observer.intake.sheets import RawColumn, Sheet
-from observer.tables.logs import Logs
 
 _LEAST_ROWS = 2
 MEMORY_BYTES = 4 << 30

@@ -23,6 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer.config.screw import Screw
+from observer.config.sections import Source
 from observer.frames import FloatArray
 from observer.model.rod.screw import End, Rod
 from observer.model.rod.stepped import (
@@ -31,8 +33,6 @@ from observer.model.rod.stepped import (
     stepped_end_field,
     stepped_source_field,
 )
-from observer.tables.screw import Screw
-from observer.tables.sections import Source
 
 NODES = 16
 """Gauss points in a panel of the quadrature."""

@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from observer.config.mounting import Supports
+from observer.config.screw import Screw
 from observer.frames import BoolArray, FloatArray
 from observer.model.rod.supports import (
     UM_PER_M,
@@ -20,8 +22,6 @@ from observer.model.rod.supports import (
     force_N,
     restraint_of,
 )
-from observer.tables.mounting import Supports
-from observer.tables.screw import Screw
 
 _MOST_STEPS = 600
 """Number of moments of a cycle in a search; all moments judge its result."""

@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from observer.config import Config
+from observer.config.laws import Surface
+from observer.config.machine import Config
+from observer.config.screw import Screw
+from observer.config.sections import Boundary
 from observer.frames import FloatArray
 from observer.physics import film
 from observer.physics.film import Air, air_at
-from observer.tables.laws import Surface
-from observer.tables.screw import Screw
-from observer.tables.sections import Boundary
 
 SpeedFilm = Callable[[FloatArray], FloatArray]
 

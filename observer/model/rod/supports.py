@@ -24,9 +24,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from observer.config.mounting import Supports
+from observer.config.screw import Screw
 from observer.frames import FloatArray
-from observer.tables.mounting import Supports
-from observer.tables.screw import Screw
 
 UM_PER_M = 1e6
 _NEAR_SIGMAS = 2.0

@@ -1,1 +1,0 @@
-"""The daemon: drivers, the loop, and the observers of each step."""

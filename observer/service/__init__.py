@@ -1,0 +1,1 @@
+"""The daemon: drivers, the loop, and the observers of each step. `daemon` puts them together."""

@@ -1,1 +1,0 @@
-"""The tables of a configuration: every unit and every range of them, checked once, here."""
