@@ -13,7 +13,7 @@ SLEEPS = {
     "patience.py eventually": "between two looks",
     "drivers/harness.py Device._answer": "the device is slow to answer",
     "drivers/test_can.py _overwhelm": "the event loop is busy",
-    "live/process.py HangingEstimator.run": "the step hangs",
+    "service/process.py HangingEstimator.run": "the step hangs",
     "drivers/test_can.py test_a_burst_of_an_adapter_that_stamps_is_spread_as_it_was_on_the_wire": "busy",
     "drivers/test_can.py test_frames_that_wait_for_a_busy_program_have_the_times_of_their_sending": "frames "
     "are sent at times of their own",
@@ -25,10 +25,10 @@ SLEEPS = {
     "drivers/test_simulated_mishaps.py test_hold_ups_come_again_and_again": "frames have a period",
     "drivers/test_simulated_process.py test_it_is_where_it_would_have_been_after_a_hold_up": "it "
     "is held up for so long",
-    "live/fakes.py FakeDriver.run": "readings come at the times of a script",
-    "live/test_wires.py Talking.run": "readings have a period",
-    "live/test_wires.py test_a_busy_event_loop_delays_no_reading": "the event loop is busy",
-    "live/test_wires.py test_readings_that_nobody_takes_are_counted_as_drops": "the event loop is busy",
+    "service/fakes.py FakeDriver.run": "readings come at the times of a script",
+    "service/test_wires.py Talking.run": "readings have a period",
+    "service/test_wires.py test_a_busy_event_loop_delays_no_reading": "the event loop is busy",
+    "service/test_wires.py test_readings_that_nobody_takes_are_counted_as_drops": "the event loop is busy",
     "mutants/forks.py _run": "a fork has no other way to be waited for with a bound",
     "soak/__main__.py _watch": "figures have a period",
 }

@@ -20,7 +20,8 @@ from matplotlib.figure import Figure
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parents[1]))
 
-from observer import config, installation  # noqa: E402
+from observer import installation  # noqa: E402
+from observer.config.machine import EstimatorSettings  # noqa: E402
 from observer.frames import FloatArray  # noqa: E402
 from observer.history.history import HeatHistory, MethodOptions  # noqa: E402
 from observer.history.identify import heat_history  # noqa: E402
@@ -79,7 +80,7 @@ class Row:
 
 def found(case: HeatCase, seed: int, options: dict[str, Any]) -> HeatHistory:
     """A history by the method that the options name, with the noise of one seed."""
-    settings = config.EstimatorSettings()
+    settings = EstimatorSettings()
     return heat_history(case.plant, settings, [case.inputs(seed)], MethodOptions(**options))
 
 
@@ -118,7 +119,7 @@ class Weights:
 
 def weights(case: HeatCase, seed: int) -> Weights:
     """The nut's error and the residual over α for Li's own regularisation, and the rules' choices."""
-    equation = Regularised(case.plant, config.EstimatorSettings(), [case.inputs(seed)], 0)
+    equation = Regularised(case.plant, EstimatorSettings(), [case.inputs(seed)], 0)
     alpha, errors, residuals = np.logspace(-6, 8, 43), [], []
     for a in alpha:
         found = equation.solve(float(a))

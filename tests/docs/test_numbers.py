@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from observer import config, installation
+from observer import installation
 from observer.config import laws
+from observer.config.machine import Config
 from observer.files.logs import Log, read_log
 from tests.reference.service_path import replay
 
@@ -20,12 +21,12 @@ CALIBRATED = {"film": 13.89, "torque": 0.3391, "left": 0.00565, "right": 0.00565
 
 
 @cache
-def rig() -> tuple[config.Config, Log]:
+def rig() -> tuple[Config, Log]:
     settings = installation.load(RIG / "config.toml")
     return settings, read_log(RIG / "run_c.csv.gz", settings.channels)
 
 
-def _calibrated() -> config.Config:
+def _calibrated() -> Config:
     settings, _ = rig()
     nut, left, right = settings.source
     return settings.model_copy(

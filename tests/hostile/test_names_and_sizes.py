@@ -12,7 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from observer import view
+from observer.bus import view
 from observer.cli.output import advancing
 from observer.errors import ConfigError
 from observer.files.regular import MOST_DEPTH, MOST_ENTRIES, read_toml
