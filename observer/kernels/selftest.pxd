@@ -5,12 +5,12 @@ cdef double _LATENESS_FADES_S, _STOPPED_S, _UNEXPLAINED, _LONGEST_REFRESH_S, _UN
 cdef double DISAGREE, FALLS_SHORT
 cdef Py_ssize_t OF_SENSOR, OF_HEAT
 
-@cython.locals(nut="NutMotion*", stroke_m=double, since_s=double, way_m=double, allowed_m=double, fade=double, open_s=double, open_m=double, farther_m=double, shorter_m=double, held_s=double, jumped=bint)
+@cython.locals(nut="NutMotion*", stroke_m=double, since_s=double, way_m=double, allowed_m=double, fade=double, open_s=double, open_m=double, farther_m=double, shorter_m=double, held_s=double, began_s=double, jumped=bint)
 cpdef void compare_ways(NutPath path, const double[::1] travel_m, NutMotion[::1] memory, MotionStep[:] motion, signed char[::1] degraded) noexcept nogil
 @cython.locals(change_m_s=double, gained_m=double, way_m=double)
 cpdef double longest_way(double before_m_s, double after_m_s, double unsure_m_s, double elapsed_s) noexcept nogil
 @cython.locals(since_s=double, before_m_s=double, elapsed_s=double, late_s=double, repeats_s=double, unsure_m_s=double, allowed_m=double, mean_m=double, jump_m=double)
-cdef bint _look_for_jump(NutMotion *nut, double held_s, double time_s, double way_m, double driven_m_s, double speed_age_s) noexcept nogil
+cdef bint _look_for_jump(NutMotion *nut, double time_s, double way_m, double driven_m_s, double speed_age_s) noexcept nogil
 @cython.locals(longer_s=double, most_s=double)
 cdef void _time_the_poll(NutMotion *nut, double since_s, double way_m, double driven_m_s) noexcept nogil
 @cython.locals(place_m=double, jump_m=double, beyond_m=double)

@@ -68,17 +68,13 @@ def compare_ways(path, travel_m, memory, motion, degraded):
     """
     nut, stroke_m = cython.address(memory[0]), travel_m[1] - travel_m[0]
     for k in range(len(motion)):
-        motion[k].travels, held_s = 0.0, nut.later_s
+        motion[k].travels, held_s, began_s = 0.0, nut.later_s, nut.time_s
         for i in range(path.offset[k], path.offset[k + 1]):
             since_s, way_m = path.time_s[i] - nut.time_s, path.position_m[i] - nut.place_m
             allowed_m = 0.5 * (path.driven_m_s[i] + nut.speed_m_s) * since_s
             jumped = False
             if since_s > 0.0 and isfinite(way_m):
-                # what arrives at once was held together: the last of it may be as late as the first
-                held_s = max(held_s, nut.later_s)
-                jumped = _look_for_jump(
-                    nut, held_s, path.time_s[i], way_m, path.driven_m_s[i], path.speed_age_s[i]
-                )
+                jumped = _look_for_jump(nut, path.time_s[i], way_m, path.driven_m_s[i], path.speed_age_s[i])
             if jumped:
                 nut.made_m, nut.allowed_m = 0.0, 0.0
                 nut.open_m2, nut.open_m = 0.0, 0.0
@@ -93,6 +89,9 @@ def compare_ways(path, travel_m, memory, motion, degraded):
             nut.time_s, nut.place_m = path.time_s[i], path.position_m[i]
             nut.speed_m_s, nut.speed_age_s = path.driven_m_s[i], path.speed_age_s[i]
             _compare_with_travel(nut, travel_m)
+        # what arrives at once was held together, so only the time between steps takes lateness away
+        if nut.later_s == held_s and nut.time_s > began_s:
+            nut.later_s = max(held_s - (nut.time_s - began_s), 0.0)
         motion[k].ratio = NAN
         # polls in step with a motion to and fro miss all of its speed: a long way is judged by the most
         farther_m = nut.made_m - nut.allowed_m - nut.open_m
@@ -124,13 +123,13 @@ def longest_way(before_m_s, after_m_s, unsure_m_s, elapsed_s):
     return min(way_m, max(GREATEST_SPEED_m_s, before_m_s, after_m_s) * elapsed_s)
 
 
-def _look_for_jump(nut, held_s, time_s, way_m, driven_m_s, speed_age_s):
+def _look_for_jump(nut, time_s, way_m, driven_m_s, speed_age_s):
     """Add a way that no motion explains to the jumps, and return whether there was one.
 
     A jump back to where the nut was ends them, as does any after way and speed have disagreed.
     """
     since_s, before_m_s = time_s - nut.time_s, nut.speed_m_s
-    late_s = max(held_s, min(nut.late_s, max(nut.usual_s - since_s, 0.0)))
+    late_s = max(nut.later_s, nut.usual_s - since_s)
     repeats_s = nut.repeats_s if nut.repeats_m > ROUNDED_m else 0.0
     elapsed_s = since_s + max(late_s, repeats_s, nut.refresh_s)
     unsure_m_s = GREATEST_ACCELERATION_m_s2 * (SKEW_S + max(speed_age_s, nut.speed_age_s))
@@ -153,8 +152,8 @@ def _time_the_poll(nut, since_s, way_m, driven_m_s):
         nut.usual_s = since_s
     longer_s = since_s - nut.usual_s
     nut.late_s = max(exp(-since_s / _LATENESS_FADES_S) * nut.late_s + longer_s, 0.0)
-    # a server that catches up after a pause reads old places for no longer than that lasted
-    nut.later_s = nut.late_s if longer_s > _UNUSUAL * nut.usual_s else max(nut.later_s - since_s, 0.0)
+    if longer_s > _UNUSUAL * nut.usual_s:  # a server that catches up after a pause reads old places
+        nut.later_s = max(nut.later_s, nut.late_s)
     most_s = _UNUSUAL * nut.usual_s if nut.samples >= _SAMPLES_FIRST else since_s
     nut.usual_s += min(max(longer_s, -most_s), most_s) / min(nut.samples + 1.0, 64.0)
     if driven_m_s > 0.0:

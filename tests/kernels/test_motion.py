@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from observer.align.aligner import Aligner, AlignPlan
 from observer.estimators.selftest import MOTION_STEP, no_motion_yet, smallest_jump_m
-from observer.frames import FloatArray, NutPath
+from observer.frames import FloatArray, FrameBlock, NutPath, Reading
+from observer.installation import parse
 from observer.kernels import compare_ways, record
 from observer.kernels.layout import Records
 from observer.kernels.selftest import DISAGREE, FALLS_SHORT
+from tests.logs.machines import machine_table
 
 EVERY_S, LOW_m, STROKE_m = 0.02, 0.2, 0.4
 
@@ -45,15 +50,13 @@ def _held_up(time_s: FloatArray, rng: np.random.Generator, apart_s: float) -> Fl
     return come_s
 
 
-def _compared(
-    come_s: FloatArray, place_m: FloatArray, speed_m_s: FloatArray, offset: list[int] | None = None
-) -> Records:
-    """What is said of the nut's motion after each step, of one sample each or as `offset` says."""
+def _compared(come_s: FloatArray, place_m: FloatArray, speed_m_s: FloatArray) -> Records:
+    """What is said of the nut's motion after each sample, (n,)."""
     n, memory = len(come_s), no_motion_yet()
-    first = np.arange(n + 1) if offset is None else np.array(offset)
-    motion, travel_m = np.empty(len(first) - 1, MOTION_STEP), np.array([LOW_m, LOW_m + STROKE_m])
-    path = NutPath(come_s, place_m, first.astype(np.intp), speed_m_s, np.zeros(n))
-    compare_ways(record(path), travel_m, memory, motion, np.zeros(len(motion), np.int8))
+    motion, travel_m = np.empty(n, MOTION_STEP), np.array([LOW_m, LOW_m + STROKE_m])
+    offset = np.arange(n + 1, dtype=np.intp)
+    path = NutPath(come_s, place_m, offset, speed_m_s, np.zeros(n))
+    compare_ways(record(path), travel_m, memory, motion, np.zeros(n, np.int8))
     assert memory[0].jump_m == motion[-1].jump_m
     return motion
 
@@ -108,24 +111,53 @@ def test_nor_is_a_server_that_catches_up_after_a_pause(speed_m_s, polls, seed):
     assert not _leap_m(time_s[present], read_m[present], driven_m_s[present]).any()
 
 
-@pytest.mark.parametrize("speed_m_s", [0.15, 0.3, 0.5])
-@pytest.mark.parametrize("seed", range(10))
-def test_nor_are_samples_held_on_a_wire_whose_sender_missed_some_meanwhile(speed_m_s, seed):
-    """They arrive at once, fewer than periods have passed, and are taken for one a period."""
+LEAD_m, TICK_S = 0.01, 0.1
+
+
+def _aligned(
+    sent_s: FloatArray, come_s: FloatArray, place_m: FloatArray, speed_m_s: FloatArray
+) -> list[FrameBlock]:
+    """The frames of ticks to which the samples come by a wire that is known for its period only."""
+    config = parse(
+        machine_table("nut", source__0__lead_m=LEAD_m, source__0__stroke_m=[LOW_m, LOW_m + STROKE_m])
+    )
+    plan = AlignPlan.of(config)
+    aligner = Aligner(replace(plan, expected_s=np.full(len(plan.expected_s), EVERY_S)))
+    order = np.argsort(come_s, kind="stable")
+    frames, taken = [], 0
+    for tick_s in np.arange(TICK_S, sent_s[-1], TICK_S):
+        while taken < len(order) and come_s[order[taken]] <= tick_s:
+            i = order[taken]
+            values = {"nut_position_m": place_m[i], "screw_speed_rpm": 60.0 * speed_m_s[i] / LEAD_m}
+            aligner.ingest(Reading(float(come_s[i]), {name: float(v) for name, v in values.items()}))
+            taken += 1
+        frames.append(aligner.tick(float(tick_s)))
+    return frames
+
+
+@pytest.mark.parametrize("speed_m_s", [0.15, 0.25, 0.5])
+@pytest.mark.parametrize("missed", [0.0, 0.4])
+@pytest.mark.parametrize("seed", range(30))
+def test_nor_are_samples_held_on_a_wire_that_come_at_once_or_in_two_steps(speed_m_s, missed, seed):
+    """They are taken for one a period, although the sender may have missed some of them meanwhile."""
     rng = np.random.default_rng(seed)
     time_s, place_m, driven_m_s = _runs(speed_m_s, 60.0)
-    sent = np.ones(len(time_s), np.bool_)
-    come_s, steps = time_s.copy(), np.arange(len(time_s)) // 5
+    sent, come_s = np.ones(len(time_s), np.bool_), time_s.copy()
     for begin in rng.choice(len(time_s) // 150, 8, replace=False) * 150 + 40:
-        held = np.arange(begin, begin + 51)
-        sent[held[:-1]] = rng.random(50) < rng.uniform(0.3, 0.9)
-        sent[held[10:13]] = False  # three in a row
-        burst = held[sent[held]]
-        come_s[burst] = time_s[held[-1]] - EVERY_S * np.arange(len(burst))[::-1]
-        steps[burst] = steps[held[-1]]
-    offset = np.searchsorted(steps[sent], np.unique(steps[sent])).tolist()
-    motion = _compared(come_s[sent], place_m[sent], driven_m_s[sent], [*offset, int(sent.sum())])
-    assert not motion["jump_m"].any()
+        held = np.arange(begin, begin + rng.integers(30, 65))
+        sent[held] = rng.random(len(held)) >= missed
+        # all wait for the last of them; a tick may come while they are taken
+        tick_s = TICK_S * np.ceil(time_s[held[-1]] / TICK_S)
+        split = rng.integers(0, len(held))
+        come_s[held] = tick_s - 1e-3 + 1e-6 * np.arange(len(held))
+        come_s[held[split:]] += 2e-3
+    come_s = np.maximum.accumulate(come_s)  # a wire keeps the order
+    frames = _aligned(time_s[sent], come_s[sent], place_m[sent], driven_m_s[sent])
+    memory, motion = no_motion_yet(), np.empty(1, MOTION_STEP)
+    for frame in frames:
+        path = record(frame.path["nut_position_m"])
+        compare_ways(path, np.array([LOW_m, LOW_m + STROKE_m]), memory, motion, np.zeros(1, np.int8))
+        assert motion[0].jump_m == 0.0
 
 
 @pytest.mark.parametrize("speed_m_s", [0.05, 0.15, 0.5])
