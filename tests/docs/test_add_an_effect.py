@@ -125,11 +125,11 @@ def extended(folder: Path) -> Path:
     for package in ("observer", "drivers", "tests"):
         (folder / package).mkdir(parents=True)
         for entry in (ROOT / package).iterdir():
-            if entry != ROOT / "observer" / "effects":
+            if entry != ROOT / "observer" / "config":
                 (folder / package / entry.name).symlink_to(entry)
-    effects = folder / "observer" / "effects"
-    shutil.copytree(ROOT / "observer" / "effects", effects, ignore=shutil.ignore_patterns("__pycache__"))
-    heat = effects / "heat.py"
+    config = folder / "observer" / "config"
+    shutil.copytree(ROOT / "observer" / "config", config, ignore=shutil.ignore_patterns("__pycache__"))
+    heat = config / "effects" / "heat.py"
     heat.write_text(f"{heat.read_text(encoding='utf-8')}\n\n{IN_LIBRARY}\n", encoding="utf-8")
     return folder
 
