@@ -202,8 +202,11 @@ def _certify(computer: Box) -> None:
 
 
 def _update(computer: Box) -> None:
-    """The configuration stays, with a copy beside it; what a small disk has no room for is not missed."""
-    lines = _lines("Update, and go back")
+    """The configuration stays, with a copy beside it; what a small disk has no room for is not missed.
+
+    The page's extras are left out, because the size is that of the daemon alone.
+    """
+    lines = [line.replace("[page,plant]", "") for line in _lines("Update, and go back")]
     assert len(lines) == 4
     for line in lines:
         computer.does(line, fetches="pipx" in line)
