@@ -55,8 +55,9 @@ def workplace(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def environment(workplace: Path) -> dict[str, str]:
-    """The shell's environment after `. .venv/bin/activate`."""
-    return os.environ | {
+    """The shell's environment after `. .venv/bin/activate`, without what a make that runs the tests adds."""
+    of_make = ("MAKEFLAGS", "MFLAGS", "MAKELEVEL", "MAKEOVERRIDES")
+    return {name: value for name, value in os.environ.items() if name not in of_make} | {
         "PATH": f"{workplace / '.venv' / 'bin'}:{os.environ['PATH']}",
         "PYTHONPATH": str(ROOT),
         "COLUMNS": "110",
