@@ -17,7 +17,7 @@ import time
 from typing import NamedTuple
 
 NUMERIC = (
-    "align", "bits", "config", "control", "estimate", "estimators", "export", "fit", "forecast",
+    "align", "bits", "config/effects", "control", "estimate", "estimators", "export", "fit", "forecast",
     "gap", "history", "integrity", "kernels", "model", "physics", "quality", "reference", "rods", "truth",
 )  # fmt: skip
 """The folders of tests whose results depend on rounding."""

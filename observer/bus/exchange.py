@@ -415,7 +415,7 @@ class PublishStatus:
         reason: A sentence on what is wrong; None if nothing is.
         settled: Whether the first attempt at a session has ended.
         taken: A sentence if another service has the axis; else None.
-        rival: A sentence if another service of the axis runs at once; else None.
+        duplicate: A sentence if another service of the axis runs at once; else None.
         alive: Whether queries are answered.
         unsent: By outlet, what it still has to send late: `steps`, and their `duration_s`.
     """
@@ -427,6 +427,6 @@ class PublishStatus:
     reason: str | None = None
     settled: bool = True
     taken: str | None = None
-    rival: str | None = None
+    duplicate: str | None = None
     alive: bool = True
     unsent: Mapping[str, Mapping[str, float]] = field(default_factory=dict)

@@ -175,7 +175,7 @@ class ZenohPublisher:
     def status(self) -> PublishStatus:
         """The state of publishing: counts, and the most severe problem in one sentence, None without."""
         link = self._link
-        rival = link.duplicates.reason if link is not None and link.duplicates is not None else None
+        duplicate = link.duplicates.reason if link is not None and link.duplicates is not None else None
         outlets_reason = self._outlets.reason if self._outlets else None
         alive = self._closing.is_set() or all(t.is_alive() or t.ident is None for t in self._threads)
         dead = None if alive else "Zenoh: the thread that answers has died; restart the service"
@@ -184,10 +184,10 @@ class ZenohPublisher:
             self._published,
             self._dropped,
             self._reconnects,
-            dead or self._taken or rival or self._reason or self._no_socket or outlets_reason,
+            dead or self._taken or duplicate or self._reason or self._no_socket or outlets_reason,
             self._settled or not alive,
             self._taken,
-            rival,
+            duplicate,
             alive,
             self._outlets.unsent if self._outlets else {},
         )

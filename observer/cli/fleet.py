@@ -63,7 +63,7 @@ class Computers(NamedTuple):
     ] = None
 
 
-class Wanted(NamedTuple):
+class ResultChoices(NamedTuple):
     """Options that say what is written, and how it is found."""
 
     format: Annotated[Literal["csv", "parquet"], typer.Option(help="Format of the estimates.")] = "parquet"
@@ -110,7 +110,7 @@ def _command(verb: Verb, longest_s: float, without: Sequence[str]) -> Callable[.
         *,
         computers: Computers,
         limit_s: LimitOption = longest_s,
-        wanted: Wanted,
+        results: ResultChoices,
     ) -> None:
         if (table is None) == (not logs) or (config is None) == (table is None):
             raise UserError(
@@ -121,7 +121,7 @@ def _command(verb: Verb, longest_s: float, without: Sequence[str]) -> Callable[.
             from observer.fleet.journal import RunOptions
 
             rows = read_table(table) if table is not None else rows_of_logs(logs or [], config or Path())
-            options = RunOptions(verb, Path(os.path.abspath(output)), *wanted, limit_s)
+            options = RunOptions(verb, Path(os.path.abspath(output)), *results, limit_s)
             _run(jobs_of(rows, verb), options, output, computers)
 
     return with_parameters(flattened(command), without=without)

@@ -45,7 +45,7 @@ def standard_shift(config: Config, plant: Plant, dt_s: float) -> Inputs:
     Args:
         config: The machine.
         plant: Its model.
-        dt_s: Length of the steps, s; it divides 300 s.
+        dt_s: Length of the steps, s; each stretch has the nearest whole number of them.
     """
     machine = realise(config)
     sources, s = machine.config.source, plant.rows.sensors

@@ -174,7 +174,7 @@ def _service(ready: _Ready, clock: ServiceClock, restarts: Restarts | None, star
             CompensationObserver(
                 compensator,
                 publish["compensation"],
-                lambda: publisher.status.rival,
+                lambda: publisher.status.duplicate,
                 _control(config),
                 ZeroSignal.of(config),
             )

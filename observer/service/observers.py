@@ -141,7 +141,7 @@ class CompensationObserver(StepObserver):
     Args:
         compensator: Follows the estimates.
         publish: Publishes a document of the compensation.
-        rival: Returns who else publishes as this service; None without.
+        duplicate: Returns a sentence on another service of the axis; None without.
         control: Writes the values to a control.
         signal: Reports a new zero; None without such a channel.
     """
@@ -150,12 +150,12 @@ class CompensationObserver(StepObserver):
         self,
         compensator: Compensator,
         publish: Publish,
-        rival: Callable[[], str | None],
+        duplicate: Callable[[], str | None],
         control: Steering | NoControl,
         signal: ZeroSignal | None = None,
     ) -> None:
-        self._compensator, self._publish, self._rival, self._control = compensator, publish, rival, control
-        self._signal = signal
+        self._compensator, self._publish, self._control = compensator, publish, control
+        self._duplicate, self._signal = duplicate, signal
         self._logged = compensator.state
 
     def begin(self) -> None:
@@ -180,8 +180,8 @@ class CompensationObserver(StepObserver):
         """
         compensator = self._compensator
         compensator.see_clock(step.clock_offset_s)
-        if (rival := self._rival()) is not None:
-            compensator.release(rival)
+        if (duplicate := self._duplicate()) is not None:
+            compensator.release(duplicate)
         if self._control.failure is not None:
             compensator.release_unfollowed(self._control.failure)
         lost = None if self._signal is None else self._signal.lost(step.now_s)

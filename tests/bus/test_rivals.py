@@ -63,13 +63,13 @@ def test_two_services_that_both_went_on_notice_each_other(monkeypatch, mode):
     monkeypatch.setattr("observer.bus.zenoh.DuplicateServiceDetector.token_is_there", lambda _: False)
     with Router() as router:
         pair = [_client(router.endpoint, name, mode) for name in ("11111111", "22222222")]
-        wait(lambda: all(one.status.connected and one.status.rival for one in pair))
-        words = [one.status.rival for one in pair]
+        wait(lambda: all(one.status.connected and one.status.duplicate for one in pair))
+        words = [one.status.duplicate for one in pair]
         assert all(one.status.reason == word for one, word in zip(pair, words, strict=True))
         assert "instance 22222222" in words[0]
         assert "instance 11111111" in words[1]
         assert pair[0].close(5.0)
-        wait(lambda: pair[1].status.rival is None)
+        wait(lambda: pair[1].status.duplicate is None)
         assert pair[1].close(5.0)
 
 
@@ -81,9 +81,9 @@ def test_its_own_tokens_and_those_of_another_axis_are_no_duplicates():
         tokens = liveliness.declare_subscriber("ballscrew/**", zenoh.handlers.FifoChannel(10), history=True)
         keys = {str(tokens.recv().key_expr) for _ in range(3)}
         assert keys == {f"{PREFIX}/alive", f"{PREFIX}/alive/0a0a0a0a", "ballscrew/lathe-8/z/alive/0b0b0b0b"}
-        assert made.status.rival is None
+        assert made.status.duplicate is None
         held.append(liveliness.declare_token(f"{PREFIX}/alive/0b0b0b0b"))
-        wait(lambda: made.status.rival)
+        wait(lambda: made.status.duplicate)
         assert (
             made.status.reason == f"another service runs as {PREFIX} (instance 0b0b0b0b); end one of the two"
         )

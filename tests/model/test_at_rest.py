@@ -162,3 +162,10 @@ def test_modes_that_bend_are_orthogonal_and_a_screw_alone_does_not_couple_them()
     lost_1_s = slopes.T @ slopes * h_m + film_1_s * np.eye(len(modes))
     # midpoints and difference quotients are off by less than a thousandth of the fastest
     np.testing.assert_allclose(lost_1_s, np.diag(modes.decay_1_s), atol=1e-3 * modes.decay_1_s.max())
+
+
+@pytest.mark.parametrize("name", ["demo-housings", "li-network", "yu-dual-drive"])
+def test_no_heat_cools_any_place_of_a_machine_at_rest(name: str) -> None:
+    rises_K_W = rises_at_rest(build_plant(load(CONFIG / f"{name}.toml")))
+    assert rises_K_W.min() > -1e-9
+    assert rises_K_W.max() > 0.1

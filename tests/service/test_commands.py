@@ -207,7 +207,7 @@ async def test_a_foreign_message_releases_the_compensation_and_shows_in_health()
 
         @property
         def status(self) -> PublishStatus:
-            return PublishStatus(True, reason=self.rival, rival=self.rival)
+            return PublishStatus(True, reason=self.rival, duplicate=self.rival)
 
     class Follower:
         def __init__(self) -> None:
@@ -227,7 +227,7 @@ async def test_a_foreign_message_releases_the_compensation_and_shows_in_health()
 
     publisher, follower = Shared(), Follower()
     observer = CompensationObserver(
-        follower, lambda _document: None, lambda: publisher.status.rival, NoControl()
+        follower, lambda _document: None, lambda: publisher.status.duplicate, NoControl()
     )
     service = loop_service(publisher=publisher, clock=FastClock(), observers=(observer,), instance="0a0a0a0a")
 
